@@ -1,0 +1,1 @@
+"""Config, the job graph (render -> track -> score -> report) and the command line."""

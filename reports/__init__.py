@@ -1,0 +1,1 @@
+"""Association, alignment, metrics, statistics, tables, figures and the HTML page."""

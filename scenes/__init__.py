@@ -1,0 +1,1 @@
+"""Cameras, structures, clutter, rendering, image effects and sequences on disk."""

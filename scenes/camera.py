@@ -1,0 +1,126 @@
+"""A calibrated camera: pinhole intrinsics and lens distortion.
+
+Axes are OpenCV's: x right, y down, z forward. Pixel centres lie at integer coordinates: the image
+spans -0.5 .. width - 0.5.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from trajectories.errors import UserError
+from trajectories.files import write_text
+from trajectories.pose import Array
+
+DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics in px and a distortion model.
+
+    distortion_model: `none`; `radtan` with k1 k2 p1 p2 [k3] (Brown-Conrady, OpenCV order);
+    `equidistant` with k1 k2 k3 k4 (Kannala & Brandt 2006, OpenCV's fisheye).
+    Raises ValueError naming the field that is out of range.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion_model: str = "none"
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (self.width > 0 and self.height > 0):
+            raise ValueError(f"width and height must be positive, got {self.width} x {self.height}")
+        if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
+            raise ValueError("fx and fy must be positive, and fx fy cx cy finite")
+        counts = DISTORTION_COEFFICIENTS.get(self.distortion_model)
+        if counts is None:
+            raise ValueError(
+                f"distortion_model {self.distortion_model!r} is none of {', '.join(DISTORTION_COEFFICIENTS)}"
+            )
+        object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
+        if len(self.distortion) not in counts or not np.isfinite(self.distortion).all():
+            raise ValueError(f"distortion of model {self.distortion_model} takes {counts} finite numbers")
+
+    @classmethod
+    def from_field_of_view(cls, width: int, height: int, horizontal_deg: float) -> "Camera":
+        """Distortion-free camera with square pixels, its principal point in the middle of the image."""
+        f = 0.5 * width / np.tan(np.radians(horizontal_deg) / 2)
+        return cls(width, height, float(f), float(f), (width - 1) / 2, (height - 1) / 2)
+
+    @property
+    def K(self) -> Array:
+        """Intrinsic matrix (3, 3), px."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+    @property
+    def coefficients(self) -> Array:
+        """Distortion as OpenCV takes it, (k,); zeros (4,) for `none`."""
+        return np.array(self.distortion or (0.0, 0.0, 0.0, 0.0))
+
+    @property
+    def without_distortion(self) -> "Camera":
+        """The pinhole camera with the same intrinsic matrix."""
+        return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+    def project(self, points_cam_m: Array) -> Array:
+        """Pixels (n, 2) of points (n, 3) in the camera frame, z > 0."""
+        xy = points_cam_m[:, :2] / points_cam_m[:, 2:3]
+        if self.distortion_model == "none":
+            return xy * [self.fx, self.fy] + [self.cx, self.cy]
+        zero = np.zeros(3)
+        points = np.ascontiguousarray(np.column_stack([xy, np.ones(len(xy))]))[:, None]
+        if self.distortion_model == "equidistant":
+            return cv2.fisheye.projectPoints(points, zero, zero, self.K, self.coefficients)[0].reshape(-1, 2)
+        return cv2.projectPoints(points, zero, zero, self.K, self.coefficients)[0].reshape(-1, 2)
+
+    def undistort(self, pixels: Array) -> Array:
+        """Pixels (n, 2) of `without_distortion` seen at the pixels (n, 2) of this camera."""
+        if self.distortion_model == "none":
+            return np.array(pixels, dtype=np.float64)
+        points = np.ascontiguousarray(pixels, dtype=np.float64)[:, None]
+        if self.distortion_model == "equidistant":
+            return _pixels(cv2.fisheye.undistortPoints(points, self.K, self.coefficients, P=self.K))
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+        return _pixels(cv2.undistortPoints(points, self.K, self.coefficients, P=self.K, criteria=criteria))
+
+    def save(self, path: Path) -> None:
+        """Write `camera.toml`."""
+        lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
+        lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
+        write_text(path, "\n".join(lines) + "\n")
+
+    @classmethod
+    def load(cls, path: Path) -> "Camera":
+        """Read `camera.toml`; UserError naming the file and the key that is wrong."""
+        try:
+            values = tomllib.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise UserError(f"{path}: no such camera file") from None
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise UserError(f"{path}: not a readable TOML file: {error}") from None
+        fields = list(cls.__dataclass_fields__)
+        unknown = sorted(set(values) - set(fields))
+        missing = [key for key in fields[:6] if key not in values]
+        if unknown or missing:
+            raise UserError(
+                f"{path}: unknown keys {unknown}, missing keys {missing} (a camera has {', '.join(fields)})"
+            )
+        try:
+            return cls(**{**values, "distortion": tuple(values.get("distortion", ()))})
+        except (ValueError, TypeError) as error:
+            raise UserError(f"{path}: {error}") from None
+
+
+def _pixels(points: NDArray[Any]) -> Array:
+    return points.reshape(-1, 2).astype(np.float64)

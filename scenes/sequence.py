@@ -1,0 +1,226 @@
+"""A sequence on disk: the contract between render, track and score.
+
+    sequence.json   name, seed, rate, mount, content hash, versions
+    camera.toml     the calibrated camera
+    model.obj       the structure as designed, one group per planar face
+    edges.csv       its true edges: vertices and the faces beside them
+    frames.csv      frame, stamp_ns, file
+    truth.csv       world_from_body and its rates at each frame
+    frames/*.png    the images
+    manifest.json   sha256 of every other file
+
+The world frame is the structure's frame: metres, z up.
+"""
+
+import csv
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.camera import Camera
+from scenes.structure import Structure
+from trajectories.errors import UserError
+from trajectories.files import write_text
+from trajectories.pose import Array, Pose
+from trajectories.trajectory import Trajectory
+
+TRUTH_COLUMNS = [
+    "frame", "stamp_ns",
+    "px_m", "py_m", "pz_m",
+    "qw", "qx", "qy", "qz",
+    "vx_m_s", "vy_m_s", "vz_m_s",
+    "wx_rad_s", "wy_rad_s", "wz_rad_s",
+    "ax_m_s2", "ay_m_s2", "az_m_s2",
+]  # fmt: skip
+"""Pose `world_from_body`, velocity and acceleration in the world, angular velocity in the body."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """A sequence folder opened for reading; images are read when asked for."""
+
+    folder: Path
+    info: Mapping[str, Any]
+    camera: Camera
+    structure: Structure
+    stamps_ns: NDArray[np.int64]
+    files: tuple[str, ...]
+
+    @classmethod
+    def load(cls, folder: Path) -> "Sequence":
+        """Open a sequence folder; UserError naming the file that is missing or wrong."""
+        info = read_json(folder / "sequence.json")
+        frames = read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"])
+        return cls(
+            folder,
+            info,
+            Camera.load(folder / "camera.toml"),
+            load_structure(folder),
+            np.array([int(row["stamp_ns"]) for row in frames], dtype=np.int64),
+            tuple(row["file"] for row in frames),
+        )
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    @property
+    def name(self) -> str:
+        """Name of the sequence."""
+        return str(self.info["name"])
+
+    @property
+    def cam_from_body(self) -> Pose:
+        """Mount of the camera on the vehicle."""
+        return Pose.from_matrix(self.info["cam_from_body"])
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything that made this sequence."""
+        return str(self.info["content_hash"])
+
+    def image(self, frame: int) -> NDArray[np.uint8]:
+        """BGR image (h, w, 3) of a frame; UserError when its file is missing, truncated or of another size."""
+        return read_image(self.folder / self.files[frame], self.camera)
+
+    @cached_property
+    def truth(self) -> Trajectory:
+        """True `world_from_body` at each frame."""
+        table = self.truth_table
+        return Trajectory(self.stamps_ns, table[:, 2:5], table[:, 5:9])
+
+    @cached_property
+    def truth_table(self) -> Array:
+        """All of truth.csv (n, 18) in the order of TRUTH_COLUMNS."""
+        rows = read_table(self.folder / "truth.csv", TRUTH_COLUMNS)
+        table = np.array([[float(row[c]) for c in TRUTH_COLUMNS] for row in rows])
+        if [int(row["stamp_ns"]) for row in rows] != self.stamps_ns.tolist():
+            raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")
+        return table
+
+    def true_cam_from_world(self, frame: int) -> Pose:
+        """True pose of the camera at a frame."""
+        return self.cam_from_body @ self.truth.pose(frame).inverse()
+
+
+def read_image(path: Path, camera: Camera) -> NDArray[np.uint8]:
+    """BGR image (h, w, 3); UserError naming the file when it cannot be read or is not of the camera's size."""
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise UserError(f"{path}: cannot read the image: {error.strerror}") from None
+    if path.suffix == ".png" and not data[-12:].tobytes().endswith(b"IEND\xaeB`\x82"):
+        raise UserError(f"{path}: the image is truncated; render or copy it again")
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        raise UserError(f"{path}: not a readable image; render or copy it again")
+    if image.shape[:2] != (camera.height, camera.width):
+        raise UserError(
+            f"{path}: image is {image.shape[1]} x {image.shape[0]} px, the camera {camera.width} x {camera.height} px"
+        )
+    return np.asarray(image, dtype=np.uint8)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """JSON object of a file; UserError naming the file."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file (is this a sequence folder?)") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: not readable as JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise UserError(f"{path}: expected a JSON object")
+    return value
+
+
+def read_table(path: Path, columns: list[str]) -> list[dict[str, str]]:
+    """Rows of a CSV file that has at least these columns; UserError naming the file and the row."""
+    try:
+        with path.open(encoding="utf-8", newline="") as handle:
+            reader = csv.DictReader(handle)
+            missing = [c for c in columns if c not in (reader.fieldnames or [])]
+            if missing:
+                raise UserError(f"{path}: missing columns {', '.join(missing)}")
+            rows = list(reader)
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file") from None
+    except (OSError, ValueError, csv.Error) as error:
+        raise UserError(f"{path}: not readable as CSV: {error}") from None
+    for number, row in enumerate(rows, start=2):
+        if None in row or any(row[c] is None for c in columns):
+            raise UserError(f"{path}: line {number} does not have {len(reader.fieldnames or [])} values")
+    return rows
+
+
+def save_structure(structure: Structure, folder: Path) -> None:
+    """Write `model.obj` and `edges.csv`; numbers are written so that they read back exactly."""
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in structure.vertices.tolist()]
+    for face in range(len(structure.face_normals)):
+        lines.append(f"g face_{face}")
+        rows = structure.triangles[structure.triangle_face == face] + 1
+        lines += [f"f {a} {b} {c}" for a, b, c in rows.tolist()]
+    write_text(folder / "model.obj", "\n".join(lines) + "\n")
+    table = np.column_stack([structure.edges, structure.edge_faces]).tolist()
+    write_text(folder / "edges.csv", "vertex_0,vertex_1,face_0,face_1\n" + _csv_rows(table))
+
+
+def load_structure(folder: Path) -> Structure:
+    """Read what `save_structure` wrote; UserError naming the file and line."""
+    path = folder / "model.obj"
+    vertices: list[list[float]] = []
+    triangles: list[list[int]] = []
+    triangle_face: list[int] = []
+    face = -1
+    try:
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+            match line.split():
+                case ["v", x, y, z]:
+                    vertices.append([float(x), float(y), float(z)])
+                case ["g", _]:
+                    face += 1
+                case ["f", a, b, c]:
+                    triangles.append([int(a) - 1, int(b) - 1, int(c) - 1])
+                    triangle_face.append(face)
+                case _:
+                    raise UserError(f"{path}: line {number} is not one that a sequence's model has")
+    except OSError as error:
+        raise UserError(f"{path}: cannot read the model: {error.strerror}") from None
+    except ValueError as error:
+        raise UserError(f"{path}: line {number}: {error}") from None
+    columns = ["vertex_0", "vertex_1", "face_0", "face_1"]
+    edges = np.array([[int(r[c]) for c in columns] for r in read_table(folder / "edges.csv", columns)], dtype=np.int64)
+    edges = edges.reshape(-1, 4)
+    points, corners, owner = np.array(vertices), np.array(triangles, dtype=np.int64), np.array(triangle_face)
+    p, q, r = (points[corners[:, k]] for k in range(3))
+    normals = np.zeros((face + 1, 3))
+    np.add.at(normals, owner, np.cross(q - p, r - p))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Structure(points, corners, owner, normals, edges[:, :2], edges[:, 2:])
+
+
+def write_manifest(folder: Path) -> None:
+    """Write `manifest.json`: the sha256 of every file of the folder, by relative path, sorted."""
+    hashes = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != "manifest.json"}
+    write_text(folder / "manifest.json", json.dumps({"sha256": hashes}, indent=1) + "\n")
+
+
+def file_hash(path: Path) -> str:
+    """sha256 of a file, in hexadecimal."""
+    with path.open("rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+def _files(folder: Path) -> Iterator[str]:
+    return (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def _csv_rows(rows: list[list[int]]) -> str:
+    return "".join(",".join(map(str, row)) + "\n" for row in rows)

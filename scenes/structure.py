@@ -1,0 +1,166 @@
+"""A structure as a tracker knows it: planar faces and the true edges between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajectories.pose import Array
+
+CREASE_ANGLE_DEG = 15.0
+"""Two faces that meet at less than this angle are one smooth surface."""
+COPLANAR_ANGLE_DEG = 0.5
+"""Neighbouring triangles whose normals differ by less than this lie in one planar face."""
+WELD_M = 1e-6
+"""Vertices closer than this are one vertex."""
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Triangle mesh of a structure in its own frame (metres, z up), and its crease edges.
+
+    vertices (n, 3); triangles (m, 3) counter-clockwise seen from outside; triangle_face (m,) the planar
+    face that each triangle belongs to; face_normals (f, 3) outward unit normals; edges (e, 2) vertices of each
+    straight crease or border edge, cut only where it ends; edge_faces (e, 2) the planar faces on its two sides,
+    -1 where there is none. Arrays are read-only.
+    """
+
+    vertices: Array
+    triangles: Indices
+    triangle_face: Indices
+    face_normals: Array
+    edges: Indices
+    edge_faces: Indices
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            getattr(self, name).setflags(write=False)
+
+    @property
+    def bounds(self) -> Array:
+        """Lowest and highest corner (2, 3), metres."""
+        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    @property
+    def edge_segments(self) -> Array:
+        """End points of each edge (e, 2, 3), metres."""
+        return self.vertices[self.edges]
+
+    @classmethod
+    def from_mesh(
+        cls,
+        vertices: Array,
+        triangles: Indices,
+        crease_angle_deg: float = CREASE_ANGLE_DEG,
+        min_edge_m: float = 0.0,
+    ) -> "Structure":
+        """Structure of a triangle mesh: (n, 3) metres, (m, 3) counter-clockwise from outside.
+
+        A coplanar triangulation makes no edge; collinear pieces of one edge are joined. Edges shorter
+        than min_edge_m are left out.
+        """
+        vertices, triangles = _weld(vertices, triangles)
+        normals, areas = _triangle_normals(vertices, triangles)
+        pairs, pair_triangles = _triangle_edges(triangles)
+        both = pair_triangles[:, 1] >= 0
+        left, right = pair_triangles[:, 0], pair_triangles[:, 1]
+        cosine = np.where(both, np.einsum("ij,ij->i", normals[left], normals[right]), -1.0)
+        flat = both & (cosine > np.cos(np.radians(COPLANAR_ANGLE_DEG)))
+        triangle_face = _components(len(triangles), left[flat], right[flat])
+        n_faces = int(triangle_face.max()) + 1
+        face_normals = np.zeros((n_faces, 3))
+        np.add.at(face_normals, triangle_face, normals * areas[:, None])
+        face_normals /= np.linalg.norm(face_normals, axis=1, keepdims=True)
+        crease = cosine <= np.cos(np.radians(crease_angle_deg))
+        faces = np.column_stack([triangle_face[left], np.where(both, triangle_face[right], -1)])
+        edges, edge_faces = _join_collinear(vertices, pairs[crease], np.sort(faces[crease], axis=1))
+        length = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+        keep = length >= min_edge_m
+        return cls(vertices, triangles, triangle_face, face_normals, edges[keep], edge_faces[keep])
+
+
+def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """Merge vertices closer than WELD_M; drop triangles without area and vertices without triangle."""
+    _, first, inverse = np.unique(
+        np.round(np.asarray(vertices, dtype=np.float64) / WELD_M), axis=0, return_index=True, return_inverse=True
+    )
+    vertices = np.asarray(vertices, dtype=np.float64)[first]
+    triangles = inverse.reshape(-1)[np.asarray(triangles, dtype=np.int64)]
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    triangles = triangles[np.linalg.norm(np.cross(b - a, c - a), axis=1) > WELD_M**2]
+    used, inverse = np.unique(triangles, return_inverse=True)
+    return vertices[used], inverse.reshape(-1, 3)
+
+
+def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array]:
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    doubled = np.linalg.norm(cross, axis=1)
+    return cross / doubled[:, None], doubled / 2
+
+
+def _triangle_edges(triangles: Indices) -> tuple[Indices, Indices]:
+    """Undirected vertex pairs (k, 2) and the triangles (k, 2) beside them, -1 where there is none.
+
+    Where more than two triangles share a pair (a non-manifold edge), each further two make a row of their own.
+    """
+    half = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    owner = np.repeat(np.arange(len(triangles)), 3)
+    order = np.lexsort((owner, half[:, 1], half[:, 0]))
+    half, owner = half[order], owner[order]
+    new = np.concatenate([[True], (np.diff(half, axis=0) != 0).any(axis=1)])
+    start = np.maximum.accumulate(np.where(new, np.arange(len(half)), 0))
+    even = (np.arange(len(half)) - start) % 2 == 0
+    rows = np.flatnonzero(even)
+    follows = np.zeros(len(rows), dtype=bool)
+    inside = rows + 1 < len(half)
+    follows[inside] = ~even[rows[inside] + 1]
+    right = np.where(follows, owner[np.minimum(rows + 1, len(half) - 1)], -1)
+    return half[rows], np.column_stack([owner[rows], right])
+
+
+def _components(n: int, a: Indices, b: Indices) -> Indices:
+    """Connected-component label (n,) of a graph given by its links a-b."""
+    label = np.arange(n)
+    while True:
+        low = np.minimum(label[a], label[b])
+        new = label.copy()
+        np.minimum.at(new, a, low)
+        np.minimum.at(new, b, low)
+        new = new[new]
+        if np.array_equal(new, label):
+            return np.unique(label, return_inverse=True)[1].reshape(-1)
+        label = new
+
+
+def _join_collinear(vertices: Array, pairs: Indices, faces: Indices) -> tuple[Indices, Indices]:
+    """Join pieces that follow each other in one straight line between the same two faces."""
+    ends: dict[tuple[int, int, int], list[int]] = {}
+    for row, (pair, face) in enumerate(zip(pairs.tolist(), faces.tolist(), strict=True)):
+        for vertex in pair:
+            ends.setdefault((vertex, *face), []).append(row)
+    merged = {row: list(pair) for row, pair in enumerate(pairs.tolist())}
+    alias = list(range(len(pairs)))
+
+    def root(row: int) -> int:
+        while alias[row] != row:
+            row = alias[row]
+        return row
+
+    for (vertex, *_), rows in ends.items():
+        if len(rows) != 2:
+            continue
+        first, second = root(rows[0]), root(rows[1])
+        if first == second:
+            continue
+        tip = next(v for v in merged[first] if v != vertex)
+        tail = next(v for v in merged[second] if v != vertex)
+        u, v = vertices[vertex] - vertices[tip], vertices[tail] - vertices[vertex]
+        if u @ v > 0 and np.linalg.norm(np.cross(u, v)) <= 1e-6 * np.linalg.norm(u) * np.linalg.norm(v):
+            merged[first] = [tip, tail]
+            alias[second] = first
+            del merged[second]
+    rows = sorted(merged)
+    return np.array([merged[r] for r in rows], dtype=np.int64).reshape(-1, 2), faces[rows].reshape(-1, 2)

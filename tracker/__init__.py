@@ -1,0 +1,1 @@
+"""Model-based trackers: one stage per file, one short file per variant."""

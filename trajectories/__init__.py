@@ -1,0 +1,1 @@
+"""Poses, trajectories, flight paths and the MuJoCo quadrotor."""
