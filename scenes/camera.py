@@ -81,8 +81,8 @@ class Camera:
         zero = np.zeros(3)
         points = np.ascontiguousarray(np.column_stack([xy, np.ones(len(xy))]))[:, None]
         if self.distortion_model == "equidistant":
-            return cv2.fisheye.projectPoints(points, zero, zero, self.K, self.coefficients)[0].reshape(-1, 2)
-        return cv2.projectPoints(points, zero, zero, self.K, self.coefficients)[0].reshape(-1, 2)
+            return _pixels(cv2.fisheye.projectPoints(points, zero, zero, self.K, self.coefficients)[0])
+        return _pixels(cv2.projectPoints(points, zero, zero, self.K, self.coefficients)[0])
 
     def undistort(self, pixels: Array) -> Array:
         """Pixels (n, 2) of `without_distortion` seen at the pixels (n, 2) of this camera."""
