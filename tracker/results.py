@@ -1,0 +1,166 @@
+"""The results of one tracker on one sequence, and their folder.
+
+    record.json    what made them: tracker and parameters, rate, seed, sequence, versions, content hash
+    frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where there is none
+    times.csv      frame, wall time of each stage in ms
+    estimate.tum   world_from_body of the frames that are ok
+
+All but times.csv is the same, byte for byte, on every run.
+"""
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.sequence import read_json, read_table
+from tracker.base import Status, TrackResult
+from trajectories.errors import UserError
+from trajectories.files import new_folder, write_text
+from trajectories.pose import Array, Pose
+from trajectories.trajectory import Trajectory
+
+POSE_COLUMNS = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
+COVARIANCE_COLUMNS = [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
+COUNT_COLUMNS = ["segments", "control_points", "candidates", "inliers"]
+FRAME_COLUMNS = ["frame", "stamp_ns", "status", *POSE_COLUMNS, *COVARIANCE_COLUMNS, *COUNT_COLUMNS]
+UPPER = np.triu_indices(6)
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """One row per tracked frame.
+
+    frames (n,) are indices into the sequence, stamps_ns (n,) their stamps; record is what `record.json` holds and has
+    the mount `cam_from_body` (4, 4) among its keys.
+    """
+
+    record: Mapping[str, Any]
+    frames: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+    rows: tuple[TrackResult, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("frames", "stamps_ns"):
+            values = np.array(getattr(self, name), dtype=np.int64)
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        if not len(self.frames) == len(self.stamps_ns) == len(self.rows):
+            raise ValueError("frames, stamps_ns and rows must have the same length")
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Whether each frame has a pose (n,)."""
+        return np.array([row.status == "ok" for row in self.rows], dtype=bool)
+
+    @property
+    def cam_from_body(self) -> Pose:
+        """Mount of the camera on the vehicle."""
+        return Pose.from_matrix(self.record["cam_from_body"])
+
+    @property
+    def cam_from_world(self) -> tuple[Pose, ...]:
+        """Estimated camera poses of the frames that are ok."""
+        return tuple(row.cam_from_world for row in self.rows if row.cam_from_world is not None)
+
+    @property
+    def estimate(self) -> Trajectory:
+        """Estimated `world_from_body` of the frames that are ok."""
+        mount = self.cam_from_body
+        poses = [cam_from_world.inverse() @ mount for cam_from_world in self.cam_from_world]
+        return Trajectory.from_poses(self.stamps_ns[self.ok].tolist(), poses)
+
+    def save(self, folder: Path) -> None:
+        """Write the folder, whole or not at all."""
+        with new_folder(folder) as new:
+            write_text(new / "record.json", json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
+            _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
+            stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
+            times = [
+                [str(frame), *(_cell(row.stage_ms.get(name)) for name in stages)]
+                for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
+            ]
+            _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
+            write_text(new / "estimate.tum", _tum(self.estimate))
+
+    @classmethod
+    def load(cls, folder: Path) -> "Results":
+        """Read what `save` wrote; UserError naming the file and the line that is wrong."""
+        record = read_json(folder / "record.json")
+        table = read_table(folder / "frames.csv", FRAME_COLUMNS)
+        times = read_table(folder / "times.csv", ["frame"])
+        if [row["frame"] for row in times] != [row["frame"] for row in table]:
+            raise UserError(f"{folder / 'times.csv'}: its frames differ from those of frames.csv; track again")
+        rows: list[TrackResult] = []
+        for number, (cells, ms) in enumerate(zip(table, times, strict=True), start=2):
+            try:
+                rows.append(_read_row(cells, ms))
+            except (ValueError, KeyError) as error:
+                raise UserError(f"{folder / 'frames.csv'}: line {number}: {error}; track again") from None
+        try:
+            frames = np.array([int(row["frame"]) for row in table], dtype=np.int64)
+            stamps = np.array([int(row["stamp_ns"]) for row in table], dtype=np.int64)
+        except ValueError as error:
+            raise UserError(f"{folder / 'frames.csv'}: {error}; track again") from None
+        return cls(record, frames, stamps, tuple(rows))
+
+    def _frame_cells(self, i: int) -> list[str]:
+        row = self.rows[i]
+        pose: list[Any] = [None] * 7
+        if row.cam_from_world is not None:
+            pose = [*row.cam_from_world.translation.tolist(), *row.cam_from_world.quaternion_wxyz.tolist()]
+        covariance: list[Any] = [None] * 21 if row.covariance is None else row.covariance[UPPER].tolist()
+        counts = [getattr(row, name) for name in COUNT_COLUMNS]
+        cells = [*pose, *covariance, *counts]
+        return [str(self.frames[i]), str(self.stamps_ns[i]), row.status, *map(_cell, cells)]
+
+
+def _read_row(cells: Mapping[str, str], ms: Mapping[str, str]) -> TrackResult:
+    status: Status = next((s for s in get_args(Status) if s == cells["status"]), "lost")
+    if status != cells["status"]:
+        raise ValueError(f"status {cells['status']!r} is none of {', '.join(get_args(Status))}")
+    pose = covariance = None
+    if cells["px_m"]:
+        numbers = [float(cells[c]) for c in POSE_COLUMNS]
+        pose = Pose.from_quaternion(numbers[3:], numbers[:3])
+    if cells["cov_00"]:
+        covariance = np.zeros((6, 6))
+        covariance[UPPER] = [float(cells[c]) for c in COVARIANCE_COLUMNS]
+        covariance = covariance + np.triu(covariance, 1).T
+    counts = {name: int(cells[name]) if cells[name] else None for name in COUNT_COLUMNS}
+    stage_ms = {name.removesuffix("_ms"): float(value) for name, value in ms.items() if name != "frame" and value}
+    return TrackResult(status=status, cam_from_world=pose, covariance=covariance, stage_ms=stage_ms, **counts)
+
+
+def _cell(value: float | int | None) -> str:
+    return "" if value is None else repr(value)
+
+
+def _write_csv(path: Path, columns: list[str], rows: list[list[str]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as handle:
+        writer = csv.writer(handle, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
+
+
+def _tum(trajectory: Trajectory) -> str:
+    """TUM lines: seconds, position, quaternion xyzw."""
+    lines = []
+    for stamp, p, (w, x, y, z) in zip(
+        trajectory.stamps_ns.tolist(),
+        trajectory.positions_m.tolist(),
+        trajectory.quaternions_wxyz.tolist(),
+        strict=True,
+    ):
+        numbers: Array = np.array([*p, x, y, z, w])
+        seconds, rest = divmod(stamp, 1_000_000_000)
+        lines.append(f"{seconds}.{rest:09d} " + " ".join(f"{v:.12g}" for v in numbers) + "\n")
+    return "".join(lines)

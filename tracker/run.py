@@ -1,0 +1,113 @@
+"""Run a tracker over a sequence."""
+
+import hashlib
+import json
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict, is_dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import cv2
+import numpy as np
+
+from scenes.sequence import Sequence
+from tracker.base import Image, Run, Tracker, TrackResult
+from tracker.results import Results
+from tracker.variants import tracker_kind
+from trajectories.errors import UserError
+from trajectories.streams import stream
+
+OnFrame = Callable[[int, TrackResult], None]
+
+
+def track_sequence(
+    tracker: Tracker, sequence: Sequence, *, rate_hz: float, seed: int, on_frame: OnFrame | None = None
+) -> Results:
+    """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the true first pose.
+
+    `on_frame(frame, result)` is called after each frame. An exception of the tracker makes the frame `lost` and is
+    told under `errors` in the record. Images are read outside the timed part. UserError when rate_hz is out of range
+    or an image cannot be read.
+    """
+    frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
+    kind = tracker_kind(tracker)
+    run = tracker.start(
+        sequence.structure, sequence.camera, sequence.true_cam_from_world(0), stream(seed, "tracker", kind)
+    )
+    errors: list[str] = []
+    rows: list[TrackResult] = []
+    for frame in frames.tolist():
+        image = sequence.image(frame)
+        result, error = track_frame(run, image, int(sequence.stamps_ns[frame]))
+        if error:
+            errors.append(f"frame {frame}: {error}")
+        rows.append(result)
+        if on_frame is not None:
+            on_frame(frame, result)
+    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=errors)
+    return Results(record, frames, sequence.stamps_ns[frames], tuple(rows))
+
+
+def track_frame(run: Run, image: Image, stamp_ns: int) -> tuple[TrackResult, str]:
+    """Result of one frame with its `total` wall time among stage_ms, and the tracker's exception, "" if none."""
+    error = ""
+    begin = time.perf_counter()
+    try:
+        result = run.track(image, stamp_ns)
+    except Exception as exception:  # a tracker may be anyone's: its crash is a loss, not the end of the run
+        result, error = TrackResult(status="lost"), f"{type(exception).__name__}: {exception}"
+    total_ms = (time.perf_counter() - begin) * 1e3
+    return replace(result, stage_ms={"total": total_ms, **result.stage_ms}), error
+
+
+def stride(sequence: Sequence, rate_hz: float) -> int:
+    """Every how many-th frame of a sequence makes rate_hz; UserError when rate_hz is out of range."""
+    if not rate_hz > 0:
+        raise UserError(f"rate_hz = {rate_hz}: must be positive")
+    if len(sequence) < 2:
+        return 1
+    sequence_hz = 1e9 / float(np.median(np.diff(sequence.stamps_ns)))
+    if rate_hz > sequence_hz * 1.01:
+        raise UserError(f"rate_hz = {rate_hz:g}: sequence {sequence.name} has {sequence_hz:g} Hz only")
+    return max(1, round(sequence_hz / rate_hz))
+
+
+def make_record(
+    tracker: Tracker, sequence: Sequence, *, rate_hz: float, seed: int, errors: list[str]
+) -> dict[str, Any]:
+    """What `record.json` says of a run; `content_hash` is of all that made it."""
+    made_by = {
+        "tracker": {"kind": tracker_kind(tracker), "parameters": _parameters(tracker)},
+        "rate_hz": rate_hz,
+        "seed": seed,
+        "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
+        "versions": versions(),
+    }
+    content_hash = hashlib.sha256(json.dumps(made_by, sort_keys=True).encode()).hexdigest()
+    return {
+        **made_by,
+        "cam_from_body": sequence.cam_from_body.matrix.tolist(),
+        "errors": errors,
+        "content_hash": content_hash,
+    }
+
+
+def _parameters(tracker: Any) -> dict[str, Any]:
+    return asdict(tracker) if is_dataclass(tracker) and not isinstance(tracker, type) else {}
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a tracker's numbers depend on."""
+    try:
+        own = version("uavbench")
+    except PackageNotFoundError:
+        own = "source"
+    return {
+        "uavbench": own,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "opencv": cv2.__version__,
+        "numba": version("numba"),
+    }

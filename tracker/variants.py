@@ -1,0 +1,17 @@
+"""The tracker variants, by name."""
+
+from tracker.base import Tracker
+from tracker.hold import Hold
+
+TRACKERS: dict[str, type[Tracker]] = {
+    "hold": Hold,
+}
+"""Name -> parameters of every tracker variant."""
+
+
+def tracker_kind(tracker: Tracker) -> str:
+    """Name of a variant in TRACKERS, or `module:class` of one from elsewhere."""
+    for kind, variant in TRACKERS.items():
+        if type(tracker) is variant:
+            return kind
+    return f"{type(tracker).__module__}:{type(tracker).__qualname__}"
