@@ -1,0 +1,92 @@
+"""What the renderer draws: textured triangle meshes, still or moving, and the light on them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.structure import Indices, Structure
+from trajectories.pose import Array, Pose
+
+Texture = NDArray[np.uint8]
+"""sRGB texture (h, w, 3), row 0 at v = 1."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Part:
+    """One mesh with one material, in the world frame (metres, z up).
+
+    vertices (n, 3); triangles (m, 3) counter-clockwise from outside; normals (n, 3) unit, for smooth shading, or
+    None for one normal per triangle; uv (n, 2) in texture units; texture sRGB, repeated outside 0..1; tint (n, 3)
+    linear factor on the texture at each vertex; roughness 0.04..1; two_sided for leaves and cloth;
+    instance is the value of the part in the instance mask (0: surroundings, 1: the structure).
+    """
+
+    vertices: Array
+    triangles: Indices
+    normals: Array | None = None
+    uv: Array | None = None
+    texture: Texture | None = None
+    tint: Array | None = None
+    roughness: float = 0.8
+    two_sided: bool = False
+    casts_shadow: bool = True
+    instance: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """A part that moves: `world_from_part` gives its pose at a time in seconds."""
+
+    part: Part
+    world_from_part: Callable[[float], Pose]
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltStructure:
+    """A structure as the tracker gets it, as it is drawn, and what the two differ by.
+
+    structure is as designed; parts are as built; deviation says in words and numbers what was changed.
+    """
+
+    structure: Structure
+    parts: tuple[Part, ...]
+    deviation: dict[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light of a scene, linear RGB: one far lamp (the sun) that throws shadows, light from above and from below.
+
+    to_lamp is the direction towards the lamp; softness_m the width of the shadows' edge; haze the share of light
+    scattered in per metre, of colour `haze_color`.
+    """
+
+    to_lamp: tuple[float, float, float]
+    lamp: tuple[float, float, float]
+    above: tuple[float, float, float]
+    below: tuple[float, float, float]
+    softness_m: float = 0.01
+    haze_per_m: float = 0.0
+    haze_color: tuple[float, float, float] = (0.7, 0.8, 0.9)
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltEnvironment:
+    """Ground, walls and light around a structure; sky is an sRGB panorama (h, 2h, 3) or None indoors.
+
+    The panorama's columns run from azimuth -180 to 180 degrees (world x is 0), its rows from the zenith down.
+    """
+
+    parts: tuple[Part, ...]
+    light: Light
+    sky: Texture | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltClutter:
+    """Still and moving things that are not the structure."""
+
+    parts: tuple[Part, ...] = ()
+    movers: tuple[Mover, ...] = ()

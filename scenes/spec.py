@@ -1,0 +1,105 @@
+"""Everything that makes one sequence: plug-ins, their parameters, and a seed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Literal, Protocol
+
+import numpy as np
+from annotated_types import Ge, Gt, Lt
+from numpy.typing import NDArray
+
+from scenes.camera import Camera
+from scenes.parts import BuiltClutter, BuiltEnvironment, BuiltStructure
+from trajectories.errors import UserError
+from trajectories.flight import FlightSpec
+from trajectories.mount import Mount
+from trajectories.pose import Array
+
+Radiance = NDArray[np.float32]
+"""Linear image (h, w, 3) BGR; 1 saturates the sensor."""
+
+
+class StructureSpec(Protocol):
+    """A structure: parameters, and a verb that builds it."""
+
+    def build(self, rng: np.random.Generator) -> BuiltStructure:
+        """The structure standing on z = 0, same rng, same structure."""
+        ...
+
+
+class EnvironmentSpec(Protocol):
+    """Ground, walls, sky and light around a structure of the given bounds (2, 3) in metres."""
+
+    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
+        """The environment, same rng, same environment."""
+        ...
+
+
+class ClutterSpec(Protocol):
+    """Things around a structure of the given bounds (2, 3) in metres."""
+
+    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
+        """The clutter, same rng, same clutter."""
+        ...
+
+
+class EffectSpec(Protocol):
+    """What the camera or its link does to the images; applied in the order of `EFFECTS`."""
+
+    def start(self, camera: Camera, rng: np.random.Generator) -> Callable[[Radiance, int], Radiance]:
+        """Function of a linear image and its stamp in ns, called once per frame, in order."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSpec:
+    """A camera by its field of view, or by explicit intrinsics in px (all four of fx_px fy_px cx_px cy_px).
+
+    The field of view is that of the pinhole without distortion.
+    """
+
+    width: Annotated[int, Ge(16)] = 640
+    height: Annotated[int, Ge(16)] = 480
+    horizontal_fov_deg: Annotated[float, Gt(1), Lt(170)] = 78.7
+    fx_px: Annotated[float, Gt(0)] | None = None
+    fy_px: Annotated[float, Gt(0)] | None = None
+    cx_px: float | None = None
+    cy_px: float | None = None
+    distortion_model: Literal["none", "radtan", "equidistant"] = "none"
+    distortion: tuple[float, ...] = ()
+
+    def camera(self) -> Camera:
+        """The calibrated camera; UserError when the intrinsics are incomplete or out of range."""
+        explicit = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
+        given = [value for value in explicit if value is not None]
+        if given and len(given) < 4:
+            raise UserError("camera: give all of fx_px, fy_px, cx_px, cy_px, or none of them and horizontal_fov_deg")
+        if given:
+            fx, fy, cx, cy = given
+        else:
+            plain = Camera.from_field_of_view(self.width, self.height, self.horizontal_fov_deg)
+            fx, fy, cx, cy = plain.fx, plain.fy, plain.cx, plain.cy
+        try:
+            return Camera(self.width, self.height, fx, fy, cx, cy, self.distortion_model, self.distortion)
+        except ValueError as error:
+            raise UserError(f"camera: {error}") from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceSpec:
+    """One sequence: what is flown around, how, and what the camera does to the images.
+
+    truth names the extra ground truth written beside every frame; it does not change the images.
+    """
+
+    name: str
+    seed: Annotated[int, Ge(0)]
+    structure: StructureSpec
+    flight: FlightSpec
+    mount: Mount
+    environment: EnvironmentSpec
+    camera: CameraSpec = CameraSpec()
+    clutter: tuple[ClutterSpec, ...] = ()
+    effects: tuple[EffectSpec, ...] = ()
+    rate_hz: Annotated[float, Gt(0)] = 15.0
+    truth: tuple[Literal["depth", "mask", "edges"], ...] = ()
