@@ -12,5 +12,5 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def compiled(function: F) -> F:
-    """`function` compiled by numba on its first call; the machine code is kept beside the source for the next process."""
+    """`function` compiled by numba on its first call; the machine code is cached on disk for the next process."""
     return cast(F, numba.njit(cache=True)(function))

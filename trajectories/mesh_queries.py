@@ -15,13 +15,14 @@ MAX_DEPTH = 64
 
 
 class Tree(NamedTuple):
-    """Balanced tree: low, high (k, 3) boxes of the nodes; first, count (k,) the triangles of a leaf (count 0: inner);
-    child (k,) the first of the two children, which follow each other; corners (m, 3, 3) triangles in leaf order."""
+    """Balanced tree: low, high (k, 3) boxes of the nodes; first, counts (k,) the triangles of a leaf (counts 0: inner);
+    child (k,) the first of the two children, which follow each other; corners (m, 3, 3) triangles in leaf order.
+    """
 
     low: Array
     high: Array
     first: NDArray[np.int64]
-    count: NDArray[np.int64]
+    counts: NDArray[np.int64]
     child: NDArray[np.int64]
     corners: Array
 
@@ -59,14 +60,14 @@ def build_tree(corners: Array) -> Tree:
 def mesh_distances(tree: Tree, points: Array) -> Array:
     """Distance (k,) of points (k, 3) to the nearest triangle."""
     out = np.empty(len(points))
-    _distances(tree.low, tree.high, tree.first, tree.count, tree.child, tree.corners, points, out)
+    _distances(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, points, out)
     return out
 
 
 def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
     """Distance (k,) along each unit direction to the first triangle, inf where there is none."""
     out = np.empty(len(origins))
-    _rays(tree.low, tree.high, tree.first, tree.count, tree.child, tree.corners, origins, directions, out)
+    _rays(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, origins, directions, out)
     return out
 
 
