@@ -1,0 +1,149 @@
+"""ATE, RPE, association and alignment against the figures of evo and rpg, to 1e-9 relative.
+
+tests/golden/evo/expected*.json hold the calls that made them ("generator"); evo was run unmodified.
+"""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reports.align import align, alignment
+from reports.ape import absolute_errors
+from reports.association import PosePairs, associate
+from reports.rpe import Stretch, relative_errors, stretches
+from reports.segments import rpg_lengths, segment_errors
+from reports.summary import ErrorSummary
+from trajectories.trajectory import Trajectory
+
+FOLDER = Path(__file__).parents[1] / "golden" / "evo"
+ROUND_OFF = 2e-14
+ALIGNMENTS = {
+    "none": ("none", None),
+    "se3": ("se3", None),
+    "sim3": ("sim3", None),
+    "scale_only": ("scale", None),
+    "origin": ("origin", None),
+    "origin_scale": ("origin-scale", None),
+    "se3_n100": ("se3", 100),
+    "sim3_n100": ("sim3", 100),
+}
+RELATIONS = {
+    "translation_part": "translation_m",
+    "rotation_part": "rotation",
+    "full_transformation": "full",
+    "rotation_angle_deg": "angle_deg",
+    "rotation_angle_rad": "angle_rad",
+    "point_distance": "point_distance_m",
+    "point_distance_error_ratio": "point_distance_percent",
+}
+UNITS = {"frames": "frames", "meters": "m", "degrees": "deg", "radians": "rad"}
+SYNC = {"nearest_time": "evo", "interpolation": "evo-interpolated"}
+RPG_ALIGNMENTS = {
+    "none_-1": ("none", None),
+    "se3_-1": ("se3", None),
+    "sim3_-1": ("sim3", None),
+    "se3_1": ("origin", None),
+    "posyaw_-1": ("yaw", None),
+    "posyaw_1": ("yaw", 1),
+}
+
+
+def figures(name: str) -> dict:
+    return json.loads((FOLDER / name).read_text())
+
+
+@cache
+def trajectory(name: str) -> Trajectory:
+    lines = (FOLDER / f"{name}.tum").read_text().splitlines()
+    values = np.array([line.split() for line in lines if not line.startswith("#")], dtype=float)
+    return Trajectory(np.round(values[:, 0] * 1e9).astype(np.int64), values[:, 1:4], values[:, [7, 4, 5, 6]])
+
+
+@cache
+def aligned(pair: str, sync: str, kind: str) -> PosePairs:
+    pairs = associate(trajectory(f"{pair}_gt"), trajectory(f"{pair}_est"), SYNC[sync], 0.01)
+    return align(pairs, *ALIGNMENTS[kind])
+
+
+def assert_equal(errors: np.ndarray, expected: dict, case: object) -> None:
+    summary = ErrorSummary.of(errors)
+    for name, value in expected.items():
+        assert getattr(summary, name) == pytest.approx(value, rel=1e-9, abs=ROUND_OFF), (case, name)
+
+
+@pytest.mark.parametrize("pair", ["A_orbit", "B_lemniscate"])
+def test_every_absolute_error_equals_evo(pair: str) -> None:
+    for row in figures("expected.json")["pairs"][pair]["ape"]:
+        relation = RELATIONS[row["relation"]].replace("point_distance_m", "translation_m")
+        errors = absolute_errors(aligned(pair, row["sync"], row["align"]), relation)
+        assert_equal(errors, {"n": row["n"], **row["stats"]}, row)
+
+
+@pytest.mark.parametrize("pair", ["A_orbit", "B_lemniscate"])
+def test_every_relative_error_equals_evo(pair: str) -> None:
+    for row in figures("expected.json")["pairs"][pair]["rpe"]:
+        pairs = aligned(pair, row["sync"], row["align"])
+        pairs_from = "reference" if row["pairs_from_reference"] else "estimate"
+        over = Stretch(row["delta"], UNITS[row["unit"]], row["all_pairs"], pairs_from, row["rel_delta_tol"])
+        errors = relative_errors(pairs, *stretches(pairs, over), RELATIONS[row["relation"]])
+        assert_equal(errors, {"n": row["n"], **row["stats"]}, row)
+
+
+@pytest.mark.parametrize("pair", ["A_orbit", "B_lemniscate"])
+def test_every_alignment_equals_evo(pair: str) -> None:
+    rows = [row for row in figures("expected.json")["pairs"][pair]["ape"] if "alignment_sim3" in row]
+    assert rows
+    for row in rows:
+        pairs = aligned(pair, row["sync"], "none")
+        found = alignment(pairs, *ALIGNMENTS[row["align"]])
+        if row["align"] == "scale_only":  # evo reports the whole similarity that the scale came from
+            found = alignment(pairs, "sim3")
+        expected = np.array(row["alignment_sim3"])
+        if row["align"] == "origin_scale":  # and here the rotation and translation, without the scale
+            np.testing.assert_allclose(found.rotation, expected[:3, :3], atol=1e-12)
+        else:
+            np.testing.assert_allclose(found.scale * found.rotation, expected[:3, :3], atol=1e-12)
+        np.testing.assert_allclose(found.translation, expected[:3, 3], atol=1e-11)
+
+
+@pytest.mark.parametrize("case", figures("expected_association.json")["cases"], ids=lambda c: f"{c['t_max_diff']}s")
+def test_association_equals_evo_and_tum(case: dict) -> None:
+    reference, estimate = trajectory("D_assoc_gt"), trajectory("D_assoc_est")
+    many = associate(reference, estimate, "evo", case["t_max_diff"])
+    assert (many.stamps_ns / 1e9).tolist() == case["evo"]["ref_stamps"]
+    assert len(np.unique(many.stamps_ns)) == case["evo"]["unique_ref"]
+    assert_equal(absolute_errors(align(many, "se3"), "translation_m"), case["evo"]["ape_se3"], case["t_max_diff"])
+    once = associate(reference, estimate, "one-to-one", case["t_max_diff"])
+    assert len(once) == case["tum_one_to_one"]["n"]
+    expected = case["tum_one_to_one"]["ape_se3"]
+    assert_equal(absolute_errors(align(once, "se3"), "translation_m"), expected, case["t_max_diff"])
+
+
+@pytest.mark.parametrize("pair", ["A_orbit", "B_lemniscate"])
+def test_alignments_and_sub_trajectories_equal_rpg(pair: str) -> None:
+    expected = figures("rpg_expected.json")["pairs"][pair]
+    pairs = aligned(pair, "nearest_time", "none")
+    for kind, row in expected["abs"].items():
+        found = align(pairs, *RPG_ALIGNMENTS[kind])
+        assert_equal(absolute_errors(found, "translation_m"), row["trans"], kind)
+        smallest = 1e-6 if kind == "se3_1" else ROUND_OFF  # rpg takes angles from the trace: arccos(1) is coarse
+        angles = ErrorSummary.of(absolute_errors(found, "angle_deg"))
+        for name, value in row["rot_deg"].items():
+            assert getattr(angles, name) == pytest.approx(value, rel=1e-9, abs=smallest), (kind, name)
+    assert [f"{length}" for length in rpg_lengths(pairs.reference_m)] == list(expected["rel"])
+    names = {
+        "trans_m": "translation_m",
+        "trans_perc": "translation_percent",
+        "rot_deg": "rotation_deg",
+        "rot_deg_per_m": "rotation_deg_per_m",
+        "yaw_deg": "yaw_deg",
+        "gravity_deg": "tilt_deg",
+    }
+    for length, row in expected["rel"].items():
+        found = segment_errors(pairs, float(length))
+        for theirs, ours in names.items():
+            for name, value in row[theirs].items():
+                assert getattr(getattr(found, ours), name) == pytest.approx(value, rel=1e-9), (length, ours, name)
