@@ -1,7 +1,7 @@
 """Alignment of an estimate to a reference: est -> ref.
 
-Conventions: an aligned position is scale * R p + t; an aligned rotation is R times the estimated one. The default of this
-project is no alignment: localization is absolute, in the structure's frame.
+Conventions: an aligned position is scale * R p + t; an aligned rotation is R times the estimated one. The default
+of this project is no alignment: localization is absolute, in the structure's frame.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from trajectories.pose import Array, quaternion_from_rotation, rotation_from_qua
 
 Alignment = Literal["none", "se3", "sim3", "scale", "yaw", "origin", "origin-scale"]
 DEGENERATE = 1e-12
-"""Share of the second singular value in the first below which positions lie on one line: a rotation about it is free."""
+"""Ratio of the second singular value to the first below which positions lie on one line, free to turn about it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +67,14 @@ def align(pairs: PosePairs, kind: Alignment, first_n: int | None = None) -> Pose
 
 
 def umeyama(p: Array, q: Array, *, with_scale: bool) -> Similarity:
-    """Least-squares similarity q -> p of points (n, 3); UserError when they lie on one line (Umeyama 1991, eq. 40-42)."""
+    """Least-squares similarity q -> p of points (n, 3) (Umeyama 1991, eq. 40-42); UserError when they lie on one line."""
     p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
     p_centred, q_centred = p - p_mean, q - q_mean
     U, d, Vt = np.linalg.svd(p_centred.T @ q_centred / len(p))
     if not d[1] > DEGENERATE * d[0]:
         raise UserError(
-            f"alignment is undefined: the {len(p)} matched positions of the reference or the estimate stand still or lie "
-            "on one line; use --align none, origin or yaw, or a longer trajectory"
+            f"alignment is undefined: the {len(p)} matched positions of the reference or the estimate stand still "
+            "or lie on one line; use --align none, origin or yaw, or a longer trajectory"
         )
     S = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
     R = (U * S) @ Vt

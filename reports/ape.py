@@ -1,7 +1,7 @@
 """Absolute pose error: how far each estimated pose is from its true one.
 
-Conventions: E = P_ref^-1 Q_est. translation |t_E| in m (= |p - q|); angle |log R_E| in deg or rad; rotation |R_E - I| and full
-|E - I| in the Frobenius norm.
+Conventions: E = P_ref^-1 Q_est. translation |t_E| in m (= |p - q|); angle |log R_E| in deg or rad;
+rotation |R_E - I| and full |E - I| in the Frobenius norm.
 """
 
 from typing import Literal

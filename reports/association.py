@@ -7,6 +7,7 @@ take them: a stamp halfway between two others falls the same way here as there.
 
 import heapq
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -132,7 +133,7 @@ def one_to_one(reference_s: Array, estimate_s: Array, max_difference_s: float) -
 def _mutually_nearest(a: Array, b: Array, limit: float) -> tuple[Indices, Indices]:
     """Rows that are each other's nearest within the limit, strictly nearer than any other."""
     to_b, gap_a = _strictly_nearest(a, b)
-    to_a, gap_b = _strictly_nearest(b, a)
+    to_a, _ = _strictly_nearest(b, a)
     rows = np.arange(len(a))
     mutual = (to_b >= 0) & (gap_a <= limit)
     mutual[mutual] = to_a[to_b[mutual]] == rows[mutual]
@@ -158,7 +159,7 @@ def _greedy(a: Array, b: Array, limit: float) -> tuple[Indices, Indices]:
     merged = np.argsort(stamp, kind="stable").tolist()
     stamp_of = stamp.tolist()
     before, after = [-1] * (n + m), [-1] * (n + m)
-    for u, v in zip(merged, merged[1:], strict=False):
+    for u, v in pairwise(merged):
         after[u], before[v] = v, u
     heap: list[tuple[float, int, int]] = []
 
@@ -166,7 +167,7 @@ def _greedy(a: Array, b: Array, limit: float) -> tuple[Indices, Indices]:
         if u >= 0 and v >= 0 and (u < n) != (v < n) and abs(stamp_of[u] - stamp_of[v]) <= limit:
             heapq.heappush(heap, (abs(stamp_of[u] - stamp_of[v]), min(u, v), max(u, v)))
 
-    for u, v in zip(merged, merged[1:], strict=False):
+    for u, v in pairwise(merged):
         push(u, v)
     used = [False] * (n + m)
     rows_a, rows_b = [], []

@@ -1,7 +1,7 @@
 """Relative pose error: how far the motion over a stretch is from the true motion.
 
-Conventions: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), Q the estimate and P the reference. A stretch is given in frames, metres of
-path, degrees or radians of turning, or seconds; stretches follow each other, or (all pairs) one starts at every frame.
+Conventions: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), Q the estimate and P the reference. A stretch is given in frames, metres
+of path, degrees or radians of turning, or seconds; stretches follow each other, or (all pairs) one starts at every frame.
 """
 
 from dataclasses import dataclass
@@ -78,8 +78,8 @@ def relative_motion_errors(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Ar
 def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelation) -> Array:
     """Errors (k,) of the stretches i -> j.
 
-    The point distances compare the lengths of the way as the crow flies: in m, and in percent of the true one (stretches
-    in which the truth stands still have none and are left out).
+    The point distances compare the lengths of the way as the crow flies: in m, and in percent of the true one
+    (stretches in which the truth stands still have none and are left out).
     """
     if relation in ("point_distance_m", "point_distance_percent"):
         true = _norm(pairs.reference_m[j] - pairs.reference_m[i])
