@@ -1,0 +1,74 @@
+"""The command `uavbench`: every verb reads and writes files, and is short here."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trajectories.errors import UserError
+
+
+class Group(click.Group):
+    """Prints a user's mistake as one message, without a traceback, and exits with code 2."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command that was asked for."""
+        try:
+            return super().invoke(ctx)
+        except UserError as error:
+            click.echo(f"uavbench: {error}", err=True)
+            ctx.exit(2)
+        except KeyboardInterrupt:
+            click.echo("uavbench: interrupted; the same command goes on from here", err=True)
+            ctx.exit(130)
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="uavbench")
+def main() -> None:
+    """Ground truth for model-based UAV localization: render flights, run trackers, score, report."""
+
+
+def suite_command(verb: str, help_text: str) -> Callable[..., None]:
+    """Command that brings a suite up to one verb of render -> track -> score -> report."""
+
+    @main.command("run" if verb == "run" else verb, help=help_text)
+    @click.argument("suite")
+    @click.option("--out", type=click.Path(path_type=Path), help="Folder for everything; default: out/SUITE.")
+    @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores.")
+    def command(suite: str, out: Path | None, jobs: int) -> None:
+        from bench.verbs import bring_up_to
+
+        sys.exit(bring_up_to("report" if verb == "run" else verb, suite, out, jobs))
+
+    return command  # type: ignore[no-any-return]
+
+
+suite_command("run", "Render, track, score and report SUITE (a name or a TOML file).")
+suite_command("render", "Render the sequences of SUITE.")
+suite_command("track", "Run the trackers of SUITE, rendering what is missing.")
+suite_command("score", "Score the results of SUITE, making what is missing.")
+suite_command("report", "Write the report of SUITE, making what is missing.")
+
+
+@main.command("list")
+def list_command() -> None:
+    """Show the suites and every plug-in by kind."""
+    from bench.verbs import inventory
+
+    click.echo(inventory())
+
+
+@main.command("schema")
+def schema_command() -> None:
+    """Print the JSON Schema of a suite's TOML file, for editors."""
+    from bench.verbs import schema
+
+    click.echo(schema())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""A suite: one TOML file in, checked specs out; all its mistakes are told at once."""
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+from pydantic import BaseModel, Field, ValidationError, create_model
+
+from bench.models import STRICT, Extra, build, choice, model_of, own_plugins
+from scenes.spec import SequenceSpec
+from tracker.base import Tracker
+from trajectories.errors import UserError, unknown_name
+
+SUITES = Path(__file__).parent / "suites"
+Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at."""
+
+    name: str
+    title: str
+    sequences: tuple[SequenceSpec, ...]
+    trackers: dict[str, Tracker]
+    rates_hz: tuple[float, ...]
+
+
+def suite_names() -> list[str]:
+    """Names of the suites that come with uavbench."""
+    return sorted(path.stem for path in SUITES.glob("*.toml"))
+
+
+def suite_file(suite: str) -> Path:
+    """File of a suite given by its name or by the path of a TOML file; UserError when there is none."""
+    if suite.endswith(".toml") or "/" in suite:
+        return Path(suite)
+    if suite not in suite_names():
+        raise UserError(f"{unknown_name('suite', suite, suite_names())}; a file of your own ends in .toml")
+    return SUITES / f"{suite}.toml"
+
+
+def load_suite(path: Path) -> Suite:
+    """Suite of a TOML file; UserError naming the file and every key that is wrong."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file; `uavbench list` shows the suites that come with uavbench") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UserError(f"{path}: not a readable TOML file: {error}") from None
+    try:
+        extra = own_plugins(data)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    model = suite_model(extra)
+    try:
+        checked: Any = model.model_validate_json(json.dumps(data, default=str))
+    except ValidationError as error:
+        raise UserError(_told(path, [_explain(model, e) for e in error.errors()])) from None
+    errors: list[str] = []
+    sequences = tuple(
+        build(table, f"sequences.{name}", errors, name=f"{name}-s{seed}", seed=seed)
+        for name, table in checked.sequences.items()
+        for seed in checked.seeds
+    )
+    trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
+    errors += [
+        f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
+        for spec in sequences
+        for rate in checked.rates_hz
+        if spec is not None and rate > spec.rate_hz
+    ]
+    if errors:
+        raise UserError(_told(path, list(dict.fromkeys(errors))))
+    return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz))
+
+
+@cache
+def suite_model(extra: Extra = ()) -> type[BaseModel]:
+    """Model of a suite file; its `model_json_schema()` is the JSON Schema for editors."""
+    sequence = model_of(SequenceSpec, extra, omit=frozenset({"name", "seed"}))
+    return create_model(
+        "Suite",
+        __config__=STRICT,
+        __doc__="A uavbench suite: what is rendered, which trackers run on it, and at which rates.",
+        title=(str, ...),
+        seeds=(Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)], [0]),
+        rates_hz=(Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)], ...),
+        sequences=(Annotated[dict[Name, sequence], Field(min_length=1)], ...),  # type: ignore[valid-type]
+        trackers=(Annotated[dict[Name, choice(Tracker, extra)], Field(min_length=1)], ...),
+    )
+
+
+def _told(path: Path, messages: list[str]) -> str:
+    count = f"{len(messages)} mistakes" if len(messages) > 1 else "1 mistake"
+    return f"{path}: {count}\n" + "\n".join(f"  {message}" for message in messages)
+
+
+def _explain(model: type[BaseModel], error: Any) -> str:
+    """One line of a validation error: key path, what is wrong, and the nearest valid name."""
+    keys, tables = zip(*_walk(model, error["loc"]), strict=True) if error["loc"] else ((), ())
+    path = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
+    context = error.get("ctx", {})
+    match error["type"]:
+        case "extra_forbidden":
+            valid = [name for name in tables[-1].model_fields if name != "kind"] if tables[-1] else []
+            return f"{path}: unknown key{_nearest(str(keys[-1]), valid)}"
+        case "union_tag_invalid":
+            valid = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
+            return f"{path}.kind: unknown kind {context['tag']!r}{_nearest(context['tag'], valid)}"
+        case "union_tag_not_found":
+            return f"{path}: `kind` is missing"
+        case "missing":
+            return f"{path}: this key is missing"
+        case _:
+            got = error["input"]
+            shown = f", got {got!r}" if not isinstance(got, dict | list) else ""
+            return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{shown}"
+
+
+def _nearest(name: str, valid: list[str]) -> str:
+    near = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"{hint} (valid: {', '.join(valid)})"
+
+
+def _walk(model: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | int | None, type[BaseModel] | None]]:
+    """Each step of an error's location as (key, model that the key is looked up in); a union's tag has no key."""
+    here: Any = model
+    for step in location:
+        here = _bare(here)
+        if isinstance(here, type) and issubclass(here, BaseModel):
+            yield step, here
+            field = here.model_fields.get(str(step))
+            here = field.annotation if field else None
+        elif get_origin(here) in (list, tuple, dict):
+            yield step, None
+            here = get_args(here)[-1 if get_origin(here) is dict else 0]
+        else:
+            members = [m for m in get_args(here) if isinstance(m, type) and issubclass(m, BaseModel)]
+            tagged = [m for m in members if "kind" in m.model_fields and step in get_args(m.model_fields["kind"].annotation)]
+            yield (None if tagged else step), None
+            here = tagged[0] if tagged else None
+
+
+def _bare(annotation: Any) -> Any:
+    """The annotation without Annotated."""
+    while hasattr(annotation, "__metadata__"):
+        annotation = annotation.__origin__
+    return annotation

@@ -1,0 +1,65 @@
+"""Content hashes: a result is fresh when the hash of all that entered it is the one it carries."""
+
+import hashlib
+import inspect
+import json
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+PACKAGES = {"trajectories", "scenes", "tracker", "reports", "bench"}
+ROOT = Path(__file__).parent.parent
+LIBRARIES = ["numpy", "scipy", "opencv-python-headless", "numba", "mujoco", "trimesh", "pyrender", "PyOpenGL"]
+"""Libraries whose version may change a frame or an estimate."""
+
+
+def content_hash(*parts: Any) -> str:
+    """sha256 of values in canonical form: plug-ins by class and fields, files by their content."""
+    text = json.dumps([canonical(part) for part in parts], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def canonical(value: Any) -> Any:
+    """JSON form of a value; a dataclass carries its class, and, where it is a user's own, the hash of its source."""
+    if is_dataclass(value) and not isinstance(value, type):
+        cls = type(value)
+        form = {f.name: canonical(getattr(value, f.name)) for f in fields(cls)}
+        form["class"] = f"{cls.__module__}:{cls.__qualname__}"
+        if cls.__module__.split(".")[0] not in PACKAGES:
+            form["source"] = _file_digest(Path(inspect.getfile(cls)))
+        for name in form:
+            path = getattr(value, name, None)
+            if (name == "file" or name.endswith("_file")) and path and Path(path).is_file():
+                form[name] = _file_digest(Path(path))
+        return form
+    if isinstance(value, Mapping):
+        return {str(k): canonical(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [canonical(v) for v in value]
+    return value
+
+
+@cache
+def code_hash(*packages: str) -> str:
+    """Hash of the sources of these packages and of the versions of the libraries under them."""
+    digest = hashlib.sha256(json.dumps({name: version(name) for name in LIBRARIES}).encode())
+    for package in packages:
+        for path in sorted((ROOT / package).rglob("*")):
+            if path.suffix in {".py", ".xml", ".html", ".css", ".js", ".toml"}:
+                digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def carried_hash(path: Path) -> str | None:
+    """Content hash that a JSON file carries, None when there is no such file or it is not whole."""
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["content_hash"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _file_digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,170 @@
+"""A suite as a graph of jobs: render -> track -> score -> report.
+
+    DIR/suite.json                          what this folder is
+    DIR/sequences/SEQUENCE/                 rendered sequences
+    DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
+    DIR/index.html ...                      the report
+"""
+
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bench.config import Suite
+from bench.content import code_hash, content_hash
+from bench.graph import Job, OnStep
+from scenes.spec import SequenceSpec
+from tracker.base import Tracker
+
+VERBS = ("render", "track", "score", "report")
+
+
+def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
+    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`."""
+    renders = {spec.name: _render_job(spec, folder) for spec in suite.sequences}
+    tracks = [
+        _track_job(label, tracker, rate, spec, renders[spec.name], folder)
+        for spec in suite.sequences
+        for label, tracker in suite.trackers.items()
+        for rate in suite.rates_hz
+    ]
+    scores = [_score_job(track, folder) for track in tracks]
+    jobs = [*renders.values(), *tracks, *scores, _report_job(suite, scores, folder)]
+    return [job for job in jobs if VERBS.index(job.verb) <= VERBS.index(last)]
+
+
+def clean_leftovers(folder: Path) -> None:
+    """Remove what a killed process had begun to write (temporary names start with a dot)."""
+    for pattern in (".*-*", "sequences/.*-*", "results/*/.*-*", "results/*/*/.*-*"):
+        for path in folder.glob(pattern):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render one sequence."""
+
+    spec: SequenceSpec
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the sequence folder."""
+        from scenes.generate import generate
+
+        generate(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Run one tracker over one sequence at one rate."""
+
+    label: str
+    tracker: Tracker
+    rate_hz: float
+    seed: int
+    sequence: Path
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the results folder."""
+        from scenes.sequence import Sequence
+        from tracker.run import track_sequence
+
+        sequence = Sequence.load(self.sequence)
+        results = track_sequence(
+            self.tracker,
+            sequence,
+            rate_hz=self.rate_hz,
+            seed=self.seed,
+            on_frame=lambda frame, _: on_step(frame + 1, len(sequence)),
+        )
+        record = {**results.record, "label": self.label, "content_hash": content_hash}
+        replace(results, record=record).save(self.folder)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score one result against its sequence's truth."""
+
+    sequence: Path
+    results: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write `score.json` in the results folder."""
+        from reports.score import score
+        from scenes.sequence import Sequence
+        from tracker.results import Results
+
+        scored = score(Sequence.load(self.sequence), Results.load(self.results))
+        scored.save(self.results / "score.json", content_hash=content_hash)
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write the report over all scores of a suite."""
+
+    title: str
+    folder: Path
+    scored: tuple[tuple[Path, Path], ...]
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write index.html, figures, tables and scores.json."""
+        from reports.report import ReportEntry, write_report
+
+        entries = [ReportEntry(sequence, results, results / "score.json") for sequence, results in self.scored]
+        write_report(self.folder, self.title, entries, content_hash=content_hash, on_step=on_step)
+
+
+def _render_job(spec: SequenceSpec, folder: Path) -> Job:
+    output = folder / "sequences" / spec.name
+    return Job(
+        verb="render",
+        name=f"render {spec.name}",
+        work=Render(spec, output),
+        marker=output / "sequence.json",
+        content_hash=content_hash(spec, code_hash("trajectories", "scenes")),
+        weight=6.0,
+    )
+
+
+def _track_job(label: str, tracker: Tracker, rate_hz: float, spec: SequenceSpec, render: Job, folder: Path) -> Job:
+    run = f"{label}@{rate_hz:g}hz"
+    output = folder / "results" / spec.name / run
+    return Job(
+        verb="track",
+        name=f"track {spec.name} {run}",
+        work=Track(label, tracker, rate_hz, spec.seed, folder / "sequences" / spec.name, output),
+        marker=output / "record.json",
+        content_hash=content_hash(label, tracker, rate_hz, spec.seed, render.content_hash, code_hash("tracker")),
+        needs=(render,),
+        weight=4.0 * rate_hz / spec.rate_hz,
+    )
+
+
+def _score_job(track: Job, folder: Path) -> Job:
+    assert isinstance(track.work, Track)
+    return Job(
+        verb="score",
+        name=track.name.replace("track", "score", 1),
+        work=Score(track.work.sequence, track.work.folder),
+        marker=track.work.folder / "score.json",
+        content_hash=content_hash(track.content_hash, code_hash("reports")),
+        needs=(track,),
+        weight=0.1,
+    )
+
+
+def _report_job(suite: Suite, scores: list[Job], folder: Path) -> Job:
+    works = [job.work for job in scores]
+    return Job(
+        verb="report",
+        name="report",
+        work=Report(suite.title, folder, tuple((w.sequence, w.results) for w in works if isinstance(w, Score))),
+        marker=folder / "report.json",
+        content_hash=content_hash(suite.title, [job.content_hash for job in scores]),
+        needs=tuple(scores),
+        weight=5.0,
+    )

@@ -1,0 +1,137 @@
+"""Checked config models made from the plug-ins' own dataclasses.
+
+A plug-in is a plain frozen dataclass; here each becomes a pydantic model with a `kind`, so that a TOML file is checked
+whole, a JSON Schema comes for free, and the packages below need no validation library.
+"""
+
+import importlib
+import types
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from bench.plugins import PLUGINS
+from trajectories.errors import UserError
+
+Extra = tuple[tuple[str, type], ...]
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+
+
+class Model(BaseModel):
+    """Base of every config table: strict, and no key but its own."""
+
+    model_config = STRICT
+
+
+@cache
+def model_of(
+    cls: type, extra: Extra = (), kind: str | None = None, omit: frozenset[str] = frozenset()
+) -> type[BaseModel]:
+    """Model of a dataclass; fields that hold a plug-in become a choice by `kind`.
+
+    `extra` names the user's own plug-ins (`module:attribute`, class) that the choices offer too; the fields in `omit`
+    are not the config's to give.
+    """
+    hints = get_type_hints(cls, include_extras=True)
+    members: dict[str, Any] = {} if kind is None else {"kind": (Literal[kind], ...)}
+    for f in fields(cls):
+        if not f.init or f.name in omit:
+            continue
+        annotation = _translate(hints[f.name], extra)
+        if f.default is not MISSING and not is_dataclass(f.default) and not _holds_dataclass(f.default):
+            members[f.name] = (annotation, f.default)
+        elif f.default is not MISSING:
+            members[f.name] = (annotation, Field(default_factory=lambda value=f.default: value))
+        elif f.default_factory is not MISSING:
+            members[f.name] = (annotation, Field(default_factory=f.default_factory))
+        else:
+            members[f.name] = (annotation, ...)
+    doc = (cls.__doc__ or "").split("\n")[0]
+    name = cls.__name__ if kind is None else f"{cls.__name__}:{kind}"
+    model: type[BaseModel] = create_model(name, __config__=STRICT, __doc__=doc, **members)
+    setattr(model, "plugin_class", cls)  # noqa: B010
+    return model
+
+
+def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
+    """Dataclass instance of a checked model; a ValueError of its own is added to `errors` under its key path.
+
+    `given` are the fields that the config does not give.
+    """
+    if isinstance(model, tuple | list):
+        return tuple(build(item, f"{at}[{i}]", errors) for i, item in enumerate(model))
+    cls = getattr(type(model), "plugin_class", None)
+    if cls is None:
+        return model
+    values = {
+        name: build(getattr(model, name), f"{at}.{name}" if at else name, errors)
+        for name in type(model).model_fields
+        if name in model.model_fields_set and name != "kind"
+    }
+    try:
+        return cls(**values, **given)
+    except (ValueError, UserError) as error:
+        errors.append(f"{at}: {error}")
+        return None
+
+
+def own_plugins(data: Any) -> Extra:
+    """The user's plug-ins (`module:attribute`) that a config's `kind` keys name; UserError when one cannot be imported."""
+    found: dict[str, type] = {}
+    stack = [data]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, Mapping):
+            kind = item.get("kind")
+            if isinstance(kind, str) and ":" in kind and kind not in found:
+                found[kind] = import_plugin(kind)
+            stack.extend(item.values())
+        elif isinstance(item, list):
+            stack.extend(item)
+    return tuple(sorted(found.items()))
+
+
+def import_plugin(name: str) -> type:
+    """Class of a plug-in named `module:attribute`; UserError saying what is wrong with the name."""
+    module, _, attribute = name.partition(":")
+    try:
+        cls = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(f"plug-in {name!r} cannot be imported: {error}; is its folder on PYTHONPATH?") from None
+    if not (isinstance(cls, type) and is_dataclass(cls)):
+        raise UserError(f"plug-in {name!r} must be a dataclass of its parameters")
+    return cls
+
+
+def _translate(annotation: Any, extra: Extra) -> Any:
+    """The annotation with dataclasses and plug-in protocols replaced by their models."""
+    if annotation in PLUGINS:
+        return choice(annotation, extra)
+    if isinstance(annotation, type) and is_dataclass(annotation):
+        return model_of(annotation, extra)
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return Annotated[(_translate(arguments[0], extra), *arguments[1:])]  # type: ignore[return-value]
+    if origin is tuple:
+        return tuple[tuple(a if a is Ellipsis else _translate(a, extra) for a in arguments)]  # type: ignore[misc]
+    if origin in (Union, types.UnionType):
+        return Union[tuple(_translate(a, extra) for a in arguments)]  # noqa: UP007
+    return annotation
+
+
+@cache
+def choice(protocol: type, extra: Extra = ()) -> Any:
+    """Choice by `kind` among the registered plug-ins of one sort and the user's own that have its verb."""
+    registry, verb = PLUGINS[protocol]
+    members = [model_of(cls, extra, kind) for kind, cls in registry.items()]
+    members += [model_of(cls, extra, kind) for kind, cls in extra if hasattr(cls, verb)]
+    if len(members) == 1:
+        return members[0]
+    return Annotated[Union[tuple(members)], Field(discriminator="kind")]  # noqa: UP007
+
+
+def _holds_dataclass(value: Any) -> bool:
+    return isinstance(value, tuple) and any(is_dataclass(item) for item in value)

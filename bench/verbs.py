@@ -1,0 +1,72 @@
+"""What the commands do."""
+
+import json
+import signal
+import textwrap
+from pathlib import Path
+
+import click
+
+from bench.config import load_suite, suite_file, suite_model, suite_names
+from bench.folder import suite_folder
+from bench.graph import Outcome, local_pool, run_graph
+from bench.jobs import plan
+from bench.plugins import PLUGINS
+
+
+def bring_up_to(verb: str, suite_name: str, out: Path | None, workers: int) -> int:
+    """Do what is missing of a suite up to `verb`; exit code 0 when all of it is there, 1 when a job failed."""
+    suite = load_suite(suite_file(suite_name))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with suite_folder(out or Path("out") / suite.name, suite) as folder, local_pool(workers) as (executor, progress):
+        outcome = run_graph(plan(suite, folder, last=verb), executor, progress)
+        tell(outcome, folder)
+        if verb == "report" and not outcome.failed:
+            click.echo((folder / "tables" / "summary.txt").read_text(encoding="utf-8"))
+            click.echo(f"report: {folder / 'index.html'}")
+    return 1 if outcome.failed else 0
+
+
+def tell(outcome: Outcome, folder: Path) -> None:
+    """Say on standard error what was done, how long it took, and what failed and why."""
+    count = f"{len(outcome.done)} jobs done, {len(outcome.fresh)} were fresh, {len(outcome.failed)} failed"
+    cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes together"
+    click.echo(f"{count}; {cost}", err=True)
+    for name, why in outcome.failed.items():
+        click.echo(f"FAILED {name}: {why}", err=True)
+    if outcome.tracebacks:
+        path = folder / "failures.txt"
+        path.write_text("\n".join(f"{name}\n{text}" for name, text in outcome.tracebacks.items()), encoding="utf-8")
+        click.echo(f"details: {path}", err=True)
+
+
+def inventory() -> str:
+    """Suites and plug-ins by kind, each with the first sentence of what it is."""
+    lines = ["suites"]
+    for name in suite_names():
+        lines.append(f"  {name:<22} {load_suite(suite_file(name)).title}")
+    for protocol, (registry, _) in PLUGINS.items():
+        lines.append(f"\n{TITLES.get(protocol.__name__, protocol.__name__)}")
+        for kind, cls in registry.items():
+            about = textwrap.shorten((cls.__doc__ or "").split("\n\n")[0], 90, placeholder=" ...")
+            lines.append(f"  {kind:<22} {about}")
+    return "\n".join(lines)
+
+
+TITLES = {
+    "StructureSpec": "structures",
+    "EnvironmentSpec": "environments",
+    "ClutterSpec": "clutter",
+    "EffectSpec": "effects",
+    "PathSpec": "paths",
+    "AirframeSpec": "airframes",
+    "WindSpec": "winds",
+    "Tracker": "trackers",
+}
+
+
+def schema() -> str:
+    """JSON Schema of a suite."""
+    return json.dumps(suite_model().model_json_schema(), indent=1)
+
+
