@@ -1,10 +1,17 @@
 """The tracker variants, by name."""
 
 from tracker.base import Tracker
+from tracker.canny import Canny
 from tracker.hold import Hold
+from tracker.lsd import Lsd, LsdSingle
+from tracker.rapid import Rapid
 
 TRACKERS: dict[str, type[Tracker]] = {
     "hold": Hold,
+    "rapid": Rapid,
+    "canny": Canny,
+    "lsd-single": LsdSingle,
+    "lsd": Lsd,
 }
 """Name -> parameters of every tracker variant."""
 

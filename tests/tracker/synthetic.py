@@ -125,10 +125,10 @@ class Scene:
 
 def _sample(tex, uv):
     size = tex.shape[0]
-    xy = np.mod(uv, 1.0) * (size - 1)
-    return cv2.remap(
-        tex, xy[:, 0].astype(np.float32)[None].T, xy[:, 1].astype(np.float32)[None].T, cv2.INTER_LINEAR
-    )[:, 0]
+    xy = (np.mod(uv, 1.0) * (size - 1)).astype(np.float32)
+    n = len(xy)
+    xy = np.resize(xy, (-(-n // 1024) * 1024, 2)).reshape(-1, 1024, 2)  # cv2.remap takes no more than 32767 rows
+    return cv2.remap(tex, xy, None, cv2.INTER_LINEAR).reshape(-1, 3)[:n]
 
 
 def pose_error(estimate, truth):

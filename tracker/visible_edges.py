@@ -1,0 +1,116 @@
+"""Step 4, model projection: which edges of the structure a camera sees, and where.
+
+A face is visible when dot(face normal, camera ray) < 0; a visible edge touches a visible face (Harris & Stennett
+1990). What hides behind another part of the structure is not asked here.
+
+Pixels are those of the camera without its distortion, the image that trackers work in.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.camera import Camera
+from scenes.structure import Structure
+from trajectories.pose import Array, Pose
+
+NEAR_M = 0.02
+"""Nothing nearer to the camera than this is projected."""
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedEdges:
+    """The parts of the visible edges that lie in the image.
+
+    edges (k,) their rows in `structure.edges`; segments_px (k, 2, 2) undistorted pixels of their ends;
+    segments_m (k, 2, 3) the same ends in the world, depths_m (k, 2) their depths in the camera.
+    """
+
+    edges: Indices
+    segments_px: Array
+    segments_m: Array
+    depths_m: Array
+
+    @property
+    def lengths_px(self) -> Array:
+        """Length of each segment (k,)."""
+        return np.asarray(np.linalg.norm(self.segments_px[:, 1] - self.segments_px[:, 0], axis=1))
+
+
+def visible_edges(structure: Structure, camera: Camera, cam_from_world: Pose) -> ProjectedEdges:
+    """Visible edges of a structure, clipped to the image and to NEAR_M."""
+    edges = np.flatnonzero(touching_visible_face(structure, cam_from_world))
+    world = structure.edge_segments[edges]
+    cam = cam_from_world.transform(world.reshape(-1, 3)).reshape(-1, 2, 3)
+    start, end = clip_to_view(cam, camera)
+    inside = start < end
+    edges, world, cam = edges[inside], world[inside], cam[inside]
+    parts = np.stack([start[inside], end[inside]], axis=1)[..., None]
+    segments_cam = cam[:, :1] + parts * (cam[:, 1:] - cam[:, :1])
+    segments_m = world[:, :1] + parts * (world[:, 1:] - world[:, :1])
+    return ProjectedEdges(edges, pinhole(segments_cam, camera), segments_m, segments_cam[..., 2])
+
+
+def visible_faces(structure: Structure, cam_from_world: Pose) -> NDArray[np.bool_]:
+    """Whether each planar face turns its outside to the camera (f,)."""
+    eye = cam_from_world.inverse().translation
+    _, first = np.unique(structure.triangle_face, return_index=True)
+    on_face = structure.vertices[structure.triangles[first, 0]]
+    facing: NDArray[np.bool_] = np.einsum("ij,ij->i", structure.face_normals, on_face - eye) < 0
+    return facing
+
+
+def touching_visible_face(structure: Structure, cam_from_world: Pose) -> NDArray[np.bool_]:
+    """Whether each edge has a visible face beside it (e,)."""
+    visible = np.append(visible_faces(structure, cam_from_world), False)
+    return np.asarray(visible[structure.edge_faces].any(axis=1))
+
+
+def clip_to_view(segments_cam: Array, camera: Camera) -> tuple[Array, Array]:
+    """Where the visible part of each segment (k, 2, 3) of the camera frame starts and ends, in parts of its length.
+
+    Start is not below end where nothing of a segment is in view (Liang & Barsky 1984, on the planes of the view).
+    """
+    x0, y0, x1, y1 = undistorted_bounds(camera)
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    planes = np.array(
+        [[0, 0, 1, -NEAR_M], [fx, 0, cx - x0, 0], [-fx, 0, x1 - cx, 0], [0, fy, cy - y0, 0], [0, -fy, y1 - cy, 0]]
+    )
+    distance = segments_cam @ planes[:, :3].T + planes[:, 3]  # (k, 2, 5), positive inside
+    a, b = distance[:, 0], distance[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = a / (a - b)
+    start = np.where(a < 0, np.where(b < 0, np.inf, crossing), 0.0).max(axis=1)
+    end = np.where(b < 0, np.where(a < 0, -np.inf, crossing), 1.0).min(axis=1)
+    return start, end
+
+
+def pinhole(points_cam_m: Array, camera: Camera) -> Array:
+    """Undistorted pixels (..., 2) of points (..., 3) in the camera frame."""
+    xy = points_cam_m[..., :2] / points_cam_m[..., 2:]
+    return np.asarray(xy * [camera.fx, camera.fy] + [camera.cx, camera.cy])
+
+
+def to_image(pixels: Array, camera: Camera) -> Array:
+    """Pixels (n, 2) of the camera's image at undistorted pixels (n, 2)."""
+    if camera.distortion_model == "none":
+        return pixels
+    xy = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
+    return camera.project(np.column_stack([xy, np.ones(len(xy))]))
+
+
+@lru_cache(maxsize=64)
+def undistorted_bounds(camera: Camera) -> tuple[float, float, float, float]:
+    """Smallest x, y and largest x, y of the image's border without distortion, px."""
+    x, y = np.linspace(-0.5, camera.width - 0.5, 33), np.linspace(-0.5, camera.height - 0.5, 33)
+    border = np.concatenate(
+        [np.column_stack([x, np.full(33, v)]) for v in (y[0], y[-1])]
+        + [np.column_stack([np.full(33, u), y]) for u in (x[0], x[-1])]
+    )
+    flat = camera.undistort(border)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
