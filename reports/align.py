@@ -67,11 +67,11 @@ def align(pairs: PosePairs, kind: Alignment, first_n: int | None = None) -> Pose
 
 
 def umeyama(p: Array, q: Array, *, with_scale: bool) -> Similarity:
-    """Least-squares similarity q -> p of points (n, 3) (Umeyama 1991, eq. 40-42); UserError when they lie on one line."""
+    """Least-squares similarity q -> p of points (n, 3) (Umeyama 1991, eq. 40-42); UserError when they lie on a line."""
     p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
     p_centred, q_centred = p - p_mean, q - q_mean
     U, d, Vt = np.linalg.svd(p_centred.T @ q_centred / len(p))
-    if not d[1] > DEGENERATE * d[0]:
+    if not (d[1] > DEGENERATE * d[0] and _moves(p, p_centred) and _moves(q, q_centred)):
         raise UserError(
             f"alignment is undefined: the {len(p)} matched positions of the reference or the estimate stand still "
             "or lie on one line; use --align none, origin or yaw, or a longer trajectory"
@@ -94,6 +94,11 @@ def yaw_alignment(p: Array, q: Array) -> Similarity:
         )
     R = _about_z(float(np.arctan2(s, c)))
     return Similarity(1.0, R, p_mean - R @ q_mean)
+
+
+def _moves(points: Array, centred: Array) -> bool:
+    """Whether points (n, 3) spread by more than the round-off of their coordinates."""
+    return bool(np.abs(centred).max() > DEGENERATE * np.abs(points).max())
 
 
 def _rotation_of_first(pairs: PosePairs) -> Array:

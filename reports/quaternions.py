@@ -47,7 +47,8 @@ def angle(q: Array) -> Array:
 
 def chord(q: Array) -> Array:
     """|R - I| in the Frobenius norm (n,): 2 sqrt(2) sin(angle / 2)."""
-    return 2.0 * np.sqrt(2.0) * _vector_norm(q)
+    norm: Array = 2.0**1.5 * _vector_norm(q)
+    return norm
 
 
 def slerp(a: Array, b: Array, w: Array) -> Array:

@@ -1,7 +1,8 @@
 """Relative pose error: how far the motion over a stretch is from the true motion.
 
 Conventions: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), Q the estimate and P the reference. A stretch is given in frames, metres
-of path, degrees or radians of turning, or seconds; stretches follow each other, or (all pairs) one starts at every frame.
+of path, degrees or radians of turning, or seconds; stretches follow each other, or (all pairs) one starts at every
+frame.
 """
 
 from dataclasses import dataclass
