@@ -1,14 +1,24 @@
 """A flight: what is flown, and the true record of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trajectories.airframes import AirframeSpec, Crazyflie
+from trajectories.control import Geometric
+from trajectories.hand_pilot import HandPilot
+from trajectories.mount import Mount
+from trajectories.paths import PathSpec
 from trajectories.pose import Array, Pose, read_only
+from trajectories.quadrotor import STEP_NS, STEP_S, Quadrotor
+from trajectories.simulate import simulate
+from trajectories.streams import stream
+from trajectories.surroundings import Surroundings
 from trajectories.trajectory import Trajectory
+from trajectories.wind import Still, WindSpec
 
 Status = Literal["completed", "crashed"]
 
@@ -81,3 +91,36 @@ class Flight:
             raise ValueError(f"a camera at {rate_hz} Hz is faster than the record's {1e9 / step_ns:g} Hz")
         count = int((len(self) - 1) / rows_per_frame) + 1
         return np.array([round(i * rows_per_frame) for i in range(count)], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class FlightSpec:
+    """What is flown: a path, a vehicle, its controller and the wind."""
+
+    path: PathSpec = field(default_factory=HandPilot)
+    airframe: AirframeSpec = field(default_factory=Crazyflie)
+    control: Geometric = field(default_factory=Geometric)
+    wind: WindSpec = field(default_factory=Still)
+
+
+def fly(spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int) -> Flight:
+    """Fly a path and return its true record; the same arguments give the same bytes.
+
+    The record begins settled: the vehicle has flown for some seconds before row 0.
+    """
+    vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
+    guidance = spec.path.plan(surroundings, mount, stream(seed, "path"))
+    air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
+    record = simulate(vehicle, spec.control.gains(), guidance, air, surroundings)
+    return Flight(
+        stamps_ns=np.arange(len(record), dtype=np.int64) * STEP_NS,
+        positions_m=record[:, 0:3],
+        quaternions_wxyz=record[:, 3:7],
+        velocities_m_s=record[:, 7:10],
+        accelerations_m_s2=record[:, 10:13],
+        angular_velocities_rad_s=record[:, 13:16],
+        angular_accelerations_rad_s2=record[:, 16:19],
+        thrust_commands_n=record[:, 19:23],
+        thrusts_n=record[:, 23:27],
+        winds_m_s=record[:, 27:30],
+    )

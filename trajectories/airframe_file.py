@@ -1,0 +1,55 @@
+"""Airframes read from a user's own file."""
+
+import tomllib
+import xml.etree.ElementTree as ElementTree
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from trajectories.airframes import AIRFRAMES, Crazyflie, with_camera
+from trajectories.errors import UserError, unknown_name
+from trajectories.mount import Mount
+from trajectories.quadrotor import Quadrotor
+
+
+def read_airframe(path: Path, mount: Mount) -> str:
+    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key where it is one's."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot read the airframe: {getattr(error, 'strerror', None) or error}") from None
+    try:
+        xml = _from_xml(text, mount) if path.suffix.lower() in (".xml", ".mjcf") else _from_toml(text).build(mount)
+        Quadrotor.from_mjcf(xml)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    return xml
+
+
+def _from_xml(text: str, mount: Mount) -> str:
+    try:
+        return with_camera(ElementTree.fromstring(text), mount)
+    except ElementTree.ParseError as error:
+        raise UserError(f"not valid XML: {error}") from None
+
+
+def _from_toml(text: str) -> Crazyflie:
+    try:
+        table: dict[str, Any] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"not valid TOML: {error}") from None
+    base = str(table.pop("like", "crazyflie"))
+    kind = AIRFRAMES.get(base)
+    if kind is None or not issubclass(kind, Crazyflie):
+        raise unknown_name("airframe `like`", base, [n for n, k in AIRFRAMES.items() if issubclass(k, Crazyflie)])
+    names = [field.name for field in fields(kind)]
+    for key in table:
+        if key not in names:
+            raise unknown_name("key", key, names)
+    try:
+        return TypeAdapter(kind).validate_python(table)
+    except ValidationError as error:
+        told = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise UserError(told) from None

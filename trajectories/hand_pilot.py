@@ -1,0 +1,185 @@
+"""The path `hand-pilot`: a human flies around a structure with a game pad and keeps the camera on it."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Interval
+
+from trajectories.errors import UserError
+from trajectories.mount import Mount
+from trajectories.pose import Array
+from trajectories.quadrotor import STEP_S
+from trajectories.reference import Guidance, Seen
+from trajectories.sticks import Assist, Pad
+from trajectories.surroundings import Surroundings
+
+WARM_UP_S = 4.0
+DECISION_S = (0.15, 0.40)
+"""Time between two decisions of the pilot: humans correct intermittently, 2 to 3 times a second (Craik 1947)."""
+NOTICED = np.array([0.03, 0.0, 0.02, np.radians(1.5)])
+"""Error of range (m), none, height (m) and heading (rad) below which the pilot lets go."""
+EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
+"""Speed that the pilot asks for per error."""
+CLUMSINESS = 0.08
+"""Standard deviation of a stick deflection over the one meant: force and place variability of hands is 5 to 10 %."""
+
+
+@dataclass(frozen=True)
+class HandPilot:
+    """A pilot walks the vehicle around the structure and corrects what he sees, late and a little clumsily.
+
+    He keeps the distance to the structure's centre (horizontally) in range_m and the height in height_m, wandering
+    slowly within both, and circles at about speed_m_s from the bearing start_deg (seen from the structure,
+    counter-clockwise from x). Height gives way so that the whole structure stays within view_half_angle_deg above
+    and below the camera's axis. reaction_s is the delay between what happens and what he sees of it.
+    """
+
+    duration_s: Annotated[float, Gt(0)] = 40.0
+    range_m: tuple[float, float] = (1.05, 1.45)
+    height_m: tuple[float, float] = (0.35, 0.90)
+    speed_m_s: Annotated[float, Ge(0)] = 0.16
+    start_deg: float = 30.0
+    direction: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
+    view_half_angle_deg: Annotated[float, Interval(gt=0, lt=80)] = 21.0
+    reaction_s: Annotated[float, Ge(0)] = 0.2
+    pad: Pad = field(default_factory=Pad)
+
+    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Guidance:
+        """The pilot, ready to fly; UserError when the structure cannot be kept in view at this range."""
+        return Pilot(self, Stage.of(self, surroundings, mount), rng)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where the pilot may be: around a centre (x, y), and how high at each distance."""
+
+    centre: tuple[float, float]
+    low_m: float
+    high_m: float
+    reach_m: float
+    slope_down: float
+    slope_up: float
+    range_m: tuple[float, float]
+    height_m: tuple[float, float]
+
+    @classmethod
+    def of(cls, path: HandPilot, surroundings: Surroundings, mount: Mount) -> "Stage":
+        """Stage around the surroundings' centre; UserError naming the setting that leaves no place."""
+        low, high = surroundings.bounds
+        reach = float(np.linalg.norm(high[:2] - low[:2]) / 2)
+        stage = cls(
+            (float(surroundings.centre[0]), float(surroundings.centre[1])),
+            float(low[2]),
+            float(high[2]),
+            reach,
+            float(np.tan(np.radians(path.view_half_angle_deg - mount.pitch_deg))),
+            float(np.tan(np.radians(path.view_half_angle_deg + mount.pitch_deg))),
+            path.range_m,
+            path.height_m,
+        )
+        if not reach < path.range_m[0] <= path.range_m[1] or not 0 < path.height_m[0] <= path.height_m[1]:
+            raise UserError(
+                f"path hand-pilot: range_m {path.range_m} must rise and begin beyond the structure's corners "
+                f"({reach:.2f} m from its centre), height_m {path.height_m} must rise from above 0"
+            )
+        lowest, highest = stage.heights(path.range_m[1])
+        if not lowest <= highest:
+            raise UserError(
+                f"path hand-pilot: from {path.range_m[1]} m the structure, {low[2]:.2f} to {high[2]:.2f} m high, does "
+                f"not fit into {path.view_half_angle_deg} degrees above and below the camera's axis at heights "
+                f"{path.height_m} m; fly further away (range_m), at other heights (height_m) or tilt the mount"
+            )
+        return stage
+
+    def heights(self, distance_m: float) -> tuple[float, float]:
+        """Lowest and highest place at a distance from which the whole structure is in view."""
+        near = distance_m - self.reach_m
+        lowest = max(self.height_m[0], self.high_m - near * self.slope_up)
+        return lowest, min(self.height_m[1], self.low_m + near * self.slope_down)
+
+    def place(self, closeness: float, loftiness: float) -> tuple[float, float]:
+        """Distance and height wished for, from two wishes in 0..1, such that all of the structure is in view."""
+        nearest, furthest = self.range_m
+        for distance in np.linspace(nearest, furthest, 41):  # The nearest place that still shows it all.
+            lowest, highest = self.heights(float(distance))
+            if lowest <= highest:
+                nearest = float(distance)
+                break
+        distance = furthest - closeness * (furthest - nearest)
+        lowest, highest = self.heights(distance)
+        return distance, lowest + loftiness * (highest - lowest)
+
+
+class Pilot:
+    """The pilot at work: remembers what he saw, decides now and then, moves his thumbs."""
+
+    def __init__(self, path: HandPilot, stage: Stage, rng: np.random.Generator) -> None:
+        self.warm_up = round(WARM_UP_S / STEP_S)
+        self.steps = round(path.duration_s / STEP_S) + 1
+        self._path, self._stage, self._rng = path, stage, rng
+        self._sign = 1.0 if path.direction == "counter-clockwise" else -1.0
+        self._wishes = [Wish(rng) for _ in range(3)]
+        bearing = np.radians(path.start_deg) - self._sign * path.speed_m_s * WARM_UP_S / np.mean(path.range_m)
+        distance, height = self._place(-WARM_UP_S)
+        start = np.array([*(stage.centre + distance * np.array([np.cos(bearing), np.sin(bearing)])), height])
+        self._assist = Assist(start, bearing + np.pi)
+        self._memory: deque[Seen] = deque()
+        self._sticks, self._target = np.zeros(4), np.zeros(4)
+        self._decide_at = -WARM_UP_S
+
+    def rows(self, first: int, count: int, seen: Seen | None) -> Array:
+        """Reference rows of the next steps, from what the pilot does with his sticks."""
+        if seen is None:
+            return Assist(self._assist.position_m, self._assist.yaw_rad).rows(np.zeros(4), count)
+        now = first * STEP_S
+        self._memory.append(seen)
+        late = self._memory[0]
+        if len(self._memory) > round(self._path.reaction_s / (count * STEP_S)):
+            self._memory.popleft()
+        if now >= self._decide_at:
+            self._target = self._decide(now, late)
+            self._decide_at = now + self._rng.uniform(*DECISION_S)
+        way = self._path.pad.thumb_rate_1_s * count * STEP_S
+        self._sticks += np.clip(self._target - self._sticks, -way, way)
+        held = self._sticks + self._path.pad.tremor * self._rng.standard_normal(4)
+        return self._assist.rows(self._path.pad.command(held), count)
+
+    def _place(self, now_s: float) -> tuple[float, float]:
+        return self._stage.place(self._wishes[0].at(now_s), self._wishes[1].at(now_s))
+
+    def _decide(self, now_s: float, late: Seen) -> Array:
+        """Stick deflections (4,) meant to mend what was seen."""
+        to_centre = np.array(self._stage.centre) - late.position_m[:2]
+        distance = float(np.linalg.norm(to_centre))
+        wished_distance, wished_height = self._place(now_s)
+        turn = np.arctan2(to_centre[1], to_centre[0]) - late.yaw_rad
+        error = np.array(
+            [
+                distance - wished_distance,
+                0.0,
+                wished_height - late.position_m[2],
+                np.arctan2(np.sin(turn), np.cos(turn)),
+            ]
+        )
+        command = EAGERNESS_1_S * np.where(np.abs(error) > NOTICED, error, 0.0)
+        pace = self._sign * self._path.speed_m_s * (0.4 + 1.2 * self._wishes[2].at(now_s))
+        command[1] -= pace  # Facing the structure, counter-clockwise is to the right.
+        command[3] += pace / distance
+        return np.asarray(
+            np.clip(self._path.pad.deflection(command) * (1 + CLUMSINESS * self._rng.standard_normal(4)), -1.0, 1.0)
+        )
+
+
+class Wish:
+    """A slow random wish in 0..1: four sine waves of random period and phase."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rates = 2 * np.pi / rng.uniform(12.0, 45.0, 4)
+        self._phases = rng.uniform(0.0, 2 * np.pi, 4)
+
+    def at(self, now_s: float) -> float:
+        """The wish at a time."""
+        waves = float(np.sin(self._rates * now_s + self._phases).sum())
+        return 0.5 + 0.5 * float(np.tanh(0.8 * waves))

@@ -1,0 +1,80 @@
+"""The flight loop: guidance, control, motors and air, integrated by MuJoCo."""
+
+import numpy as np
+
+from trajectories.control import Gains, thrust_commands
+from trajectories.kernels import compiled
+from trajectories.pose import Array
+from trajectories.quadrotor import Quadrotor, compile_mjcf, physics
+from trajectories.reference import Guidance, Seen
+from trajectories.rigid_body import Plant, accelerations, drag_force, plant, rotation, rotor_speed_sum
+from trajectories.surroundings import Surroundings
+from trajectories.wind import Air
+
+BLOCK = 10
+"""Steps between two looks of the guidance: 50 Hz."""
+RECORD_COLUMNS = 30
+
+
+def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, surroundings: Surroundings) -> Array:
+    """Record (n, 30) of a flight: position, quaternion, velocity, acceleration, body rates and their derivatives,
+    commanded and actual thrusts, wind; row k is the state at step k.
+    """
+    mujoco = physics()
+    model = compile_mjcf(vehicle.xml)
+    data = mujoco.MjData(model)
+    numbers = plant(vehicle)
+    first = guidance.rows(-guidance.warm_up, 1, None)[0]
+    data.qpos[:] = *first[0:3], np.cos(first[9] / 2), 0.0, 0.0, np.sin(first[9] / 2)
+    data.act[:] = vehicle.hover_thrust_n
+    integral = np.zeros(3)
+    record = np.zeros((guidance.steps, RECORD_COLUMNS))
+    spare = np.zeros(RECORD_COLUMNS)
+    qpos, qvel, act, ctrl, push = data.qpos, data.qvel, data.act, data.ctrl, data.xfrc_applied[1]
+    for begin in range(-guidance.warm_up, guidance.steps, BLOCK):
+        end = min(begin + BLOCK, guidance.steps)
+        rows = guidance.rows(begin, end - begin, Seen(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos)))
+        winds = air.at(begin + guidance.warm_up, end - begin, qpos[:3], surroundings)
+        for k in range(end - begin):
+            step = begin + k
+            out = record[step] if step >= 0 else spare
+            _step(numbers, gains, rows[k], winds[k], qpos, qvel, act, integral, ctrl, push, out)
+            mujoco.mj_step(model, data)
+    return record
+
+
+@compiled
+def _step(
+    plant: Plant,
+    gains: Gains,
+    reference: Array,
+    wind: Array,
+    qpos: Array,
+    qvel: Array,
+    act: Array,
+    integral: Array,
+    ctrl: Array,
+    push: Array,
+    record: Array,
+) -> None:
+    """Commands and drag of one step, from the state at its start; fills the record's row of that state."""
+    R = rotation(qpos[3:7])
+    velocity, omega = qvel[0:3], qvel[3:6]
+    speed_sum = rotor_speed_sum(plant, act)
+    drag = drag_force(plant, R, velocity - wind, speed_sum)
+    ctrl[:] = thrust_commands(plant, gains, reference, qpos[0:3], velocity, R, omega, speed_sum, integral)
+    push[0:3] = drag
+    linear, angular = accelerations(plant, R, omega, act, drag)
+    record[0:7] = qpos
+    record[7:10] = velocity
+    record[10:13] = linear
+    record[13:16] = omega
+    record[16:19] = angular
+    record[19:23] = ctrl
+    record[23:27] = act
+    record[27:30] = wind
+
+
+def _yaw(qpos: Array) -> float:
+    w, x, y, z = qpos[3:7]
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))

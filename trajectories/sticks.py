@@ -1,0 +1,106 @@
+"""An Xbox pad in a human's hands, and the assist mode that turns its sticks into a reference."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Interval
+
+from trajectories.control import REFERENCE_COLUMNS
+from trajectories.kernels import compiled
+from trajectories.pose import Array
+from trajectories.quadrotor import STEP_S
+from trajectories.reference import flat_rates
+
+VELOCITY_BANDWIDTH_RAD_S = 5.0
+YAW_BANDWIDTH_RAD_S = 8.0
+"""How fast the assist mode follows a stick (critically damped, second order)."""
+
+
+@dataclass(frozen=True)
+class Pad:
+    """A game pad flown in velocity assist mode: forward, left and up speed and yaw rate, one stick axis each.
+
+    Inside dead_zone an axis counts as centred; beyond it expo bends the rest of its way: e x^3 + (1 - e) x.
+    thumb_rate_1_s is how fast a thumb moves, in full deflections per second. Full deflection gives top_speed_m_s,
+    top_climb_m_s or top_yaw_rate_deg_s.
+    """
+
+    dead_zone: Annotated[float, Interval(ge=0, lt=0.5)] = 0.1
+    expo: Annotated[float, Interval(ge=0, le=1)] = 0.4
+    thumb_rate_1_s: Annotated[float, Gt(0)] = 3.0
+    tremor: Annotated[float, Ge(0)] = 0.01
+    top_speed_m_s: Annotated[float, Gt(0)] = 0.6
+    top_climb_m_s: Annotated[float, Gt(0)] = 0.4
+    top_yaw_rate_deg_s: Annotated[float, Gt(0)] = 70.0
+
+    @property
+    def tops(self) -> Array:
+        """Commands (4,) at full deflection: m/s forward, left, up; rad/s."""
+        return np.array(
+            [self.top_speed_m_s, self.top_speed_m_s, self.top_climb_m_s, np.radians(self.top_yaw_rate_deg_s)]
+        )
+
+    def command(self, sticks: Array) -> Array:
+        """Commands (4,) of stick deflections (4,) in -1..1."""
+        beyond = np.clip((np.abs(sticks) - self.dead_zone) / (1 - self.dead_zone), 0.0, 1.0)
+        bent = self.expo * beyond**3 + (1 - self.expo) * beyond
+        return np.asarray(np.sign(sticks) * bent * self.tops)
+
+    def deflection(self, command: Array) -> Array:
+        """Stick deflections (4,) that give a command (4,), within -1..1: the inverse of `command`."""
+        share = np.clip(np.abs(command) / self.tops, 0.0, 1.0)
+        beyond = share.copy()
+        for _ in range(20):  # Newton on e x^3 + (1 - e) x = share, monotone for e in 0..1.
+            slope = 3 * self.expo * beyond**2 + (1 - self.expo)
+            beyond -= (self.expo * beyond**3 + (1 - self.expo) * beyond - share) / np.maximum(slope, 1e-6)
+        bare = np.where(share > 0, self.dead_zone + (1 - self.dead_zone) * np.clip(beyond, 0.0, 1.0), 0.0)
+        return np.asarray(np.sign(command) * bare)
+
+
+class Assist:
+    """Velocity assist: holds position and heading, and moves them as the sticks say."""
+
+    def __init__(self, position_m: Array, yaw_rad: float) -> None:
+        # position 0:3, velocity 3:6, acceleration 6:9, yaw 9, yaw rate 10, yaw acceleration 11
+        self._state = np.zeros(12)
+        self._state[0:3], self._state[9] = position_m, yaw_rad
+
+    @property
+    def position_m(self) -> Array:
+        """Position (3,) held at the moment."""
+        return self._state[0:3].copy()
+
+    @property
+    def yaw_rad(self) -> float:
+        """Heading held at the moment."""
+        return float(self._state[9])
+
+    def rows(self, command: Array, count: int) -> Array:
+        """Reference rows (count, 17) of the next steps under one command (4,): m/s forward, left, up; rad/s."""
+        motion = np.empty((count, 16))
+        _shape(self._state, command, motion)
+        rows = np.zeros((count, REFERENCE_COLUMNS))
+        rows[:, :10] = motion[:, :10]
+        rows[:, 10:13], rows[:, 16] = flat_rates(motion[:, 6:9], motion[:, 12:15], motion[:, 9], motion[:, 10])
+        return rows
+
+
+@compiled
+def _shape(state: Array, command: Array, motion: Array) -> None:
+    """Second-order lags from command to velocity and yaw rate, integrated exactly for a constant jerk per step."""
+    w, h = VELOCITY_BANDWIDTH_RAD_S, STEP_S
+    for k in range(motion.shape[0]):
+        c, s = np.cos(state[9]), np.sin(state[9])
+        wanted = np.array([c * command[0] - s * command[1], s * command[0] + c * command[1], command[2]])
+        jerk = w * w * (wanted - state[3:6]) - 2 * w * state[6:9]
+        yaw_jerk = YAW_BANDWIDTH_RAD_S**2 * (command[3] - state[10]) - 2 * YAW_BANDWIDTH_RAD_S * state[11]
+        motion[k, 0:12] = state
+        motion[k, 12:15] = jerk
+        motion[k, 15] = yaw_jerk
+        state[0:3] += h * state[3:6] + h * h / 2 * state[6:9] + h * h * h / 6 * jerk
+        state[3:6] += h * state[6:9] + h * h / 2 * jerk
+        state[6:9] += h * jerk
+        state[9] += h * state[10] + h * h / 2 * state[11] + h * h * h / 6 * yaw_jerk
+        state[10] += h * state[11] + h * h / 2 * yaw_jerk
+        state[11] += h * yaw_jerk
