@@ -15,7 +15,7 @@ import numpy as np
 
 from trajectories.errors import UserError
 
-PACKAGES = "apt-get install libegl1 libgl1-mesa-dri libosmesa6"
+PACKAGES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libosmesa6"
 
 
 class GLUnavailableError(UserError):
@@ -58,7 +58,7 @@ def version() -> str:
 def _make(kind: str) -> Any:
     os.environ["PYOPENGL_PLATFORM"] = kind
     if not hasattr(np, "infty"):
-        np.inf = np.inf  # type: ignore[attr-defined]
+        setattr(np, "infty", np.inf)  # noqa: B010  (an assignment is what ruff rewrites)
     import OpenGL
     from OpenGL.plugins import FormatHandler
 
