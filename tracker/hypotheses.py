@@ -14,10 +14,10 @@ from tracker.pose_update import least_squares
 from tracker.search import Candidates
 from trajectories.pose import Array
 
-RANSAC_HYPOTHESES = 150
+RANSAC_HYPOTHESES = 300
 """Number of hypotheses drawn."""
-EDGES_PER_HYPOTHESIS = 4
-"""Edges in a hypothesis: three lines fix a pose, a fourth steadies it."""
+EDGES_PER_HYPOTHESIS = 3
+"""Edges in a hypothesis: three lines fix a pose."""
 INLIER_PX = 2.0
 """A candidate farther than this from its moved control point is an outlier."""
 
@@ -50,9 +50,12 @@ def ransac(
 ) -> Matches:
     """The winning set over candidates of control points with Jacobians J (n, 6) on edges `edge` (n,)."""
     twists = _hypothesis_twists(candidates, J, edge, prior, rng, hypotheses)
-    errors = np.abs(candidates.distances[None] - (twists @ J.T)[..., None])  # (h, n, k)
-    cost = np.minimum(errors.min(axis=2), inlier_px) ** 2
-    twist = twists[np.argmin(cost.sum(axis=1))]
+    predicted = (twists @ J.T).astype(np.float32)  # (h, n)
+    error = np.full(predicted.shape, inlier_px, dtype=np.float32)
+    for distances in candidates.distances.T.astype(np.float32):
+        np.minimum(error, np.abs(predicted - distances), out=error)
+    cost = np.einsum("hn,hn->h", error, error)
+    twist = twists[np.argmin(cost)]
     matches = best_set(candidates.distances, J @ twist, inlier_px)
     for _ in range(2):  # the winner is improved on its own inliers (Chum, Matas & Kittler 2003)
         if matches.inlier.any():

@@ -1,0 +1,143 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from scenes.sequence import TRUTH_COLUMNS, Sequence, save_structure, write_manifest
+from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
+from tracker.base import TrackResult
+from tracker.hold import Hold
+from tracker.results import Results
+from tracker.run import track_sequence
+from tracker.variants import TRACKERS
+from trajectories.errors import UserError
+from trajectories.pose import Pose
+from trajectories.trajectory import Trajectory
+
+MOUNT = Pose([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0.01, 0.0, -0.02])
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    """Twelve frames at 15 Hz around a box, as a sequence folder."""
+    folder = tmp_path_factory.mktemp("sequence")
+    poses = orbit(12)
+    scene = Scene([box_corners()])
+    rng = np.random.default_rng(5)
+    (folder / "frames").mkdir()
+    rows, truth = [], []
+    for i, pose in enumerate(poses):
+        stamp = i * 66_666_667
+        cv2.imwrite(str(folder / f"frames/{i:06d}.png"), scene.render(pose, noise_rng=rng))
+        rows.append(f"{i},{stamp},frames/{i:06d}.png")
+        body = pose.inverse() @ MOUNT
+        numbers = [*body.translation.tolist(), *body.quaternion_wxyz.tolist(), *[0.0] * 9]
+        truth.append(f"{i},{stamp}," + ",".join(map(repr, numbers)))
+    CAMERA.save(folder / "camera.toml")
+    save_structure(box(), folder)
+    (folder / "frames.csv").write_text("frame,stamp_ns,file\n" + "\n".join(rows) + "\n")
+    (folder / "truth.csv").write_text(",".join(TRUTH_COLUMNS) + "\n" + "\n".join(truth) + "\n")
+    info = {"name": "orbit", "cam_from_body": MOUNT.matrix.tolist(), "content_hash": "f00"}
+    (folder / "sequence.json").write_text(json.dumps(info))
+    write_manifest(folder)
+    return Sequence.load(folder)
+
+
+def test_results_read_back_as_written(tmp_path):
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(6, 6))
+    rows = (
+        TrackResult(status="ok", cam_from_world=Pose.exp(rng.normal(size=6)), covariance=A @ A.T, inliers=3),
+        TrackResult(status="lost", stage_ms={"total": 1.25}, segments=7),
+        TrackResult(status="ok", cam_from_world=Pose.exp(rng.normal(size=6)), stage_ms={"total": 0.1, "search": 0.3}),
+    )
+    results = Results({"cam_from_body": MOUNT.matrix.tolist()}, np.array([0, 2, 4]), np.array([5, 7, 10**18 + 1]), rows)
+    results.save(tmp_path / "r")
+    again = Results.load(tmp_path / "r")
+    again.save(tmp_path / "s")
+    assert again.stamps_ns.tolist() == results.stamps_ns.tolist()
+    assert again.frames.tolist() == [0, 2, 4]
+    assert again.rows[1] == rows[1]
+    assert dict(again.rows[2].stage_ms) == {"total": 0.1, "search": 0.3}
+    np.testing.assert_array_equal(again.rows[0].covariance, (A @ A.T + (A @ A.T).T) / 2)
+    for a, b in zip(results.cam_from_world, again.cam_from_world, strict=True):
+        np.testing.assert_allclose(a.matrix, b.matrix, atol=1e-15)
+    np.testing.assert_allclose(again.estimate.positions_m, results.estimate.positions_m, atol=1e-14)
+    assert len((tmp_path / "r/estimate.tum").read_text().splitlines()) == 2
+    assert (tmp_path / "r/record.json").read_bytes() == (tmp_path / "s/record.json").read_bytes()
+
+
+def test_a_bad_row_is_named(tmp_path):
+    results = Results(
+        {"cam_from_body": np.eye(4).tolist()}, np.array([0]), np.array([0]), (TrackResult(status="lost"),)
+    )
+    results.save(tmp_path / "r")
+    table = tmp_path / "r/frames.csv"
+    table.write_text(table.read_text().replace("lost", "missing"))
+    with pytest.raises(UserError, match=r"frames\.csv: line 2"):
+        Results.load(tmp_path / "r")
+
+
+@pytest.mark.parametrize("kind", sorted(TRACKERS))
+def test_a_run_is_the_same_on_every_run(sequence, kind, tmp_path):
+    for name in ("a", "b"):
+        track_sequence(TRACKERS[kind](), sequence, rate_hz=15, seed=0).save(tmp_path / name)
+    for file in ("frames.csv", "estimate.tum", "record.json"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_lsd_follows_the_box(sequence):
+    seen = []
+    results = track_sequence(TRACKERS["lsd"](), sequence, rate_hz=15, seed=0, on_frame=lambda f, r: seen.append(f))
+    assert results.ok.all()
+    assert seen == list(range(12))
+    error = np.linalg.norm(results.estimate.positions_m - sequence.truth.positions_m, axis=1)
+    assert error.max() < 0.03
+    assert results.record["tracker"]["kind"] == "lsd"
+    assert all(row.segments > 0 and row.stage_ms["total"] > 0 for row in results.rows)
+
+
+def test_every_kth_frame_is_taken(sequence):
+    assert track_sequence(Hold(), sequence, rate_hz=5, seed=0).frames.tolist() == [0, 3, 6, 9]
+    with pytest.raises(UserError, match="rate_hz"):
+        track_sequence(Hold(), sequence, rate_hz=30, seed=0)
+    with pytest.raises(UserError, match="rate_hz"):
+        track_sequence(Hold(), sequence, rate_hz=0, seed=0)
+
+
+def test_hold_stays_at_the_first_pose(sequence):
+    results = track_sequence(Hold(), sequence, rate_hz=15, seed=0)
+    assert isinstance(results.estimate, Trajectory)
+    np.testing.assert_allclose(results.estimate.positions_m, sequence.truth.positions_m[[0] * 12], atol=1e-12)
+
+
+class Crashing:
+    """A tracker that raises on its third frame."""
+
+    def start(self, structure, camera, cam_from_world, rng):
+        self.frame = 0
+        return self
+
+    def track(self, image, stamp_ns):
+        self.frame += 1
+        if self.frame == 3:
+            raise ZeroDivisionError("no edges")
+        return TrackResult(status="ok", cam_from_world=Pose.identity())
+
+
+def test_a_trackers_exception_is_a_lost_frame_with_its_name(sequence):
+    results = track_sequence(Crashing(), sequence, rate_hz=15, seed=0)
+    assert results.ok.tolist() == [True, True, False] + [True] * 9
+    assert results.record["errors"] == ["frame 2: ZeroDivisionError: no edges"]
+
+
+def test_a_truncated_image_is_the_users_mistake(sequence, tmp_path):
+    import shutil
+
+    shutil.copytree(sequence.folder, tmp_path / "broken")
+    path: Path = tmp_path / "broken/frames/000003.png"
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(UserError, match="000003"):
+        track_sequence(Hold(), Sequence.load(tmp_path / "broken"), rate_hz=15, seed=0)

@@ -1,0 +1,100 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scenes.camera import Camera
+from tests.tracker.synthetic import CAMERA, box, look_at
+from tracker.control_points import control_points
+from tracker.visible_edges import NEAR_M, clip_to_view, pinhole, to_image, undistorted_bounds, visible_edges
+from trajectories.pose import Pose
+
+BOX = box()
+angles = st.floats(0.0, 2 * np.pi)
+
+
+@pytest.mark.parametrize(
+    ("eye", "faces", "edges"),
+    [((1.2, 0.0, 0.15), 1, 4), ((1.0, 1.0, 0.15), 2, 7), ((1.0, 1.0, 0.9), 3, 9)],
+)
+def test_a_box_shows_the_edges_of_its_visible_faces(eye, faces, edges):
+    seen = visible_edges(BOX, CAMERA, look_at(np.array(eye), (0, 0, 0.15)))
+    assert len(seen.edges) == edges
+
+
+def test_from_below_only_the_bottom_is_seen():
+    pose = look_at(np.array([0.05, 0.0, -1.0]), (0, 0, 0.15))
+    assert len(visible_edges(BOX, CAMERA, pose).edges) == 4
+
+
+def test_a_model_behind_the_camera_shows_nothing():
+    away = look_at(np.array([1.0, 0.0, 0.3]), (2.0, 0, 0.3))
+    assert len(visible_edges(BOX, CAMERA, away).edges) == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(angles, st.floats(0.25, 3.0), st.floats(0.0, 1.5), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
+def test_projected_edges_lie_in_the_image_and_agree_with_their_points(angle, radius, height, aim_x, aim_y):
+    pose = look_at(np.array([radius * np.cos(angle), radius * np.sin(angle), height]), (aim_x, aim_y, 0.1))
+    seen = visible_edges(BOX, CAMERA, pose)
+    x0, y0, x1, y1 = undistorted_bounds(CAMERA)
+    assert (seen.segments_px >= [x0 - 1e-6, y0 - 1e-6]).all()
+    assert (seen.segments_px <= [x1 + 1e-6, y1 + 1e-6]).all()
+    assert (seen.depths_m >= NEAR_M - 1e-9).all()
+    cam = pose.transform(seen.segments_m.reshape(-1, 3))
+    np.testing.assert_allclose(pinhole(cam, CAMERA), seen.segments_px.reshape(-1, 2), atol=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(-2, 2), min_size=6, max_size=6))
+def test_clipping_agrees_with_sampling(numbers):
+    segment = np.array(numbers).reshape(1, 2, 3)
+    start, end = clip_to_view(segment, CAMERA)
+    parts = np.linspace(0, 1, 401)
+    points = segment[0, 0] + parts[:, None] * (segment[0, 1] - segment[0, 0])
+    px = pinhole(np.where(points[:, 2:] >= NEAR_M, points, np.nan), CAMERA)
+    x0, y0, x1, y1 = undistorted_bounds(CAMERA)
+    with np.errstate(invalid="ignore"):
+        inside = (px[:, 0] >= x0) & (px[:, 0] <= x1) & (px[:, 1] >= y0) & (px[:, 1] <= y1)
+    assert not np.any(inside & ((parts < start[0] - 1e-9) | (parts > end[0] + 1e-9)))
+    if end[0] - start[0] > 0.01:
+        assert inside[(parts > start[0] + 1e-9) & (parts < end[0] - 1e-9)].all()
+
+
+def test_control_points_lie_on_their_edges_at_an_even_spacing():
+    pose = look_at(np.array([0.9, 0.6, 0.7]), (0, 0, 0.15))
+    seen = visible_edges(BOX, CAMERA, pose)
+    points = control_points(seen, 8.0)
+    np.testing.assert_allclose(pinhole(pose.transform(points.points_m), CAMERA), points.pixels, atol=1e-9)
+    np.testing.assert_array_equal(np.bincount(points.edge, minlength=len(seen.edges)), np.round(seen.lengths_px / 8.0))
+    gaps = np.linalg.norm(np.diff(points.pixels[points.edge == 0], axis=0), axis=1)
+    np.testing.assert_allclose(gaps, gaps[0])
+    direction = seen.segments_px[points.edge, 1] - seen.segments_px[points.edge, 0]
+    np.testing.assert_allclose(np.einsum("ij,ij->i", direction, points.normals), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera(640, 480, 420.0, 420.0, 320.0, 240.0, "radtan", (-0.283, 0.074, 0.0, 0.0)),
+        Camera(640, 480, 300.0, 300.0, 320.0, 240.0, "equidistant", (0.01, -0.002, 0.0, 0.0)),
+    ],
+)
+def test_undistorted_pixels_go_back_to_the_image(camera):
+    pose = look_at(np.array([0.9, 0.6, 0.7]), (0, 0, 0.15))
+    corners = pose.transform(BOX.vertices)
+    np.testing.assert_allclose(to_image(pinhole(corners, camera), camera), camera.project(corners), atol=1e-9)
+    x0, y0, x1, y1 = undistorted_bounds(camera)
+    inner = camera.undistort(np.array([[0.0, 0.0], [639.0, 479.0]]))
+    assert x0 <= inner[0, 0]
+    assert y0 <= inner[0, 1]
+    assert x1 >= inner[1, 0]
+    assert y1 >= inner[1, 1]
+
+
+def test_pinhole_is_opencvs():
+    points = np.array([[0.1, -0.2, 1.5], [-0.3, 0.05, 0.7]])
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), CAMERA.K, np.zeros(4))[0].reshape(-1, 2)
+    np.testing.assert_allclose(pinhole(points, CAMERA), expected)
+    assert Pose.identity().rotation.shape == (3, 3)
