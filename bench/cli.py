@@ -2,7 +2,6 @@
 
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +31,10 @@ def main() -> None:
     """Ground truth for model-based UAV localization: render flights, run trackers, score, report."""
 
 
-def suite_command(verb: str, help_text: str) -> Callable[..., None]:
+def suite_command(verb: str, help_text: str) -> None:
     """Command that brings a suite up to one verb of render -> track -> score -> report."""
 
-    @main.command("run" if verb == "run" else verb, help=help_text)
+    @main.command(verb, help=help_text)
     @click.argument("suite")
     @click.option("--out", type=click.Path(path_type=Path), help="Folder for everything; default: out/SUITE.")
     @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores.")
@@ -43,8 +42,6 @@ def suite_command(verb: str, help_text: str) -> Callable[..., None]:
         from bench.verbs import bring_up_to
 
         sys.exit(bring_up_to("report" if verb == "run" else verb, suite, out, jobs))
-
-    return command  # type: ignore[no-any-return]
 
 
 suite_command("run", "Render, track, score and report SUITE (a name or a TOML file).")

@@ -11,6 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
+from bench.content import names_a_file
 from bench.models import STRICT, Extra, build, choice, model_of, own_plugins
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
@@ -59,7 +60,7 @@ def load_suite(path: Path) -> Suite:
         raise UserError(f"{path}: {error}") from None
     model = suite_model(extra)
     try:
-        checked: Any = model.model_validate_json(json.dumps(data, default=str))
+        checked: Any = model.model_validate_json(json.dumps(_beside(data, path.parent), default=str))
     except ValidationError as error:
         raise UserError(_told(path, [_explain(model, e) for e in error.errors()])) from None
     errors: list[str] = []
@@ -83,7 +84,8 @@ def load_suite(path: Path) -> Suite:
 @cache
 def suite_model(extra: Extra = ()) -> type[BaseModel]:
     """Model of a suite file; its `model_json_schema()` is the JSON Schema for editors."""
-    sequence = model_of(SequenceSpec, extra, omit=frozenset({"name", "seed"}))
+    sequence: Any = model_of(SequenceSpec, extra, omit=frozenset({"name", "seed"}))
+    tracker: Any = choice(Tracker, extra)
     return create_model(
         "Suite",
         __config__=STRICT,
@@ -91,9 +93,19 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         title=(str, ...),
         seeds=(Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)], [0]),
         rates_hz=(Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)], ...),
-        sequences=(Annotated[dict[Name, sequence], Field(min_length=1)], ...),  # type: ignore[valid-type]
-        trackers=(Annotated[dict[Name, choice(Tracker, extra)], Field(min_length=1)], ...),
+        sequences=(Annotated[dict[Name, sequence], Field(min_length=1)], ...),
+        trackers=(Annotated[dict[Name, tracker], Field(min_length=1)], ...),
     )
+
+
+def _beside(data: Any, folder: Path) -> Any:
+    """The config with relative file names taken from the folder of the config."""
+    if isinstance(data, dict):
+        return {
+            key: str(folder / value) if names_a_file(key) and isinstance(value, str) else _beside(value, folder)
+            for key, value in data.items()
+        }
+    return [_beside(item, folder) for item in data] if isinstance(data, list) else data
 
 
 def _told(path: Path, messages: list[str]) -> str:
@@ -143,7 +155,9 @@ def _walk(model: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | i
             here = get_args(here)[-1 if get_origin(here) is dict else 0]
         else:
             members = [m for m in get_args(here) if isinstance(m, type) and issubclass(m, BaseModel)]
-            tagged = [m for m in members if "kind" in m.model_fields and step in get_args(m.model_fields["kind"].annotation)]
+            tagged = [
+                m for m in members if "kind" in m.model_fields and step in get_args(m.model_fields["kind"].annotation)
+            ]
             yield (None if tagged else step), None
             here = tagged[0] if tagged else None
 

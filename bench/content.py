@@ -32,7 +32,7 @@ def canonical(value: Any) -> Any:
             form["source"] = _file_digest(Path(inspect.getfile(cls)))
         for name in form:
             path = getattr(value, name, None)
-            if (name == "file" or name.endswith("_file")) and path and Path(path).is_file():
+            if names_a_file(name) and isinstance(path, str) and Path(path).is_file():
                 form[name] = _file_digest(Path(path))
         return form
     if isinstance(value, Mapping):
@@ -51,6 +51,11 @@ def code_hash(*packages: str) -> str:
             if path.suffix in {".py", ".xml", ".html", ".css", ".js", ".toml"}:
                 digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+def names_a_file(key: str) -> bool:
+    """Whether a config key holds the path of a file, by its name."""
+    return key in {"file", "path"} or key.endswith(("_file", "_path"))
 
 
 def carried_hash(path: Path) -> str | None:

@@ -29,7 +29,9 @@ def suite_folder(folder: Path, suite: Suite) -> Iterator[Path]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise UserError(f"{folder}: another uavbench is at work in it; wait for it or name another folder") from None
+            raise UserError(
+                f"{folder}: another uavbench is at work in it; wait for it or name another folder"
+            ) from None
         clean_leftovers(folder)
         about = {
             "suite": suite.name,

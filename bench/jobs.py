@@ -1,9 +1,9 @@
 """A suite as a graph of jobs: render -> track -> score -> report.
 
-    DIR/suite.json                          what this folder is
-    DIR/sequences/SEQUENCE/                 rendered sequences
-    DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
-    DIR/index.html ...                      the report
+DIR/suite.json                          what this folder is
+DIR/sequences/SEQUENCE/                 rendered sequences
+DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
+DIR/index.html ...                      the report
 """
 
 import shutil

@@ -79,7 +79,7 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
 
 
 def own_plugins(data: Any) -> Extra:
-    """The user's plug-ins (`module:attribute`) that a config's `kind` keys name; UserError when one cannot be imported."""
+    """The user's plug-ins that a config's `kind` keys name as `module:attribute`; UserError when one is not there."""
     found: dict[str, type] = {}
     stack = [data]
     while stack:

@@ -68,5 +68,3 @@ TITLES = {
 def schema() -> str:
     """JSON Schema of a suite."""
     return json.dumps(suite_model().model_json_schema(), indent=1)
-
-

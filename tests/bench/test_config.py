@@ -1,0 +1,118 @@
+"""Suites: what is right becomes specs, what is wrong is told all at once, with file, key path and nearest name."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.config import load_suite, suite_file, suite_model, suite_names
+from bench.content import content_hash
+from trajectories.errors import UserError
+
+GOOD = """
+title = "test"
+rates_hz = [15.0]
+
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 2.0 }
+effects = [{ kind = "noise" }]
+
+[trackers]
+hold = { kind = "hold" }
+"""
+
+
+def suite(tmp_path, text):
+    path = tmp_path / "suite.toml"
+    path.write_text(text)
+    return path
+
+
+def mistakes(tmp_path, text):
+    with pytest.raises(UserError) as caught:
+        load_suite(suite(tmp_path, text))
+    first, *rest = str(caught.value).split("\n")
+    assert str(tmp_path / "suite.toml") in first
+    return [line.strip() for line in rest] or [first]
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_every_suite_that_comes_along_is_valid(name):
+    loaded = load_suite(suite_file(name))
+    assert loaded.sequences
+    assert loaded.trackers
+
+
+def test_a_suite_becomes_specs(tmp_path):
+    loaded = load_suite(suite(tmp_path, "seeds = [0, 7]" + GOOD))
+    assert [(s.name, s.seed) for s in loaded.sequences] == [("box-s0", 0), ("box-s7", 7)]
+    assert loaded.sequences[0].flight.path.duration_s == 2.0
+    assert loaded.rates_hz == (15.0,)
+
+
+def test_three_mistakes_are_told_at_once(tmp_path):
+    text = GOOD.replace("duration_s = 2.0", "duraton_s = 2.0").replace('"hold" }', '"hodl" }')
+    text = text.replace("rates_hz = [15.0]", "rates_hz = [-1.0]")
+    told = mistakes(tmp_path, text)
+    assert len(told) == 3
+    assert any("sequences.box.flight.path.duraton_s" in m and "did you mean 'duration_s'" in m for m in told)
+    assert any("trackers.hold.kind" in m and "did you mean 'hold'" in m for m in told)
+    assert any("rates_hz[0]" in m and "greater than 0" in m for m in told)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "told"),
+    [
+        ("duration_s = 2.0", 'duration_s = "2 s"', "sequences.box.flight.path.duration_s", "number"),
+        ("duration_s = 2.0", "duration_s = -2.0", "sequences.box.flight.path.duration_s", "greater than 0"),
+        ("duration_s = 2.0", "duration_s = nan", "sequences.box.flight.path.duration_s", "finite"),
+        ('structure = { kind = "box" }', "structure = {}", "sequences.box.structure", "`kind` is missing"),
+        ('structure = { kind = "box" }\n', "", "sequences.box.structure", "missing"),
+        ('kind = "noise"', 'kind = "nosie"', "sequences.box.effects[0].kind", "did you mean 'noise'"),
+        ("[sequences.box]", '[sequences."../box"]', "sequences.../box", "match pattern"),
+        ("title", "titel", "titel", "did you mean 'title'"),
+        ("rates_hz = [15.0]", "rates_hz = [30.0]", "rates_hz", "more than the 15 Hz"),
+    ],
+)
+def test_each_mistake_names_its_key(tmp_path, old, new, key, told):
+    assert any(m.startswith(key) and told in m for m in mistakes(tmp_path, GOOD.replace(old, new)))
+
+
+@pytest.mark.parametrize("text", ["title = ", "\x00", "[a]\n[a]"])
+def test_a_broken_file_is_one_clear_error(tmp_path, text):
+    assert "TOML" in mistakes(tmp_path, text)[0]
+
+
+def test_a_missing_file_and_a_misspelt_suite_are_named():
+    with pytest.raises(UserError, match=r"nowhere\.toml: no such file"):
+        load_suite(Path("nowhere.toml"))
+    with pytest.raises(UserError, match="did you mean 'paper'"):
+        suite_file("papr")
+
+
+def test_the_schema_is_json_and_knows_the_kinds():
+    text = json.dumps(suite_model().model_json_schema())
+    assert '"hand-pilot"' in text
+    assert '"lsd"' in text
+
+
+def test_the_content_hash_sees_every_parameter_and_nothing_else(tmp_path):
+    one, same = (load_suite(suite(tmp_path, GOOD)).sequences[0] for _ in range(2))
+    other = load_suite(suite(tmp_path, GOOD.replace("2.0", "2.5"))).sequences[0]
+    assert content_hash(one) == content_hash(same) != content_hash(other)
+
+
+def test_a_users_own_plugin_is_taken_by_module_and_attribute(tmp_path, monkeypatch):
+    (tmp_path / "mine_for_test.py").write_text(
+        "from dataclasses import dataclass\n"
+        "@dataclass(frozen=True)\n"
+        "class Mine:\n"
+        "    gain: float = 1.0\n"
+        "    def start(self, structure, camera, cam_from_world, rng): ...\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    text = GOOD.replace('kind = "hold"', 'kind = "mine_for_test:Mine", gain = 2.0')
+    assert load_suite(suite(tmp_path, text)).trackers["hold"].gain == 2.0
+    assert "cannot be imported" in mistakes(tmp_path, text.replace("mine_for_test", "not_there"))[0]

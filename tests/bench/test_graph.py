@@ -1,0 +1,94 @@
+"""The job graph: fresh jobs stay, failures stay local, what needs a failed job is not done."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from bench.content import carried_hash, content_hash
+from bench.graph import Job, run_graph
+from trajectories.errors import UserError
+from trajectories.files import new_folder, write_text
+
+
+@dataclass
+class Note:
+    marker: Path
+    order: list[str] = field(default_factory=list)
+    error: Exception | None = None
+
+    def __call__(self, content_hash, on_step):
+        if self.error:
+            raise self.error
+        self.order.append(self.marker.stem)
+        write_text(self.marker, json.dumps({"content_hash": content_hash}))
+
+
+def job(folder, name, needs=(), order=None, error=None, enters=0):
+    marker = folder / f"{name}.json"
+    work = Note(marker, order if order is not None else [], error)
+    return Job(verb="track", name=name, work=work, marker=marker, content_hash=content_hash(name, enters), needs=needs)
+
+
+@pytest.fixture
+def pool():
+    with ThreadPoolExecutor(2) as executor:
+        yield executor
+
+
+def test_jobs_run_after_what_they_need_and_a_second_run_does_nothing(tmp_path, pool):
+    order = []
+    a = job(tmp_path, "a", order=order)
+    b = job(tmp_path, "b", needs=(a,), order=order)
+    c = job(tmp_path, "c", needs=(b,), order=order)
+    assert [j.name for j in run_graph([a, b, c], pool).done] == ["a", "b", "c"]
+    assert order == ["a", "b", "c"]
+    again = run_graph([a, b, c], pool)
+    assert again.done == []
+    assert len(again.fresh) == 3
+
+
+def test_a_failure_leaves_independent_jobs_alone(tmp_path, pool):
+    bad = job(tmp_path, "bad", error=UserError("frame 3: truncated"))
+    after = job(tmp_path, "after", needs=(bad,))
+    last = job(tmp_path, "last", needs=(after,))
+    other = job(tmp_path, "other")
+    outcome = run_graph([bad, after, last, other], pool)
+    assert [j.name for j in outcome.done] == ["other"]
+    assert outcome.failed["bad"] == "frame 3: truncated"
+    assert "bad" in outcome.failed["after"]
+    assert "after" in outcome.failed["last"]
+    assert outcome.tracebacks == {}
+
+
+def test_a_fault_that_is_no_users_mistake_keeps_its_traceback(tmp_path, pool):
+    outcome = run_graph([job(tmp_path, "bad", error=ZeroDivisionError("oops"))], pool)
+    assert "ZeroDivisionError: oops" in outcome.failed["bad"]
+    assert "Traceback" in outcome.tracebacks["bad"]
+
+
+def test_a_stale_result_is_made_again(tmp_path, pool):
+    run_graph([job(tmp_path, "a", enters=1)], pool)
+    newer = job(tmp_path, "a", enters=2)
+    assert not newer.fresh
+    assert [j.name for j in run_graph([newer], pool).done] == ["a"]
+    assert carried_hash(tmp_path / "a.json") == newer.content_hash
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"content_hash"', '{"other": 1}'])
+def test_a_damaged_marker_is_not_fresh(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    assert not job(tmp_path, "a").fresh
+
+
+def test_an_error_leaves_the_old_folder_whole_and_nothing_beside_it(tmp_path):
+    target = tmp_path / "sequence"
+    with new_folder(target) as folder:
+        (folder / "old").touch()
+    with pytest.raises(ZeroDivisionError), new_folder(target) as folder:
+        (folder / "half").touch()
+        raise ZeroDivisionError
+    assert [p.name for p in tmp_path.iterdir()] == ["sequence"]
+    assert [p.name for p in target.iterdir()] == ["old"]
