@@ -18,11 +18,11 @@ from trajectories.surroundings import Surroundings
 WARM_UP_S = 4.0
 DECISION_S = (0.15, 0.40)
 """Time between two decisions of the pilot: humans correct intermittently, 2 to 3 times a second (Craik 1947)."""
-NOTICED = np.array([0.03, 0.0, 0.02, np.radians(1.5)])
+NOTICED = np.array([0.03, 0.0, 0.02, np.radians(2.5)])
 """Error of range (m), none, height (m) and heading (rad) below which the pilot lets go."""
 EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
 """Speed that the pilot asks for per error."""
-CLUMSINESS = 0.08
+CLUMSINESS = 0.10
 """Standard deviation of a stick deflection over the one meant: force and place variability of hands is 5 to 10 %."""
 
 

@@ -1,0 +1,108 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo.tools import file_interface
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from trajectories.errors import UserError
+from trajectories.formats import READERS, WRITERS, read_kitti, read_trajectory, read_tum, write_euroc, write_tum
+from trajectories.trajectory import Trajectory
+
+
+def some(n: int = 20, seed: int = 0, start_ns: int = 1_403_636_580_838_555_574) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    q = rng.standard_normal((n, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    return Trajectory(start_ns + np.cumsum(rng.integers(1, 10**8, n)), rng.standard_normal((n, 3)), q)
+
+
+@pytest.mark.parametrize("name", list(WRITERS))
+def test_written_files_read_back_and_are_guessed(name: str, tmp_path: Path) -> None:
+    flown = some()
+    WRITERS[name](flown, tmp_path / "t.txt")
+    read, guessed = read_trajectory(tmp_path / "t.txt")
+    assert guessed == name
+    np.testing.assert_array_equal(read.positions_m, flown.positions_m)
+    if name != "kitti":
+        np.testing.assert_array_equal(read.stamps_ns, flown.stamps_ns)
+        np.testing.assert_array_equal(read.quaternions_wxyz, flown.quaternions_wxyz)
+    np.testing.assert_allclose(read.rotations, flown.rotations, atol=1e-15)
+
+
+@settings(max_examples=60)
+@given(ns=st.integers(min_value=-(10**18), max_value=4 * 10**18))
+def test_any_nanosecond_survives_a_tum_file(ns: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("tum") / "t.tum"
+    write_tum(Trajectory(np.array([ns]), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]])), path)
+    assert read_tum(path).stamps_ns.tolist() == [ns]
+
+
+def test_stamps_are_parsed_exactly_where_floats_would_not_be(tmp_path: Path) -> None:
+    path = tmp_path / "t.tum"
+    path.write_text(
+        "# a comment\n\n1403636580.838555574 0 0 0 0 0 0 1\n"
+        "1.403636580838555575e9 0 0 0 0 0 0 1\n1403636581 0 0 0 0 0 0 1\n"
+    )
+    assert read_tum(path).stamps_ns.tolist() == [1403636580838555574, 1403636580838555575, 1403636581000000000]
+
+
+def test_evo_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) -> None:
+    flown = some()
+    for name, reader in (
+        ("tum", file_interface.read_tum_trajectory_file),
+        ("euroc", file_interface.read_euroc_csv_trajectory),
+        ("kitti", file_interface.read_kitti_poses_file),
+    ):
+        path = tmp_path / f"t.{name}"
+        if name == "euroc":
+            write_euroc(flown, path, velocities_m_s=np.zeros((len(flown), 3)))
+        else:
+            WRITERS[name](flown, path)
+        theirs = reader(str(path))
+        np.testing.assert_allclose(theirs.positions_xyz, flown.positions_m, rtol=0, atol=1e-15)
+        signs = np.sign(np.sum(theirs.orientations_quat_wxyz * flown.quaternions_wxyz, axis=1, keepdims=True))
+        np.testing.assert_allclose(theirs.orientations_quat_wxyz * signs, flown.quaternions_wxyz, rtol=0, atol=1e-12)
+    again = tmp_path / "again.tum"
+    file_interface.write_tum_trajectory_file(
+        str(again), file_interface.read_tum_trajectory_file(str(tmp_path / "t.tum"))
+    )
+    np.testing.assert_allclose(read_tum(again).positions_m, flown.positions_m, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "holds no pose"),
+        ("1 0 0 0 0 0 1\n", "line 1 has 7 values"),
+        ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 2: its time stamp does not come after"),
+        ("#x\n1 0 0 nan 0 0 0 1\n", "line 2: its position is not finite"),
+        ("1 0 0 0 0 0 0 2\n", "line 1: its quaternion is not of unit norm"),
+        ("1 0 0 0 0 0 0 x\n", "line 1: could not convert"),
+        ("one 0 0 0 0 0 0 1\n", "line 1: 'one' is not a time stamp"),
+        ("1e99 0 0 0 0 0 0 1\n", "does not fit"),
+        ("nan 0 0 0 0 0 0 1\n", "is not a time stamp"),
+        ("1 0 0 0 0 0 0 1\n2 0 0\n", "line 2 has 3 values, expected 8"),
+    ],
+)
+def test_a_bad_file_is_named_with_its_line(text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.tum"
+    path.write_text(text)
+    with pytest.raises(UserError, match=r"bad\.tum: .*" + told):
+        read_trajectory(path, None if "7 values" in told else "tum")
+
+
+def test_missing_files_binary_files_and_unknown_formats(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no such file"):
+        read_trajectory(tmp_path / "none.tum")
+    (tmp_path / "image").write_bytes(bytes(range(256)))
+    with pytest.raises(UserError, match="not readable as text"):
+        read_trajectory(tmp_path / "image")
+    write_tum(some(), tmp_path / "a.tum")
+    with pytest.raises(UserError, match="did you mean 'tum'"):
+        read_trajectory(tmp_path / "a.tum", "tumm")
+    (tmp_path / "k").write_text("1 0 0 0 0 2 0 0 0 0 1 0\n")
+    with pytest.raises(UserError, match="line 1: its first three columns are not a rotation"):
+        read_kitti(tmp_path / "k")
+    assert set(READERS) == set(WRITERS)

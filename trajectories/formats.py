@@ -1,0 +1,189 @@
+"""Trajectory files: TUM, EuRoC and KITTI, read exactly and written so that they read back exactly.
+
+tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark)
+euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
+kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
+"""
+
+from collections.abc import Callable
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from trajectories.errors import UserError, unknown_name
+from trajectories.files import write_text
+from trajectories.pose import Array, quaternion_from_rotation
+from trajectories.trajectory import Trajectory
+
+KITTI_RATE_HZ = 10.0
+"""Rate of the KITTI odometry sequences."""
+Lines = list[tuple[int, list[str]]]
+
+
+def read_trajectory(path: Path, format: str | None = None) -> tuple[Trajectory, str]:
+    """Trajectory of a file and the name of its format, guessed from its first line unless given.
+
+    UserError naming the file, the line and what is wrong with it.
+    """
+    name = format or guess_format(path)
+    if name not in READERS:
+        raise unknown_name("trajectory format", name, list(READERS))
+    return READERS[name](path), name
+
+
+def guess_format(path: Path) -> str:
+    """Name of the format that a file's first line of numbers looks like; UserError when it looks like none."""
+    number, cells = _lines(path)[0]
+    if len(cells) == 12 and "," not in _text(path).splitlines()[number - 1]:
+        return "kitti"
+    if len(cells) >= 8 and cells[0].lstrip("+-").isdigit() and len(cells[0]) >= 12:
+        return "euroc"
+    if len(cells) == 8:
+        return "tum"
+    raise UserError(
+        f"{path}: line {number} has {len(cells)} values, so it is neither tum (8), kitti (12) nor euroc "
+        "(8 or more, integer nanoseconds first)"
+    )
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Trajectory of a TUM file; seconds become integer nanoseconds digit by digit. UserError naming the line."""
+    lines = _lines(path, exactly=8)
+    stamps = [_stamp(path, number, cells[0], 10**9) for number, cells in lines]
+    values = _floats(path, lines, slice(1, 8))
+    return _trajectory(path, lines, stamps, values[:, :3], values[:, [6, 3, 4, 5]])
+
+
+def read_euroc(path: Path) -> Trajectory:
+    """Trajectory of an EuRoC ground-truth file; columns after the quaternion are ignored. UserError naming the line."""
+    lines = _lines(path, at_least=8)
+    stamps = [_stamp(path, number, cells[0], 1) for number, cells in lines]
+    values = _floats(path, lines, slice(1, 8))
+    return _trajectory(path, lines, stamps, values[:, :3], values[:, 3:7])
+
+
+def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
+    """Trajectory of a KITTI file, whose rows are rate_hz apart from 0 on; UserError naming the line."""
+    lines = _lines(path, exactly=12)
+    matrices = _floats(path, lines, slice(0, 12)).reshape(-1, 3, 4)
+    R = matrices[:, :, :3]
+    off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    bad = ~((off < 1e-3) & (np.linalg.det(R) > 0))
+    if bad.any():
+        raise UserError(
+            f"{path}: line {lines[int(np.argmax(bad))][0]}: its first three columns are not a rotation (1e-3)"
+        )
+    stamps = [round(i * 10**9 / rate_hz) for i in range(len(lines))]
+    return _trajectory(path, lines, stamps, matrices[:, :, 3], quaternion_from_rotation(R))
+
+
+def write_tum(trajectory: Trajectory, path: Path) -> None:
+    """Write a TUM file: seconds with nine decimals, so that the stamps read back exactly."""
+    rows = zip(
+        trajectory.stamps_ns.tolist(),
+        trajectory.positions_m.tolist(),
+        trajectory.quaternions_wxyz[:, [1, 2, 3, 0]].tolist(),
+        strict=True,
+    )
+    write_text(path, "".join(f"{seconds(ns)} {_join(' ', p)} {_join(' ', q)}\n" for ns, p, q in rows))
+
+
+def write_euroc(trajectory: Trajectory, path: Path, velocities_m_s: Array | None = None) -> None:
+    """Write an EuRoC ground-truth file; with velocities (n, 3) in the world, also those and biases of zero."""
+    header = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"
+    table = np.column_stack([trajectory.positions_m, trajectory.quaternions_wxyz])
+    if velocities_m_s is not None:
+        header += ", v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1]"
+        header += "".join(f", b_w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
+        header += "".join(f", b_a_RS_S_{axis} [m s^-2]" for axis in "xyz")
+        table = np.column_stack([table, velocities_m_s, np.zeros((len(table), 6))])
+    rows = zip(trajectory.stamps_ns.tolist(), table.tolist(), strict=True)
+    write_text(path, header + "\n" + "".join(f"{ns},{_join(',', row)}\n" for ns, row in rows))
+
+
+def write_kitti(trajectory: Trajectory, path: Path) -> None:
+    """Write a KITTI file; the format has no place for the stamps."""
+    rows = np.concatenate([trajectory.rotations, trajectory.positions_m[:, :, None]], axis=2).reshape(-1, 12)
+    write_text(path, "".join(f"{_join(' ', row)}\n" for row in rows.tolist()))
+
+
+def seconds(stamp_ns: int) -> str:
+    """Stamp in seconds with nine decimals, exactly."""
+    whole, rest = divmod(abs(stamp_ns), 10**9)
+    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: not readable as text: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _lines(path: Path, exactly: int | None = None, at_least: int = 1) -> Lines:
+    """Numbered lines of values, without comments and blank lines; UserError for a wrong count or no line at all."""
+    lines = []
+    for number, line in enumerate(_text(path).splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = line.replace(",", " ").split()
+        if (exactly is not None and len(cells) != exactly) or len(cells) < at_least:
+            wanted = exactly if exactly is not None else f"at least {at_least}"
+            raise UserError(f"{path}: line {number} has {len(cells)} values, expected {wanted}")
+        lines.append((number, cells))
+    if not lines:
+        raise UserError(f"{path}: holds no pose")
+    return lines
+
+
+def _stamp(path: Path, number: int, text: str, per_unit: int) -> int:
+    try:
+        value = Decimal(text) * per_unit
+        stamp = int(value.to_integral_value())
+    except (InvalidOperation, ValueError, OverflowError):
+        raise UserError(f"{path}: line {number}: {text!r} is not a time stamp") from None
+    if not -(2**63) <= stamp < 2**63:
+        raise UserError(f"{path}: line {number}: the time stamp {text!r} does not fit into 64-bit nanoseconds")
+    return stamp
+
+
+def _floats(path: Path, lines: Lines, columns: slice) -> Array:
+    rows = []
+    for number, cells in lines:
+        try:
+            rows.append([float(cell) for cell in cells[columns]])
+        except ValueError as error:
+            raise UserError(f"{path}: line {number}: {error}") from None
+    return np.array(rows)
+
+
+def _trajectory(path: Path, lines: Lines, stamps: list[int], positions: Array, quaternions: Array) -> Trajectory:
+    """Trajectory of parsed columns; UserError naming the line of the first bad pose."""
+    with np.errstate(invalid="ignore"):
+        norms = np.linalg.norm(quaternions, axis=1)
+    for what, bad in (
+        ("its position is not finite", ~np.isfinite(positions).all(axis=1)),
+        ("its quaternion is not of unit norm (1e-3)", ~(np.abs(norms - 1) < 1e-3)),
+        (
+            "its time stamp does not come after the one before; sort the file",
+            np.diff(stamps, prepend=stamps[0] - 1) <= 0,
+        ),
+    ):
+        if bad.any():
+            raise UserError(f"{path}: line {lines[int(np.argmax(bad))][0]}: {what}")
+    return Trajectory(np.array(stamps, dtype=np.int64), positions, quaternions)
+
+
+def _join(separator: str, row: list[float]) -> str:
+    return separator.join(map(repr, row))
+
+
+READERS: dict[str, Callable[[Path], Trajectory]] = {"tum": read_tum, "euroc": read_euroc, "kitti": read_kitti}
+WRITERS: dict[str, Callable[[Trajectory, Path], None]] = {
+    "tum": write_tum,
+    "euroc": write_euroc,
+    "kitti": write_kitti,
+}
