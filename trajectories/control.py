@@ -5,15 +5,30 @@ mass and per inertia, so that one set of them suits every airframe.
 """
 
 from dataclasses import dataclass
+from math import cos, inf, sin
 from typing import Annotated, NamedTuple
 
-import numpy as np
 from annotated_types import Ge, Gt
 
 from trajectories.kernels import compiled
 from trajectories.pose import Array, read_only
 from trajectories.quadrotor import GRAVITY_M_S2, STEP_S
-from trajectories.rigid_body import Plant, cross, drag_force, rotate, unrotate
+from trajectories.rigid_body import Plant, drag_force
+from trajectories.vectors import (
+    Matrix,
+    Vector,
+    add,
+    cross,
+    dot,
+    length,
+    less,
+    matrix,
+    rotate,
+    scaled,
+    times,
+    transposed,
+    vector,
+)
 
 REFERENCE_COLUMNS = 17
 """What to be at, at one step: position 0:3, velocity 3:6 and acceleration 6:9 in the world; yaw 9; angular velocity
@@ -63,85 +78,80 @@ def thrust_commands(
     plant: Plant,
     gains: Gains,
     reference: Array,
-    position: Array,
-    velocity: Array,
-    R: Array,
-    omega: Array,
-    rotor_speed_sum: float,
+    position: Vector,
+    velocity: Vector,
+    R: Matrix,
+    omega: Vector,
+    speed_sum: float,
     integral: Array,
-) -> Array:
-    """Commanded thrust (4,) of the rotors, N, within their limits; moves `integral` (3,), m/s^2, on by one step.
+    command: Array,
+) -> None:
+    """Fill `command` (4,) with thrusts of the rotors, N, within their limits; move `integral` (3,), m/s^2, on.
 
-    R is world_from_body, omega (3,) the angular velocity in the body. The drag that the reference's own motion makes
-    is fed forward, and so is the thrust that the motors' lag would swallow.
+    R is world_from_body, omega the angular velocity in the body. The drag that the reference's own motion makes is fed
+    forward, and so is the thrust that the motors' lag would swallow.
     """
-    e_x = position - reference[0:3]
-    e_v = velocity - reference[3:6]
+    x_d, v_d, a_d = vector(reference[0:3]), vector(reference[3:6]), vector(reference[6:9])
+    e_x, e_v = less(position, x_d), less(velocity, v_d)
     for k in range(3):
         moved = integral[k] - gains.integral * e_x[k] * STEP_S
         integral[k] = min(gains.integral_limit, max(-gains.integral_limit, moved))
-    drag = drag_force(plant, R, reference[3:6], rotor_speed_sum)
-    force = plant.mass * (reference[6:9] - gains.position * e_x - gains.velocity * e_v + integral) - drag  # (12)
-    force[2] += plant.mass * GRAVITY_M_S2
+    feedback = add(add(scaled(-gains.position, e_x), scaled(-gains.velocity, e_v)), vector(integral))
+    wanted = add(add(a_d, feedback), (0.0, 0.0, GRAVITY_M_S2))
+    force = less(scaled(plant.mass, wanted), drag_force(plant, R, v_d, speed_sum))  # (12)
     R_d = attitude(force, reference[9])
-    thrust = force[0] * R[0, 2] + force[1] * R[1, 2] + force[2] * R[2, 2]  # (15)
-    thrust += plant.mass * plant.lag * reference[16]
-    omega_d = unrotate(R, rotate(R_d, reference[10:13]))
-    alpha_d = unrotate(R, rotate(R_d, reference[13:16]))
+    thrust = dot(force, (R[0][2], R[1][2], R[2][2])) + plant.mass * plant.lag * reference[16]  # (15)
+    body_from_world = transposed(R)
+    omega_d = rotate(body_from_world, rotate(R_d, vector(reference[10:13])))
+    alpha_d = rotate(body_from_world, rotate(R_d, vector(reference[13:16])))
     e_R = attitude_error(R, R_d)  # (10)
-    e_omega = omega - omega_d  # (11)
-    alpha = alpha_d - cross(omega, omega_d) - gains.attitude * e_R - gains.rate * e_omega
-    torque = rotate(plant.inertia, alpha) + cross(omega, rotate(plant.inertia, omega))  # (16)
-    return allocate(plant, thrust, torque)
+    e_omega = less(omega, omega_d)  # (11)
+    feedback = add(times(vector(gains.attitude), e_R), times(vector(gains.rate), e_omega))
+    alpha = less(less(alpha_d, cross(omega, omega_d)), feedback)
+    J = matrix(plant.inertia)
+    torque = add(rotate(J, alpha), cross(omega, rotate(J, omega)))  # (16)
+    allocate(plant, thrust, torque, command)
 
 
 @compiled
-def attitude(force: Array, yaw: float) -> Array:
-    """Rotation (3, 3) whose z axis lies along `force` and whose x axis looks towards `yaw`: (14) and below."""
-    size = np.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
-    b3 = force / size
-    heading = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    b2 = cross(b3, heading)
-    b2 /= np.sqrt(b2[0] ** 2 + b2[1] ** 2 + b2[2] ** 2)
-    b1 = cross(b2, b3)
-    R = np.empty((3, 3))
-    R[:, 0], R[:, 1], R[:, 2] = b1, b2, b3
-    return R
+def attitude(force: Vector, yaw: float) -> Matrix:
+    """Rotation whose z axis lies along `force` and whose x axis looks towards `yaw`: (14) and below."""
+    b3 = scaled(1.0 / length(force), force)
+    side = cross(b3, (cos(yaw), sin(yaw), 0.0))
+    b2 = scaled(1.0 / length(side), side)
+    return transposed((cross(b2, b3), b2, b3))
 
 
 @compiled
-def attitude_error(R: Array, R_d: Array) -> Array:
-    """Half the vector (3,) of R_d' R - R' R_d."""
-    out = np.empty(3)
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        ji = R_d[0, j] * R[0, i] + R_d[1, j] * R[1, i] + R_d[2, j] * R[2, i]
-        ij = R_d[0, i] * R[0, j] + R_d[1, i] * R[1, j] + R_d[2, i] * R[2, j]
-        out[k] = 0.5 * (ji - ij)
-    return out
+def attitude_error(R: Matrix, R_d: Matrix) -> Vector:
+    """Half the vector of the skew matrix R_d' R - R' R_d."""
+    A, B = transposed(R), transposed(R_d)
+    return (
+        0.5 * (dot(B[2], A[1]) - dot(A[2], B[1])),
+        0.5 * (dot(B[0], A[2]) - dot(A[0], B[2])),
+        0.5 * (dot(B[1], A[0]) - dot(A[1], B[0])),
+    )
 
 
 @compiled
-def allocate(plant: Plant, thrust: float, torque: Array) -> Array:
-    """Thrusts (4,) that make a collective thrust and a torque, each within its limits.
+def allocate(plant: Plant, thrust: float, torque: Vector, command: Array) -> None:
+    """Fill `command` (4,) with thrusts that make a collective thrust and a torque, each within its limits.
 
     Where they do not fit, the collective gives way before roll and pitch do: losing height is mended, toppling is not.
     """
-    wanted = np.empty(4)
+    lowest, highest = inf, -inf
     for i in range(4):
-        wanted[i] = (
-            plant.unmix[i, 0] * thrust
-            + plant.unmix[i, 1] * torque[0]
-            + plant.unmix[i, 2] * torque[1]
-            + plant.unmix[i, 3] * torque[2]
-        )
-    over = max(0.0, wanted.max() - plant.max_thrust)
-    under = max(0.0, plant.min_thrust - wanted.min())
+        row = plant.unmix[i]
+        command[i] = row[0] * thrust + row[1] * torque[0] + row[2] * torque[1] + row[3] * torque[2]
+        lowest, highest = min(lowest, command[i]), max(highest, command[i])
+    over, under = max(0.0, highest - plant.max_thrust), max(0.0, plant.min_thrust - lowest)
+    shift = 0.0
     if over > 0.0 and under == 0.0:
-        wanted -= min(over, max(0.0, wanted.min() - plant.min_thrust))
-    if under > 0.0 and over == 0.0:
-        wanted += min(under, max(0.0, plant.max_thrust - wanted.max()))
-    return np.minimum(plant.max_thrust, np.maximum(plant.min_thrust, wanted))
+        shift = -min(over, lowest - plant.min_thrust)
+    elif under > 0.0 and over == 0.0:
+        shift = min(under, plant.max_thrust - highest)
+    for i in range(4):
+        command[i] = min(plant.max_thrust, max(plant.min_thrust, command[i] + shift))
 
 
 CONTROLS: dict[str, type[Geometric]] = {"geometric": Geometric}

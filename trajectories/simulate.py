@@ -7,8 +7,9 @@ from trajectories.kernels import compiled
 from trajectories.pose import Array
 from trajectories.quadrotor import Quadrotor, compile_mjcf, physics
 from trajectories.reference import Guidance, Seen
-from trajectories.rigid_body import Plant, accelerations, drag_force, plant, rotation, rotor_speed_sum
+from trajectories.rigid_body import Plant, accelerations, drag_force, plant, rotor_speed_sum
 from trajectories.surroundings import Surroundings
+from trajectories.vectors import less, rotation, vector
 from trajectories.wind import Air
 
 BLOCK = 10
@@ -59,20 +60,23 @@ def _step(
 ) -> None:
     """Commands and drag of one step, from the state at its start; fills the record's row of that state."""
     R = rotation(qpos[3:7])
-    velocity, omega = qvel[0:3], qvel[3:6]
+    velocity, omega = vector(qvel[0:3]), vector(qvel[3:6])
     speed_sum = rotor_speed_sum(plant, act)
-    drag = drag_force(plant, R, velocity - wind, speed_sum)
-    ctrl[:] = thrust_commands(plant, gains, reference, qpos[0:3], velocity, R, omega, speed_sum, integral)
-    push[0:3] = drag
+    drag = drag_force(plant, R, less(velocity, vector(wind)), speed_sum)
+    thrust_commands(plant, gains, reference, vector(qpos[0:3]), velocity, R, omega, speed_sum, integral, ctrl)
     linear, angular = accelerations(plant, R, omega, act, drag)
-    record[0:7] = qpos
-    record[7:10] = velocity
-    record[10:13] = linear
-    record[13:16] = omega
-    record[16:19] = angular
-    record[19:23] = ctrl
-    record[23:27] = act
-    record[27:30] = wind
+    for k in range(3):
+        push[k] = drag[k]
+        record[k] = qpos[k]
+        record[7 + k] = velocity[k]
+        record[10 + k] = linear[k]
+        record[13 + k] = omega[k]
+        record[16 + k] = angular[k]
+        record[27 + k] = wind[k]
+    for k in range(4):
+        record[3 + k] = qpos[3 + k]
+        record[19 + k] = ctrl[k]
+        record[23 + k] = act[k]
 
 
 def _yaw(qpos: Array) -> float:

@@ -1,6 +1,7 @@
 """An Xbox pad in a human's hands, and the assist mode that turns its sticks into a reference."""
 
 from dataclasses import dataclass
+from math import cos, sin
 from typing import Annotated
 
 import numpy as np
@@ -10,7 +11,7 @@ from trajectories.control import REFERENCE_COLUMNS
 from trajectories.kernels import compiled
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_S
-from trajectories.reference import flat_rates
+from trajectories.reference import fill_rates
 
 VELOCITY_BANDWIDTH_RAD_S = 5.0
 YAW_BANDWIDTH_RAD_S = 8.0
@@ -78,29 +79,30 @@ class Assist:
 
     def rows(self, command: Array, count: int) -> Array:
         """Reference rows (count, 17) of the next steps under one command (4,): m/s forward, left, up; rad/s."""
-        motion = np.empty((count, 16))
-        _shape(self._state, command, motion)
         rows = np.zeros((count, REFERENCE_COLUMNS))
-        rows[:, :10] = motion[:, :10]
-        rows[:, 10:13], rows[:, 16] = flat_rates(motion[:, 6:9], motion[:, 12:15], motion[:, 9], motion[:, 10])
+        jerks, yaw_rates = np.empty((count, 3)), np.empty(count)
+        _follow(self._state, command, rows, jerks, yaw_rates)
+        fill_rates(rows, jerks, yaw_rates)
         return rows
 
 
 @compiled
-def _shape(state: Array, command: Array, motion: Array) -> None:
+def _follow(state: Array, command: Array, rows: Array, jerks: Array, yaw_rates: Array) -> None:
     """Second-order lags from command to velocity and yaw rate, integrated exactly for a constant jerk per step."""
-    w, h = VELOCITY_BANDWIDTH_RAD_S, STEP_S
-    for k in range(motion.shape[0]):
-        c, s = np.cos(state[9]), np.sin(state[9])
-        wanted = np.array([c * command[0] - s * command[1], s * command[0] + c * command[1], command[2]])
-        jerk = w * w * (wanted - state[3:6]) - 2 * w * state[6:9]
-        yaw_jerk = YAW_BANDWIDTH_RAD_S**2 * (command[3] - state[10]) - 2 * YAW_BANDWIDTH_RAD_S * state[11]
-        motion[k, 0:12] = state
-        motion[k, 12:15] = jerk
-        motion[k, 15] = yaw_jerk
-        state[0:3] += h * state[3:6] + h * h / 2 * state[6:9] + h * h * h / 6 * jerk
-        state[3:6] += h * state[6:9] + h * h / 2 * jerk
-        state[6:9] += h * jerk
+    w, u, h = VELOCITY_BANDWIDTH_RAD_S, YAW_BANDWIDTH_RAD_S, STEP_S
+    for k in range(rows.shape[0]):
+        c, s = cos(state[9]), sin(state[9])
+        wanted = (c * command[0] - s * command[1], s * command[0] + c * command[1], command[2])
+        rows[k, :10] = state[:10]
+        yaw_rates[k] = state[10]
+        for i in range(3):
+            x, v, a = state[i], state[3 + i], state[6 + i]
+            jerk = w * w * (wanted[i] - v) - 2 * w * a
+            jerks[k, i] = jerk
+            state[i] = x + h * v + h * h / 2 * a + h * h * h / 6 * jerk
+            state[3 + i] = v + h * a + h * h / 2 * jerk
+            state[6 + i] = a + h * jerk
+        yaw_jerk = u * u * (command[3] - state[10]) - 2 * u * state[11]
         state[9] += h * state[10] + h * h / 2 * state[11] + h * h * h / 6 * yaw_jerk
         state[10] += h * state[11] + h * h / 2 * yaw_jerk
         state[11] += h * yaw_jerk
