@@ -59,6 +59,20 @@ def list_command() -> None:
     click.echo(inventory())
 
 
+@main.command("check")
+@click.argument("tracker", type=click.Path(path_type=Path))
+@click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")
+def check_command(tracker: Path, keep: Path) -> None:
+    """Try TRACKER, a TOML file with the table of one tracker, on a tiny sequence; explain every fault."""
+    from bench.check import check
+    from bench.config import load_tracker
+
+    line = ""
+    for line in check(load_tracker(tracker), keep):
+        click.echo(line)
+    sys.exit(1 if line.startswith("faulty") else 0)
+
+
 @main.command("schema")
 def schema_command() -> None:
     """Print the JSON Schema of a suite's TOML file, for editors."""

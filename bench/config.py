@@ -37,6 +37,11 @@ def suite_names() -> list[str]:
     return sorted(path.stem for path in SUITES.glob("*.toml"))
 
 
+def suite_title(name: str) -> str:
+    """Title of a suite that comes with uavbench."""
+    return str(tomllib.loads((SUITES / f"{name}.toml").read_text(encoding="utf-8"))["title"])
+
+
 def suite_file(suite: str) -> Path:
     """File of a suite given by its name or by the path of a TOML file; UserError when there is none."""
     if suite.endswith(".toml") or "/" in suite:
@@ -48,21 +53,8 @@ def suite_file(suite: str) -> Path:
 
 def load_suite(path: Path) -> Suite:
     """Suite of a TOML file; UserError naming the file and every key that is wrong."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; `uavbench list` shows the suites that come with uavbench") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(f"{path}: not a readable TOML file: {error}") from None
-    try:
-        extra = own_plugins(data)
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from None
-    model = suite_model(extra)
-    try:
-        checked: Any = model.model_validate_json(json.dumps(_beside(data, path.parent), default=str))
-    except ValidationError as error:
-        raise UserError(_told(path, [_explain(model, e) for e in error.errors()])) from None
+    data, extra = _read(path)
+    checked = _check(path, suite_model(extra), data)
     errors: list[str] = []
     sequences = tuple(
         build(table, f"sequences.{name}", errors, name=f"{name}-s{seed}", seed=seed)
@@ -79,6 +71,18 @@ def load_suite(path: Path) -> Suite:
     if errors:
         raise UserError(_told(path, list(dict.fromkeys(errors))))
     return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz))
+
+
+def load_tracker(path: Path) -> Tracker:
+    """Tracker of a TOML file that holds the table of one; UserError naming the file and every key that is wrong."""
+    data, extra = _read(path)
+    one: Any = choice(Tracker, extra)
+    table = _check(path, create_model("File", __config__=STRICT, tracker=(one, ...)), {"tracker": data})
+    errors: list[str] = []
+    tracker: Tracker = build(table.tracker, "tracker", errors)
+    if errors:
+        raise UserError(_told(path, errors))
+    return tracker
 
 
 @cache
@@ -98,14 +102,42 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
     )
 
 
+def _read(path: Path) -> tuple[dict[str, Any], Extra]:
+    """Content of a TOML file and the user's plug-ins that it names."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file; `uavbench list` shows the suites that come with uavbench") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UserError(f"{path}: not a readable TOML file: {error}") from None
+    try:
+        return data, own_plugins(data)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def _check(path: Path, model: type[BaseModel], data: dict[str, Any]) -> Any:
+    """The config as its model; UserError with a line for each mistake."""
+    try:
+        return model.model_validate_json(json.dumps(_beside(data, path.parent), default=str))
+    except ValidationError as error:
+        raise UserError(_told(path, [_explain(model, e) for e in error.errors()])) from None
+
+
 def _beside(data: Any, folder: Path) -> Any:
     """The config with relative file names taken from the folder of the config."""
     if isinstance(data, dict):
-        return {
-            key: str(folder / value) if names_a_file(key) and isinstance(value, str) else _beside(value, folder)
-            for key, value in data.items()
-        }
+        return {key: _located(key, value, folder) for key, value in data.items()}
     return [_beside(item, folder) for item in data] if isinstance(data, list) else data
+
+
+def _located(key: str, value: Any, folder: Path) -> Any:
+    """A key's value with file names made paths; words of a command are taken for files where there is one."""
+    if names_a_file(key) and isinstance(value, str):
+        return str(folder / value)
+    if key in {"command", "input_files"} and isinstance(value, list):
+        return [str((folder / v).resolve()) if isinstance(v, str) and (folder / v).is_file() else v for v in value]
+    return _beside(value, folder)
 
 
 def _told(path: Path, messages: list[str]) -> str:
@@ -127,6 +159,8 @@ def _explain(model: type[BaseModel], error: Any) -> str:
             return f"{path}.kind: unknown kind {context['tag']!r}{_nearest(context['tag'], valid)}"
         case "union_tag_not_found":
             return f"{path}: `kind` is missing"
+        case "missing" if keys[-1] == "kind":
+            return f"{path.removesuffix('.kind')}: `kind` is missing"
         case "missing":
             return f"{path}: this key is missing"
         case _:

@@ -30,6 +30,8 @@ def canonical(value: Any) -> Any:
         form["class"] = f"{cls.__module__}:{cls.__qualname__}"
         if cls.__module__.split(".")[0] not in PACKAGES:
             form["source"] = _file_digest(Path(inspect.getfile(cls)))
+        if hasattr(value, "entering_files"):
+            form["entering_files"] = [_file_digest(path) for path in value.entering_files]
         for name in form:
             path = getattr(value, name, None)
             if names_a_file(name) and isinstance(path, str) and Path(path).is_file():

@@ -3,6 +3,7 @@
 DIR/suite.json                          what this folder is
 DIR/sequences/SEQUENCE/                 rendered sequences
 DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
+DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
 DIR/index.html ...                      the report
 """
 
@@ -70,17 +71,23 @@ class Track:
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the results folder."""
+        from bench.external import External, track_external
         from scenes.sequence import Sequence
+        from tracker.base import TrackResult
         from tracker.run import track_sequence
 
         sequence = Sequence.load(self.sequence)
-        results = track_sequence(
-            self.tracker,
-            sequence,
-            rate_hz=self.rate_hz,
-            seed=self.seed,
-            on_frame=lambda frame, _: on_step(frame + 1, len(sequence)),
-        )
+
+        def on_frame(frame: int, _: TrackResult) -> None:
+            on_step(frame + 1, len(sequence))
+
+        if isinstance(self.tracker, External):
+            kept = self.folder.parents[2] / "failed" / self.folder.parent.name / self.folder.name
+            results = track_external(
+                self.tracker, sequence, rate_hz=self.rate_hz, seed=self.seed, kept_folder=kept, on_frame=on_frame
+            )
+        else:
+            results = track_sequence(self.tracker, sequence, rate_hz=self.rate_hz, seed=self.seed, on_frame=on_frame)
         record = {**results.record, "label": self.label, "content_hash": content_hash}
         replace(results, record=record).save(self.folder)
 

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from bench.external import External
 from scenes.clutter import CLUTTER
 from scenes.effects import EFFECTS
 from scenes.environments import ENVIRONMENTS
@@ -21,6 +22,6 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     PathSpec: (PATHS, "plan"),
     AirframeSpec: (AIRFRAMES, "build"),
     WindSpec: (WINDS, "start"),
-    Tracker: (TRACKERS, "start"),
+    Tracker: ({**TRACKERS, "external": External}, "start"),
 }
 """Protocol -> (name -> class, verb)."""

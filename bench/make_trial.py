@@ -1,0 +1,31 @@
+"""Render the tiny sequence that `uavbench check` runs: `python -m bench.make_trial`."""
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import cv2
+
+from bench.check import TRIAL
+from bench.config import load_suite
+from bench.content import content_hash
+from scenes.generate import generate
+from scenes.sequence import Sequence, write_manifest
+
+
+def main() -> None:
+    """Write bench/trial/sequence anew, its images packed as small as PNG goes."""
+    (spec,) = load_suite(TRIAL.parent / "suite.toml").sequences
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "sequence"
+        generate(spec, folder, content_hash=content_hash(spec))
+        sequence = Sequence.load(folder)
+        for frame, name in enumerate(sequence.files):
+            cv2.imwrite(str(folder / name), sequence.image(frame), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        write_manifest(folder)
+        shutil.rmtree(TRIAL, ignore_errors=True)
+        shutil.copytree(folder, TRIAL)
+
+
+if __name__ == "__main__":
+    main()
