@@ -10,7 +10,7 @@ from scenes.structure import Indices, Structure
 from trajectories.pose import Array, Pose
 
 Texture = NDArray[np.uint8]
-"""sRGB texture (h, w, 3), row 0 at v = 1."""
+"""Image RGB or RGBA (h, w, 3 or 4), row 0 at v = 1."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -18,9 +18,10 @@ class Part:
     """One mesh with one material, in the world frame (metres, z up).
 
     vertices (n, 3); triangles (m, 3) counter-clockwise from outside; normals (n, 3) unit, for smooth shading, or
-    None for one normal per triangle; uv (n, 2) in texture units; texture sRGB, repeated outside 0..1; tint (n, 3)
-    linear factor on the texture at each vertex; roughness 0.04..1; two_sided for leaves and cloth;
-    instance is the value of the part in the instance mask (0: surroundings, 1: the structure).
+    None for one normal per triangle; uv (n, 2) in texture units; texture coded as the square root of linear albedo,
+    repeated outside 0..1, its fourth channel cuts holes; tint (n, 4) factor on the albedo at each vertex, and the share
+    of the lamp seen there; roughness 0.04..1; two_sided for leaves and cloth; instance is the value of the part in the
+    instance mask (0: surroundings, 1: the structure).
     """
 
     vertices: Array
@@ -59,14 +60,15 @@ class BuiltStructure:
 class Light:
     """Light of a scene, linear RGB: one far lamp (the sun) that throws shadows, light from above and from below.
 
-    to_lamp is the direction towards the lamp; softness_m the width of the shadows' edge; haze the share of light
-    scattered in per metre, of colour `haze_color`.
+    to_lamp is the direction towards the lamp; shadow_map throws its shadows when drawn (otherwise they are in the
+    parts' tints); softness_m is the width of the shadows' edge; haze_per_m the share of light scattered in per metre.
     """
 
     to_lamp: tuple[float, float, float]
     lamp: tuple[float, float, float]
     above: tuple[float, float, float]
     below: tuple[float, float, float]
+    shadow_map: bool = True
     softness_m: float = 0.01
     haze_per_m: float = 0.0
     haze_color: tuple[float, float, float] = (0.7, 0.8, 0.9)
@@ -74,9 +76,10 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class BuiltEnvironment:
-    """Ground, walls and light around a structure; sky is an sRGB panorama (h, 2h, 3) or None indoors.
+    """Ground, walls and light around a structure; sky is a panorama (h, 2h, 3) or None indoors.
 
-    The panorama's columns run from azimuth -180 to 180 degrees (world x is 0), its rows from the zenith down.
+    The panorama is coded as the square root of light. Its columns run from azimuth -180 to 180 degrees (world x is
+    0), its rows from the zenith down.
     """
 
     parts: tuple[Part, ...]

@@ -1,22 +1,18 @@
 """Everything that makes one sequence: plug-ins, their parameters, and a seed."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
 from annotated_types import Ge, Gt, Lt
-from numpy.typing import NDArray
 
 from scenes.camera import Camera
 from scenes.parts import BuiltClutter, BuiltEnvironment, BuiltStructure
+from scenes.source import Source
 from trajectories.errors import UserError
 from trajectories.flight import FlightSpec
 from trajectories.mount import Mount
 from trajectories.pose import Array
-
-Radiance = NDArray[np.float32]
-"""Linear image (h, w, 3) BGR; 1 saturates the sensor."""
 
 
 class StructureSpec(Protocol):
@@ -44,10 +40,10 @@ class ClutterSpec(Protocol):
 
 
 class EffectSpec(Protocol):
-    """What the camera or its link does to the images; applied in the order of `EFFECTS`."""
+    """What the camera or its link does to the images; effects act in the order of `EFFECTS`, that of nature."""
 
-    def start(self, camera: Camera, rng: np.random.Generator) -> Callable[[Radiance, int], Radiance]:
-        """Function of a linear image and its stamp in ns, called once per frame, in order."""
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """The source with the effect on it; frames are asked for once each, in order."""
         ...
 
 
@@ -96,9 +92,9 @@ class SequenceSpec:
     seed: Annotated[int, Ge(0)]
     structure: StructureSpec
     flight: FlightSpec
-    mount: Mount
     environment: EnvironmentSpec
-    camera: CameraSpec = CameraSpec()
+    mount: Mount = field(default_factory=Mount)
+    camera: CameraSpec = field(default_factory=CameraSpec)
     clutter: tuple[ClutterSpec, ...] = ()
     effects: tuple[EffectSpec, ...] = ()
     rate_hz: Annotated[float, Gt(0)] = 15.0

@@ -1,0 +1,7 @@
+"""Every environment by its name."""
+
+from scenes.indoor import Indoor
+
+ENVIRONMENTS: dict[str, type] = {
+    "indoor": Indoor,
+}

@@ -1,0 +1,189 @@
+"""From a spec to a sequence folder: build, fly, render, and write the truth."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes import gl
+from scenes.bake import bake
+from scenes.effects import EFFECTS
+from scenes.light import encode
+from scenes.meshes import joined
+from scenes.parts import BuiltStructure, Light, Mover, Part, Texture
+from scenes.render import Renderer
+from scenes.sequence import TRUTH_COLUMNS, save_structure, write_manifest
+from scenes.source import Source, make_source, render_camera
+from scenes.spec import EffectSpec, SequenceSpec
+from trajectories.errors import UserError
+from trajectories.files import new_folder, write_text
+from trajectories.flight import Flight, fly
+from trajectories.pose import Pose
+from trajectories.streams import stream
+from trajectories.surroundings import Surroundings
+
+LEAST_SHARE_IN_VIEW = 0.005
+PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+
+
+def generate(
+    spec: SequenceSpec, folder: Path, *, content_hash: str, on_frame: Callable[[int, int], None] | None = None
+) -> None:
+    """Write the sequence `folder`, whole or not at all; on_frame is told (frames done, frames in all).
+
+    UserError when the flight fails, the structure is out of the first view, or no GL context can be made.
+    """
+    scene = build_scene(spec)
+    flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
+    camera = spec.camera.camera()
+    pinhole, lens = render_camera(camera)
+    with new_folder(folder) as new, scene.renderer(pinhole.width, pinhole.height) as renderer:
+        ideal = make_source(renderer, camera, pinhole, lens, camera_path(flight, spec.mount.cam_from_body))
+        check_first_view(spec, ideal)
+        source = with_effects(ideal, spec.effects, spec.seed)
+        rows = _write_frames(new, source, flight, spec.rate_hz, on_frame)
+        _write_truth(new, flight, rows)
+        camera.save(new / "camera.toml")
+        save_structure(scene.built.structure, new)
+        _write_info(new, spec, scene, source, content_hash)
+        write_manifest(new)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that stands around a flight, ready to be drawn."""
+
+    built: BuiltStructure
+    parts: tuple[Part, ...]
+    movers: tuple[Mover, ...]
+    light: Light
+    sky: Texture | None
+    surroundings: Surroundings
+
+    def renderer(self, width: int, height: int) -> Renderer:
+        """A renderer of the scene."""
+        return Renderer(self.parts, self.light, width, height, self.movers, self.sky)
+
+
+def build_scene(spec: SequenceSpec) -> Scene:
+    """Structure, environment and clutter of a spec, lit."""
+    built = spec.structure.build(stream(spec.seed, "structure"))
+    bounds = built.structure.bounds
+    environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
+    clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
+    solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
+    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if p.casts_shadow))
+    reach = 0.6 * float(np.linalg.norm(bounds[1] - bounds[0]))
+    parts = bake((*solid, *environment.parts), occluder, environment.light, min(reach, 3.0))
+    movers = tuple(chain.from_iterable(c.movers for c in clutter))
+    flown_around = Surroundings(built.structure.vertices, built.structure.triangles)
+    return Scene(built, parts, movers, environment.light, environment.sky, flown_around)
+
+
+def camera_path(flight: Flight, cam_from_body: Pose) -> Callable[[int], Pose]:
+    """cam_from_world at any time: constant twist between the rows of a flight, and beyond its ends."""
+    stamps = flight.stamps_ns
+    body_from_world = [flight.pose(0).inverse()] if len(flight) == 1 else None
+
+    def at(stamp_ns: int) -> Pose:
+        if body_from_world is not None:
+            return cam_from_body @ body_from_world[0]
+        row = int(np.clip(np.searchsorted(stamps, stamp_ns, side="right") - 1, 0, len(stamps) - 2))
+        world_from_body = flight.pose(row)
+        share = (stamp_ns - int(stamps[row])) / int(stamps[row + 1] - stamps[row])
+        if share != 0.0:
+            step = (world_from_body.inverse() @ flight.pose(row + 1)).log()
+            world_from_body = world_from_body @ Pose.exp(share * step)
+        return cam_from_body @ world_from_body.inverse()
+
+    return at
+
+
+def with_effects(source: Source, effects: tuple[EffectSpec, ...], seed: int) -> Source:
+    """The source with the effects on it, in the order of `EFFECTS`, each with its own stream."""
+    order = list(EFFECTS.values())
+    ranked = sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
+    seen: dict[str, int] = {}
+    for effect in ranked:
+        name = type(effect).__name__
+        seen[name] = seen.get(name, -1) + 1
+        source = effect.start(source, stream(seed, "effect", name, seen[name]))
+    return source
+
+
+def check_first_view(spec: SequenceSpec, source: Source) -> None:
+    """UserError when the structure fills less than LEAST_SHARE_IN_VIEW of the first image."""
+    share = float((source.look(0).instances == 1).mean())
+    if share < LEAST_SHARE_IN_VIEW:
+        raise UserError(
+            f"sequence {spec.name}: frame 0: the structure fills {100 * share:.2f} % of the image, less than "
+            f"{100 * LEAST_SHARE_IN_VIEW:g} %; begin nearer to it, or turn the mount or the path towards it"
+        )
+
+
+def _write_frames(
+    folder: Path, source: Source, flight: Flight, rate_hz: float, on_frame: Callable[[int, int], None] | None
+) -> NDArray[np.int64]:
+    """Write the images and frames.csv; returns the flight's rows of the frames that arrived."""
+    rows = flight.frame_rows(rate_hz)
+    (folder / "frames").mkdir()
+    arrived: list[int] = []
+    lines = ["frame,stamp_ns,file"]
+    for number, row in enumerate(rows.tolist()):
+        stamp_ns = int(flight.stamps_ns[row])
+        image = source.image(stamp_ns)
+        if image is not None:
+            name = f"frames/{len(arrived):06d}.png"
+            _write_image(folder / name, encode(image))
+            lines.append(f"{len(arrived)},{stamp_ns},{name}")
+            arrived.append(row)
+        if on_frame is not None:
+            on_frame(number + 1, len(rows))
+    write_text(folder / "frames.csv", "\n".join(lines) + "\n")
+    return np.array(arrived, dtype=np.int64)
+
+
+def _write_image(path: Path, image: NDArray[np.uint8]) -> None:
+    done, data = cv2.imencode(".png", image, PNG)
+    if not done:
+        raise RuntimeError(f"{path.name}: OpenCV cannot encode the image")
+    path.write_bytes(data.tobytes())
+
+
+def _write_truth(folder: Path, flight: Flight, rows: NDArray[np.int64]) -> None:
+    values = np.hstack(
+        [
+            flight.positions_m[rows],
+            flight.quaternions_wxyz[rows],
+            flight.velocities_m_s[rows],
+            flight.angular_velocities_rad_s[rows],
+            flight.accelerations_m_s2[rows],
+        ]
+    ).tolist()
+    stamps = flight.stamps_ns[rows].tolist()
+    lines = [",".join(map(repr, [i, stamp, *row])) for i, (stamp, row) in enumerate(zip(stamps, values, strict=True))]
+    write_text(folder / "truth.csv", "\n".join([",".join(TRUTH_COLUMNS), *lines]) + "\n")
+
+
+def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: Source, content_hash: str) -> None:
+    try:
+        own = version("uavbench")
+    except PackageNotFoundError:
+        own = "not installed"
+    info = {
+        "name": spec.name,
+        "seed": spec.seed,
+        "rate_hz": spec.rate_hz,
+        "cam_from_body": spec.mount.cam_from_body.matrix.tolist(),
+        "row_delay_ns": source.row_delay_ns,
+        "deviation": scene.built.deviation,
+        "content_hash": content_hash,
+        "versions": {"uavbench": own, "numpy": np.__version__, "opencv": cv2.__version__, "gl": gl.version()},
+    }
+    write_text(folder / "sequence.json", json.dumps(info, indent=1) + "\n")

@@ -1,0 +1,151 @@
+"""GLSL of the renderer: lit surfaces, the sky behind them, shadow depth, the resolve of samples, and geometry.
+
+Light is linear; images are coded as its square root, so that 8 bits hold it. Samples are averaged as light.
+"""
+
+VERTEX = """#version 330 core
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in vec2 uv;
+layout(location = 3) in vec4 tint;
+uniform mat4 model, view_projection;
+out vec3 at, facing;
+out vec4 shade;
+out vec2 st;
+void main() {
+    vec4 world = model * vec4(position, 1.0);
+    at = world.xyz;
+    facing = mat3(model) * normal;
+    shade = tint;
+    st = uv;
+    gl_Position = view_projection * world;
+}
+"""
+
+SURFACE = """#version 330 core
+SWITCHES
+in vec3 at, facing;
+in vec4 shade;
+in vec2 st;
+out vec4 color;
+uniform sampler2D surface;
+uniform sampler2DShadow shadow_map;
+uniform mat4 shadow_from_world;
+uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
+uniform float roughness, haze, shadow_texel, shadow_spread;
+
+float lit(vec3 n) {
+#ifdef SHADOW_MAP
+    vec4 p = shadow_from_world * vec4(at + n * 3.0 * shadow_texel, 1.0);
+    vec3 q = p.xyz * 0.5 + 0.5;
+    if (any(lessThan(q, vec3(0.0))) || any(greaterThan(q, vec3(1.0)))) return 1.0;
+    float sum = 0.0;
+    for (int i = -1; i <= 1; i++)
+        for (int j = -1; j <= 1; j++)
+            sum += texture(shadow_map, vec3(q.xy + vec2(i, j) * shadow_spread, q.z));
+    return sum / 9.0;
+#else
+    return 1.0;
+#endif
+}
+
+void main() {
+    vec4 texel = texture(surface, st, -0.5);
+#ifdef CUTOUT
+    if (texel.a < 0.5) discard;
+#endif
+    vec3 n = normalize(facing);
+    vec3 to_eye = eye - at;
+    float away = length(to_eye);
+    to_eye /= away;
+    if (!gl_FrontFacing) n = -n;
+    vec3 light = mix(below, above, 0.5 + 0.5 * n.z);
+    vec3 seen = texel.rgb * texel.rgb * shade.rgb;
+    float slope = dot(n, to_lamp);
+    if (slope > 0.0) {
+        vec3 sun = lamp * (slope * shade.a * lit(n));
+        float width = roughness * roughness * roughness * roughness;
+        float h = max(dot(n, normalize(to_lamp + to_eye)), 0.0);
+        float d = h * h * (width - 1.0) + 1.0;
+        seen = seen * (light + sun) + min(sun * 0.01 * width / (d * d * max(dot(n, to_eye), 0.1)), vec3(4.0));
+    } else {
+        seen *= light;
+    }
+#ifdef HAZE
+    seen = mix(haze_color, seen, exp(-haze * away));
+#endif
+    color = vec4(sqrt(seen), 1.0);
+}
+"""
+
+SKY_VERTEX = """#version 330 core
+uniform mat4 world_from_clip;
+out vec3 ray;
+void main() {
+    vec2 corner = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0;
+    vec4 far = world_from_clip * vec4(corner, 1.0, 1.0);
+    ray = far.xyz / far.w;
+    gl_Position = vec4(corner, 1.0, 1.0);
+}
+"""
+
+SKY = """#version 330 core
+in vec3 ray;
+out vec4 color;
+uniform sampler2D surface;
+void main() {
+    vec3 d = normalize(ray);
+    vec2 at = vec2(atan(d.y, d.x) / 6.28318530718 + 0.5, 1.0 - acos(d.z) / 3.14159265359);
+    color = vec4(textureLod(surface, at, 0.0).rgb, 1.0);
+}
+"""
+
+DEPTH = """#version 330 core
+SWITCHES
+in vec2 st;
+uniform sampler2D surface;
+void main() {
+#ifdef CUTOUT
+    if (texture(surface, st).a < 0.5) discard;
+#endif
+}
+"""
+
+WHOLE_IMAGE = """#version 330 core
+void main() { gl_Position = vec4(vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0, 0.5, 1.0); }
+"""
+
+RESOLVE = """#version 330 core
+out vec4 color;
+uniform sampler2DMS samples;
+void main() {
+    ivec2 p = ivec2(gl_FragCoord.xy);
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < 4; i++) {
+        vec3 c = texelFetch(samples, p, i).rgb;
+        sum += c * c;
+    }
+    color = vec4(sqrt(sum * 0.25), 1.0);
+}
+"""
+
+GEOMETRY = """#version 330 core
+SWITCHES
+in vec3 at;
+in vec2 st;
+layout(location = 0) out vec2 depth_and_instance;
+uniform sampler2D surface;
+uniform vec4 depth_row;
+uniform float instance;
+void main() {
+#ifdef CUTOUT
+    if (texture(surface, st).a < 0.5) discard;
+#endif
+    depth_and_instance = vec2(dot(depth_row, vec4(at, 1.0)), instance);
+}
+"""
+
+
+def with_switches(source: str, *switches: str) -> str:
+    """The source with these switches defined."""
+    return source.replace("SWITCHES", "\n".join(f"#define {name}" for name in switches))

@@ -1,0 +1,147 @@
+"""Where images come from: a rendered scene seen from a moving camera, at any time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.camera import Camera
+from scenes.kernels import accumulate, displacement
+from scenes.light import RENDERED, Radiance
+from scenes.render import Renderer
+from trajectories.pose import Array, Pose
+
+FLOW_STEP = 2
+SLICE_PX = 3.0
+MAX_SLICES = 64
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a pinhole camera sees at one moment: codes of the renderer, and depth in metres (0: nothing)."""
+
+    color: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    instances: NDArray[np.uint8]
+    cam_from_world: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A camera that can be asked for images; an effect takes one and gives another.
+
+    pinhole is what is rendered, lens the place (h, w, 2) in it of each pixel of the camera, None where they are the
+    same. look renders a view; expose gives the mean light over a time interval; image is what the camera delivers
+    of a frame, None when the frame is lost. The stamp of a frame is the middle of its exposure, for a rolling
+    shutter the middle of its middle row's.
+    """
+
+    camera: Camera
+    pinhole: Camera
+    lens: Map | None
+    cam_from_world: Callable[[int], Pose]
+    look: Callable[[int], View]
+    expose: Callable[[int, int], Radiance]
+    image: Callable[[int], Radiance | None]
+    row_delay_ns: float = 0.0
+
+
+def make_source(
+    renderer: Renderer, camera: Camera, pinhole: Camera, lens: Map | None, cam_from_world: Callable[[int], Pose]
+) -> Source:
+    """An ideal camera: sharp, global shutter, no noise."""
+
+    def look(stamp_ns: int) -> View:
+        pose = cam_from_world(stamp_ns)
+        color = renderer.color(pose, pinhole, stamp_ns * 1e-9)
+        return View(color, *renderer.geometry(pose, pinhole, stamp_ns * 1e-9), pose)
+
+    def sharp(stamp_ns: int) -> Radiance:
+        color = renderer.color(cam_from_world(stamp_ns), pinhole, stamp_ns * 1e-9)
+        out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
+        add_light(color if lens is None else _remap(color, lens), 1.0, out)
+        return out
+
+    def expose(start_ns: int, end_ns: int) -> Radiance:
+        out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
+        if start_ns == end_ns:
+            return sharp(start_ns)
+        _expose(start_ns, end_ns, 1.0, out)
+        return out
+
+    def _expose(start_ns: int, end_ns: int, weight: float, out: Radiance) -> None:
+        view = look((start_ns + end_ns) // 2)
+        flow = flow_between(view, pinhole, cam_from_world(start_ns), cam_from_world(end_ns))
+        fastest = float(np.abs(flow).max()) if flow.size else 0.0
+        slices = min(MAX_SLICES, int(np.ceil(fastest / SLICE_PX)))
+        if slices > 1:
+            slices += 1 - slices % 2
+            cuts = [start_ns + (end_ns - start_ns) * k // slices for k in range(slices + 1)]
+            for k in range(slices):
+                a, b = cuts[k], cuts[k + 1]
+                seen = view if k == slices // 2 else look((a + b) // 2)
+                smear(seen.color, flow / np.float32(slices), lens, weight / slices, out)
+        else:
+            smear(view.color, flow, lens, weight, out)
+
+    return Source(camera, pinhole, lens, cam_from_world, look, expose, sharp)
+
+
+def flow_between(view: View, pinhole: Camera, before: Pose, after: Pose) -> Map:
+    """Motion (h, w, 2) in px, from the pose before to the one after, of what each pixel shows."""
+    world_from_cam = view.cam_from_world.inverse()
+    h, w = view.depth.shape
+    flow = np.empty(((h + FLOW_STEP - 1) // FLOW_STEP, (w + FLOW_STEP - 1) // FLOW_STEP, 2), dtype=np.float32)
+    intrinsics = (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
+    poses = [(pose @ world_from_cam).matrix[:3] for pose in (before, after)]
+    displacement(view.depth, FLOW_STEP, intrinsics, poses[0], poses[1], flow)
+    return np.asarray(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+
+
+def smear(color: NDArray[np.uint8], flow: Map, lens: Map | None, weight: float, out: Radiance) -> None:
+    """Add the mean light along each pixel's motion (h, w, 2), weighted."""
+    taps = max(1, int(np.ceil(float(np.abs(flow).max()) * 1.25 + 0.2)))
+    place = pixel_grid(color.shape[1], color.shape[0]) if lens is None else lens
+    if lens is not None:
+        flow = np.asarray(cv2.remap(flow, *_split(lens), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    for k in range(taps):
+        share = (k + 0.5) / taps - 0.5
+        add_light(_remap(color, place - np.float32(share) * flow), weight / taps, out)
+
+
+def add_light(color: NDArray[np.uint8], weight: float, out: Radiance) -> None:
+    """Add the light of the renderer's codes, weighted."""
+    accumulate(np.ascontiguousarray(color).reshape(-1), RENDERED, weight, out.reshape(-1))
+
+
+def pixel_grid(width: int, height: int) -> Map:
+    """Coordinates (h, w, 2) of the pixels themselves."""
+    return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+
+
+def _split(place: Map) -> tuple[Map, Map]:
+    return np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
+
+
+def _remap(color: NDArray[np.uint8], place: Map) -> NDArray[np.uint8]:
+    remapped = cv2.remap(color, *_split(place), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(remapped, dtype=np.uint8)
+
+
+def render_camera(camera: Camera) -> tuple[Camera, Map | None]:
+    """Pinhole camera that sees all that a distorted camera does, and the place in it of each of its pixels.
+
+    Its focal lengths are the camera's own, so that the middle of the image keeps its sharpness.
+    """
+    if camera.distortion_model == "none":
+        return camera, None
+    pixels = pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)
+    place = camera.undistort(pixels)
+    low, high = np.floor(place.min(axis=0)) - 2, np.ceil(place.max(axis=0)) + 3
+    width, height = (int(n) for n in high - low)
+    pinhole = Camera(width, height, camera.fx, camera.fy, camera.cx - low[0], camera.cy - low[1])
+    shifted: Array = place - low
+    return pinhole, shifted.reshape(camera.height, camera.width, 2).astype(np.float32)
