@@ -5,6 +5,7 @@ from tracker.canny import Canny
 from tracker.hold import Hold
 from tracker.lsd import Lsd, LsdSingle
 from tracker.rapid import Rapid
+from tracker.robust import Robust
 
 TRACKERS: dict[str, type[Tracker]] = {
     "hold": Hold,
@@ -12,6 +13,7 @@ TRACKERS: dict[str, type[Tracker]] = {
     "canny": Canny,
     "lsd-single": LsdSingle,
     "lsd": Lsd,
+    "robust": Robust,
 }
 """Name -> parameters of every tracker variant."""
 

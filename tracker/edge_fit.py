@@ -1,0 +1,130 @@
+"""One image and a predicted pose: control points, search, hypotheses and M-estimation to the pose that fits."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.camera import Camera
+from scenes.structure import Structure
+from tracker.base import Image
+from tracker.clock import StageClock
+from tracker.edge_map import EdgeMap
+from tracker.geometry_kernels import camera_array, move
+from tracker.profile_kernels import learn, search, search_range
+from tracker.sampling_kernels import BINS, CROWD_PX, crowding, place, sample_edges
+from tracker.solve_kernels import hypotheses, m_estimate, sandwich
+from tracker.visible_edges import undistorted_bounds
+from trajectories.pose import Array, Pose
+
+SPACING_PX = 5.0
+MOST_POINTS = 200
+HYPOTHESES = 64
+"""Hypotheses drawn for a frame."""
+FINE_HALF_PX = (6.0, 3.5)
+"""Half lengths of the search lines once the pose is nearly right."""
+COARSE_SCALES = np.array([8.0, 5.0, 3.0])
+FINE_SCALES = (np.array([4.0, 3.0, 2.5]), np.array([2.0, 1.5, 1.5]))
+"""Widths of Tukey's weights in px."""
+MEASUREMENT_PX = 0.5
+"""Standard deviation of a candidate when weighed against the prediction."""
+OWN_SIGMA_PX = 0.35
+COMMON_SIGMA_PX = 0.08
+"""Error of a control point: of its own, and shared along its edge."""
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A pose and how well the edges support it.
+
+    covariance (6, 6); support in [0, 1]: weighted share of the control points that found their edge.
+    """
+
+    cam_from_world: Pose
+    covariance: Array
+    support: float
+    control_points: int
+    candidates: int
+    inliers: int
+    range_m: float
+
+
+class EdgeFitter:
+    """Fits poses to images, and learns the appearance of the edges."""
+
+    def __init__(self, structure: Structure, camera: Camera, rng: np.random.Generator) -> None:
+        self.map = EdgeMap.of(structure)
+        self.cam = camera_array(camera)
+        self.size = np.array([camera.width, camera.height], dtype=np.float64)
+        self.bounds = np.array(undistorted_bounds(camera))
+        self.appearance = np.zeros((len(self.map.ends) * 3 * BINS, 8))
+        self.draws = rng.random((HYPOTHESES, 12))
+
+    def fit(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float = 48.0) -> Fit:
+        """Fit from a predicted pose with its covariance (6, 6); search lines no longer than half_px to either side."""
+        R, t = predicted.rotation, predicted.translation
+        with clock.stage("project"):
+            points, keys = self.sample(R, t)
+        n = len(points)
+        if n < 6:
+            return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
+        rows = (keys[:, 0] * 3 + keys[:, 1] - 1) * BINS + keys[:, 2]
+        first = np.append(np.flatnonzero(np.diff(keys[:, 0], prepend=-1)), n)
+        prior = np.asarray(np.linalg.inv(covariance) * MEASUREMENT_PX**2, dtype=np.float64)
+        with clock.stage("search"):
+            lines, J, side = self.place(points, keys, R, t)
+            trust = self.trust(lines, keys, side, rows)
+            half = search_range(J, covariance, 4.0, half_px)
+            distance, penalty, _ = search(image, lines, side, rows, self.appearance, half)
+        candidates = int(np.isfinite(distance).sum())
+        with clock.stage("choose"):
+            x, _ = hypotheses(J, distance, penalty, trust, first, prior, self.draws, 3.0)
+            x, _, _, _ = m_estimate(J, distance, penalty, trust, prior, np.zeros(6), x, COARSE_SCALES)
+            R, t = move(R, t, x)
+        for half_fine, scales in zip(FINE_HALF_PX, FINE_SCALES, strict=True):
+            with clock.stage("search"):
+                lines, J, side = self.place(points, keys, R, t)
+                distance, penalty, _ = search(image, lines, side, rows, self.appearance, np.full(n, half_fine))
+            with clock.stage("update"):
+                offset = (predicted @ Pose(R, t).inverse()).log()
+                x, information, _, weights = m_estimate(J, distance, penalty, trust, prior, offset, np.zeros(6), scales)
+                R, t = move(R, t, x)
+        self.last = (points, keys, rows, weights)
+        with clock.stage("covariance"):
+            covariance = sandwich(J, weights, keys[:, 0], information + prior, OWN_SIGMA_PX, COMMON_SIGMA_PX)
+        return Fit(
+            Pose(R, t),
+            covariance,
+            float(weights.sum() / trust.sum()),
+            n,
+            candidates,
+            int(np.count_nonzero(weights)),
+            float(np.median(points @ R[2] + t[2])),
+        )
+
+    def sample(self, R: Array, t: Array) -> tuple[Array, Indices]:
+        """Visible control points at a pose."""
+        m = self.map
+        return sample_edges(
+            m.ends, m.faces, m.planes, m.corners, m.owner, m.boxes, m.nodes,
+            R, t, self.cam, self.size, self.bounds, SPACING_PX, MOST_POINTS,
+        )  # fmt: skip
+
+    def place(self, points: Array, keys: Indices, R: Array, t: Array) -> tuple[Array, Array, Indices]:
+        """Lines, Jacobian and silhouette side of control points at a pose."""
+        return place(points, keys, self.map.ends, self.map.inward, R, t, self.cam, self.size)
+
+    def trust(self, lines: Array, keys: Indices, side: Indices, rows: Indices) -> Array:
+        """Weight (n,) of each control point: less where edges crowd and where its appearance is not learned yet."""
+        gap = crowding(lines, keys, side)
+        apart = np.clip((gap - 2.0) / (CROWD_PX - 2.0), 0.02, 1.0)
+        known = np.minimum(self.appearance[rows, 6] / 3.0, 1.0)
+        return np.asarray(apart * (0.25 + 0.75 * known))
+
+    def learn(self, image: Image, fit: Fit, rate: float = 0.1) -> None:
+        """Take up the appearance of the edges at the pose of the latest fit."""
+        points, keys, rows, weights = self.last
+        lines, _, side = self.place(points, keys, fit.cam_from_world.rotation, fit.cam_from_world.translation)
+        learn(image, lines, side, rows, weights, self.appearance, rate)

@@ -1,0 +1,78 @@
+"""The structure as the compiled kernels take it: edges, faces, and a tree of triangles for hidden-line removal."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.structure import Structure
+from tracker.occlusion_kernels import build_tree
+from trajectories.pose import Array
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeMap:
+    """Arrays of a structure.
+
+    ends (e, 2, 3); faces (e, 2), -1 where there is none; inward (e, 2, 3) unit vectors from an edge into each of its
+    faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
+    corners (m, 3, 3) and owner (m,) of the triangles in the order of the tree (boxes, nodes); size_m the diagonal.
+    """
+
+    ends: Array
+    faces: Indices
+    inward: Array
+    planes: Array
+    corners: Array
+    owner: Indices
+    boxes: Array
+    nodes: Indices
+    size_m: float
+
+    @classmethod
+    def of(cls, structure: Structure) -> "EdgeMap":
+        """Edge map of a structure."""
+        corners = structure.vertices[structure.triangles]
+        _, first = np.unique(structure.triangle_face, return_index=True)
+        offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
+        boxes, nodes, order = build_tree(corners)
+        return cls(
+            np.ascontiguousarray(structure.edge_segments),
+            np.ascontiguousarray(structure.edge_faces),
+            _inward(structure, corners),
+            np.column_stack([structure.face_normals, offsets]),
+            np.ascontiguousarray(corners[order]),
+            np.ascontiguousarray(structure.triangle_face[order]),
+            boxes,
+            nodes,
+            float(np.linalg.norm(np.ptp(structure.vertices, axis=0))),
+        )
+
+
+def _inward(structure: Structure, corners: Array) -> Array:
+    """Unit vectors (e, 2, 3) across each edge into the triangle of either face that lies along it."""
+    out = np.zeros((len(structure.edges), 2, 3))
+    by_face = np.argsort(structure.triangle_face, kind="stable")
+    bounds = np.searchsorted(structure.triangle_face[by_face], np.arange(len(structure.face_normals) + 1))
+    for row, (ends, faces) in enumerate(zip(structure.edge_segments, structure.edge_faces.tolist(), strict=True)):
+        length = np.linalg.norm(ends[1] - ends[0])
+        along = (ends[1] - ends[0]) / length
+        middle = ends[0] + 0.4567 * (ends[1] - ends[0])  # not at a vertex of a regular mesh
+        for side, face in enumerate(faces):
+            if face < 0:
+                continue
+            triangles = corners[by_face[bounds[face] : bounds[face + 1]]]
+            best = triangles[np.argmin(_distance_to_sides(middle, triangles))]
+            into = best.mean(axis=0) - middle
+            into -= along * (into @ along)
+            out[row, side] = into / max(float(np.linalg.norm(into)), 1e-12)
+    return out
+
+
+def _distance_to_sides(point: Array, triangles: Array) -> Array:
+    """Distance (m,) of a point to the nearest side of each triangle (m, 3, 3)."""
+    start, side = triangles, np.roll(triangles, -1, axis=1) - triangles
+    part = np.clip(np.einsum("mij,mij->mi", point - start, side) / np.einsum("mij,mij->mi", side, side), 0, 1)
+    return np.asarray(np.linalg.norm(point - start - part[..., None] * side, axis=2).min(axis=1))

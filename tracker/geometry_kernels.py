@@ -1,0 +1,135 @@
+"""Compiled geometry: lens, SE(3), small linear systems.
+
+A camera is an array (11,): fx fy cx cy, model (0 none, 1 radtan, 2 equidistant), k1..k5, as `camera_array` makes it.
+"""
+
+import math
+
+import numpy as np
+
+from scenes.camera import Camera
+from tracker.compiled import compiled
+from trajectories.pose import Array
+
+MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
+
+
+def camera_array(camera: Camera) -> Array:
+    """A camera as the kernels take it."""
+    out = np.zeros(11)
+    out[:5] = [camera.fx, camera.fy, camera.cx, camera.cy, MODELS[camera.distortion_model]]
+    out[5 : 5 + len(camera.distortion)] = camera.distortion
+    return out
+
+
+@compiled
+def distort(x: float, y: float, cam: Array) -> tuple[float, float]:
+    """Distorted normalized coordinates (Brown-Conrady; Kannala & Brandt 2006)."""
+    if cam[4] == 0.0:
+        return x, y
+    r2 = x * x + y * y
+    if cam[4] == 1.0:
+        k1, k2, p1, p2, k3 = cam[5], cam[6], cam[7], cam[8], cam[9]
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+    r = math.sqrt(r2)
+    if r < 1e-9:
+        return x, y
+    theta = math.atan(r)
+    t2 = theta * theta
+    scale = theta * (1.0 + t2 * (cam[5] + t2 * (cam[6] + t2 * (cam[7] + t2 * cam[8])))) / r
+    return x * scale, y * scale
+
+
+@compiled
+def project(x: float, y: float, z: float, cam: Array) -> tuple[float, float]:
+    """Pixel of a point in the camera frame, z > 0."""
+    u, v = distort(x / z, y / z, cam)
+    return cam[0] * u + cam[2], cam[1] * v + cam[3]
+
+
+@compiled
+def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, row: Array) -> None:
+    """Motion in px along the image normal (nx, ny) per unit of a twist of the camera, into row (6,)."""
+    a, b = x / z, y / z
+    gu, gv = cam[0] * nx, cam[1] * ny
+    if cam[4] == 0.0:
+        ga, gb = gu, gv
+    else:
+        h = 1e-5
+        u0, v0 = distort(a - h, b, cam)
+        u1, v1 = distort(a + h, b, cam)
+        ga = (gu * (u1 - u0) + gv * (v1 - v0)) / (2 * h)
+        u0, v0 = distort(a, b - h, cam)
+        u1, v1 = distort(a, b + h, cam)
+        gb = (gu * (u1 - u0) + gv * (v1 - v0)) / (2 * h)
+    g0, g1 = ga / z, gb / z
+    g2 = -(g0 * x + g1 * y) / z
+    row[0], row[1], row[2] = g0, g1, g2
+    row[3] = y * g2 - z * g1
+    row[4] = z * g0 - x * g2
+    row[5] = x * g1 - y * g0
+
+
+@compiled
+def move(R: Array, t: Array, xi: Array) -> tuple[Array, Array]:
+    """exp(xi) @ (R, t)."""
+    wx, wy, wz = xi[3], xi[4], xi[5]
+    angle2 = wx * wx + wy * wy + wz * wz
+    angle = math.sqrt(angle2)
+    if angle < 1e-6:
+        a, b, c = 1.0 - angle2 / 6, 0.5 - angle2 / 24, 1.0 / 6 - angle2 / 120
+    else:
+        a = math.sin(angle) / angle
+        b = (1.0 - math.cos(angle)) / angle2
+        c = (1.0 - a) / angle2
+    K = np.array([[0.0, -wz, wy], [wz, 0.0, -wx], [-wy, wx, 0.0]])
+    KK = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                KK[i, j] += K[i, k] * K[k, j]
+    R_out, t_out = np.zeros((3, 3)), np.zeros(3)
+    E = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            one = 1.0 if i == j else 0.0
+            E[i, j] = one + a * K[i, j] + b * KK[i, j]
+            t_out[i] += (one + b * K[i, j] + c * KK[i, j]) * xi[j]
+    for i in range(3):
+        for j in range(3):
+            t_out[i] += E[i, j] * t[j]
+            for k in range(3):
+                R_out[i, j] += E[i, k] * R[k, j]
+    return R_out, t_out
+
+
+@compiled
+def solve6(A: Array, b: Array, x: Array) -> bool:
+    """Solve the symmetric positive system A x = b of six unknowns (Cholesky); False when A is not positive."""
+    L = np.empty((6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            if i == j:
+                if s <= 0.0:
+                    return False
+                L[i, i] = math.sqrt(s)
+            else:
+                L[i, j] = s / L[j, j]
+    for i in range(6):
+        s = b[i]
+        for k in range(i):
+            s -= L[i, k] * x[k]
+        x[i] = s / L[i, i]
+    for i in range(5, -1, -1):
+        s = x[i]
+        for k in range(i + 1, 6):
+            s -= L[k, i] * x[k]
+        x[i] = s / L[i, i]
+    return True

@@ -1,0 +1,49 @@
+"""Prediction: where the camera will be at the next frame, and how sure that is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trajectories.pose import Array, Pose
+
+MEMORY_S = 1.0
+"""Time over which a velocity is forgotten (first-order Gauss-Markov motion)."""
+ACCELERATION_M_S2 = 4.0
+"""One standard deviation of the acceleration of a small multirotor that is flown by hand."""
+ANGULAR_ACCELERATION_RAD_S2 = 10.0
+"""The same of its angular acceleration."""
+FIRST_SPEED_M_S = 1.0
+"""One standard deviation of the speed while none is known."""
+FIRST_RATE_RAD_S = 0.5
+"""The same of the angular rate."""
+MAX_SIGMA_PART = 0.15
+"""The predicted position is never taken for less certain than this part of the range."""
+MAX_SIGMA_RAD = 0.2
+"""Nor the orientation than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Pose, its covariance (6, 6), its velocity (6,) per second as a twist of the camera (None while unknown)."""
+
+    cam_from_world: Pose
+    covariance: Array
+    velocity: Array | None = None
+
+    def predict(self, dt_s: float, range_m: float) -> tuple[Pose, Array]:
+        """Pose after dt_s and its covariance (6, 6), at a range_m from what is looked at."""
+        velocity = np.zeros(6) if self.velocity is None else self.velocity
+        pose = Pose.exp(velocity * MEMORY_S * (1 - np.exp(-dt_s / MEMORY_S))) @ self.cam_from_world
+        move, turn = 0.5 * ACCELERATION_M_S2 * dt_s**2, 0.5 * ANGULAR_ACCELERATION_RAD_S2 * dt_s**2
+        if self.velocity is None:
+            move, turn = move + FIRST_SPEED_M_S * dt_s, turn + FIRST_RATE_RAD_S * dt_s
+        sigma_m = min(move, MAX_SIGMA_PART * range_m)
+        sigma_rad = min(turn, MAX_SIGMA_RAD)
+        return pose, self.covariance + np.diag([sigma_m**2] * 3 + [sigma_rad**2] * 3)
+
+    def update(self, cam_from_world: Pose, covariance: Array, dt_s: float) -> "Motion":
+        """Motion after a new pose, dt_s after this one."""
+        if dt_s <= 0:
+            return Motion(cam_from_world, covariance, self.velocity)
+        moved = (cam_from_world @ self.cam_from_world.inverse()).log() / dt_s
+        return Motion(cam_from_world, covariance, moved if self.velocity is None else 0.2 * self.velocity + 0.8 * moved)

@@ -1,0 +1,195 @@
+"""Compiled control points: sampled on the visible edges, hidden ones removed, and brought to another pose."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracker.compiled import compiled
+from tracker.geometry_kernels import normal_row, project
+from tracker.occlusion_kernels import hidden
+from trajectories.pose import Array
+
+BINS = 8
+"""Parts of an edge, each with an appearance of its own."""
+MARGIN_PX = 3.0
+"""Control points nearer to the image's border than this are left out."""
+CROWD_PX = 8.0
+"""Edges farther apart than this do not disturb each other."""
+NEAR_M = 0.02
+
+Indices = NDArray[np.int64]
+
+
+@compiled
+def sample_edges(
+    ends: Array,
+    faces: Indices,
+    planes: Array,
+    corners: Array,
+    owner: Indices,
+    boxes: Array,
+    nodes: Indices,
+    R: Array,
+    t: Array,
+    cam: Array,
+    size: Array,
+    bounds: Array,
+    spacing_px: float,
+    most: int,
+) -> tuple[Array, Indices]:
+    """Visible control points: points_m (n, 3) and keys (n, 3): edge, which faces are visible (1, 2 or 3), bin.
+
+    About one for spacing_px of projected length, wider where that would make more than `most`. size is width, height;
+    bounds the smallest and largest undistorted pixel.
+    """
+    eye = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            eye[i] -= R[j, i] * t[j]
+    fx, fy, cx, cy = cam[0], cam[1], cam[2], cam[3]
+    clip = np.array(
+        [
+            [0.0, 0.0, 1.0, -NEAR_M],
+            [fx, 0.0, cx - bounds[0], 0.0],
+            [-fx, 0.0, bounds[2] - cx, 0.0],
+            [0.0, fy, cy - bounds[1], 0.0],
+            [0.0, -fy, bounds[3] - cy, 0.0],
+        ]
+    )
+    n_edges = len(ends)
+    visible = np.zeros(n_edges, np.int64)
+    part = np.empty((n_edges, 2))
+    depth = np.empty((n_edges, 2))
+    length = np.zeros(n_edges)
+    total = 0.0
+    a, b = np.empty(3), np.empty(3)
+    for e in range(n_edges):
+        state = 0
+        for side in range(2):
+            f = faces[e, side]
+            if f >= 0:
+                towards = planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] - planes[f, 3]
+                if towards > 0.0:
+                    state |= 1 << side
+        if state == 0:
+            continue
+        for i in range(3):
+            a[i], b[i] = t[i], t[i]
+            for j in range(3):
+                a[i] += R[i, j] * ends[e, 0, j]
+                b[i] += R[i, j] * ends[e, 1, j]
+        low, high = 0.0, 1.0
+        for p in range(5):
+            da = clip[p, 0] * a[0] + clip[p, 1] * a[1] + clip[p, 2] * a[2] + clip[p, 3]
+            db = clip[p, 0] * b[0] + clip[p, 1] * b[1] + clip[p, 2] * b[2] + clip[p, 3]
+            if da < 0.0 and db < 0.0:
+                low = 2.0
+            elif da < 0.0:
+                low = max(low, da / (da - db))
+            elif db < 0.0:
+                high = min(high, da / (da - db))
+        if low >= high:
+            continue
+        z0, z1 = a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])
+        du = (a[0] + high * (b[0] - a[0])) / z1 - (a[0] + low * (b[0] - a[0])) / z0
+        dv = (a[1] + high * (b[1] - a[1])) / z1 - (a[1] + low * (b[1] - a[1])) / z0
+        visible[e] = state
+        part[e, 0], part[e, 1], depth[e, 0], depth[e, 1] = low, high, z0, z1
+        length[e] = math.sqrt(fx * fx * du * du + fy * fy * dv * dv)
+        total += length[e]
+    spacing = max(spacing_px, total / most)
+    points = np.empty((most + n_edges, 3))
+    keys = np.empty((most + n_edges, 3), np.int64)
+    n = 0
+    q, c = np.empty(3), np.empty(3)
+    for e in range(n_edges):
+        count = int(length[e] / spacing + 0.5)
+        for k in range(count):
+            s = (k + 0.5) / count
+            near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
+            s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
+            for i in range(3):
+                q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
+            for i in range(3):
+                c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
+            u, v = project(c[0], c[1], c[2], cam)
+            if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+                continue
+            if hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
+                continue
+            if n < len(points):
+                points[n] = q
+                keys[n, 0], keys[n, 1], keys[n, 2] = e, visible[e], min(BINS - 1, int(s * BINS))
+                n += 1
+    return points[:n].copy(), keys[:n].copy()
+
+
+@compiled
+def crowding(lines: Array, keys: Indices, side: Indices) -> Array:
+    """Distance in px (n,) along each normal to the nearest control point of another, nearly parallel edge."""
+    n = len(lines)
+    gap = np.full(n, CROWD_PX)
+    for p in range(n):
+        if side[p] == 9:
+            continue
+        for q in range(p + 1, n):
+            if keys[q, 0] == keys[p, 0] or side[q] == 9:
+                continue
+            du, dv = lines[q, 0] - lines[p, 0], lines[q, 1] - lines[p, 1]
+            if abs(du) > CROWD_PX or abs(dv) > CROWD_PX:
+                continue
+            if abs(lines[p, 2] * lines[q, 2] + lines[p, 3] * lines[q, 3]) < 0.85:
+                continue
+            across = abs(du * lines[p, 2] + dv * lines[p, 3])
+            gap[p] = min(gap[p], across)
+            gap[q] = min(gap[q], across)
+    return gap
+
+
+@compiled
+def place(
+    points: Array, keys: Indices, ends: Array, inward: Array, R: Array, t: Array, cam: Array, size: Array
+) -> tuple[Array, Array, Indices]:
+    """Control points at a pose: lines (n, 4) of pixel and unit normal, J (n, 6), side (n,).
+
+    side is +1 where the only visible face lies on the positive side of the normal, -1 where on the other, 0 where both
+    faces are visible, and 9 where the point is not in the image.
+    """
+    n = len(points)
+    lines, J, side = np.empty((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
+    c, d, w = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(n):
+        e = keys[k, 0]
+        length = 0.0
+        for i in range(3):
+            d[i] = ends[e, 1, i] - ends[e, 0, i]
+            length += d[i] * d[i]
+        h = 1e-3 / math.sqrt(length)
+        for i in range(3):
+            c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
+            w[i] = (R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]) * h
+        side[k] = 9
+        if c[2] <= NEAR_M:
+            continue
+        u, v = project(c[0], c[1], c[2], cam)
+        if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+            continue
+        step = c[2]  # a thousandth of the depth along the edge
+        u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], cam)
+        tu, tv = u1 - u, v1 - v
+        norm = math.sqrt(tu * tu + tv * tv)
+        if norm < 1e-6:
+            continue
+        nu, nv = -tv / norm, tu / norm
+        lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3] = u, v, nu, nv
+        normal_row(c[0], c[1], c[2], nu, nv, cam, J[k])
+        side[k] = 0
+        if keys[k, 1] != 3:
+            s = keys[k, 1] - 1
+            for i in range(3):
+                w[i] = R[i, 0] * inward[e, s, 0] + R[i, 1] * inward[e, s, 1] + R[i, 2] * inward[e, s, 2]
+            u1 = cam[0] * (w[0] - c[0] / c[2] * w[2])
+            v1 = cam[1] * (w[1] - c[1] / c[2] * w[2])
+            side[k] = 1 if u1 * nu + v1 * nv > 0 else -1
+    return lines, J, side
