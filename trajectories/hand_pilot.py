@@ -81,13 +81,13 @@ class Stage:
         )
         if not reach < path.range_m[0] <= path.range_m[1] or not 0 < path.height_m[0] <= path.height_m[1]:
             raise UserError(
-                f"path hand-pilot: range_m {path.range_m} must rise and begin beyond the structure's corners "
+                f"range_m {path.range_m} must rise and begin beyond the structure's corners "
                 f"({reach:.2f} m from its centre), height_m {path.height_m} must rise from above 0"
             )
         lowest, highest = stage.heights(path.range_m[1])
         if not lowest <= highest:
             raise UserError(
-                f"path hand-pilot: from {path.range_m[1]} m the structure, {low[2]:.2f} to {high[2]:.2f} m high, does "
+                f"from {path.range_m[1]} m the structure, {low[2]:.2f} to {high[2]:.2f} m high, does "
                 f"not fit into {path.view_half_angle_deg} degrees above and below the camera's axis at heights "
                 f"{path.height_m} m; fly further away (range_m), at other heights (height_m) or tilt the mount"
             )

@@ -64,6 +64,13 @@ class Planned:
         return out
 
 
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A motion that is known already: the record (n, 30) of a flight, see `simulate`."""
+
+    record: Array
+
+
 def planned(positions_m: Array, yaws_rad: Array) -> Planned:
     """Plan of smooth positions (n, 3) and unwrapped yaws (n,), one per control step, beginning at rest.
 
