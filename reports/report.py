@@ -1,0 +1,179 @@
+"""The report over scored runs: figures, tables, overlays and pages in one folder.
+
+index.html                   the summary, failures first, and the figures
+pages/SEQUENCE.html          frame by frame, with its images beside it
+figures/*.pdf *.png *.csv    every figure and the numbers behind it
+figures/overlay_*.webp       the model on the images, moving
+tables/summary.*             Markdown, CSV, LaTeX
+scores.json                  all scores
+report.json                  the hash of what made this report
+"""
+
+import json
+from collections.abc import Callable
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+from pathlib import Path
+
+from reports import figures_compare, figures_pictures, figures_space, figures_time
+from reports.overlay import scrubbed, write_frames
+from reports.page import FigureOnPage, SequenceOnPage, write_index, write_sequence_page
+from reports.runs import ScoredRun, open_runs
+from reports.style import house_style
+from reports.tables import summary_table, write_tables
+from trajectories.errors import UserError
+from trajectories.files import write_text
+
+OnStep = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class ReportEntry:
+    """One scored run: its sequence's folder, its results' folder, its score.json."""
+
+    sequence: Path
+    results: Path
+    score: Path
+
+
+def write_report(
+    folder: Path,
+    title: str,
+    entries: ListOf[ReportEntry],
+    *,
+    content_hash: str = "",
+    on_step: OnStep | None = None,
+) -> Path:
+    """Write the report of all entries into `folder`; the path of its index.html.
+
+    UserError when there is no entry, or files of one are missing or do not belong together.
+    """
+    if not entries:
+        raise UserError("a report needs at least one scored run")
+    runs = open_runs([(e.sequence, e.results, e.score) for e in entries])
+    by_sequence = {name: [r for r in runs if r.sequence.name == name] for name in dict.fromkeys(_names(runs))}
+    steps = Steps(on_step, sum(len(scrubbed(len(group[0].sequence))) for group in by_sequence.values()), len(runs))
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    with house_style():
+        overall = compare(folder, runs, steps)
+        pages = [write_sequence(folder, title, group, steps) for group in by_sequence.values()]
+    table = summary_table([run.score for run in runs])
+    write_tables(table, folder / "tables" / "summary")
+    scores = {"title": title, "scores": [run.score.to_json() for run in runs]}
+    write_text(folder / "scores.json", json.dumps(scores, indent=1, allow_nan=False) + "\n")
+    index = write_index(
+        folder, title, runs, table, [*overall, *(f for _, few in pages for f in few)], [p for p, _ in pages]
+    )
+    write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
+    return index
+
+
+class Steps:
+    """Progress: a figure weighs as much as eight frames."""
+
+    def __init__(self, on_step: OnStep | None, frames: int, runs: int) -> None:
+        self._on_step = on_step
+        self._total = frames + 8 * (5 + 3 * runs)
+        self._done = 0
+
+    def __call__(self, weight: int = 1) -> None:
+        """Tell that so much more is done."""
+        self._done = min(self._done + weight, self._total)
+        if self._on_step is not None:
+            self._on_step(self._done, self._total)
+
+
+def compare(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> list[FigureOnPage]:
+    """Figures over all runs."""
+    figures = []
+    for name, make, title, caption in (
+        ("accuracy", figures_compare.accuracy_and_coverage, "Error and coverage",
+         "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and that are "
+         "within 5 cm and 5\N{DEGREE SIGN} (dotted). An error means little without its coverage."),
+        ("success", figures_compare.success_curves, "Success curves",
+         "Share of all frames within a distance of the truth; lost frames are within none."),
+        ("latency", figures_compare.accuracy_against_latency, "Accuracy against latency",
+         "Median time of a frame with a line to the 95th percentile; hollow at the lower rates."),
+    ):  # fmt: skip
+        figures.append(on_page(folder, make(runs, folder / "figures" / name), title, caption))
+        steps(8)
+    return figures
+
+
+def write_sequence(
+    folder: Path, title: str, runs: ListOf[ScoredRun], steps: Steps
+) -> tuple[SequenceOnPage, list[FigureOnPage]]:
+    """Figures, overlay and page of one sequence; the page, and the figures that the index shows too."""
+    sequence, main = runs[0].sequence, main_run(runs)
+    slug, figures = main.slug.split("_")[0], folder / "figures"
+    rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
+    index: list[FigureOnPage] = []
+    for rate in rates:
+        some = [run for run in runs if run.score.rate_hz == rate]
+        made = figures_time.errors_over_time(some, figures / f"errors_{slug}_{rate:g}hz")
+        index.append(on_page(folder, made, f"Errors over time, {sequence.name}, {rate:g} Hz",
+                             "Against the truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}."))  # fmt: skip
+        made = figures_space.path_from_above(some, figures / f"path_{slug}_{rate:g}hz")
+        index.append(on_page(folder, made, f"Path from above, {sequence.name}, {rate:g} Hz",
+                             "True and estimated paths over the outline of the structure."))  # fmt: skip
+        steps(8)
+    pictured = [run for run in runs if run.score.label == main.score.label]
+    for run in pictured:
+        index += pictures_of(folder, run)
+        steps(8)
+    own = [
+        on_page(folder, figures_time.pose_components(run, figures / f"pose_{run.slug}"),
+                f"Pose components, {run.title}", "Six components of the body's pose in the structure's frame, estimate against truth.")
+        for run in runs
+    ]  # fmt: skip
+    moving = figures / f"overlay_{main.slug}.webp"
+    write_frames(main, folder / "pages" / slug, moving, steps)
+    shown = SequenceOnPage(
+        sequence.name,
+        f"pages/{slug}.html",
+        moving.relative_to(folder).as_posix(),
+        f"{main.title}: the model at the latest estimate in green, at the truth in white.",
+        f"{len(sequence)} frames, {main.errors.seconds[-1]:.1f} s. The overlay shows {main.title}: the model at the "
+        "latest estimate in green, at the truth in white. Its page goes through all runs frame by frame.",
+    )
+    on_page_too = [FigureOnPage(f.files, f.title, f.caption, up="../") for f in [*index, *own]]
+    write_sequence_page(folder, title, shown, runs, on_page_too)
+    return shown, [*index, *(f for f, run in zip(own, runs, strict=True) if run in pictured)]
+
+
+def pictures_of(folder: Path, run: ScoredRun) -> list[FigureOnPage]:
+    """The pictures of the published experiment, for one run."""
+    figures = folder / "figures"
+    where = f"{run.sequence.name}, {run.title}"
+    return [
+        on_page(folder, figures_pictures.segment_pictures(run, figures / f"segments_{run.slug}"),
+                f"LSD segments, {where}", "Line segments of at least 15 px on selected frames, drawn and counted."),
+        on_page(folder, figures_pictures.edge_pictures(run, figures / f"edges_{run.slug}"),
+                f"Model edges on detected edges, {where}",
+                "Visible model edges at the estimated pose (green) on the detected edges (white)."),
+        on_page(folder, figures_pictures.next_frame_pictures(run, figures / f"next_{run.slug}"),
+                f"Projection on the next frame, {where}",
+                "Model at the pose of one tracked frame (green), drawn on the next; the truth there in white."),
+        on_page(folder, figures_time.segment_counts(run, figures / f"counts_{run.slug}"),
+                f"Counts, {where}", "Segments, control points and inliers in each frame; shaded: lost."),
+    ]  # fmt: skip
+
+
+def main_run(runs: ListOf[ScoredRun]) -> ScoredRun:
+    """The run that the pictures are of: the one with segments or inliers and most success, at the highest rate."""
+
+    def rank(run: ScoredRun) -> tuple[bool, float, bool, float]:
+        found = [row.segments for row in run.results.rows]
+        explains = any(row.inliers is not None for row in run.results.rows)
+        return explains, run.score.rate_hz, any(n is not None for n in found), run.score.tracking.success
+
+    return max(runs, key=rank)
+
+
+def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> FigureOnPage:
+    """A figure with its files relative to the report."""
+    return FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption)
+
+
+def _names(runs: ListOf[ScoredRun]) -> list[str]:
+    return [run.sequence.name for run in runs]

@@ -1,0 +1,135 @@
+"""One look for every figure: exact IEEE widths, embedded TrueType fonts, the same bytes on every run."""
+
+import csv
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from trajectories.files import new_file
+
+ONE_COLUMN_IN = 3.50
+TWO_COLUMNS_IN = 7.16
+PNG_DPI = 220
+
+TRUTH = "#111111"
+LOSS = "#D9D9D9"
+COLOURS = ("#2C458C", "#E82267", "#9EB300", "#67001C", "#AE74F7", "#735F0C", "#FDA1DC", "#50EEAC")
+"""One per tracker: 8 L* apart at least, so distinct in grey, and under the three dichromacies (Machado et al. 2009)."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2, 1, 2)), "--", "-.", ":")
+
+RC: dict[str, Any] = {
+    "font.family": "STIXGeneral",
+    "mathtext.fontset": "stix",
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.minor.size": 0.0,
+    "ytick.minor.size": 0.0,
+    "legend.frameon": False,
+    "legend.handlelength": 2.0,
+    "legend.columnspacing": 1.2,
+    "legend.borderaxespad": 0.3,
+    "figure.dpi": PNG_DPI,
+    "savefig.bbox": None,
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "uavbench",
+    "image.interpolation": "antialiased",
+    "path.simplify_threshold": 0.2,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Within it, figures have the style of the reports whatever the user's matplotlibrc says."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(cast(Any, RC))
+        yield
+
+
+def new_figure(height_in: float, *, wide: bool = True) -> Figure:
+    """Empty figure, 7.16 in wide or 3.50 in, laid out by constraints."""
+    return plt.figure(figsize=(TWO_COLUMNS_IN if wide else ONE_COLUMN_IN, height_in), layout="constrained")
+
+
+def save_figure(
+    figure: Figure, stem: Path, columns: Sequence[str] = (), rows: Iterable[Sequence[Any]] = ()
+) -> list[Path]:
+    """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns; close the figure."""
+    written = []
+    for suffix, metadata in ((".pdf", {"CreationDate": None, "Producer": None, "Creator": None}), (".png", {})):
+        metadata = metadata if suffix == ".pdf" else {"Software": None}
+        path = stem.with_name(stem.name + suffix)
+        with new_file(path) as temporary:
+            figure.savefig(temporary, dpi=PNG_DPI, metadata=metadata)
+        written.append(path)
+    plt.close(figure)
+    if columns:
+        path = stem.with_name(stem.name + ".csv")
+        write_csv(path, columns, rows)
+        written.append(path)
+    return written
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write a table; floats with nine significant digits, None as an empty cell."""
+    with new_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as handle:
+        writer = csv.writer(handle, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([_cell(value) for value in row] for row in rows)
+
+
+def colour(index: int) -> str:
+    """Colour of the tracker of an index."""
+    return COLOURS[index % len(COLOURS)]
+
+
+def line(index: int) -> dict[str, Any]:
+    """Colour and dashes of the tracker of an index."""
+    return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)]}
+
+
+def marker(index: int) -> dict[str, Any]:
+    """Colour and marker of the tracker of an index."""
+    return {"color": colour(index), "marker": MARKERS[index % len(MARKERS)], "linestyle": "none"}
+
+
+def panel_letter(axes: Axes, letter: str) -> None:
+    """Write (a), (b) ... above an axes, at its left."""
+    axes.set_title(f"({letter})", loc="left", fontweight="bold", fontsize=8)
+
+
+def _cell(value: Any) -> Any:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    return value
