@@ -85,7 +85,7 @@ class StreamRun:
     held: ExitStack | None = None
 
     def __init__(self, tracker: External, process: Process) -> None:
-        self.tracker, self.process, self.frames = tracker, process, 0
+        self.tracker, self.process, self.frames, self.stamp_ns = tracker, process, 0, -1
         word = process.line(time.monotonic() + tracker.start_timeout_s, "at its start").strip()
         if word != "ready":
             raise TrackerFault("not-ready", "at its start", f"the first line was {word[:60]!r}")
@@ -96,9 +96,7 @@ class StreamRun:
         `total` is the wall time from the first byte of the frame sent until the answer was there.
         """
         where = f"frame {self.frames} (stamp {stamp_ns})"
-        more = self.process.said_more()
-        if more:
-            raise TrackerFault("unasked", where, f"before it was sent, {more[:60]!r} was said")
+        self.expect_silence(where)
         if self.tracker.pixels == "grey" and image.ndim == 3:
             image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
         pixels = np.ascontiguousarray(image)
@@ -112,7 +110,9 @@ class StreamRun:
         self.frames += 1
         stamp, result = read_row(answer, where)
         if stamp != stamp_ns:
-            raise TrackerFault("unknown-stamp", where, f"the answer has the stamp {stamp}")
+            name = "duplicate" if stamp == self.stamp_ns else "unknown-stamp"
+            raise TrackerFault(name, where, f"the answer has the stamp {stamp}")
+        self.stamp_ns = stamp_ns
         return TrackResult(
             status=result.status,
             cam_from_world=result.cam_from_world,
@@ -123,9 +123,14 @@ class StreamRun:
     def close(self) -> None:
         """End the program's standard input and let it end by itself; TrackerFault when it does not, or says more."""
         self.process.finish(self.tracker.timeout_s, "at its end")
+        self.expect_silence("at its end")
+
+    def expect_silence(self, where: str) -> None:
+        """TrackerFault when more than one line for each frame was said."""
         more = self.process.said_more()
         if more:
-            raise TrackerFault("unasked", "at its end", f"{more[:60]!r} was said beyond one line for each frame")
+            name = "duplicate" if more.split(",")[0] == str(self.stamp_ns) else "unasked"
+            raise TrackerFault(name, where, f"{more[:60]!r} was said beyond one line for each frame")
 
     def __del__(self) -> None:
         if self.held is not None:

@@ -1,7 +1,7 @@
 """A tracker for uavbench in one file: edges of the model, searched for in the image along their normals (RAPID).
 
-Needs Python 3.11, numpy and OpenCV, nothing of uavbench. Its folder holds what a tracker may know; frames come on standard
-input, one line of answer for each goes to standard output.
+Needs Python 3.11, numpy and OpenCV, nothing of uavbench. Its folder holds what a tracker may know; frames come on
+standard input, one line of answer for each goes to standard output.
 """
 
 import sys
@@ -11,10 +11,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-SPACING_PX, REACH_PX, PASSES = 12, 12, 3
+SPACING, REACH, PASSES = 1 / 80, 1 / 40, 4  # of the image's width: between control points, and of a search line
 
 
 def read_job():
+    """Camera matrix, distortion, vertices, a triangle of each planar face, edges and the first pose."""
     camera = tomllib.loads(Path("camera.toml").read_text())
     K = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]])
     distortion = np.array(camera["distortion"] or [0.0] * 4)
@@ -48,12 +49,13 @@ def control_points(ends, K, distortion, pose, size):
     def project(points):
         return cv2.projectPoints(points, rvec, pose[:3, 3], K, distortion)[0][:, 0]
 
+    spacing, reach = size[0] * SPACING, size[0] * REACH
     points, normals = [], []
     for start, end in ends:
         if min(pose[2, :3] @ start + pose[2, 3], pose[2, :3] @ end + pose[2, 3]) < 0.05:
             continue
         p, q = project(np.array([start, end]))
-        count = int(min(np.linalg.norm(q - p), 2000) / SPACING_PX)
+        count = int(min(np.linalg.norm(q - p), 2000) / spacing)
         share = (np.arange(count) + 0.5)[:, None] / max(count, 1)
         points.append(start + share * (end - start))
         direction = (q - p) / max(np.linalg.norm(q - p), 1e-9)
@@ -62,18 +64,19 @@ def control_points(ends, K, distortion, pose, size):
         return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))
     points, normals = np.concatenate(points), np.concatenate(normals)
     pixels = project(points) if len(points) else np.zeros((0, 2))
-    inside = ((pixels >= REACH_PX) & (pixels < np.array(size) - REACH_PX)).all(axis=1)
+    inside = ((pixels >= reach) & (pixels < np.array(size) - reach)).all(axis=1)
     return points[inside], pixels[inside], normals[inside]
 
 
 def update(image, points, pixels, normals, K, pose):
     """The pose after one weighted least-squares step to the strongest gradient on each search line."""
-    steps = np.arange(-REACH_PX, REACH_PX + 1)
+    reach = round(image.shape[1] * REACH)
+    steps = np.arange(-reach, reach + 1)
     at = (pixels[:, None] + steps[:, None] * normals[:, None]).astype(np.float32)
     profile = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR).astype(float)
     gradient = np.abs(np.gradient(profile, axis=1))
-    distance = steps[gradient.argmax(axis=1)].astype(float)
-    weight = np.where(gradient.max(axis=1) > 8, 1 / (1 + (distance / 3) ** 2), 0)
+    distance = steps[(gradient / (1 + np.abs(steps) / reach)).argmax(axis=1)].astype(float)
+    weight = np.where(gradient.max(axis=1) > 4, 1 / (1 + (distance / (reach / 3)) ** 2), 0)
     if np.count_nonzero(weight) < 8:
         return None
     x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
@@ -94,6 +97,7 @@ def quaternion(R):
 
 
 def main():
+    """Answer each frame with a pose."""
     K, distortion, vertices, triangles, edges, pose = read_job()
     print("ready", flush=True)
     while line := sys.stdin.buffer.readline():
@@ -101,7 +105,8 @@ def main():
         if kind != "frame":  # `imu,...`: this tracker has no use for it
             continue
         stamp, width, height, channels = map(int, rest)
-        image = np.frombuffer(sys.stdin.buffer.read(width * height * channels), np.uint8).reshape(height, width, channels)
+        pixels = np.frombuffer(sys.stdin.buffer.read(width * height * channels), np.uint8)
+        image = pixels.reshape(height, width, channels)
         image = cv2.GaussianBlur(image if channels == 1 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (5, 5), 1)
         new = pose
         for _ in range(PASSES):

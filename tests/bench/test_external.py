@@ -1,0 +1,372 @@
+"""External trackers end to end on the tiny sequence: good programs, and programs that do everything wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.check import TRIAL, check
+from bench.content import content_hash
+from bench.external import External, track_external
+from bench.external_job import inside
+from bench.external_rows import FAULTS, TrackerFault
+from scenes.sequence import Sequence
+from tracker.hold import Hold
+from tracker.run import track_sequence
+from trajectories.errors import UserError
+from trajectories.streams import stream
+
+HOLD = """
+import sys, tomllib, time, os
+m = tomllib.load(open("init.toml", "rb"))["cam_from_model"]
+def pose():
+    w = (1 + m[0][0] + m[1][1] + m[2][2]) ** 0.5 / 2
+    q = [w, (m[2][1] - m[1][2]) / 4 / w, (m[0][2] - m[2][0]) / 4 / w, (m[1][0] - m[0][1]) / 4 / w]
+    return ",".join(repr(v) for v in [m[0][3], m[1][3], m[2][3], *q])
+def say(line):
+    print(line, flush=True)
+"""
+STREAM = """
+say("ready")
+count = -1
+for line in sys.stdin.buffer:
+    kind, *rest = line.decode().strip().split(",")
+    if kind != "frame": continue
+    stamp, w, h, c = map(int, rest)
+    pixels = sys.stdin.buffer.read(w * h * c)
+    count += 1
+    {each}
+    say(f"{{stamp}},ok,{{pose()}}")
+"""
+FOLDER = """
+rows = [line.split(",")[0] for line in open("frames.csv").read().splitlines()[1:]]
+lines = [f"{{s}},ok,{{pose()}}" for s in rows]
+{change}
+open("estimates.csv", "w").write("stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz\\n" + "\\n".join(lines) + "\\n")
+{after}
+"""
+
+
+@pytest.fixture(scope="module")
+def sequence():
+    return Sequence.load(TRIAL)
+
+
+@pytest.fixture
+def program(tmp_path):
+    def make(text, **options):
+        path = tmp_path / "program.py"
+        path.write_text(HOLD + text)
+        return External(command=(sys.executable, str(path)), **{"timeout_s": 10.0, "start_timeout_s": 10.0, **options})
+
+    return make
+
+
+@pytest.fixture
+def run(sequence, tmp_path):
+    def track(tracker, rate_hz=15.0):
+        results = track_external(tracker, sequence, rate_hz=rate_hz, seed=3, kept_folder=tmp_path / "kept" / "job")
+        names = [e.split("]")[0].strip("[") for e in results.record["errors"]]
+        assert set(names) <= set(FAULTS)
+        assert (tmp_path / "kept" / "job" / "faults.txt").exists() == bool(names)
+        return results, names
+
+    return track
+
+
+def stream_program(each="pass"):
+    return STREAM.format(each=each)
+
+
+def folder_program(change="pass", after="pass"):
+    return FOLDER.format(change=change, after=after)
+
+
+@pytest.mark.parametrize("mode", ["stream", "folder"])
+def test_a_program_that_holds_gives_what_hold_gives(program, run, sequence, mode):
+    results, faults = run(program(stream_program() if mode == "stream" else folder_program(), mode=mode))
+    assert faults == []
+    expected = track_sequence(Hold(), sequence, rate_hz=15.0, seed=3)
+    np.testing.assert_allclose(
+        [p.matrix for p in results.cam_from_world], [p.matrix for p in expected.cam_from_world], atol=1e-12
+    )
+    assert results.record["tracker"]["kind"] == "external"
+    timed = [row.stage_ms.get("total", 0) > 0 for row in results.rows]
+    assert all(timed) if mode == "stream" else not any(timed)
+
+
+@pytest.mark.parametrize("mode", ["stream", "folder"])
+def test_every_third_frame_at_a_third_of_the_rate(program, run, sequence, mode):
+    results, faults = run(program(stream_program() if mode == "stream" else folder_program(), mode=mode), rate_hz=5.0)
+    assert faults == []
+    assert results.frames.tolist() == list(range(0, len(sequence), 3))
+
+
+def test_results_survive_their_folder(program, run, tmp_path):
+    results, _ = run(program(stream_program()))
+    results.save(tmp_path / "results")
+    assert type(results).load(tmp_path / "results").ok.all()
+
+
+@pytest.mark.parametrize(
+    ("each", "fault", "ok"),
+    [
+        ("if count == 4: sys.exit(3)", "crashed", 4),
+        ("if count == 4: os.abort()", "crashed", 4),
+        ("if count == 4: time.sleep(60)", "hung", 4),
+        ("if count == 4: say('nonsense')", "malformed", 4),
+        ("if count == 4: stamp += 1", "unknown-stamp", 4),
+        ("if count == 4: say(f'{stamp},lost')", "duplicate", 4),
+        ("if count == 4: say('tracking...'); time.sleep(0.2)", "malformed", 4),
+        ("if count == 9: say(f'{stamp},ok,{pose()}'); say('done'); break", "unasked", 10),
+        ("if count == 4: sys.stdout.buffer.write(b'x' * 100000); sys.stdout.flush()", "malformed", 4),
+        ("if count == 4: sys.stdout.buffer.write(b'\\xff\\xfe\\n'); sys.stdout.flush()", "malformed", 4),
+        ("if count == 4: say(f'{stamp},ok,nan,0,0,1,0,0,0'); continue", "not-finite", 9),
+        ("if count == 4: say(f'{stamp},ok,0,0,0,1,1,0,0'); continue", "bad-rotation", 9),
+        ("if count == 9: say(f'{stamp},lost')", "duplicate", 9),
+    ],
+)
+def test_faults_in_a_stream(program, run, each, fault, ok):
+    results, faults = run(program(stream_program(each), timeout_s=1.0 if fault == "hung" else 10.0))
+    assert faults == [fault]
+    assert int(results.ok.sum()) == ok
+
+
+def test_faults_at_the_start_of_a_stream(program, run):
+    assert run(program("say('hello')\ntime.sleep(60)"))[1] == ["not-ready"]
+    assert run(program("time.sleep(60)", start_timeout_s=0.5))[1] == ["hung"]
+    assert run(program("raise SystemExit('no model')"))[1] == ["crashed"]
+    results, faults = run(program("say('ready')\ntime.sleep(60)", timeout_s=0.5))  # never reads
+    assert faults == ["hung"]
+    assert not results.ok.any()
+
+
+@pytest.mark.parametrize(
+    ("change", "after", "fault", "ok"),
+    [
+        ("lines.pop(3)", "pass", "missing", 9),
+        ("lines.insert(3, lines[3])", "pass", "duplicate", 10),
+        ("lines[2], lines[3] = lines[3], lines[2]", "pass", "out-of-order", 10),
+        ("lines[3] = rows[3] + ',ok,nan,0,0,1,0,0,0'", "pass", "not-finite", 9),
+        ("lines[3] = rows[3] + ',ok,1'", "pass", "malformed", 9),
+        ("lines.append('7' + lines[3][len(rows[3]):])", "pass", "unknown-stamp", 10),
+        ("sys.exit(4)", "pass", "crashed", 0),
+        ("sys.exit(0)", "pass", "no-output", 0),
+        ("pass", "sys.exit(4)", "crashed", 10),
+        ("pass", "time.sleep(60)", "hung", 10),
+    ],
+)
+def test_faults_in_a_folder(program, run, change, after, fault, ok):
+    tracker = program(folder_program(change, after), mode="folder", timeout_s=2.0 if fault == "hung" else 10.0)
+    results, faults = run(tracker)
+    assert faults == [fault]
+    assert int(results.ok.sum()) == ok
+
+
+def test_a_program_that_is_not_there_is_an_error_at_once(run):
+    with pytest.raises(TrackerFault, match="cannot-start"):
+        run(External(command=("no-such-tracker",)))
+
+
+def test_a_crash_is_told_with_the_last_words(program, run):
+    results, _ = run(program(stream_program("if count == 2: raise RuntimeError('out of edges')")))
+    assert "frame 2" in results.record["errors"][0]
+    assert "RuntimeError: out of edges" in results.record["errors"][0]
+
+
+def test_memory_beyond_the_limit_is_refused(program, run):
+    results, faults = run(program(stream_program("if count == 1: x = bytearray(1 << 30)"), memory_mb=512))
+    assert faults == ["crashed"]
+    assert "MemoryError" in results.record["errors"][0]
+    assert "512 MB" in results.record["errors"][0]
+
+
+def test_the_truth_is_neither_in_the_folder_nor_in_the_environment(program, run, monkeypatch, tmp_path, sequence):
+    monkeypatch.setenv("SECRET_TOKEN", "hunter2")
+    text = """
+import json
+seen = {"files": sorted(os.path.join(d, f) for d, _, fs in os.walk(".") for f in fs),
+        "text": [open(os.path.join(d, f), errors="replace").read() for d, _, fs in os.walk(".") for f in fs
+                 if not f.endswith(".png")],
+        "environment": dict(os.environ), "cwd": os.getcwd()}
+open(%r, "w").write(json.dumps(seen))
+"""
+    for mode in ("stream", "folder"):
+        rest = stream_program() if mode == "stream" else folder_program()
+        run(program(text % str(tmp_path / mode) + rest, mode=mode))
+        seen = json.loads((tmp_path / mode).read_text())
+        names = {Path(name).name for name in seen["files"]}
+        assert names >= {"job.toml", "camera.toml", "model.obj", "edges.csv", "init.toml"}
+        assert not names & {"truth.csv", "sequence.json", "manifest.json"}
+        assert "SECRET_TOKEN" not in seen["environment"]
+        assert str(sequence.folder) not in json.dumps(seen)
+        position = repr(float(sequence.truth.positions_m[5, 0]))
+        assert not any(position in text for text in seen["text"])
+        assert not Path(seen["cwd"]).exists()
+
+
+def test_no_shell_and_nobody_left_behind(run, tmp_path, program):
+    pid_file = tmp_path / "pid"
+    child = f"""
+import subprocess
+p = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+open({str(pid_file)!r}, "w").write(str(p.pid))
+"""
+    assert run(program(child + stream_program("if count == 1: time.sleep(60)"), timeout_s=1.0))[1] == ["hung"]
+    pid = int(pid_file.read_text())
+    for _ in range(100):
+        if not _alive(pid):
+            break
+        time.sleep(0.05)
+    assert not _alive(pid)
+    with pytest.raises(TrackerFault, match="cannot-start"):
+        run(External(command=("true; touch " + str(tmp_path / "shell"),)))
+    assert not (tmp_path / "shell").exists()
+
+
+def _alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_a_killed_harness_takes_the_program_with_it(tmp_path, program):
+    pid_file = tmp_path / "pid"
+    tracker = program(f"open({str(pid_file)!r}, 'w').write(str(os.getpid()))\ntime.sleep(600)\n", mode="folder")
+    code = f"""
+from pathlib import Path
+from bench.external import External, track_external
+from bench.check import TRIAL
+from scenes.sequence import Sequence
+tracker = External(command={tracker.command!r}, mode="folder", timeout_s=600)
+track_external(tracker, Sequence.load(TRIAL), rate_hz=15.0, seed=0, kept_folder=Path({str(tmp_path / "k")!r}))
+"""
+    harness = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[2])
+    try:
+        for _ in range(400):
+            if pid_file.exists() and pid_file.read_text():
+                break
+            time.sleep(0.05)
+        pid = int(pid_file.read_text())
+        assert _alive(pid)
+    finally:
+        harness.send_signal(signal.SIGKILL)
+        harness.wait()
+    for _ in range(100):
+        if not _alive(pid):
+            break
+        time.sleep(0.05)
+    assert not _alive(pid)
+
+
+def test_imu_samples_come_before_their_frame_and_never_early(program, tmp_path, sequence):
+    folder = tmp_path / "with-imu"
+    folder.mkdir()
+    for item in TRIAL.iterdir():
+        (folder / item.name).symlink_to(item)
+    stamps = sequence.stamps_ns
+    lines = [f"{t},0,0,0,0,0,9.81" for t in range(int(stamps[0]), int(stamps[-1]) + 20_000_000, 5_000_000)]
+    (folder / "imu.csv").write_text("stamp_ns,wx,wy,wz,ax,ay,az\n" + "\n".join(lines) + "\n")
+    log = tmp_path / "log"
+    text = f"""
+say("ready")
+log = open({str(log)!r}, "w")
+while line := sys.stdin.buffer.readline():
+    kind, *rest = line.decode().strip().split(",")
+    log.write(kind + " " + rest[0] + "\\n")
+    if kind == "imu": continue
+    stamp, w, h, c = map(int, rest)
+    sys.stdin.buffer.read(w * h * c)
+    log.flush()
+    say(f"{{stamp}},lost")
+"""
+    linked = replace(Sequence.load(TRIAL), folder=folder)
+    results = track_external(program(text), linked, rate_hz=15.0, seed=0, kept_folder=tmp_path / "kept")
+    assert results.record["errors"] == []
+    told = [line.split() for line in log.read_text().splitlines()]
+    order = [int(stamp) for _, stamp in told]
+    assert order == sorted(order)
+    assert sum(kind == "imu" for kind, _ in told) == sum(int(line.split(",")[0]) <= stamps[-1] for line in lines)
+
+
+def test_a_dataset_that_names_a_file_outside_of_itself_is_refused(sequence, tmp_path):
+    assert inside(tmp_path, "frames/0.png") == tmp_path / "frames/0.png"
+    for name in ("../secret", "/etc/passwd", "frames/../../secret"):
+        with pytest.raises(UserError, match="leads out of the folder"):
+            inside(tmp_path, name)
+    (tmp_path / "link").symlink_to("/etc/passwd")
+    with pytest.raises(UserError, match="leads out of the folder"):
+        inside(tmp_path, "link")
+
+
+def test_it_starts_like_any_tracker_frame_by_frame(program, sequence):
+    tracker = program(stream_program())
+    first = sequence.true_cam_from_world(0)
+    run = tracker.start(sequence.structure, sequence.camera, first, stream(0, "test"))
+    result = run.track(sequence.image(0), int(sequence.stamps_ns[0]))
+    np.testing.assert_allclose(result.cam_from_world.matrix, first.matrix, atol=1e-12)
+    pid = run.process.popen.pid
+    del run
+    assert not _alive(pid)
+
+
+def test_a_change_of_the_program_makes_its_results_stale(program, tmp_path):
+    tracker = program(stream_program())
+    before = content_hash(tracker)
+    assert content_hash(tracker) == before
+    (tmp_path / "program.py").write_text("other")
+    assert content_hash(tracker) != before
+
+
+def told(tracker, tmp_path):
+    return list(check(tracker, tmp_path / "kept"))
+
+
+def test_check_of_a_good_tracker(program, tmp_path):
+    lines = told(program(stream_program()), tmp_path)
+    assert lines[-1].startswith("good")
+    assert "a second run gave the same poses" in lines
+
+
+def test_check_recognizes_the_usual_mistakes_of_convention(program, tmp_path):
+    swapped = "p = pose().split(','); say(f'{stamp},ok,' + ','.join(p[:3] + p[4:] + p[3:4])); continue"
+    assert any("w last" in line for line in told(program(stream_program(swapped)), tmp_path))
+    mm = (
+        "p = pose().split(','); say(f'{stamp},ok,' + ','.join([str(1000 * float(v)) for v in p[:3]] + p[3:])); continue"
+    )
+    assert any("millimetres" in line for line in told(program(stream_program(mm)), tmp_path))
+
+
+def test_check_explains_a_fault_and_names_the_folder(program, tmp_path):
+    lines = told(program(stream_program("if count == 2: sys.exit(1)")), tmp_path)
+    assert any("[crashed]" in line for line in lines)
+    assert any(str(tmp_path / "kept") in line for line in lines)
+    assert lines[-1] == "faulty"
+
+
+def test_check_takes_an_in_process_tracker_too(tmp_path):
+    assert told(Hold(), tmp_path)[-1].startswith("good")
+
+
+def test_the_trial_sequence_is_small_and_whole():
+    assert sum(path.stat().st_size for path in TRIAL.rglob("*") if path.is_file()) < 300_000
+    manifest = json.loads((TRIAL / "manifest.json").read_text())["sha256"]
+    assert {p.relative_to(TRIAL).as_posix() for p in TRIAL.rglob("*") if p.is_file()} == {*manifest, "manifest.json"}
+
+
+def test_environment_of_a_program_is_a_list_of_few(program, run, tmp_path):
+    text = f"open({str(tmp_path / 'env')!r}, 'w').write(repr(sorted(os.environ)))"
+    run(program(text + stream_program()))
+    from bench.external_process import PASSED_ON
+
+    seen = set(eval((tmp_path / "env").read_text()))
+    assert seen <= {*PASSED_ON, "TMPDIR", "PYTHONUNBUFFERED", "LC_CTYPE"}
+    assert os.environ["PATH"]

@@ -1,0 +1,116 @@
+"""Rows of external trackers: what is right is read exactly, what is wrong has a name."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.external_rows import FAULTS, POSE_HEADER, TrackerFault, read_estimates, read_row
+from tracker.results import COVARIANCE_COLUMNS
+
+POSE = "0.1,-0.2,3.5,0.5,0.5,-0.5,0.5"
+STAMPS = [0, 100, 200, 300]
+
+
+def fault_of(text):
+    with pytest.raises(TrackerFault) as caught:
+        read_row(text, "frame 0")
+    assert FAULTS[caught.value.fault.name] in str(caught.value)
+    return caught.value.fault.name
+
+
+def test_a_pose_is_read_exactly():
+    stamp, result = read_row(f"100,ok,{POSE}\n", "frame 0")
+    assert (stamp, result.status, result.covariance) == (100, "ok", None)
+    np.testing.assert_allclose(result.cam_from_world.translation, [0.1, -0.2, 3.5], rtol=0, atol=0)
+    np.testing.assert_allclose(result.cam_from_world.quaternion_wxyz, [0.5, 0.5, -0.5, 0.5], atol=1e-15)
+
+
+def test_a_covariance_is_the_upper_triangle_by_rows():
+    upper = np.eye(6)[np.triu_indices(6)]
+    upper[1] = 0.5
+    _, result = read_row(f"100,ok,{POSE}," + ",".join(map(str, upper)), "frame 0")
+    assert result.covariance[0, 1] == result.covariance[1, 0] == 0.5
+    assert np.trace(result.covariance) == 6
+
+
+@pytest.mark.parametrize("text", ["100,lost", "100,lost,,,,,,,", "100,not_initialized", " 100 , lost "])
+def test_a_frame_without_a_pose_needs_no_numbers(text):
+    stamp, result = read_row(text, "frame 0")
+    assert stamp == 100
+    assert result.cam_from_world is None
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("", "malformed"),
+        ("hello", "malformed"),
+        ("1.5,ok," + POSE, "malformed"),
+        ("100", "malformed"),
+        ("100,fine," + POSE, "malformed"),
+        ("100,ok", "malformed"),
+        ("100,ok,1,2,3,1,0,0", "malformed"),
+        ("100,ok," + POSE + ",1", "malformed"),
+        ("100,ok,a,2,3,1,0,0,0", "malformed"),
+        ("100,lost," + POSE, "malformed"),
+        ("100,ok,nan,2,3,1,0,0,0", "not-finite"),
+        ("100,ok,inf,2,3,1,0,0,0", "not-finite"),
+        ("100,ok,1,2,3,0,0,0,0", "bad-rotation"),
+        ("100,ok,1,2,3,2,0,0,0", "bad-rotation"),
+        ("100,ok," + POSE + ",-1" + ",0" * 20, "bad-covariance"),
+    ],
+)
+def test_each_wrong_row_has_a_named_fault(text, fault):
+    assert fault_of(text) == fault
+
+
+@given(st.text(max_size=200))
+def test_any_text_is_a_row_or_a_named_fault(text):
+    try:
+        read_row(text, "frame 0")
+    except TrackerFault as error:
+        assert error.fault.name in FAULTS
+
+
+def estimates(tmp_path, *rows, header=POSE_HEADER):
+    path = tmp_path / "estimates.csv"
+    path.write_text("\n".join([",".join(header), *rows]) + "\n")
+    results, faults = read_estimates(path, STAMPS)
+    assert len(results) == len(STAMPS)
+    return [r.status for r in results], [f.name for f in faults]
+
+
+def rows(*stamps):
+    return [f"{stamp},ok,{POSE}" for stamp in stamps]
+
+
+def test_a_whole_file_has_no_fault(tmp_path):
+    assert estimates(tmp_path, *rows(*STAMPS)) == (["ok"] * 4, [])
+    blank = "," * len(COVARIANCE_COLUMNS)
+    wide = [*POSE_HEADER, *COVARIANCE_COLUMNS]
+    assert estimates(tmp_path, *(r + blank for r in rows(*STAMPS)), header=wide) == (["ok"] * 4, [])
+
+
+def test_missing_duplicate_unknown_and_disordered_rows(tmp_path):
+    assert estimates(tmp_path, *rows(0, 100, 300)) == (["ok", "ok", "lost", "ok"], ["missing"])
+    assert estimates(tmp_path, *rows(0, 100, 100, 200, 300)) == (["ok"] * 4, ["duplicate"])
+    assert estimates(tmp_path, *rows(0, 100, 150, 200, 300)) == (["ok"] * 4, ["unknown-stamp"])
+    assert estimates(tmp_path, *rows(0, 200, 100, 300)) == (["ok"] * 4, ["out-of-order"])
+
+
+def test_all_faults_are_told_and_cost_their_frames_only(tmp_path):
+    told = estimates(tmp_path, "0,ok,nan,0,0,1,0,0,0", *rows(100, 100, 50), "200,lost")
+    assert told == (["lost", "ok", "lost", "lost"], ["not-finite", "duplicate", "unknown-stamp", "missing"])
+
+
+def test_a_file_that_is_absent_binary_or_a_link(tmp_path):
+    path = tmp_path / "estimates.csv"
+    assert [f.name for f in read_estimates(path, STAMPS)[1]] == ["no-output"]
+    path.write_bytes(b"\xff\xfe\x00")
+    assert [f.name for f in read_estimates(path, STAMPS)[1]] == ["malformed"]
+    path.write_text("stamp,x\n")
+    assert [f.name for f in read_estimates(path, STAMPS)[1]] == ["malformed"]
+    path.unlink()
+    path.symlink_to("/etc/hostname")
+    assert [f.name for f in read_estimates(path, STAMPS)[1]] == ["no-output"]
