@@ -44,6 +44,8 @@ def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
         panel.set_title(f"({letter}) {name}", loc="left", fontsize=7.5)
     for panel in panels[:2]:
         panel.set_yscale("log")
+        low, high = panel.get_ylim()
+        panel.set_ylim(10 ** np.floor(np.log10(low)), high)
         panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     panels[0].axhline(100 * SUCCESS_M, color=TRUTH, lw=0.6, ls=":")
     panels[1].axhline(5, color=TRUTH, lw=0.6, ls=":")
@@ -83,7 +85,7 @@ def mean_of(group: ListOf[ScoredRun], index: int) -> float | None:
 
 def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     """Share of all frames within a distance of the truth, with the area under each curve up to 10 cm."""
-    figure = new_figure(2.4, wide=False)
+    figure = new_figure(2.6, wide=False)
     panel = figure.subplots()
     limits = np.linspace(0, AUC_LIMIT_M, 201)
     curves = []
@@ -101,7 +103,8 @@ def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.set_ylim(0, 102)
     panel.set_xlabel("position error threshold (cm)")
     panel.set_ylabel("frames within it (%)")
-    panel.legend(title="area under the curve", title_fontsize=7, loc="best")
+    handles, names = panel.get_legend_handles_labels()
+    figure.legend(handles, names, title="area under the curve", title_fontsize=7, loc="outside upper center", ncols=3)
     columns = ["threshold_m", *(name for name, _ in curves)]
     table = np.column_stack([limits, *(curve for _, curve in curves)]).tolist()
     return save_figure(figure, stem, columns, table)

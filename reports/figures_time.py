@@ -89,7 +89,8 @@ def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     strip.set_yticks(middles, [run.score.label for run in runs], fontsize=6)
     strip.set_ylim(0, 1)
     strip.grid(False)
-    strip.set_xlabel("time (s); the strips below show where each tracker is lost: no pose within 5 cm and 5 deg")
+    strip.set_xlabel("time (s)")
+    strip.set_ylabel("lost", rotation=0, ha="right", va="center", fontsize=7)
     figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=6)
     return save_figure(figure, stem, ["run", "frame", "time_s", "position_m", "rotation_deg", "success"], rows)
 
@@ -142,7 +143,8 @@ def margin_around(panel: Axes, truth: Array, estimate: Array) -> None:
 
 
 def nice_log(panel: Axes) -> None:
-    """Plain numbers on a logarithmic y axis."""
+    """Plain numbers on a logarithmic y axis, nothing below a hundredth."""
+    panel.set_ylim(bottom=max(panel.get_ylim()[0], 0.01))
     panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
 
 

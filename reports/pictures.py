@@ -52,8 +52,9 @@ class View:
 
     def model_on_edges(self, cam_from_world: Pose | None) -> Image:
         """Detected edge pixels in white on black, the model's visible edges in green."""
-        canvas = np.repeat(detect_edge_pixels(grey(self.image))[..., None], 3, axis=2)
-        draw(canvas, self.projected(cam_from_world), GREEN, 2)
+        edges = cv2.dilate(detect_edge_pixels(grey(self.image)), np.ones((3, 3), dtype=np.uint8))
+        canvas: Image = np.repeat(np.asarray(edges, dtype=np.uint8)[..., None], 3, axis=2)
+        draw(canvas, self.projected(cam_from_world), GREEN, 1)
         return canvas
 
     def overlay(self, estimate: Pose | None, truth: Pose | None = None) -> Image:

@@ -73,7 +73,7 @@ class Steps:
 
     def __init__(self, on_step: OnStep | None, frames: int, runs: int) -> None:
         self._on_step = on_step
-        self._total = frames + 8 * (5 + 3 * runs)
+        self._total = frames + 8 * (3 + 4 * runs)
         self._done = 0
 
     def __call__(self, weight: int = 1) -> None:
@@ -121,11 +121,12 @@ def write_sequence(
     for run in pictured:
         index += pictures_of(folder, run)
         steps(8)
-    own = [
-        on_page(folder, figures_time.pose_components(run, figures / f"pose_{run.slug}"),
-                f"Pose components, {run.title}", "Six components of the body's pose in the structure's frame, estimate against truth.")
-        for run in runs
-    ]  # fmt: skip
+    own = []
+    for run in runs:
+        made = figures_time.pose_components(run, figures / f"pose_{run.slug}")
+        caption = "Six components of the body's pose in the structure's frame, estimate against truth."
+        own.append(on_page(folder, made, f"Pose components, {run.title}", caption))
+        steps(8)
     moving = figures / f"overlay_{main.slug}.webp"
     write_frames(main, folder / "pages" / slug, moving, steps)
     shown = SequenceOnPage(

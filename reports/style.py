@@ -85,6 +85,10 @@ def save_figure(
 ) -> list[Path]:
     """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns; close the figure."""
     written = []
+    layout = figure.get_layout_engine()
+    if layout is not None:  # once, not once per file
+        layout.execute(figure)
+        figure.set_layout_engine(None)
     for suffix, metadata in ((".pdf", {"CreationDate": None, "Producer": None, "Creator": None}), (".png", {})):
         metadata = metadata if suffix == ".pdf" else {"Software": None}
         path = stem.with_name(stem.name + suffix)
