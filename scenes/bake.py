@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -10,6 +11,8 @@ from trajectories.pose import Array
 from trajectories.surroundings import Surroundings
 
 OFFSET_M = 1e-4
+GRID = 96
+TEXTURE_PX = 2048
 
 
 def bake(
@@ -24,14 +27,49 @@ def bake(
 
 
 def _bake_part(part: Part, occluder: Surroundings, light: Light, reach_m: float, rays: int, lamp_rays: int) -> Part:
+    if part.lightmap:
+        return _bake_texture(part, occluder, light, reach_m, rays, lamp_rays)
     part = smooth_corners(part)
     assert part.normals is not None
     low, high = occluder.bounds
     near = ((part.vertices > low - reach_m) & (part.vertices < high + reach_m)).all(axis=1)
     tint = np.ones((len(part.vertices), 4)) if part.tint is None else part.tint.copy()
-    at = part.vertices[near] + part.normals[near] * max(OFFSET_M, reach_m * 1e-4)
-    open_share = _open(at, _about(part.normals[near], _hemisphere(rays)), occluder, reach_m)
-    seen = np.column_stack([open_share, open_share, open_share, np.ones(len(at))])
+    tint[near] *= _seen(part.vertices[near], part.normals[near], occluder, light, reach_m, rays, lamp_rays)
+    return replace(part, tint=tint)
+
+
+def _bake_texture(part: Part, occluder: Surroundings, light: Light, reach_m: float, rays: int, lamp_rays: int) -> Part:
+    """The parallelogram with the light on it in its texture: the paint resampled, times light over open light."""
+    assert part.uv is not None and part.texture is not None
+    corner, u, v = part.vertices[0], part.vertices[1] - part.vertices[0], part.vertices[3] - part.vertices[0]
+    normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
+    s, t = np.meshgrid((np.arange(GRID) + 0.5) / GRID, (np.arange(GRID) + 0.5) / GRID)
+    at = corner + s.reshape(-1, 1) * u + t.reshape(-1, 1) * v
+    seen = _seen(at, np.broadcast_to(normal, at.shape), occluder, light, reach_m, rays, lamp_rays)
+    to_lamp = np.array(light.to_lamp) / np.linalg.norm(light.to_lamp)
+    ambient = float(np.mean((1 + normal[2]) / 2 * np.array(light.above) + (1 - normal[2]) / 2 * np.array(light.below)))
+    direct = float(np.mean(light.lamp)) * max(float(normal @ to_lamp), 0.0)
+    ratio = seen[:, 0] * (ambient + direct * seen[:, 3]) / (ambient + direct)
+    shade = cv2.resize(np.sqrt(ratio).reshape(GRID, GRID).astype(np.float32)[::-1], (TEXTURE_PX, TEXTURE_PX))
+    share = (np.arange(TEXTURE_PX) + 0.5) / TEXTURE_PX
+    s, t = np.meshgrid(share, share[::-1])
+    uv = part.uv[0] + s[..., None] * (part.uv[1] - part.uv[0]) + t[..., None] * (part.uv[3] - part.uv[0])
+    h, w = part.texture.shape[:2]
+    x, y = (np.mod(uv[..., 0], 1) * w - 0.5).astype(np.float32), (np.mod(-uv[..., 1], 1) * h - 0.5).astype(np.float32)
+    paint = cv2.remap(part.texture[..., :3], x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    lit = np.clip(np.rint(paint * shade[..., None]), 0, 255).astype(np.uint8)
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    inset = (corners * (TEXTURE_PX - 1) + 0.5) / TEXTURE_PX
+    return replace(part, texture=lit, uv=inset, tint=None, normals=np.broadcast_to(normal, (4, 3)))
+
+
+def _seen(
+    points: Array, normals: Array, occluder: Surroundings, light: Light, reach_m: float, rays: int, lamp_rays: int
+) -> Array:
+    """Factors (n, 4) on ambient light, three times, and on the lamp's, at points (n, 3) of a surface."""
+    at = points + normals * max(OFFSET_M, reach_m * 1e-4)
+    seen = np.ones((len(at), 4))
+    seen[:, :3] = _open(at, _about(normals, _hemisphere(rays)), occluder, reach_m)[:, None]
     if not light.shadow_map:
         to_lamp = np.array(light.to_lamp) / np.linalg.norm(light.to_lamp)
         disc = _hemisphere(lamp_rays)
@@ -39,12 +77,11 @@ def _bake_part(part: Part, occluder: Surroundings, light: Light, reach_m: float,
         disc[:, 2] = 1.0
         directions = _about(np.broadcast_to(to_lamp, at.shape), disc / np.linalg.norm(disc, axis=1, keepdims=True))
         seen[:, 3] = _open(at, directions, occluder, np.inf)
-    tint[near] *= _from_outside(at, seen, occluder)
-    return replace(part, tint=tint)
+    return _from_outside(at, seen, occluder)
 
 
 def _from_outside(at: Array, seen: Array, occluder: Surroundings) -> Array:
-    """`seen` (n, 4) of points (n, 3); points inside the occluder take that of the nearest one outside.
+    """What is `seen` (n, 4) from points (n, 3); points inside the occluder take that of the nearest one outside.
 
     So the dark under a thing does not leak out from below it.
     """

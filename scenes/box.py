@@ -44,7 +44,7 @@ class Box:
         ]
         parts = []
         for origin, u, v, painted in faces:
-            vertices, triangles, uv = panel(origin, u, v, 0.02)
+            vertices, triangles, uv = panel(origin, u, v, 0.1)
             size = (float(np.linalg.norm(v)), float(np.linalg.norm(u)))
             texture = noise.finish(painted(size, rng))
             normals = np.broadcast_to(np.cross(u, v) / (size[0] * size[1]), vertices.shape)
@@ -185,7 +185,7 @@ def _label(image: Image, x: int, y: int, width: int, rng: np.random.Generator) -
     cover = cv2.warpAffine(np.ones_like(sheet), turn, (w, h), flags=cv2.INTER_LINEAR)
     ink = cv2.warpAffine(sheet, turn, (w, h), flags=cv2.INTER_AREA)
     grain = 1 + 0.012 * noise.tiling((h, w), 8, rng)
-    return noise.blend(image, noise.paint((240, 240, 236), ink * grain), cover)
+    return noise.blend(image, noise.paint((240, 240, 236), ink * grain), np.asarray(cover, dtype=np.float32))
 
 
 def _tape(image: Image, low: int, high: int, start: int, stop: int, rng: np.random.Generator) -> Image:

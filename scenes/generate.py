@@ -29,7 +29,9 @@ from trajectories.streams import stream
 from trajectories.surroundings import Surroundings
 
 LEAST_SHARE_IN_VIEW = 0.005
-PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
+"""For noisy images as small as the default, and twice as fast."""
 
 
 def generate(

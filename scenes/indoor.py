@@ -1,6 +1,6 @@
 """An indoor environment: a floor, walls, a door and a few things on them, a lamp under the ceiling."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import cv2
@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Gt, Interval
 
 from scenes import noise
-from scenes.meshes import box, grid, panel
+from scenes.meshes import panel
 from scenes.noise import Image
 from scenes.parts import BuiltEnvironment, Light, Part
 from trajectories.pose import Array, rotation_exp
@@ -34,19 +34,8 @@ class Indoor:
         side, height = max(self.room_m, 4 * extent), max(self.height_m, 1.6 * float(bounds[1, 2]))
         turn = rotation_exp(np.array([0.0, 0.0, rng.uniform(0.15, 1.3)]))
         place = np.array([*(centre[:2] + rng.uniform(-0.1, 0.1, 2) * side), 0.0])
-        parts = [self._floor(side, centre - place, extent, turn, rng), *_walls(side, height, rng)]
-        moved = tuple(
-            Part(
-                vertices=part.vertices @ turn.T + place,
-                triangles=part.triangles,
-                uv=part.uv,
-                texture=part.texture,
-                roughness=part.roughness,
-                tint=part.tint,
-                casts_shadow=False,
-            )
-            for part in parts
-        )
+        parts = [*self._floor(side, centre - place, extent, turn, rng), *_walls(side, height, rng)]
+        moved = tuple(replace(p, vertices=p.vertices @ turn.T + place, casts_shadow=False) for p in parts)
         b = self.brightness
         tilt, bearing = rng.uniform(0.3, 0.6), rng.uniform(0, 2 * np.pi)
         light = Light(
@@ -59,25 +48,35 @@ class Indoor:
         )
         return BuiltEnvironment(moved, light)
 
-    def _floor(self, side: float, structure_at: Array, extent: float, turn: Array, rng: np.random.Generator) -> Part:
-        """The floor, its mesh fine where the structure's shadow falls."""
+    def _floor(
+        self, side: float, structure_at: Array, extent: float, turn: Array, rng: np.random.Generator
+    ) -> list[Part]:
+        """The floor: where the structure's shadow falls, and the rest."""
         painted = {"planks": _planks, "carpet": _carpet, "concrete": _concrete}[self.floor](rng)
-        near = structure_at @ turn
-        lines = []
-        for k in (0, 1):
-            fine = near[k] + np.linspace(-2.5 * extent, 2.5 * extent, 101)
-            coarse = np.linspace(-side / 2, side / 2, 15)
-            at = np.unique(np.concatenate([fine[(np.abs(fine) < side / 2)], coarse]))
-            lines.append(at / side + 0.5)
-        origin, u, v = np.array([-side / 2, -side / 2, 0]), np.array([side, 0, 0]), np.array([0, side, 0])
-        vertices, triangles, uv = grid(origin, u, v, *lines)
-        return Part(
-            vertices=vertices,
-            triangles=triangles,
-            uv=uv * side / TILE_M,
+        near, half, middle = side / 2, 1.8 * extent, (structure_at @ turn)[:2]
+        low, high = np.maximum(middle - half, -0.98 * near), np.minimum(middle + half, 0.98 * near)
+        inner = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+        outer = near * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        floor = Part(
+            vertices=np.column_stack([inner, np.zeros(4)]),
+            triangles=np.array([[0, 1, 2], [0, 2, 3]]),
+            uv=inner / TILE_M,
             texture=noise.finish(painted),
             roughness=0.45 if self.floor == "planks" else 0.9,
+            lightmap=True,
         )
+        around = np.array([[k, (k + 1) % 4, 4 + (k + 1) % 4, k, 4 + (k + 1) % 4, 4 + k] for k in range(4)])
+        rest = np.concatenate([outer, inner])
+        return [
+            floor,
+            replace(
+                floor,
+                vertices=np.column_stack([rest, np.zeros(8)]),
+                triangles=around.reshape(-1, 3),
+                uv=rest / TILE_M,
+                lightmap=False,
+            ),
+        ]
 
 
 def _planks(rng: np.random.Generator) -> Image:
@@ -152,7 +151,7 @@ def _walls(side: float, height: float, rng: np.random.Generator) -> list[Part]:
         parts.append(
             Part(vertices=vertices @ turn.T, triangles=triangles, uv=uv * [side, height], texture=plaster, tint=tint)
         )
-        board = box((-half, half - 0.004, 0), (half, half, SKIRTING_M))
+        board = panel((-half, half - 0.004, 0), (side, 0, 0), (0, 0, SKIRTING_M), side)
         parts.append(Part(vertices=board[0] @ turn.T, triangles=board[1], texture=wood))
         things = [_door(rng)] if k == 0 else [_window(rng)] if k == 2 else [_picture(rng) for _ in range(2)]
         at = -half + side * (0.25 if len(things) == 2 else rng.uniform(0.3, 0.6))

@@ -20,8 +20,9 @@ class Part:
     vertices (n, 3); triangles (m, 3) counter-clockwise from outside; normals (n, 3) unit, for smooth shading, or
     None for one normal per triangle; uv (n, 2) in texture units; texture coded as the square root of linear albedo,
     repeated outside 0..1, its fourth channel cuts holes; tint (n, 4) factor on the albedo at each vertex, and the share
-    of the lamp seen there; roughness 0.04..1; two_sided for leaves and cloth; instance is the value of the part in the
-    instance mask (0: surroundings, 1: the structure).
+    of the lamp seen there; roughness 0.04..1; two_sided for leaves and cloth; lightmap asks for baked light in a
+    texture of its own (a parallelogram of two triangles); instance is the value of the part in the instance mask
+    (0: surroundings, 1: the structure).
     """
 
     vertices: Array
@@ -33,6 +34,7 @@ class Part:
     roughness: float = 0.8
     two_sided: bool = False
     casts_shadow: bool = True
+    lightmap: bool = False
     instance: int = 0
 
 

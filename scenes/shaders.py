@@ -50,7 +50,7 @@ float lit(vec3 n) {
 }
 
 void main() {
-    vec4 texel = texture(surface, st, -0.5);
+    vec4 texel = texture(surface, st);
 #ifdef CUTOUT
     if (texel.a < 0.5) discard;
 #endif

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -62,7 +63,7 @@ def make_source(
     def sharp(stamp_ns: int) -> Radiance:
         color = renderer.color(cam_from_world(stamp_ns), pinhole, stamp_ns * 1e-9)
         out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
-        add_light(color if lens is None else _remap(color, lens), 1.0, out)
+        add_light(color if lens is None else _sample(color, lens), 1.0, out)
         return out
 
     def expose(start_ns: int, end_ns: int) -> Radiance:
@@ -106,10 +107,10 @@ def smear(color: NDArray[np.uint8], flow: Map, lens: Map | None, weight: float, 
     taps = max(1, int(np.ceil(float(np.abs(flow).max()) * 1.25 + 0.2)))
     place = pixel_grid(color.shape[1], color.shape[0]) if lens is None else lens
     if lens is not None:
-        flow = np.asarray(cv2.remap(flow, *_split(lens), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        flow = _sample(flow, lens)
     for k in range(taps):
         share = (k + 0.5) / taps - 0.5
-        add_light(_remap(color, place - np.float32(share) * flow), weight / taps, out)
+        add_light(_sample(color, place - np.float32(share) * flow), weight / taps, out)
 
 
 def add_light(color: NDArray[np.uint8], weight: float, out: Radiance) -> None:
@@ -122,13 +123,10 @@ def pixel_grid(width: int, height: int) -> Map:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 
-def _split(place: Map) -> tuple[Map, Map]:
-    return np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
-
-
-def _remap(color: NDArray[np.uint8], place: Map) -> NDArray[np.uint8]:
-    remapped = cv2.remap(color, *_split(place), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(remapped, dtype=np.uint8)
+def _sample(image: NDArray[Any], place: Map) -> NDArray[Any]:
+    """The image (h, w, channels) at fractional places (h', w', 2), bilinear, its border repeated outside."""
+    none: Any = None
+    return np.asarray(cv2.remap(image, place, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def render_camera(camera: Camera) -> tuple[Camera, Map | None]:

@@ -1,0 +1,94 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenes.box import Box
+from scenes.exposure import MotionBlur
+from scenes.generate import camera_path, generate
+from scenes.indoor import Indoor
+from scenes.sensor import Noise
+from scenes.sequence import Sequence, file_hash
+from scenes.spec import CameraSpec, SequenceSpec
+from trajectories.errors import UserError
+from trajectories.flight import Flight, FlightSpec
+from trajectories.hand_pilot import HandPilot
+from trajectories.mount import Mount
+from trajectories.pose import Pose
+
+SPEC = SequenceSpec(
+    name="small",
+    seed=5,
+    structure=Box(),
+    environment=Indoor(),
+    flight=FlightSpec(path=HandPilot(duration_s=0.3)),
+    camera=CameraSpec(width=160, height=120, horizontal_fov_deg=65.0),
+    effects=(Noise(), MotionBlur()),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sequences") / "small"
+    generate(SPEC, path, content_hash="abc")
+    return path
+
+
+def test_a_sequence_opens_and_its_structure_is_in_the_picture(folder: Path) -> None:
+    sequence = Sequence.load(folder)
+    assert len(sequence) == 5
+    assert sequence.content_hash == "abc"
+    assert len(sequence.structure.edges) == 12
+    for frame in range(len(sequence)):
+        image = sequence.image(frame)
+        pixels = sequence.camera.project(sequence.true_cam_from_world(frame).transform(sequence.structure.vertices))
+        assert ((pixels > 0) & (pixels < [160, 120])).all()
+        assert image.std() > 20
+
+
+def test_the_manifest_names_every_file(folder: Path) -> None:
+    named = json.loads((folder / "manifest.json").read_text())["sha256"]
+    there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {"manifest.json"}
+    assert set(named) == there
+    assert all(file_hash(folder / name) == digest for name, digest in named.items())
+
+
+def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+    generate(SPEC, tmp_path / "again", content_hash="abc")
+    assert (tmp_path / "again" / "manifest.json").read_bytes() == (folder / "manifest.json").read_bytes()
+
+
+def test_another_seed_gives_another_sequence(folder: Path, tmp_path: Path) -> None:
+    generate(replace(SPEC, seed=6), tmp_path / "other", content_hash="abc")
+    for name in ("truth.csv", "frames/000000.png"):
+        assert (tmp_path / "other" / name).read_bytes() != (folder / name).read_bytes()
+
+
+def test_a_structure_out_of_the_first_view_is_an_error_and_leaves_nothing(tmp_path: Path) -> None:
+    away = replace(SPEC, mount=Mount(yaw_deg=180.0))
+    with pytest.raises(UserError, match=r"sequence small: frame 0: the structure fills 0.00 %"):
+        generate(away, tmp_path / "away", content_hash="abc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_of_the_pilot_comes_through(tmp_path: Path) -> None:
+    near = replace(SPEC, flight=FlightSpec(path=HandPilot(range_m=(0.1, 0.2))))
+    with pytest.raises(UserError, match="range_m"):
+        generate(near, tmp_path / "near", content_hash="abc")
+
+
+def test_between_two_rows_the_camera_moves_with_constant_twist() -> None:
+    twist = np.array([0.2, -0.1, 0.05, 0.3, -0.2, 0.1])
+    poses = [Pose.identity(), Pose.exp(twist)]
+    zeros, rotors = np.zeros((2, 3)), np.zeros((2, 4))
+    flight = Flight(
+        np.array([0, 1000]),
+        np.array([p.translation for p in poses]),
+        np.array([p.quaternion_wxyz for p in poses]),
+        zeros, zeros, zeros, zeros, rotors, rotors, zeros,
+    )  # fmt: skip
+    at = camera_path(flight, Pose.identity())
+    for stamp in (-500, 0, 250, 1000, 1500):
+        assert at(stamp).inverse().log() == pytest.approx(stamp / 1000 * twist, abs=1e-12)

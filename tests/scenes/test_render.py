@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from scenes.camera import Camera
+from scenes.light import RENDERED, decode, encode
+from scenes.parts import Mover
+from scenes.render import Renderer
+from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking, white_box
+from trajectories.pose import Pose, rotation_exp
+
+
+def edge_column(row: np.ndarray) -> float:
+    """Sub-pixel column where light changes from dark to bright, from the coverage of the pixels."""
+    return len(row) - 0.5 - float((row / row.max()).sum())
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.013, 0.027, -0.041])
+def test_a_rendered_edge_lies_where_the_camera_projects_it(camera: Camera, shift: float) -> None:
+    """The half pixel: pixel centres at integer coordinates. Every 48 rows of a slanted edge agree within 0.1 px."""
+    wall = white_box((2.0, -9.0, -9.0), (2.0001, shift, 9.0))
+    roll = Pose(rotation_exp(np.array([0.0, 0.0, 0.05])), np.zeros(3))
+    pose = roll @ looking((0.0, 0.0, 0.0), (1.0, 0.002, 0.0))
+    with Renderer((wall,), FLAT_LIGHT, camera.width, camera.height) as renderer:
+        light = RENDERED[renderer.color(pose, camera)[..., 1]]
+    edge = camera.project(pose.transform(np.column_stack([[2.0] * 2, [shift] * 2, [-1.0, 1.0]])))
+    rows = np.arange(camera.height)
+    expected = np.interp(rows, edge[::-1, 1], edge[::-1, 0])
+    error = np.array([edge_column(row) for row in light]) - expected
+    assert np.abs(error).max() < 0.15  # four samples a pixel know steps of 0.25 px
+    assert np.abs(error.reshape(-1, 48).mean(axis=1)).max() < 0.1
+
+
+def test_the_mean_over_many_edges_has_no_bias(camera: Camera) -> None:
+    errors = []
+    with Renderer((white_box((2.0, -9.0, -9.0), (2.0001, 0.0, 9.0)),), FLAT_LIGHT, 320, 240) as renderer:
+        for turn in np.linspace(-0.2, 0.2, 41):
+            pose = looking((0.0, 0.0, 0.0), (1.0, float(turn), 0.0))
+            light = RENDERED[renderer.color(pose, camera)[..., 1]]
+            expected = camera.project(pose.transform(np.array([[2.0, 0.0, 0.0]])))[0, 0]
+            row = round(camera.cy)
+            errors.append(edge_column(light[row]) - expected)
+    assert abs(np.mean(errors)) < 0.02
+    assert np.max(np.abs(errors)) < 0.15
+
+
+def test_depth_and_instances_are_those_of_the_surface(camera: Camera) -> None:
+    wall = white_box((2.0, -0.5, -0.5), (2.1, 0.5, 0.5), instance=7)
+    with Renderer((wall,), FLAT_LIGHT, camera.width, camera.height) as renderer:
+        depth, instances = renderer.geometry(looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), camera)
+    assert depth[118, 161] == pytest.approx(2.0, abs=1e-4)
+    assert instances[118, 161] == 7
+    assert depth[0, 0] == 0.0
+    assert instances[0, 0] == 0
+
+
+def test_a_mover_is_drawn_where_it_is_at_that_time(camera: Camera) -> None:
+    ball = white_box((2.0, -0.1, -0.1), (2.2, 0.1, 0.1), instance=9)
+    mover = Mover(ball, lambda t: Pose(np.eye(3), np.array([0.0, t, 0.0])))
+    with Renderer((), FLAT_LIGHT, camera.width, camera.height, (mover,)) as renderer:
+        pose = looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+        columns = [np.flatnonzero(renderer.geometry(pose, camera, t)[1][118] == 9).mean() for t in (0.0, 0.3)]
+    assert columns[1] - columns[0] == pytest.approx(-0.3 * 300 / 2.0, abs=1.0)
+
+
+def test_light_is_linear_in_the_albedo(camera: Camera) -> None:
+    pose = looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    for level in (0.05, 0.2, 0.7):
+        with Renderer((grey_wall(2.0, 8.0, level),), FLAT_LIGHT, 320, 240) as renderer:
+            seen = RENDERED[renderer.color(pose, camera)[120, 160, 1]]
+        assert seen == pytest.approx(level, abs=0.006)
+
+
+def test_the_same_scene_gives_the_same_bytes(camera: Camera) -> None:
+    pose = looking((0.3, 0.1, 0.4), (2.0, 0.0, 0.0))
+    images = []
+    for _ in range(2):
+        with Renderer((white_box((2.0, -0.5, -0.5), (2.1, 0.5, 0.5)),), FLAT_LIGHT, 320, 240) as renderer:
+            images.append(renderer.color(pose, camera))
+    assert np.array_equal(*images)
+
+
+def test_encode_undoes_decode() -> None:
+    codes = np.arange(256, dtype=np.uint8).reshape(1, 256, 1).repeat(3, axis=2)
+    assert np.array_equal(encode(decode(codes)), codes)
