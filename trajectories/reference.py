@@ -48,7 +48,7 @@ class Planned:
     """A reference known before the flight; the vehicle rests at its start during the warm-up."""
 
     table: Array  # (steps, 17)
-    warm_up: int = round(2.0 / STEP_S)
+    warm_up: int = round(3.0 / STEP_S)
 
     @property
     def steps(self) -> int:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from trajectories.air import Air
 from trajectories.control import Gains, thrust_commands
 from trajectories.kernels import compiled
 from trajectories.pose import Array
@@ -10,7 +11,6 @@ from trajectories.reference import Guidance, Seen
 from trajectories.rigid_body import Plant, accelerations, drag_force, plant, rotor_speed_sum
 from trajectories.surroundings import Surroundings
 from trajectories.vectors import less, rotation, vector
-from trajectories.wind import Air
 
 BLOCK = 10
 """Steps between two looks of the guidance: 50 Hz."""
@@ -28,7 +28,7 @@ def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, sur
     first = guidance.rows(-guidance.warm_up, 1, None)[0]
     data.qpos[:] = *first[0:3], np.cos(first[9] / 2), 0.0, 0.0, np.sin(first[9] / 2)
     data.act[:] = vehicle.hover_thrust_n
-    integral = np.zeros(3)
+    integral = trim(numbers, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(vehicle.hover_thrust_n))))
     record = np.zeros((guidance.steps, RECORD_COLUMNS))
     spare = np.zeros(RECORD_COLUMNS)
     qpos, qvel, act, ctrl, push = data.qpos, data.qvel, data.act, data.ctrl, data.xfrc_applied[1]
@@ -42,6 +42,14 @@ def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, sur
             _step(numbers, gains, rows[k], winds[k], qpos, qvel, act, integral, ctrl, push, out)
             mujoco.mj_step(model, data)
     return record
+
+
+def trim(plant: Plant, gains: Gains, wind_m_s: Array, speed_sum: float) -> Array:
+    """State (3,) of the controller's integral, m/s^2, that holds a level vehicle against a steady wind."""
+    level = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    x, y, z = wind_m_s.tolist()
+    push = np.array(drag_force(plant, level, (-x, -y, -z), speed_sum))
+    return np.asarray(np.clip(-push / plant.mass, -gains.integral_limit, gains.integral_limit))
 
 
 @compiled

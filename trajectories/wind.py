@@ -1,43 +1,16 @@
-"""Wind: what the air does along a flight."""
+"""The winds, by name, and those without turbulence."""
 
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Gt
 
-from trajectories.pose import Array, read_only
-from trajectories.surroundings import Surroundings
+from trajectories.air import Air, WindSpec, downwind
+from trajectories.dryden import Dryden
+from trajectories.pose import read_only
 
-
-@dataclass(frozen=True, eq=False)
-class Air:
-    """Wind at each step of a flight: mean_m_s and turbulence_m_s (n, 3) in the world.
-
-    Near the structure the turbulence is (1 + near_gain exp(-distance / near_m)) times as strong.
-    """
-
-    mean_m_s: Array
-    turbulence_m_s: Array
-    near_gain: float = 0.0
-    near_m: float = 1.0
-
-    def at(self, first: int, count: int, position_m: Array, surroundings: Surroundings) -> Array:
-        """Wind (count, 3) of steps first, first + 1, ... at a place (3,)."""
-        strength = 1.0
-        if self.near_gain > 0.0:
-            distance = float(surroundings.distance(position_m[None])[0])
-            strength += self.near_gain * float(np.exp(-distance / self.near_m))
-        rows = slice(first, first + count)
-        return np.asarray(self.mean_m_s[rows] + strength * self.turbulence_m_s[rows])
-
-
-class WindSpec(Protocol):
-    """A kind of wind: a frozen dataclass of its parameters."""
-
-    def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
-        """Air of `steps` steps of step_s seconds."""
-        ...
+__all__ = ["WINDS", "Dryden", "Gust", "Steady", "Still", "WindSpec"]
 
 
 @dataclass(frozen=True)
@@ -63,10 +36,34 @@ class Steady:
         return Air(mean, read_only(np.zeros((steps, 3))))
 
 
-def downwind(from_deg: float) -> Array:
-    """Unit vector (3,) along which a wind from `from_deg` blows."""
-    angle = np.radians(from_deg)
-    return np.array([-np.cos(angle), -np.sin(angle), 0.0])
+@dataclass(frozen=True)
+class Gust:
+    """Steady wind with 1-cosine gusts on top of it (MIL-F-8785C, 3.7.1.3): rise, hold and fall.
+
+    The first comes first_s after take-off (the record begins some seconds later), then one every every_s, each moved at
+    random by up to jitter_s. from_deg counts counter-clockwise from the world's x axis.
+    """
+
+    speed_m_s: Annotated[float, Ge(0)] = 1.0
+    gust_m_s: Annotated[float, Ge(0)] = 2.0
+    from_deg: float = 0.0
+    first_s: Annotated[float, Ge(0)] = 5.0
+    every_s: Annotated[float, Gt(0)] = 12.0
+    jitter_s: Annotated[float, Ge(0)] = 2.0
+    rise_s: Annotated[float, Gt(0)] = 1.0
+    hold_s: Annotated[float, Ge(0)] = 1.5
+
+    def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
+        """Air of `steps` steps of step_s seconds."""
+        now = np.arange(steps) * step_s
+        strength = np.zeros(steps)
+        for begin in np.arange(self.first_s, steps * step_s, self.every_s):
+            since = now - begin - rng.uniform(-self.jitter_s, self.jitter_s)
+            up = np.clip(since / self.rise_s, 0.0, 1.0)
+            down = np.clip((since - self.rise_s - self.hold_s) / self.rise_s, 0.0, 1.0)
+            strength = np.maximum(strength, 0.5 * (np.cos(np.pi * down) - np.cos(np.pi * up)))
+        wind = (self.speed_m_s + self.gust_m_s * strength)[:, None] * downwind(self.from_deg)
+        return Air(read_only(wind), read_only(np.zeros((steps, 3))))
 
 
-WINDS: dict[str, type[WindSpec]] = {"still": Still, "steady": Steady}
+WINDS: dict[str, type[WindSpec]] = {"still": Still, "steady": Steady, "gust": Gust, "dryden": Dryden}
