@@ -59,6 +59,51 @@ def list_command() -> None:
     click.echo(inventory())
 
 
+def margin_options(command: Any) -> Any:
+    """The margins that `gate` and `compare` decide by."""
+    for name, default, about in (
+        ("--resolution", "10%", "A pass must exclude a change so large."),
+        ("--coverage-margin", "1%", "Tolerated loss of coverage, in shares of all frames."),
+        ("--latency-margin", "5%", "Tolerated growth of latency."),
+        ("--margin", "1%", "Tolerated growth of errors."),
+    ):
+        command = click.option(name, default=default, show_default=True, callback=share, help=about)(command)
+    return command
+
+
+def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
+    """A share from `5%` or `0.05`."""
+    try:
+        value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < 10.0:
+        raise click.BadParameter(f"{text!r} is no share: write 5% or 0.05")
+    return value
+
+
+@main.command("gate")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.option("--baseline", type=click.Path(path_type=Path), required=True, help="Folder of a run on the same frames.")
+@margin_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
+def gate_command(
+    results: Path,
+    baseline: Path,
+    margin: float,
+    latency_margin: float,
+    coverage_margin: float,
+    resolution: float,
+    out: Path | None,
+) -> None:
+    """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive."""
+    from bench.gate import Margins
+    from bench.gate_reports import pronounce
+
+    margins = Margins(error=margin, latency=latency_margin, coverage=coverage_margin, resolution=resolution)
+    sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
+
+
 @main.command("check")
 @click.argument("tracker", type=click.Path(path_type=Path))
 @click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")

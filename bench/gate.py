@@ -1,0 +1,209 @@
+"""The gate: whether results are worse than a baseline on the same frames, decided by statistics.
+
+Errors and latency are compared as ratios: `fail` when the one-sided 95 % lower bound of the change, from a paired
+hierarchical bootstrap and corrected by Holm over all metrics, lies above the margin; `inconclusive` when there are
+fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Coverage is
+compared as an absolute: its mean loss against its own margin. What is missing or not finite fails.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bench.gate_scores import Key, PairedValues, Side, expect_comparable, read_side, read_timing
+from bench.gate_statistics import hierarchical_bootstrap, holm, sign_flip_p
+from reports.score import PoseErrors, Score
+from trajectories.errors import UserError
+
+Verdict = Literal["pass", "fail", "inconclusive"]
+ALPHA = 0.05
+MIN_SEEDS = 5
+TINY = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """What is tolerated, as shares of the baseline (errors, latency) or of all frames (coverage).
+
+    resolution: a change so large must be out of the interval for a pass.
+    """
+
+    error: float = 0.01
+    latency: float = 0.05
+    coverage: float = 0.01
+    resolution: float = 0.10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One metric of one tracker.
+
+    change, low and high are shares: of the baseline, or, for the coverage, of all frames, a loss being positive. p is
+    corrected over all findings; NaN where nothing could be computed. reason says why, in words.
+    """
+
+    run: str
+    metric: str
+    unit: str
+    verdict: Verdict
+    baseline: float = math.nan
+    value: float = math.nan
+    change: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    margin: float = math.nan
+    p: float = math.nan
+    sequences: int = 0
+    seeds: int = 0
+    reason: str = ""
+
+
+def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Finding]:
+    """Findings on all trackers that the baseline has; UserError when the two cannot be compared."""
+    head, base = read_side(results), read_side(baseline)
+    runs = sorted({key[0] for key in (*base.scores, *base.faults)})
+    if not base.scores:
+        raise UserError(f"{baseline}: no scores in it; `uavbench run` a suite there first")
+    for key in base.scores.keys() & head.scores.keys():
+        expect_comparable(base.scores[key], head.scores[key], key)
+    findings = [finding for run in runs for finding in _of_run(run, base, head, margins)]
+    for run, timing in sorted(read_timing(results).items()):
+        findings.append(ratio_finding(run, "latency", "ms", timing, margins.latency, margins.resolution))
+    return decide(findings)
+
+
+def overall(findings: list[Finding]) -> Verdict:
+    """Fail when anything fails, else inconclusive when anything is, else pass."""
+    verdicts = {finding.verdict for finding in findings}
+    return "fail" if "fail" in verdicts or not verdicts else "inconclusive" if "inconclusive" in verdicts else "pass"
+
+
+def decide(findings: list[Finding]) -> list[Finding]:
+    """Findings with p corrected over all of them, and the verdicts that follow."""
+    tested = [f for f in findings if math.isfinite(f.p)]
+    corrected = dict(zip(map(id, tested), holm([f.p for f in tested]), strict=True))
+    return [_decided(replace(f, p=corrected[id(f)])) if id(f) in corrected else f for f in findings]
+
+
+def _decided(finding: Finding) -> Finding:
+    if finding.verdict == "inconclusive":
+        return finding
+    worse = finding.change > finding.margin
+    if finding.p <= ALPHA and worse:
+        return replace(finding, verdict="fail", reason="worse than the margin")
+    if finding.metric == "coverage":
+        doubt = "the loss is above the margin, but may be chance" if worse else ""
+    else:
+        doubt = finding.reason
+    return replace(finding, verdict="inconclusive" if doubt else "pass", reason=doubt)
+
+
+def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]:
+    """Findings on one tracker at one rate."""
+    keys = [key for key in (*base.scores, *base.faults, *head.scores, *head.faults) if key[0] == run]
+    crashed = sorted({k for k in keys if _crashed(head, k) and not _crashed(base, k)})
+    coverage = paired(keys, base, head, lambda score: score.tracking.coverage)
+    found = [coverage_finding(run, coverage, margins.coverage)]
+    if crashed:
+        _, sequence, seed = crashed[0]
+        why = f"{len(crashed)} runs crash that did not, first {sequence}, seed {seed}: {_why(head, crashed[0])}"
+        found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
+    for metric, (unit, value) in ERRORS.items():
+        values = paired(keys, base, head, value)
+        found.append(ratio_finding(run, metric, unit, values, margins.error, margins.resolution))
+    return found
+
+
+def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Score], float]) -> PairedValues:
+    """One value of each run on both sides, NaN where there is no score."""
+    sides = [
+        {(k[1], k[2]): value(side.scores[k]) if k in side.scores else math.nan for k in keys} for side in (base, head)
+    ]
+    return PairedValues(*sides)
+
+
+def ratio_finding(run: str, metric: str, unit: str, values: PairedValues, margin: float, resolution: float) -> Finding:
+    """Finding on a metric that is better when smaller, compared as a ratio; p is not corrected yet."""
+    finding = _described(run, metric, unit, values, margin)
+    if finding.verdict != "pass":
+        return finding
+    interval = hierarchical_bootstrap(values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY))))
+    finding = replace(
+        finding,
+        change=math.expm1(interval.mean),
+        low=math.expm1(interval.low),
+        high=math.expm1(interval.high),
+        p=interval.p_above(math.log1p(margin)),
+    )
+    if finding.seeds < MIN_SEEDS:
+        return _too_few(finding)
+    if finding.high > max(resolution, margin):
+        return replace(finding, reason=f"a change of +{finding.high:.1%} cannot be excluded")
+    return finding
+
+
+def coverage_finding(run: str, values: PairedValues, margin: float) -> Finding:
+    """Finding on the share of frames with a pose, compared as a difference; p is not corrected yet."""
+    finding = _described(run, "coverage", "", values, margin)
+    if finding.verdict != "pass":
+        return finding
+    loss = values.by_sequence(lambda b, h: b - h)
+    interval = hierarchical_bootstrap(loss)
+    finding = replace(
+        finding,
+        change=interval.mean,
+        low=interval.low,
+        high=interval.high,
+        p=sign_flip_p(np.concatenate(loss)),
+    )
+    return _too_few(finding) if finding.seeds < MIN_SEEDS else finding
+
+
+def _described(run: str, metric: str, unit: str, values: PairedValues, margin: float) -> Finding:
+    """The finding with its plain means; it fails at once when a number is missing."""
+    missing = values.missing()
+    finding = Finding(
+        run=run,
+        metric=metric,
+        unit=unit,
+        verdict="fail" if missing else "pass",
+        margin=margin,
+        sequences=len(values.sequences),
+        seeds=values.seeds,
+        reason=missing,
+    )
+    if missing:
+        return finding
+    return replace(
+        finding, baseline=float(np.mean([*values.base.values()])), value=float(np.mean([*values.head.values()]))
+    )
+
+
+def _too_few(finding: Finding) -> Finding:
+    why = f"{finding.seeds} seeds are too few, {MIN_SEEDS} are needed"
+    return replace(finding, verdict="inconclusive", p=math.nan, reason=why)
+
+
+def _crashed(side: Side, key: Key) -> bool:
+    return key in side.scores and side.scores[key].status == "crashed"
+
+
+def _why(side: Side, key: Key) -> str:
+    return (side.scores[key].errors or ("no word of why",))[0]
+
+
+def _rmse(errors: PoseErrors | None, kind: Literal["translation_m", "rotation_deg"]) -> float:
+    summary = getattr(errors, kind) if errors is not None else None
+    return math.nan if summary is None else float(summary.rmse)
+
+
+ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
+    "ATE": ("m", lambda score: _rmse(score.ate.get("none"), "translation_m")),
+    "ATE rotation": ("deg", lambda score: _rmse(score.ate.get("none"), "rotation_deg")),
+    "RPE 1 s": ("m", lambda score: _rmse(score.rpe.get("1 s"), "translation_m")),
+}
+"""Metrics that are compared as ratios: unit and value of a score."""

@@ -1,0 +1,257 @@
+"""The gate: verdicts on drawn scores, its statistics against closed forms, its reports."""
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from bench.cli import main
+from bench.gate import Margins, gate, overall
+from bench.gate_reports import to_junit, to_text
+from bench.gate_statistics import hierarchical_bootstrap, holm, sign_flip_p
+from reports.latency import Latency
+from reports.score import PoseErrors, Score
+from reports.summary import ErrorSummary
+from reports.tracking import Tracking
+from trajectories.errors import UserError
+
+
+def summary(rmse):
+    return ErrorSummary(rmse=rmse, mean=rmse, median=rmse, std=0.0, min=rmse, max=rmse, sse=rmse**2, n=10)
+
+
+def make_score(sequence, seed, rmse, coverage=1.0, status="complete", frames="f", errors=()):
+    pose = PoseErrors(translation_m=None if rmse is None else summary(rmse), rotation_deg=summary(1.0))
+    track = Tracking(
+        frames=100, with_pose=int(100 * coverage), coverage=coverage, success=1.0, success_auc=1.0, failures=0,
+        failures_per_minute=0.0, time_to_first_loss_s=None, time_to_recover_s=None, longest_failure_s=0.0,
+    )  # fmt: skip
+    return Score(
+        label="lsd", rate_hz=15.0, seed=seed, sequence=f"{sequence}-s{seed}", status=status, tracking=track,
+        ate={"none": pose}, rpe={"1 s": pose}, latency={"total": Latency.of(np.ones(3))}, deadline_misses=0.0,
+        errors=errors, record={"sequence": {"content_hash": f"{frames}{sequence}{seed}"}, "std_ddof": 0},
+    )  # fmt: skip
+
+
+def write(folder, scores, sequences=4, seeds=5):
+    names = [f"s{i}-s{k}" for i in range(sequences) for k in range(seeds)]
+    folder.mkdir(exist_ok=True)
+    about = {"sequences": names, "trackers": ["lsd"], "rates_hz": [15.0]}
+    (folder / "suite.json").write_text(json.dumps(about))
+    for score in scores:
+        score.save(folder / "results" / score.sequence / "lsd@15hz" / "score.json")
+    return folder
+
+
+def drawn(rng, factor=1.0, spread=0.02, sequences=4, seeds=5, **options):
+    return [
+        make_score(f"s{i}", k, (0.01 + 0.01 * i) * factor * np.exp(spread * rng.normal()), **options)
+        for i in range(sequences)
+        for k in range(seeds)
+    ]
+
+
+@pytest.fixture
+def sides(tmp_path):
+    rng = np.random.default_rng(0)
+
+    def make(head, base=None, **size):
+        base = drawn(rng, **size) if base is None else base
+        return write(tmp_path / "head", head(rng) if callable(head) else head, **size), write(
+            tmp_path / "base", base, **size
+        )
+
+    return make
+
+
+def verdicts(findings):
+    return {f.metric: f.verdict for f in findings}
+
+
+def test_the_same_again_passes(sides):
+    findings = gate(*sides(lambda rng: drawn(rng)))
+    assert set(verdicts(findings).values()) == {"pass"}
+    assert overall(findings) == "pass"
+
+
+def test_a_regression_fails_with_its_size_told(sides):
+    findings = gate(*sides(lambda rng: drawn(rng, factor=1.2)))
+    (ate,) = [f for f in findings if f.metric == "ATE"]
+    assert ate.verdict == "fail"
+    assert ate.low < 0.2 < ate.high
+    assert ate.low > 0.15
+    assert overall(findings) == "fail"
+    assert verdicts(findings)["ATE rotation"] == "pass"
+
+
+def test_an_improvement_passes(sides):
+    assert overall(gate(*sides(lambda rng: drawn(rng, factor=0.5)))) == "pass"
+
+
+def test_a_margin_tolerates(sides):
+    assert overall(gate(*sides(lambda rng: drawn(rng, factor=1.05)), Margins(error=0.15, resolution=0.2))) == "pass"
+
+
+def test_few_seeds_are_inconclusive(sides):
+    findings = gate(*sides(lambda rng: drawn(rng, factor=1.2, seeds=4), seeds=4))
+    assert set(verdicts(findings).values()) == {"inconclusive"}
+    assert "4 seeds are too few" in findings[0].reason
+
+
+def test_a_wide_interval_is_inconclusive(sides):
+    findings = gate(*sides(lambda rng: drawn(rng, spread=0.6)))
+    assert verdicts(findings)["ATE"] == "inconclusive"
+    assert overall(findings) == "inconclusive"
+
+
+def test_missing_and_undefined_fail(sides, tmp_path):
+    rng = np.random.default_rng(1)
+    scores = drawn(rng)
+    undefined = [replace(scores[0], ate={"none": PoseErrors(translation_m=None, rotation_deg=summary(1.0))})]
+    findings = gate(*sides(undefined + scores[1:]))
+    assert verdicts(findings)["ATE"] == "fail"
+    assert "s0, seed 0" in next(f for f in findings if f.metric == "ATE").reason
+    (tmp_path / "head" / "results" / "s1-s1" / "lsd@15hz" / "score.json").unlink()
+    findings = gate(tmp_path / "head", tmp_path / "base")
+    assert set(verdicts(findings).values()) == {"fail"}
+    assert "results" in findings[0].reason
+
+
+def test_a_hole_in_the_baseline_fails_too(sides, tmp_path):
+    folders = sides(lambda rng: drawn(rng))
+    (tmp_path / "base" / "results" / "s1-s1" / "lsd@15hz" / "score.json").unlink()
+    findings = gate(*folders)
+    assert overall(findings) == "fail"
+    assert "baseline" in findings[0].reason
+
+
+def test_a_damaged_score_fails_and_is_no_crash(sides, tmp_path):
+    folders = sides(lambda rng: drawn(rng))
+    (tmp_path / "head" / "results" / "s1-s1" / "lsd@15hz" / "score.json").write_text('{"label": NaN')
+    assert overall(gate(*folders)) == "fail"
+
+
+def test_lost_coverage_fails_even_where_errors_shrink(sides):
+    findings = gate(*sides(lambda rng: drawn(rng, factor=0.5, coverage=0.9, status="lost")))
+    assert verdicts(findings)["coverage"] == "fail"
+    small = gate(*sides(lambda rng: drawn(rng, factor=0.5, coverage=0.995, status="lost")))
+    assert verdicts(small)["coverage"] == "pass"
+
+
+def test_one_sequence_lost_in_all_seeds_fails(sides):
+    def head(rng):
+        scores = drawn(rng)
+        return [replace(s, tracking=replace(s.tracking, coverage=0.5)) if "s2" in s.sequence else s for s in scores]
+
+    assert verdicts(gate(*sides(head)))["coverage"] == "fail"
+
+
+def test_a_new_crash_fails_with_its_reason(sides):
+    def head(rng):
+        scores = drawn(rng)
+        return [replace(scores[0], status="crashed", errors=("frame 3: ZeroDivisionError",)), *scores[1:]]
+
+    findings = gate(*sides(head))
+    assert verdicts(findings)["coverage"] == "fail"
+    assert "ZeroDivisionError" in findings[0].reason
+
+
+def test_other_frames_or_another_way_of_scoring_are_refused(sides):
+    with pytest.raises(UserError, match="different frames"):
+        gate(*sides(lambda rng: drawn(rng, frames="g")))
+
+    def head(rng):
+        return [replace(s, record={**s.record, "std_ddof": 1}) for s in drawn(rng)]
+
+    with pytest.raises(UserError, match="std_ddof"):
+        gate(*sides(head))
+
+
+def test_latency_of_interleaved_runs(sides, tmp_path):
+    folders = sides(lambda rng: drawn(rng))
+    rows = [
+        {"sequence": f"s{i}", "seed": k, "base_ms": 10.0, "head_ms": 12.0 + 0.01 * k}
+        for i in range(4)
+        for k in range(5)
+    ]
+    (tmp_path / "head" / "timing.json").write_text(json.dumps({"runs": {"lsd@15hz": rows}}))
+    assert verdicts(gate(*folders))["latency"] == "fail"
+    rows[0]["head_ms"] = float("nan")
+    (tmp_path / "head" / "timing.json").write_text(json.dumps({"runs": {"lsd@15hz": rows}}))
+    assert verdicts(gate(*folders))["latency"] == "fail"
+    (tmp_path / "head" / "timing.json").write_text("[]")
+    with pytest.raises(UserError, match="timing"):
+        gate(*folders)
+
+
+def test_command_and_reports(sides, tmp_path):
+    head, base = sides(lambda rng: drawn(rng, factor=1.2))
+    result = CliRunner().invoke(main, ["gate", str(head), "--baseline", str(base), "--margin", "5%"])
+    assert result.exit_code == 1, result.output
+    assert "gate: fail" in result.output
+    about = json.loads((head / "gate" / "gate.json").read_text())
+    assert about["verdict"] == "fail"
+    assert about["margins"]["error"] == 0.05
+    suite = ET.parse(head / "gate" / "gate.xml").getroot()
+    assert suite.get("failures") == str(sum(f["verdict"] == "fail" for f in about["findings"]))
+    failed = {case.get("name") for case in suite.iter("testcase") if case.find("failure") is not None}
+    assert failed == {f["metric"] for f in about["findings"] if f["verdict"] == "fail"}
+    assert "| lsd@15hz | ATE |" in (head / "gate" / "gate.md").read_text()
+    assert CliRunner().invoke(main, ["gate", str(base), "--baseline", str(base)]).exit_code == 0
+    for bad in ("x", "-1%", "nan"):
+        assert CliRunner().invoke(main, ["gate", str(base), "--baseline", str(base), "--margin", bad]).exit_code == 2
+    assert CliRunner().invoke(main, ["gate", str(tmp_path / "no"), "--baseline", str(base)]).exit_code == 2
+
+
+def test_reports_hold_whatever_a_tracker_says(sides):
+    def head(rng):
+        scores = drawn(rng)
+        return [replace(scores[0], status="crashed", errors=("<b>\x00|&\x1b[31m",)), *scores[1:]]
+
+    findings = gate(*sides(head))
+    ET.fromstring(to_junit(findings).encode())
+    assert to_text(findings)
+
+
+def test_the_same_folders_give_the_same_findings(sides):
+    folders = sides(lambda rng: drawn(rng))
+    assert gate(*folders) == gate(*folders)
+
+
+def test_bootstrap_bounds_are_those_of_student_for_plain_normal_means():
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=400)
+    paired = hierarchical_bootstrap([np.array([v]) for v in values])
+    half = stats.t.ppf(0.95, 399) * values.std(ddof=1) / 20
+    assert paired.mean == pytest.approx(values.mean())
+    assert paired.high - paired.mean == pytest.approx(half, rel=0.05)
+    assert paired.mean - paired.low == pytest.approx(half, rel=0.05)
+
+
+def test_bootstrap_takes_sequences_of_unlike_length():
+    paired = hierarchical_bootstrap([np.array([1.0] * 3), np.array([1.0] * 7)])
+    assert (paired.mean, paired.low, paired.high) == (1.0, 1.0, 1.0)
+    assert paired.p_above(0.5) < 1e-4
+    assert paired.p_above(1.0) == 1.0
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
+@settings(max_examples=100)
+def test_holm_is_as_statsmodels_defines_it(p):
+    adjusted = holm(p)
+    order = np.argsort(p, kind="stable")
+    expected = np.minimum(1, np.maximum.accumulate([(len(p) - r) * p[i] for r, i in enumerate(order)]))
+    np.testing.assert_allclose(np.array(adjusted)[order], expected)
+    assert all(a >= b for a, b in zip(adjusted, p, strict=True))
+
+
+def test_sign_flip_is_the_sign_test_for_like_steps():
+    assert sign_flip_p(np.ones(10)) == pytest.approx(2**-10, rel=0.5)
+    assert sign_flip_p(np.array([1.0, -1.0] * 5)) > 0.3
+    assert sign_flip_p(np.zeros(4)) == 1.0
