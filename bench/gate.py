@@ -7,7 +7,7 @@ compared as an absolute: its mean loss against its own margin. What is missing o
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -64,15 +64,22 @@ class Finding:
 
 def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Finding]:
     """Findings on all trackers that the baseline has; UserError when the two cannot be compared."""
-    head, base = read_side(results), read_side(baseline)
-    runs = sorted({key[0] for key in (*base.scores, *base.faults)})
+    base = read_side(baseline)
     if not base.scores:
         raise UserError(f"{baseline}: no scores in it; `uavbench run` a suite there first")
+    return compare_sides(base, read_side(results), read_timing(results), margins)
+
+
+def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], margins: Margins) -> list[Finding]:
+    """Findings on all trackers of one side against the other, and on the latencies of interleaved runs."""
     for key in base.scores.keys() & head.scores.keys():
         expect_comparable(base.scores[key], head.scores[key], key)
+    runs = sorted({key[0] for key in (*base.scores, *base.faults)})
     findings = [finding for run in runs for finding in _of_run(run, base, head, margins)]
-    for run, timing in sorted(read_timing(results).items()):
-        findings.append(ratio_finding(run, "latency", "ms", timing, margins.latency, margins.resolution))
+    findings += [
+        ratio_finding(run, "latency", "ms", times, margins.latency, margins.resolution)
+        for run, times in sorted(timing.items())
+    ]
     return decide(findings)
 
 

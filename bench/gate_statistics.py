@@ -1,15 +1,17 @@
 """What the gate decides on: a paired hierarchical bootstrap, a sign-flip test, and Holm's correction."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajectories.pose import Array
 from trajectories.streams import stream
 
 REPLICATES = 20_000
 CHUNK = 2_000
+MAX_KEPT = 1_000
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +25,7 @@ class Paired:
 
     def p_above(self, limit: float) -> float:
         """Evidence against `the mean is at most limit`: share of replicates at or below it, never 0."""
-        at_or_below = int(np.searchsorted(self.replicates, limit, side="right"))
+        at_or_below = int(np.searchsorted(self.replicates, limit + ROUNDING, side="right"))
         return (1 + at_or_below) / (1 + len(self.replicates))
 
 
@@ -34,13 +36,11 @@ def hierarchical_bootstrap(differences: list[Array], *, alpha: float = 0.05, see
     high are the one-sided 1 - alpha bounds. The spread over s sequences is widened by sqrt(s / (s - 1)) about the mean,
     for the plain bootstrap's variance of a mean of s is short by (s - 1) / s.
     """
-    sizes = np.array([len(d) for d in differences])
-    table = np.zeros((len(differences), int(sizes.max())))
-    for row, values in zip(table, differences, strict=True):
-        row[: len(values)] = values
+    sizes = tuple(len(d) for d in differences)
     mean = float(np.mean([d.mean() for d in differences]))
-    rng = stream(seed, "gate", "bootstrap")
-    means = np.concatenate([_replicates(table, sizes, CHUNK, rng) for _ in range(REPLICATES // CHUNK)])
+    values = np.concatenate(differences)
+    weights = _kept_weights if len(values) <= MAX_KEPT else _weights
+    means = np.concatenate([weights(sizes, seed, chunk) @ values for chunk in range(REPLICATES // CHUNK)])
     if len(differences) > 1:
         means = mean + (means - mean) * np.sqrt(len(differences) / (len(differences) - 1))
     means.sort()
@@ -48,14 +48,21 @@ def hierarchical_bootstrap(differences: list[Array], *, alpha: float = 0.05, see
     return Paired(mean=mean, low=low, high=high, replicates=means)
 
 
-def _replicates(table: Array, sizes: NDArray[np.int64], count: int, rng: np.random.Generator) -> Array:
-    drawn = rng.integers(len(table), size=(count, len(table)))
-    size = sizes[drawn][..., None]
-    seeds = (rng.random((*drawn.shape, table.shape[1])) * size).astype(np.int64)
-    used = np.arange(table.shape[1]) < size
-    values = np.where(used, table[drawn[..., None], seeds], 0.0)
-    means: Array = (values.sum(axis=2) / size[..., 0]).mean(axis=1)
-    return means
+def _weights(sizes: tuple[int, ...], seed: int, chunk: int) -> Array:
+    """Weight (CHUNK, n) of each of the n = sum(sizes) values in each replicate; rows sum to 1."""
+    rng = stream(seed, "gate", "bootstrap", chunk)
+    size, first = np.array(sizes), np.cumsum([0, *sizes[:-1]])
+    drawn = rng.integers(len(sizes), size=(CHUNK, len(sizes)))
+    picks = np.floor(rng.random((*drawn.shape, max(sizes))) * size[drawn][..., None]).astype(np.int64)
+    column = first[drawn][..., None] + picks
+    share = np.where(np.arange(max(sizes)) < size[drawn][..., None], 1.0 / (size[drawn] * len(sizes))[..., None], 0.0)
+    cell = np.arange(CHUNK)[:, None, None] * sum(sizes) + column
+    weights: Array = np.bincount(cell.ravel(), share.ravel(), CHUNK * sum(sizes)).astype(np.float64)
+    return weights.reshape(CHUNK, sum(sizes))
+
+
+_kept_weights = lru_cache(maxsize=REPLICATES // CHUNK)(_weights)
+"""The same for the next metric: it has the same sequences and seeds."""
 
 
 def sign_flip_p(differences: Array, *, seed: int = 0) -> float:
