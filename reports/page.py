@@ -66,6 +66,7 @@ class SequenceOnPage:
     moving: str
     moving_text: str
     text: str
+    index_text: str
 
 
 def write_index(

@@ -64,6 +64,7 @@ def write_report(
     index = write_index(
         folder, title, runs, table, [*overall, *(f for _, few in pages for f in few)], [p for p, _ in pages]
     )
+    steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
     return index
 
@@ -78,7 +79,14 @@ class Steps:
 
     def __call__(self, weight: int = 1) -> None:
         """Tell that so much more is done."""
-        self._done = min(self._done + weight, self._total)
+        self._tell(min(self._done + weight, self._total))
+
+    def finish(self) -> None:
+        """Tell that all is done."""
+        self._tell(self._total)
+
+    def _tell(self, done: int) -> None:
+        self._done = done
         if self._on_step is not None:
             self._on_step(self._done, self._total)
 
@@ -134,7 +142,8 @@ def write_sequence(
         f"pages/{slug}.html",
         moving.relative_to(folder).as_posix(),
         f"{main.title}: the model at the latest estimate in green, at the truth in white.",
-        f"{len(sequence)} frames, {main.errors.seconds[-1]:.1f} s. The overlay shows {main.title}: the model at the "
+        f"{len(sequence)} frames, {main.errors.seconds[-1]:.1f} s.",
+        f"The overlay shows {main.title}: the model at the "
         "latest estimate in green, at the truth in white. Its page goes through all runs frame by frame.",
     )
     on_page_too = [FigureOnPage(f.files, f.title, f.caption, up="../") for f in [*index, *own]]

@@ -28,7 +28,7 @@
   };
   const number = (value, digits, unit) => value === null ? "no pose" : value.toFixed(digits) + " " + unit;
 
-  const LOW = .1, HIGH = 200, LEFT = 42, BOTTOM = 22, TOP = 8;
+  const LOW = .1, HIGH = 200, LEFT = 46 * devicePixelRatio, BOTTOM = 22 * devicePixelRatio, TOP = 8;
   const x = (i) => LEFT + (curve.width - LEFT - 8) * i / Math.max(1, data.frames.length - 1);
   const y = (cm) => TOP + (curve.height - TOP - BOTTOM) * (1 - Math.log(Math.min(HIGH, Math.max(LOW, cm)) / LOW) / Math.log(HIGH / LOW));
   const drawCurve = (i, run) => {
@@ -47,7 +47,14 @@
       ink.stroke();
     });
     ink.globalAlpha = .18; ink.fillStyle = style("--bad");
-    data.runs[run].success.forEach((good, j) => { if (!good) ink.fillRect(x(j - .5), TOP, x(1) - x(0) + 1, curve.height - TOP - BOTTOM); });
+    const good = data.runs[run].success, last = good.length - 1;
+    for (let j = 0; j <= last; j++) {
+      if (good[j]) continue;
+      const begin = j;
+      while (j < last && !good[j + 1]) j++;
+      const left = x(Math.max(0, begin - .5));
+      ink.fillRect(left, TOP, x(Math.min(last, j + .5)) - left, curve.height - TOP - BOTTOM);
+    }
     ink.globalAlpha = 1; ink.strokeStyle = style("--ink"); ink.lineWidth = 1.5 * devicePixelRatio;
     ink.beginPath(); ink.moveTo(x(i), TOP); ink.lineTo(x(i), curve.height - BOTTOM); ink.stroke();
     ink.fillStyle = style("--soft"); ink.textAlign = "center";

@@ -1,0 +1,72 @@
+"""The pages, opened from disk in headless Chromium: clicked and read."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.reports.browser import browser
+
+CURVE = "document.querySelector('#curve').toDataURL()"
+
+
+@pytest.mark.slow
+def test_the_summary_sorts_and_failures_come_first(report: Path) -> None:
+    with browser() as page:
+        page.open(report / "index.html")
+        rows = "[...document.querySelectorAll('#summary tbody tr')].map(r => r.dataset.run)"
+        names = page.value(rows)
+        assert sorted(names) == ["hold@15hz", "hold@1hz", "lsd@15hz", "lsd@1hz"]
+        column = "[...document.querySelectorAll('#summary tbody tr')].map(r => Number(r.cells[2].dataset.v))"
+        page.click("#summary th:nth-child(3) button")
+        assert page.value(column) == sorted(page.value(column), reverse=True)
+        assert page.value(rows)[0] == "lsd@15hz"
+        page.click("#summary th:nth-child(3) button")
+        assert page.value(column) == sorted(page.value(column))
+        assert page.value("document.querySelector('#summary th:nth-child(3)').ariaSort") == "ascending"
+        assert page.text(".failures li strong").startswith("hold")
+        page.until(
+            "[...document.images].filter(i => i.loading !== 'lazy').every(i => i.complete && i.naturalWidth > 0)"
+        )
+        page.value("[...document.images].forEach(i => { i.loading = 'eager'; })")
+        page.until("[...document.images].every(i => i.complete && i.naturalWidth > 0)")
+        assert page.problems == []
+
+
+@pytest.mark.slow
+def test_image_overlay_and_curve_move_together(report: Path) -> None:
+    errors = json.loads((report / "scores.json").read_text())["scores"]
+    assert {e["label"] for e in errors} == {"hold", "lsd"}
+    with browser() as page:
+        page.open(report / "index.html")
+        page.click(".failures li a")
+        page.until("document.querySelector('#view') !== null && document.readyState === 'complete'")
+        page.until("document.querySelector('#position').textContent !== ''")
+        assert page.text("#state").startswith("lost")
+        pixels = "document.querySelector('#view').getContext('2d').getImageData(0, 0, 320, 240).data.join()"
+        page.until("document.querySelector('#view').getContext('2d').getImageData(5, 5, 1, 1).data[0] > 60")
+        shown, view, curve = page.text("#shown"), page.value(pixels), page.value(CURVE)
+        page.value("document.querySelector('#frame').value = 30")
+        page.value("document.querySelector('#frame').dispatchEvent(new Event('input'))")
+        assert page.text("#shown") == "30" != shown
+        assert page.text("#seconds") == "2.00 s"
+        assert page.value(CURVE) != curve
+        page.until(f"{pixels} !== {json.dumps(view)}")
+        held = float(page.text("#position").split()[0])
+        page.value("document.querySelector('#run').value = '2'")
+        page.value("document.querySelector('#run').dispatchEvent(new Event('change'))")
+        assert float(page.text("#position").split()[0]) < held
+        page.click("#play")
+        page.until("document.querySelector('#shown').textContent !== '30'")
+        page.click("#play")
+        assert page.problems == []
+
+
+def test_pages_ask_for_nothing_from_the_network(report: Path) -> None:
+    for path in [report / "index.html", *(report / "pages").glob("*.html")]:
+        text = path.read_text()
+        assert not re.search(r"""(?:src|href)=["'](?:https?:)?//""", text)
+        assert "fetch(" not in text
+        for target in re.findall(r"""(?:src|href)=["']([^"'#]+)""", text):
+            assert (path.parent / target).exists(), (path, target)
