@@ -12,6 +12,7 @@ from tracker.base import Tracker
 from tracker.variants import TRACKERS
 from trajectories.airframes import AIRFRAMES, AirframeSpec
 from trajectories.paths import PATHS, PathSpec
+from trajectories.sensors import SENSORS, SensorSpec
 from trajectories.wind import WINDS, WindSpec
 
 PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
@@ -22,6 +23,7 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     PathSpec: (PATHS, "plan"),
     AirframeSpec: (AIRFRAMES, "build"),
     WindSpec: (WINDS, "start"),
+    SensorSpec: (SENSORS, "measure"),
     Tracker: ({**TRACKERS, "external": External}, "start"),
 }
 """Protocol -> (name -> class, verb)."""

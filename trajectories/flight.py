@@ -1,105 +1,37 @@
-"""A flight: what is flown, and the true record of it."""
+"""A flight: what is flown, and the flying of it."""
 
 from dataclasses import dataclass, field
-from fractions import Fraction
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Interval
-from numpy.typing import NDArray
 
 from trajectories.airframes import AirframeSpec, Crazyflie
+from trajectories.barometer import Barometer
 from trajectories.control import Geometric
 from trajectories.errors import UserError
 from trajectories.flight_checks import check_camera, check_plan, check_saturation, crash_error, crash_step
+from trajectories.flow_deck import FlowDeck
+from trajectories.flown import Flight
 from trajectories.hand_pilot import HandPilot
+from trajectories.imu import Imu
 from trajectories.mount import Mount
 from trajectories.paths import PATHS, PathSpec
-from trajectories.pose import Array, Pose, read_only
+from trajectories.pose import Array
 from trajectories.quadrotor import STEP_NS, STEP_S, Quadrotor
 from trajectories.reference import Planned, Replay
+from trajectories.sensor import SensorSpec
 from trajectories.simulate import simulate
 from trajectories.streams import stream
 from trajectories.surroundings import Surroundings
-from trajectories.trajectory import Trajectory
 from trajectories.wind import Still, WindSpec
 
-Status = Literal["completed", "crashed"]
-
-
-@dataclass(frozen=True, eq=False)
-class Flight:
-    """The truth of one flight, one row per control step; arrays are read-only.
-
-    stamps_ns (n,) int64 from step counts, 0 first; world_from_body as positions_m (n, 3) and quaternions_wxyz (n, 4);
-    velocities_m_s and accelerations_m_s2 (n, 3) of the body's origin in the world (kinematic: 0 in hover);
-    angular_velocities_rad_s and angular_accelerations_rad_s2 (n, 3) in the body; thrust_commands_n and thrusts_n
-    (n, 4) of the four rotors; winds_m_s (n, 3) of the air in the world. A crashed flight ends at crashed_ns, its last
-    row, touching floor or structure.
-    """
-
-    stamps_ns: NDArray[np.int64]
-    positions_m: Array
-    quaternions_wxyz: Array
-    velocities_m_s: Array
-    accelerations_m_s2: Array
-    angular_velocities_rad_s: Array
-    angular_accelerations_rad_s2: Array
-    thrust_commands_n: Array
-    thrusts_n: Array
-    winds_m_s: Array
-    status: Status = "completed"
-    crashed_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        stamps = np.array(self.stamps_ns, dtype=np.int64)
-        stamps.setflags(write=False)
-        object.__setattr__(self, "stamps_ns", stamps)
-        n = stamps.size
-        for name, columns in (
-            ("positions_m", 3),
-            ("quaternions_wxyz", 4),
-            ("velocities_m_s", 3),
-            ("accelerations_m_s2", 3),
-            ("angular_velocities_rad_s", 3),
-            ("angular_accelerations_rad_s2", 3),
-            ("thrust_commands_n", 4),
-            ("thrusts_n", 4),
-            ("winds_m_s", 3),
-        ):
-            object.__setattr__(self, name, read_only(getattr(self, name), (n, columns)))
-        if (self.status == "crashed") != (self.crashed_ns is not None):
-            raise ValueError("a flight has a crash time exactly when its status is crashed")
-
-    def __len__(self) -> int:
-        return int(self.stamps_ns.size)
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """Trajectory world_from_body of every row."""
-        return Trajectory(self.stamps_ns, self.positions_m, self.quaternions_wxyz)
-
-    def pose(self, row: int) -> Pose:
-        """Pose world_from_body of a row."""
-        return Pose.from_quaternion(self.quaternions_wxyz[row], self.positions_m[row])
-
-    def frame_rows(self, rate_hz: float) -> NDArray[np.int64]:
-        """Rows nearest to the times of a camera at rate_hz, the first at 0; a frame's stamp is its row's own stamp.
-
-        Pose and stamp of a frame so never disagree; a frame is early or late by at most half a row.
-        ValueError when the camera is faster than the record.
-        """
-        step_ns = int(self.stamps_ns[1] - self.stamps_ns[0]) if len(self) > 1 else 10**9
-        rows_per_frame = Fraction(10**9) / Fraction(str(rate_hz)) / step_ns
-        if rows_per_frame < 1:
-            raise ValueError(f"a camera at {rate_hz} Hz is faster than the record's {1e9 / step_ns:g} Hz")
-        count = int((len(self) - 1) / rows_per_frame) + 1
-        return np.array([round(i * rows_per_frame) for i in range(count)], dtype=np.int64)
+__all__ = ["Flight", "FlightSpec", "fly", "path_name"]
 
 
 @dataclass(frozen=True)
 class FlightSpec:
-    """What is flown: a path, a vehicle, its controller and the wind, and what is asked of the flight.
+    """What is flown: a path, a vehicle, its controller, the wind and its sensors, and what is asked of the flight.
 
     A plan must keep clearance_m between the vehicle's sphere and everything else. Motors may be at their limits for
     saturation_share of the time. A crash is an error, or, with on_crash "record", ends the record there.
@@ -109,6 +41,7 @@ class FlightSpec:
     airframe: AirframeSpec = field(default_factory=Crazyflie)
     control: Geometric = field(default_factory=Geometric)
     wind: WindSpec = field(default_factory=Still)
+    sensors: tuple[SensorSpec, ...] = (Imu(), FlowDeck(), Barometer())
     clearance_m: Annotated[float, Ge(0)] = 0.1
     saturation_share: Annotated[float, Interval(ge=0, le=1)] = 0.05
     on_crash: Literal["error", "record"] = "error"

@@ -1,0 +1,56 @@
+"""A barometer of the kind that small vehicles carry."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from trajectories.dryden import first_order
+from trajectories.flown import Flight
+from trajectories.pose import Array
+from trajectories.sensor import Table, sample_stamps, sampled
+from trajectories.surroundings import Surroundings
+
+
+@dataclass(frozen=True)
+class Barometer:
+    """Air pressure with white noise and a slow drift, and the height that the standard atmosphere makes of it.
+
+    noise_pa is the standard deviation of a reading (Bosch BMP388, data sheet rev. 1.7: 1.2 Pa at its standard
+    resolution without filter is about 10 cm); the drift is a first-order process of drift_pa and drift_s, the order of
+    the pressure changes that doors, warmth and weather make.
+    """
+
+    rate_hz: Annotated[float, Gt(0)] = 50.0
+    noise_pa: Annotated[float, Ge(0)] = 1.2
+    drift_pa: Annotated[float, Ge(0)] = 3.0
+    drift_s: Annotated[float, Gt(0)] = 120.0
+    floor_pressure_pa: Annotated[float, Gt(0)] = 101325.0
+
+    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+        """Pressure in Pa and height above the floor in m."""
+        stamps = sample_stamps(flight, self.rate_hz)
+        height = sampled(flight, flight.positions_m, stamps)[:, 2]
+        noise = self.noise_pa * rng.standard_normal(len(stamps))
+        drift = self.drift_pa * first_order(len(stamps), 1.0 / self.rate_hz, self.drift_s, rng)
+        pressure = pressure_at(height, self.floor_pressure_pa) + noise + drift
+        return Table(
+            ("pressure_pa", "height_m"),
+            stamps,
+            np.column_stack([pressure, height_at(pressure, self.floor_pressure_pa)]),
+        )
+
+
+TEMPERATURE_K, LAPSE_K_M, EXPONENT = 288.15, 0.0065, 5.25588
+"""Standard atmosphere (ISO 2533) at sea level: temperature, its fall with height, and g M / (R L)."""
+
+
+def pressure_at(height_m: Array, floor_pressure_pa: float) -> Array:
+    """Pressure (n,), Pa, at heights (n,) above the floor."""
+    return np.asarray(floor_pressure_pa * (1.0 - LAPSE_K_M * height_m / TEMPERATURE_K) ** EXPONENT)
+
+
+def height_at(pressure_pa: Array, floor_pressure_pa: float) -> Array:
+    """Heights (n,), m, above the floor at pressures (n,): the inverse of `pressure_at`."""
+    return np.asarray(TEMPERATURE_K / LAPSE_K_M * (1.0 - (pressure_pa / floor_pressure_pa) ** (1.0 / EXPONENT)))
