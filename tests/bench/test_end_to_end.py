@@ -1,0 +1,173 @@
+"""The main job as a user runs it: the command line in a process of its own, on a suite of a few frames."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SUITE = """
+title = "A few frames"
+rates_hz = [15.0, 5.0]
+seeds = [0, 1]
+
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 0.6 }
+camera = { width = 320, height = 240, horizontal_fov_deg = 65.0 }
+effects = [{ kind = "noise" }]
+
+[trackers]
+hold = { kind = "hold" }
+lsd = { kind = "lsd" }
+"""
+
+
+def command(*arguments):
+    return [sys.executable, "-m", "bench.cli", *map(str, arguments)]
+
+
+def uavbench(*arguments):
+    return subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
+
+
+def contents(folder, *patterns):
+    return {str(p.relative_to(folder)): p.read_bytes() for pattern in patterns for p in sorted(folder.glob(pattern))}
+
+
+def truth_and_estimates(folder):
+    return contents(
+        folder, "sequences/*/*.*", "sequences/*/frames/*", "results/*/*/frames.csv", "results/*/*/estimate.tum"
+    )
+
+
+def half_written(folder):
+    return [p for p in folder.rglob(".*") if p.name != ".lock"]
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory):
+    path = tmp_path_factory.mktemp("suite") / "few.toml"
+    path.write_text(SUITE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(suite, tmp_path_factory):
+    out = tmp_path_factory.mktemp("done") / "out"
+    run = uavbench("run", suite, "--out", out)
+    assert run.returncode == 0, run.stderr
+    return out, run
+
+
+def test_a_run_ends_with_the_score_table_and_the_path_of_the_report(done):
+    out, run = done
+    assert "lsd" in run.stdout
+    assert run.stdout.strip().endswith(str(out / "index.html"))
+    assert (out / "index.html").is_file()
+    assert len(json.loads((out / "scores.json").read_text())["scores"]) == 8
+    assert not half_written(out)
+
+
+def test_a_second_run_redoes_nothing(suite, done):
+    out, _ = done
+    before = {p: p.stat().st_mtime_ns for p in out.rglob("*") if p.is_file() and p.name not in {"suite.json", ".lock"}}
+    run = uavbench("run", suite, "--out", out)
+    assert run.returncode == 0
+    assert "0 jobs done" in run.stderr
+    assert all(p.stat().st_mtime_ns == t for p, t in before.items())
+
+
+def test_the_same_suite_gives_the_same_truth_and_scores_elsewhere(suite, done, tmp_path):
+    out, _ = done
+    run = uavbench("run", suite, "--out", tmp_path / "again", "--jobs", 1)
+    assert run.returncode == 0, run.stderr
+    assert truth_and_estimates(out) == truth_and_estimates(tmp_path / "again")
+    assert (out / "scores.json").read_bytes() == (tmp_path / "again" / "scores.json").read_bytes()
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_interrupted_run_is_resumed_to_the_same_end(suite, done, tmp_path, how):
+    out = tmp_path / "out"
+    process = subprocess.Popen(command("score", suite, "--out", out), stderr=subprocess.PIPE, start_new_session=True)
+    deadline = time.monotonic() + 60
+    while not list(out.glob("sequences/.box-*/frames/*.png")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    if how is signal.SIGKILL:
+        os.killpg(process.pid, how)
+    else:
+        process.send_signal(how)
+    error = process.communicate(timeout=60)[1].decode()
+    assert process.returncode == (-signal.SIGKILL if how is signal.SIGKILL else 130), error
+    assert not list(out.glob("sequences/box-*"))
+    if how is not signal.SIGKILL:
+        assert "Traceback" not in error
+        assert not half_written(out)
+    resumed = uavbench("score", suite, "--out", out)
+    assert resumed.returncode == 0, resumed.stderr
+    assert not half_written(out)
+    assert truth_and_estimates(out) == truth_and_estimates(done[0])
+
+
+def test_mistakes_end_with_code_2_and_no_traceback(suite, done, tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.tex").touch()
+    bad = tmp_path / "bad.toml"
+    bad.write_text(SUITE.replace("duration_s", "durations"))
+    blocked = tmp_path / "file"
+    blocked.touch()
+    for arguments, told in [
+        (["run", "papr"], "did you mean 'paper'"),
+        (["run", tmp_path / "none.toml"], "no such file"),
+        (["run", bad], "durations"),
+        (["run", suite, "--out", other], "holds something other"),
+        (["run", suite, "--out", blocked], "not a folder"),
+    ]:
+        run = uavbench(*arguments)
+        assert (run.returncode, "Traceback" in run.stderr) == (2, False), run.stderr
+        assert told in run.stderr
+    assert [p.name for p in other.iterdir()] == ["thesis.tex"]
+
+
+def test_a_truncated_image_is_named(suite, done, tmp_path):
+    out = tmp_path / "out"
+    subprocess.run(["cp", "-r", done[0], out], check=True)
+    image = out / "sequences" / "box-s1" / "frames" / "000003.png"
+    image.write_bytes(image.read_bytes()[:-100])
+    for record in out.glob("results/box-s1/*/record.json"):
+        record.unlink()
+    run = uavbench("run", suite, "--out", out)
+    assert run.returncode == 2
+    assert "000003.png" in run.stderr
+    assert "truncated" in run.stderr
+    assert "Traceback" not in run.stderr
+
+
+def test_a_model_out_of_the_first_view_is_named(tmp_path):
+    path = tmp_path / "away.toml"
+    path.write_text(SUITE.replace("[sequences.box]", "[sequences.box]\nmount = { yaw_deg = 180.0 }"))
+    run = uavbench("render", path, "--out", tmp_path / "out")
+    assert run.returncode == 2
+    assert "box-s0" in run.stderr
+    assert "Traceback" not in run.stderr
+    assert not list((tmp_path / "out").glob("sequences/*"))
+
+
+def test_two_runs_do_not_share_a_folder(suite, tmp_path):
+    out = tmp_path / "out"
+    first = subprocess.Popen(command("render", suite, "--out", out), stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 60
+        while not (out / "suite.json").exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        second = uavbench("render", suite, "--out", out)
+    finally:
+        first.terminate()
+        first.wait()
+    assert second.returncode == 2
+    assert "another uavbench is at work" in second.stderr
