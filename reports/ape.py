@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 
 from reports.association import PosePairs
-from reports.quaternions import angle, between, chord
+from reports.quaternions import angle, between, chord, norm
 from trajectories.pose import Array
 
+BLOCK = 8192
 ApeRelation = Literal["translation_m", "angle_deg", "angle_rad", "rotation", "full"]
 
 
@@ -29,8 +30,15 @@ def absolute_errors(pairs: PosePairs, relation: ApeRelation) -> Array:
     return np.hypot(chord(E), distances(pairs))
 
 
+def pose_error_sizes(pairs: PosePairs) -> tuple[Array, Array]:
+    """Sizes of E: translation (n,) in m and rotation (n,) in rad, in blocks that fit a cache."""
+    radians = np.empty(len(pairs))
+    for start in range(0, len(pairs), BLOCK):
+        block = slice(start, start + BLOCK)
+        radians[block] = angle(between(pairs.reference_q[block], pairs.estimate_q[block]))
+    return distances(pairs), radians
+
+
 def distances(pairs: PosePairs) -> Array:
     """Distances (n,) in metres between estimated and true positions."""
-    d = pairs.estimate_m - pairs.reference_m
-    norm: Array = np.sqrt(np.einsum("ij,ij->i", d, d))
-    return norm
+    return norm(pairs.estimate_m - pairs.reference_m)

@@ -1,4 +1,7 @@
-"""Arithmetic on many unit quaternions wxyz (n, 4) at once."""
+"""Arithmetic on many unit quaternions wxyz (n, 4) at once.
+
+Results lie in memory component by component, which makes a chain of operations on them fast.
+"""
 
 import numpy as np
 
@@ -7,25 +10,26 @@ from trajectories.pose import Array
 
 def normalized(q: Array) -> Array:
     """Quaternions (n, 4) scaled to unit norm."""
-    unit: Array = q / np.sqrt(np.einsum("ij,ij->i", q, q))[:, None]
-    return unit
+    components = _components(q)
+    return _stack(*(components / np.sqrt((components**2).sum(axis=0))))
 
 
 def conjugate(q: Array) -> Array:
     """Inverse rotations (n, 4)."""
-    return q * [1.0, -1.0, -1.0, -1.0]
+    w, x, y, z = _components(q)
+    return _stack(w, -x, -y, -z)
 
 
 def multiply(a: Array, b: Array) -> Array:
     """Products a b (n, 4): the rotation b, then a."""
-    aw, ax, ay, az = a.T
-    bw, bx, by, bz = b.T
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[:, 0] = aw * bw - ax * bx - ay * by - az * bz
-    out[:, 1] = aw * bx + ax * bw + ay * bz - az * by
-    out[:, 2] = aw * by - ax * bz + ay * bw + az * bx
-    out[:, 3] = aw * bz + ax * by - ay * bx + az * bw
-    return out
+    aw, ax, ay, az = _components(a)
+    bw, bx, by, bz = _components(b)
+    return _stack(
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
 
 
 def between(a: Array, b: Array) -> Array:
@@ -35,9 +39,15 @@ def between(a: Array, b: Array) -> Array:
 
 def rotate(q: Array, v: Array) -> Array:
     """Vectors (n, 3) rotated by q (n, 4)."""
-    u, w = q[:, 1:], q[:, :1]
-    t = 2.0 * _cross(u, v)
-    return v + w * t + _cross(u, t)
+    w, x, y, z = _components(q)
+    a, b, c = _components(v)
+    s, t, u = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return _stack(a + w * s + y * u - z * t, b + w * t + z * s - x * u, c + w * u + x * t - y * s)
+
+
+def rotate_back(q: Array, v: Array) -> Array:
+    """Vectors (n, 3) rotated by q^-1."""
+    return rotate(conjugate(q), v)
 
 
 def angle(q: Array) -> Array:
@@ -47,28 +57,36 @@ def angle(q: Array) -> Array:
 
 def chord(q: Array) -> Array:
     """|R - I| in the Frobenius norm (n,): 2 sqrt(2) sin(angle / 2)."""
-    norm: Array = 2.0**1.5 * _vector_norm(q)
-    return norm
+    chords: Array = 2.0**1.5 * _vector_norm(q)
+    return chords
 
 
 def slerp(a: Array, b: Array, w: Array) -> Array:
     """Rotations (n, 4) a share w (n,) of the shorter way from a to b (Shoemake 1985)."""
     q = between(a, b)
     q = np.where(q[:, :1] < 0, -q, q)
-    norm = _vector_norm(q)
-    half = np.arctan2(norm, q[:, 0]) * w
-    axis = q[:, 1:] / np.where(norm > 0, norm, 1.0)[:, None]
+    sine = _vector_norm(q)
+    half = np.arctan2(sine, q[:, 0]) * w
+    axis = q[:, 1:] / np.where(sine > 0, sine, 1.0)[:, None]
     return multiply(a, np.column_stack([np.cos(half), np.sin(half)[:, None] * axis]))
 
 
+def norm(v: Array) -> Array:
+    """Euclidean norms (n,) of vectors (n, 3)."""
+    x, y, z = _components(v)
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
 def _vector_norm(q: Array) -> Array:
-    norm: Array = np.sqrt(q[:, 1] ** 2 + q[:, 2] ** 2 + q[:, 3] ** 2)
-    return norm
+    return norm(q[:, 1:])
 
 
-def _cross(a: Array, b: Array) -> Array:
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    out[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    out[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return out
+def _components(values: Array) -> Array:
+    return np.ascontiguousarray(values.T)
+
+
+def _stack(*components: Array) -> Array:
+    out = np.empty((len(components), max(len(c) for c in components)))
+    for row, component in zip(out, components, strict=True):
+        row[:] = component
+    return out.T

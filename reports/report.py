@@ -5,7 +5,8 @@ pages/SEQUENCE.html          frame by frame, with its images beside it
 figures/*.pdf *.png *.csv    every figure and the numbers behind it
 figures/overlay_*.webp       the model on the images, moving
 tables/summary.*             Markdown, CSV, LaTeX
-scores.json                  all scores
+scores.json                  all scores; byte for byte the same on every run of the same suite
+latency.json                 the times of the same runs
 report.json                  the hash of what made this report
 """
 
@@ -19,6 +20,7 @@ from reports import figures_compare, figures_pictures, figures_space, figures_ti
 from reports.overlay import scrubbed, write_frames
 from reports.page import FigureOnPage, SequenceOnPage, write_index, write_sequence_page
 from reports.runs import ScoredRun, open_runs
+from reports.score import Score
 from reports.style import house_style
 from reports.tables import summary_table, write_tables
 from trajectories.errors import UserError
@@ -59,14 +61,24 @@ def write_report(
         pages = [write_sequence(folder, title, group, steps) for group in by_sequence.values()]
     table = summary_table([run.score for run in runs])
     write_tables(table, folder / "tables" / "summary")
-    scores = {"title": title, "scores": [run.score.to_json() for run in runs]}
-    write_text(folder / "scores.json", json.dumps(scores, indent=1, allow_nan=False) + "\n")
+    write_scores(folder, title, [run.score for run in runs])
     index = write_index(
         folder, title, runs, table, [*overall, *(f for _, few in pages for f in few)], [p for p, _ in pages]
     )
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
     return index
+
+
+def write_scores(folder: Path, title: str, scores: ListOf[Score]) -> None:
+    """Write `scores.json`, the same on every run, and `latency.json`, the times, which are not."""
+    timed = ("latency", "deadline_misses")
+    rows = [score.to_json() for score in scores]
+    accuracy = [{key: row[key] for key in row if key not in timed} for row in rows]
+    times = [{key: row[key] for key in ("label", "rate_hz", "seed", "sequence", *timed)} for row in rows]
+    for name, entries in (("scores", accuracy), ("latency", times)):
+        text = json.dumps({"title": title, name: entries}, indent=1, allow_nan=False)
+        write_text(folder / f"{name}.json", text + "\n")
 
 
 class Steps:

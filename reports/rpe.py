@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from reports.association import NS, Indices, PosePairs
-from reports.quaternions import angle, between, chord, rotate
+from reports.quaternions import angle, between, chord, norm, rotate_back
 from trajectories.errors import UserError
 from trajectories.pose import Array
 
@@ -20,6 +20,7 @@ RpeRelation = Literal[
 ]
 Unit = Literal["frames", "m", "deg", "rad", "s"]
 MAX_PAIRS = 50_000_000
+BLOCK = 8192
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ def stretches(pairs: PosePairs, over: Stretch) -> tuple[Indices, Indices]:
     if over.unit == "s":
         seconds = (pairs.stamps_ns - pairs.stamps_ns[0]) / NS
         i, j = _nearest_ends(seconds, over.delta, over.tolerance)
+        inside = seconds[i] + over.delta <= seconds[-1] + 1e-9
+        i, j = i[inside], j[inside]
         return (i, j) if over.all_pairs else _chain(i, j)
     q = pairs.reference_q if over.pairs_from == "reference" else pairs.estimate_q
     if over.unit == "m":
@@ -69,11 +72,24 @@ def stretches(pairs: PosePairs, over: Stretch) -> tuple[Indices, Indices]:
 
 
 def relative_motion_errors(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array, Array]:
-    """E of the stretches i -> j as quaternions (k, 4) and translations (k, 3) in metres."""
-    motion_p, motion_q = _motion(pairs.reference_m, pairs.reference_q, i, j)
-    estimate_p, estimate_q = _motion(pairs.estimate_m, pairs.estimate_q, i, j)
-    back = estimate_q * [1.0, -1.0, -1.0, -1.0]
-    return between(estimate_q, motion_q), rotate(back, motion_p - estimate_p)
+    """E of the stretches i -> j as quaternions (k, 4), and the translations (k, 3) in metres of R_Q E, R_Q that of Q.
+
+    The norms of these translations are those of E itself.
+    """
+    p_i, q_i, r_i, s_i = pairs.reference_q[i], pairs.estimate_q[i], pairs.reference_m[i], pairs.estimate_m[i]
+    true_p, estimated_p = rotate_back(p_i, pairs.reference_m[j] - r_i), rotate_back(q_i, pairs.estimate_m[j] - s_i)
+    true_q, estimated_q = between(p_i, pairs.reference_q[j]), between(q_i, pairs.estimate_q[j])
+    return between(estimated_q, true_q), true_p - estimated_p
+
+
+def motion_error_sizes(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array, Array]:
+    """Sizes of E of the stretches i -> j: translation (k,) in m, rotation (k,) in rad; in blocks that fit a cache."""
+    metres, radians = np.empty(len(i)), np.empty(len(i))
+    for start in range(0, len(i), BLOCK):
+        block = slice(start, start + BLOCK)
+        q, t = relative_motion_errors(pairs, i[block], j[block])
+        metres[block], radians[block] = norm(t), angle(q)
+    return metres, radians
 
 
 def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelation) -> Array:
@@ -83,24 +99,19 @@ def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelat
     (stretches in which the truth stands still have none and are left out).
     """
     if relation in ("point_distance_m", "point_distance_percent"):
-        true = _norm(pairs.reference_m[j] - pairs.reference_m[i])
-        error = np.abs(true - _norm(pairs.estimate_m[j] - pairs.estimate_m[i]))
+        true = norm(pairs.reference_m[j] - pairs.reference_m[i])
+        error = np.abs(true - norm(pairs.estimate_m[j] - pairs.estimate_m[i]))
         return error if relation == "point_distance_m" else 100.0 * error[true > 0] / true[true > 0]
     q, t = relative_motion_errors(pairs, i, j)
     if relation == "translation_m":
-        return _norm(t)
+        return norm(t)
     if relation == "angle_rad":
         return angle(q)
     if relation == "angle_deg":
         return np.degrees(angle(q))
     if relation == "rotation":
         return chord(q)
-    return np.hypot(chord(q), _norm(t))
-
-
-def _motion(p: Array, q: Array, i: Indices, j: Indices) -> tuple[Array, Array]:
-    back = q[i] * [1.0, -1.0, -1.0, -1.0]
-    return rotate(back, p[j] - p[i]), between(q[i], q[j])
+    return np.hypot(chord(q), norm(t))
 
 
 def _nearest_ends(along: Array, delta: float, tolerance: float) -> tuple[Indices, Indices]:
@@ -149,8 +160,3 @@ def _turned_between(q: Array, delta: float, tolerance: float) -> tuple[Indices, 
         ends.append(j)
     empty = [np.empty(0, np.int64)]
     return np.concatenate(empty + starts), np.concatenate(empty + ends)
-
-
-def _norm(v: Array) -> Array:
-    norm: Array = np.sqrt(np.einsum("ij,ij->i", v, v))
-    return norm

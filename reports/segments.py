@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from reports.association import Indices, PosePairs
-from reports.quaternions import angle, conjugate, multiply
+from reports.quaternions import angle, conjugate, multiply, norm
 from reports.rpe import relative_motion_errors
 from reports.summary import ErrorSummary
 from trajectories.pose import Array, rotation_from_quaternion
@@ -77,7 +77,7 @@ def segment_errors(
     """Errors of the sub-trajectories of one length; the summaries are NaN where the path is too short for one."""
     i, j = segment_ends(pairs.reference_m, length_m, rule, max_miss)
     q, t = relative_motion_errors(pairs, i, j)
-    meters, degrees = np.sqrt((t**2).sum(axis=1)), np.degrees(angle(q))
+    meters, degrees = norm(t), np.degrees(angle(q))
     at_end = pairs.estimate_q[j]
     in_world = rotation_from_quaternion(multiply(multiply(at_end, conjugate(q)), conjugate(at_end)))
     yaw = np.abs(np.arctan2(in_world[:, 1, 0], in_world[:, 0, 0]))

@@ -19,6 +19,11 @@ from trajectories.files import new_file
 ONE_COLUMN_IN = 3.50
 TWO_COLUMNS_IN = 7.16
 PNG_DPI = 220
+NO_METADATA: dict[str, dict[str, Any]] = {
+    ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
+    ".png": {"Software": None},
+}
+"""Neither dates nor versions: the same figure has the same bytes."""
 
 TRUTH = "#111111"
 LOSS = "#D9D9D9"
@@ -81,25 +86,26 @@ def new_figure(height_in: float, *, wide: bool = True) -> Figure:
 
 
 def save_figure(
-    figure: Figure, stem: Path, columns: Sequence[str] = (), rows: Iterable[Sequence[Any]] = ()
+    figure: Figure,
+    stem: Path,
+    columns: Sequence[str] = (),
+    rows: Iterable[Sequence[Any]] = (),
+    suffixes: Sequence[str] = (".pdf", ".png"),
 ) -> list[Path]:
     """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns; close the figure."""
-    written = []
     layout = figure.get_layout_engine()
     if layout is not None:  # once, not once per file
         layout.execute(figure)
         figure.set_layout_engine(None)
-    for suffix, metadata in ((".pdf", {"CreationDate": None, "Producer": None, "Creator": None}), (".png", {})):
-        metadata = metadata if suffix == ".pdf" else {"Software": None}
-        path = stem.with_name(stem.name + suffix)
-        with new_file(path) as temporary:
-            figure.savefig(temporary, dpi=PNG_DPI, metadata=metadata)
-        written.append(path)
+    written = []
+    for suffix in suffixes:
+        written.append(stem.with_name(stem.name + suffix))
+        with new_file(written[-1]) as temporary:
+            figure.savefig(temporary, dpi=PNG_DPI, metadata=NO_METADATA[suffix])
     plt.close(figure)
     if columns:
-        path = stem.with_name(stem.name + ".csv")
-        write_csv(path, columns, rows)
-        written.append(path)
+        written.append(stem.with_name(stem.name + ".csv"))
+        write_csv(written[-1], columns, rows)
     return written
 
 

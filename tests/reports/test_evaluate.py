@@ -1,0 +1,177 @@
+"""`evaluate_files`: any two trajectory files, every mode, and the mistakes it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reports.evaluate import MODES, Options, evaluate, evaluate_files
+from reports.rpe import Stretch
+from trajectories.errors import UserError
+from trajectories.formats import write_euroc, write_kitti
+from trajectories.pose import Pose
+from trajectories.trajectory import Trajectory
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "evo"
+REFERENCE, ESTIMATE = GOLDEN / "A_orbit_gt.tum", GOLDEN / "A_orbit_est.tum"
+
+
+def expected(kind: str, **wanted: object) -> dict:
+    rows = json.loads((GOLDEN / "expected.json").read_text())["pairs"]["A_orbit"][kind]
+    return next(row for row in rows if all(row[k] == v for k, v in wanted.items()))
+
+
+def circle(n: int = 50, offset_m: float = 0.0) -> Trajectory:
+    turn = np.linspace(0, 2, n)
+    poses = [
+        Pose.from_quaternion([np.cos(a / 2), 0, 0, np.sin(a / 2)], [np.cos(a) + offset_m, np.sin(a), 0]) for a in turn
+    ]
+    return Trajectory.from_poses((np.arange(n) * 100_000_000).tolist(), poses)
+
+
+def lines(*rows: str) -> str:
+    return "\n".join(rows) + "\n"
+
+
+GOOD = [f"{t} {t} 0 {t * t} 0 0 0 1" for t in range(5)]
+
+
+@pytest.mark.parametrize("align", ["none", "se3", "sim3"])
+def test_mode_evo_equals_evo(align: str) -> None:
+    found = evaluate_files(REFERENCE, ESTIMATE, mode="evo", align=align).to_json()
+    for relation, key in (("translation_part", "translation_m"), ("rotation_angle_deg", "rotation_deg")):
+        ape = expected("ape", sync="nearest_time", align=align, relation=relation)
+        rpe = expected(
+            "rpe", align=align, relation=relation, delta=1, unit="frames", all_pairs=False, pairs_from_reference=False
+        )
+        for name, value in ape["stats"].items():
+            assert found["ate"][key][name] == pytest.approx(value, rel=1e-9)
+        for name, value in rpe["stats"].items():
+            assert found["rpe"][key][name] == pytest.approx(value, rel=1e-9)
+    assert found["ate"]["translation_m"]["n"] == ape["n"]
+    assert found["coverage"] == pytest.approx(0.95, abs=0.01)
+
+
+@pytest.mark.parametrize(("unit", "delta"), [("m", 1.0), ("deg", 10.0), ("rad", 0.5), ("frames", 10)])
+def test_options_choose_the_stretch(unit: str, delta: float) -> None:
+    names = {"m": "meters", "deg": "degrees", "rad": "radians", "frames": "frames"}
+    row = expected("rpe", align="none", relation="translation_part", delta=delta, unit=names[unit], all_pairs=False,
+                   pairs_from_reference=True)  # fmt: skip
+    found = evaluate_files(REFERENCE, ESTIMATE, association="evo", delta=delta, unit=unit)
+    assert found.rpe["translation_m"].n == row["n"]
+    assert found.rpe["translation_m"].rmse == pytest.approx(row["stats"]["rmse"], rel=1e-9)
+
+
+def test_the_record_tells_how(tmp_path: Path) -> None:
+    found = evaluate_files(REFERENCE, ESTIMATE, align="sim3", t_offset_s=0.001, max_difference_s=0.02)
+    record = json.loads(json.dumps(found.to_json()))["record"]
+    assert record["align"] == "sim3"
+    assert record["t_offset_s"] == 0.001
+    assert record["max_difference_s"] == 0.02
+    assert record["association"] == "one-to-one"
+    assert record["reference"]["format"] == "tum"
+    assert record["alignment"]["scale"] == pytest.approx(1.0056, abs=1e-3)
+    assert "A_orbit_gt.tum: tum, 720 poses" in found.text()
+
+
+def test_formats_are_guessed_and_agree(tmp_path: Path) -> None:
+    trajectory, moved = circle(), circle(offset_m=0.02)
+    write_euroc(
+        Trajectory(trajectory.stamps_ns + 10**18, trajectory.positions_m, trajectory.quaternions_wxyz),
+        tmp_path / "gt.csv",
+    )
+    write_kitti(moved, tmp_path / "est.txt")
+    found = evaluate_files(tmp_path / "gt.csv", tmp_path / "est.txt")
+    assert found.record["reference"]["format"] == "euroc"
+    assert found.record["estimate"]["format"] == "kitti"
+    assert found.ate["translation_m"].max == pytest.approx(0.02, abs=1e-9)
+    assert found.coverage == 1.0
+
+
+def test_kitti_files_of_different_lengths_are_refused(tmp_path: Path) -> None:
+    write_kitti(circle(20), tmp_path / "a.txt")
+    write_kitti(circle(19), tmp_path / "b.txt")
+    with pytest.raises(UserError, match=r"20 poses .* 19"):
+        evaluate_files(tmp_path / "a.txt", tmp_path / "b.txt")
+
+
+def test_modes_with_segments_report_them() -> None:
+    found = evaluate_files(REFERENCE, ESTIMATE, mode="rpg")
+    assert [s.length_m for s in found.segments] == [2.43, 4.87, 7.31, 9.75, 12.19]
+    assert len(found.to_json()["segments"]) == 5
+    assert set(MODES) == {"uavbench", "evo", "tum", "kitti", "rpg"}
+
+
+def test_kitti_mode_starts_a_segment_at_every_tenth_pose() -> None:
+    n = 400
+    p = np.column_stack([np.arange(n, dtype=float), np.zeros(n), np.zeros(n)])
+    q = np.tile([1.0, 0, 0, 0], (n, 1))
+    longer = Trajectory(np.arange(n) * 10**8, p * 1.01, q)
+    found = evaluate(Trajectory(np.arange(n) * 10**8, p, q), longer, Options(segments="kitti"))
+    assert [s.length_m for s in found.segments] == [100, 200, 300]
+    assert found.segments[0].translation_m.n == 30
+    assert found.segments[0].translation_percent.mean == pytest.approx(1.01, rel=1e-9)  # ends at the first pose beyond
+
+
+def test_seconds_are_a_stretch() -> None:
+    moved = evaluate(circle(), circle(offset_m=0.5), Options(stretch=Stretch(1.0, "s", all_pairs=True)))
+    assert moved.rpe["translation_m"].n == 40
+    assert moved.rpe["translation_m"].max == pytest.approx(0, abs=1e-12)
+    assert evaluate(circle(), circle(), Options(stretch=Stretch(1.0, "s"))).rpe["translation_m"].n == 4
+
+
+def test_too_short_for_a_stretch_is_told_not_hidden(tmp_path: Path) -> None:
+    found = evaluate(circle(5), circle(5), Options(stretch=Stretch(100, "frames")))
+    assert found.rpe is None
+    assert found.to_json()["rpe"] is None
+
+
+def test_the_plot_is_two_columns_wide_and_the_same_twice(tmp_path: Path) -> None:
+    for name in ("one.pdf", "two.pdf", "three.png"):
+        evaluate_files(REFERENCE, ESTIMATE, align="se3", plot=tmp_path / name)
+    assert (tmp_path / "one.pdf").read_bytes() == (tmp_path / "two.pdf").read_bytes()
+    assert (tmp_path / "three.png").exists() and not (tmp_path / "three.pdf").exists()
+    with pytest.raises(UserError, match=r"\.pdf or \.png"):
+        evaluate_files(REFERENCE, ESTIMATE, plot=tmp_path / "x.jpg")
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([*GOOD[:2], GOOD[4], GOOD[3]], "line 4"),
+        ([*GOOD[:3], GOOD[2]], "line 4"),
+        ([*GOOD[:2], "2 nan 0 0 0 0 0 1"], "line 3"),
+        ([*GOOD[:1], "1 0 0 0 0 0 0 2"], "line 2"),
+        ([*GOOD[:1], "nan 0 0 0 0 0 0 1"], "line 2"),
+        ([f"{t + 900} 0 0 0 0 0 0 1" for t in range(5)], "no stamps of the two trajectories lie within"),
+    ],
+)
+def test_bad_files_are_refused_with_their_line(rows: list[str], message: str, tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.tum", tmp_path / "bad.tum"
+    good.write_text(lines(*GOOD))
+    bad.write_text(lines(*rows))
+    with pytest.raises(UserError, match=message) as told:
+        evaluate_files(good, bad)
+    assert "bad.tum" in str(told.value)
+
+
+@pytest.mark.parametrize("align", ["se3", "sim3", "scale", "yaw"])
+def test_alignment_of_what_stands_still_is_refused(align: str, tmp_path: Path) -> None:
+    for name, row in (("good", GOOD), ("still", [f"{t} 1 2 3 0 0 0 1" for t in range(5)])):
+        (tmp_path / name).write_text(lines(*row))
+    with pytest.raises(UserError, match="undefined"):
+        evaluate_files(tmp_path / "good", tmp_path / "still", align=align)
+
+
+def test_alignment_of_a_straight_line_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "line").write_text(lines(*(f"{t} {t * 0.3:.9f} {t * 0.7:.9f} {t * 0.1:.9f} 0 0 0 1" for t in range(9))))
+    with pytest.raises(UserError, match="on one line"):
+        evaluate_files(tmp_path / "line", tmp_path / "line", align="se3")
+    assert evaluate_files(tmp_path / "line", tmp_path / "line").ate["translation_m"].max == 0
+
+
+@pytest.mark.parametrize(("options", "message"), [({"delta": 0}, "delta"), ({"delta": 1.5}, "whole number")])
+def test_bad_stretches_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        evaluate_files(REFERENCE, ESTIMATE, **options)
