@@ -1,16 +1,14 @@
 """Run a graph of jobs on an executor: what is fresh is left alone, what fails does not stop the rest."""
 
-import multiprocessing
 import queue
 import resource
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -56,12 +54,13 @@ class Job:
 class Outcome:
     """What became of a graph: jobs done, jobs that were fresh, why others failed, and what it took.
 
-    tracebacks are of the failures that are not a user's mistake.
+    users_mistake: some job failed for one; tracebacks are of the failures that are not.
     """
 
     done: list[Job] = field(default_factory=list)
     fresh: list[Job] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
+    users_mistake: bool = False
     tracebacks: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     wall_s: float = 0.0
@@ -79,9 +78,14 @@ def start_worker(progress: Any) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
 
-def run_job(name: str, work: Work, content_hash: str) -> tuple[float, float]:
-    """Do one job in a worker; seconds it took and the worker's peak memory in MB."""
+def run_job(name: str, work: Work, content_hash: str, marker: Path) -> tuple[float, float]:
+    """Do one job in a worker; seconds it took and the worker's peak memory in MB.
+
+    A job that is done already is left alone: a cluster may ask again when the worker that did it was lost.
+    """
     begin = time.perf_counter()
+    if carried_hash(marker) == content_hash:
+        return 0.0, 0.0
 
     def on_step(done: int, total: int) -> None:
         if _progress is not None:
@@ -91,50 +95,50 @@ def run_job(name: str, work: Work, content_hash: str) -> tuple[float, float]:
     return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-@contextmanager
-def local_pool(workers: int) -> Iterator[tuple[Executor, Any]]:
-    """Pool of spawned processes (a GL context each) and the queue on which they tell their progress."""
-    context = multiprocessing.get_context("spawn")
-    progress = context.Queue()
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker, initargs=(progress,))
-    try:
-        yield pool, progress
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in multiprocessing.active_children():
-            child.terminate()
-        for child in multiprocessing.active_children():
-            child.join(timeout=10)
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
 def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outcome:
     """Run every job that is not fresh, after the jobs it needs; a job whose need failed is failed too."""
     begin = time.perf_counter()
     outcome = Outcome(fresh=[job for job in jobs if job.fresh])
-    settled = {id(job) for job in outcome.fresh}
-    todo = [job for job in jobs if id(job) not in settled]
+    fresh = {id(job) for job in outcome.fresh}
+    todo = [job for job in jobs if id(job) not in fresh]
+    awaited = {id(job): sum(id(need) not in fresh for need in job.needs) for job in todo}
+    dependents: dict[int, list[Job]] = {}
+    for job in todo:
+        for need in job.needs:
+            dependents.setdefault(id(need), []).append(job)
     running: dict[Future[tuple[float, float]], Job] = {}
+    settled: queue.SimpleQueue[Future[tuple[float, float]]] = queue.SimpleQueue()
     peaks: dict[str, float] = {}
+
+    def start(job: Job) -> None:
+        future = executor.submit(run_job, job.name, job.work, job.content_hash, job.marker)
+        running[future] = job
+        future.add_done_callback(settled.put)
+
+    def release(job: Job) -> None:
+        """Start, or fail, what waited for a job that is settled."""
+        for dependent in dependents.get(id(job), ()):
+            awaited[id(dependent)] -= 1
+            if job.name in outcome.failed and dependent.name not in outcome.failed:
+                outcome.failed[dependent.name] = f"not done, because this failed: {job.name}"
+                release(dependent)
+            elif not awaited[id(dependent)] and dependent.name not in outcome.failed:
+                start(dependent)
+
     with Bar(todo) as bar:
-        while todo or running:
-            for job in list(todo):
-                broken = next((n.name for n in job.needs if n.name in outcome.failed), None)
-                if broken is not None:
-                    outcome.failed[job.name] = f"not done, because this failed: {broken}"
-                    todo.remove(job)
-                elif all(id(need) in settled for need in job.needs):
-                    running[executor.submit(run_job, job.name, job.work, job.content_hash)] = job
-                    todo.remove(job)
-            finished, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+        for job in todo:
+            if not awaited[id(job)]:
+                start(job)
+        while running:
             bar.drain(progress)
-            for future in finished:
-                job = running.pop(future)
-                settled.add(id(job))
-                _settle(job, future, outcome, peaks)
-                bar.finish(job, outcome)
+            try:
+                future = settled.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            job = running.pop(future)
+            _settle(job, future, outcome, peaks)
+            bar.finish(job, outcome)
+            release(job)
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     workers = sorted(peaks.values(), reverse=True)[: getattr(executor, "_max_workers", 1)]
     outcome.wall_s, outcome.peak_mb = time.perf_counter() - begin, own + sum(workers)
@@ -146,6 +150,7 @@ def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, pea
         seconds, peaks[job.name] = future.result()
     except UserError as error:
         outcome.failed[job.name] = str(error)
+        outcome.users_mistake = True
     except BrokenProcessPool:
         outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
     except Exception as error:

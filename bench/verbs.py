@@ -7,24 +7,29 @@ from pathlib import Path
 
 import click
 
-from bench.config import load_suite, suite_file, suite_model, suite_names
+from bench.config import load_suite, suite_file, suite_model, suite_names, suite_title
+from bench.executors import local_pool
 from bench.folder import suite_folder
-from bench.graph import Outcome, local_pool, run_graph
+from bench.graph import Outcome, run_graph
 from bench.jobs import plan
 from bench.plugins import PLUGINS
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, workers: int) -> int:
-    """Do what is missing of a suite up to `verb`; exit code 0 when all of it is there, 1 when a job failed."""
+    """Do what is missing of a suite up to `verb`.
+
+    Exit code 0 when all of it is there, 2 after a user's mistake,
+    1 when a job failed otherwise.
+    """
     suite = load_suite(suite_file(suite_name))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with suite_folder(out or Path("out") / suite.name, suite) as folder, local_pool(workers) as (executor, progress):
         outcome = run_graph(plan(suite, folder, last=verb), executor, progress)
         tell(outcome, folder)
         if verb == "report" and not outcome.failed:
-            click.echo((folder / "tables" / "summary.txt").read_text(encoding="utf-8"))
+            click.echo((folder / "tables" / "summary.md").read_text(encoding="utf-8"))
             click.echo(f"report: {folder / 'index.html'}")
-    return 1 if outcome.failed else 0
+    return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 
 def tell(outcome: Outcome, folder: Path) -> None:
@@ -44,7 +49,7 @@ def inventory() -> str:
     """Suites and plug-ins by kind, each with the first sentence of what it is."""
     lines = ["suites"]
     for name in suite_names():
-        lines.append(f"  {name:<22} {load_suite(suite_file(name)).title}")
+        lines.append(f"  {name:<22} {suite_title(name)}")
     for protocol, (registry, _) in PLUGINS.items():
         lines.append(f"\n{TITLES.get(protocol.__name__, protocol.__name__)}")
         for kind, cls in registry.items():

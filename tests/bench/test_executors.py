@@ -1,0 +1,69 @@
+"""The pool of spawned workers: a worker that dies costs the job that killed it, and no other."""
+
+import json
+import os
+import signal
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from bench.content import content_hash
+from bench.executors import local_pool
+from bench.graph import Job, run_graph
+from trajectories.files import write_text
+
+
+@dataclass(frozen=True)
+class Write:
+    """Writes its marker, and a line per attempt; kills its worker first as often as told."""
+
+    marker: Path
+    deaths: int = 0
+
+    def __call__(self, content_hash, on_step):
+        log = self.marker.with_suffix(".log")
+        with log.open("a") as handle:
+            handle.write("attempt\n")
+        if len(log.read_text().splitlines()) <= self.deaths:
+            os.kill(os.getpid(), signal.SIGKILL)
+        on_step(1, 1)
+        write_text(self.marker, json.dumps({"content_hash": content_hash}))
+
+
+def job(folder, name, deaths=0, needs=()):
+    marker = folder / f"{name}.json"
+    work = Write(marker, deaths)
+    return Job(verb="track", name=name, work=work, marker=marker, content_hash=content_hash(name), needs=needs)
+
+
+def test_a_worker_that_dies_once_costs_nothing_and_one_that_always_dies_its_own_job_only(tmp_path):
+    jobs = [job(tmp_path, f"good-{i}") for i in range(8)]
+    jobs.insert(3, job(tmp_path, "once", deaths=1))
+    jobs.insert(5, job(tmp_path, "always", deaths=99))
+    jobs.append(job(tmp_path, "after", needs=(jobs[5],)))
+    with local_pool(2) as (pool, progress):
+        outcome = run_graph(jobs, pool, progress)
+    assert {j.name for j in outcome.done} == {"once", *(f"good-{i}" for i in range(8))}
+    assert set(outcome.failed) == {"always", "after"}
+    assert "worker process died" in outcome.failed["always"]
+    assert len((tmp_path / "always.log").read_text().splitlines()) == 2
+
+
+def test_an_error_comes_back_as_it_was_raised():
+    with local_pool(1) as (pool, _):
+        assert isinstance(pool.submit(int, "x").exception(timeout=60), ValueError)
+        assert pool.submit(int, "7").result(timeout=60) == 7
+        with pytest.raises(BrokenProcessPool):
+            pool.submit(os._exit, 3).result(timeout=60)
+        assert pool.submit(int, "8").result(timeout=60) == 8
+
+
+def test_a_job_done_by_a_lost_worker_is_not_done_twice(tmp_path):
+    from bench.graph import run_job
+
+    one = job(tmp_path, "one")
+    for _ in range(2):
+        run_job(one.name, one.work, one.content_hash, one.marker)
+    assert len((tmp_path / "one.log").read_text().splitlines()) == 1
