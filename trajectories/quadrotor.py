@@ -69,8 +69,8 @@ class Quadrotor:
         rows = [_wrench(model, i) for i in range(4)]
         ranges = np.array(model.actuator_ctrlrange)
         lags = np.array(model.actuator_dynprm[:, 0])
-        if not (model.actuator_dyntype == physics().mjtDyn.mjDYN_FILTEREXACT).all() or np.ptp(lags) > 0 or lags[0] <= 0:
-            raise UserError('an airframe\'s actuators need dyntype="filterexact" and one common dynprm > 0, in seconds')
+        if not (model.actuator_dyntype == physics().mjtDyn.mjDYN_FILTER).all() or np.ptp(lags) > 0 or lags[0] <= 0:
+            raise UserError('an airframe\'s actuators need dyntype="filter" and one common dynprm > 0, in seconds')
         if np.ptp(ranges, axis=0).max() > 0 or not 0 <= ranges[0, 0] < ranges[0, 1]:
             raise UserError("an airframe's actuators need one common ctrlrange, from 0 or more newtons upward")
         allocation = np.column_stack(rows)

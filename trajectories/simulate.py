@@ -6,11 +6,11 @@ from trajectories.air import Air
 from trajectories.control import Gains, thrust_commands
 from trajectories.kernels import compiled
 from trajectories.pose import Array
-from trajectories.quadrotor import Quadrotor, compile_mjcf, physics
+from trajectories.quadrotor import STEP_S, Quadrotor, compile_mjcf, physics
 from trajectories.reference import Guidance, Seen
 from trajectories.rigid_body import Plant, accelerations, drag_force, plant, rotor_speed_sum
 from trajectories.surroundings import Surroundings
-from trajectories.vectors import less, rotation, vector
+from trajectories.vectors import add, less, rotation, scaled, vector
 
 BLOCK = 10
 """Steps between two looks of the guidance: 50 Hz."""
@@ -73,8 +73,11 @@ def _step(
     drag = drag_force(plant, R, less(velocity, vector(wind)), speed_sum)
     thrust_commands(plant, gains, reference, vector(qpos[0:3]), velocity, R, omega, speed_sum, integral, ctrl)
     linear, angular = accelerations(plant, R, omega, act, drag)
+    # MuJoCo holds the push for a whole step, so it gets the drag of the step's middle.
+    halfway = add(less(velocity, vector(wind)), scaled(STEP_S / 2, linear))
+    held = drag_force(plant, R, halfway, speed_sum)
     for k in range(3):
-        push[k] = drag[k]
+        push[k] = held[k]
         record[k] = qpos[k]
         record[7 + k] = velocity[k]
         record[10 + k] = linear[k]

@@ -1,0 +1,31 @@
+"""Meshes that tests fly around."""
+
+import numpy as np
+
+from trajectories.surroundings import Surroundings
+
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> Surroundings:
+    """A closed block between two corners."""
+    return Surroundings(np.array(low) + CORNERS * (np.array(high) - np.array(low)), FACES)
+
+
+def both(a: Surroundings, b: Surroundings) -> Surroundings:
+    """Two meshes as one."""
+    return Surroundings(
+        np.concatenate([a.vertices, b.vertices]), np.concatenate([a.triangles, b.triangles + len(a.vertices)])
+    )
+
+
+BOX = block((-0.2, -0.15, 0.0), (0.2, 0.15, 0.3))
+WALL = block((-0.25, -4.0, 0.0), (0.25, 4.0, 5.0))
+DECK = block((-6.0, -5.0, 5.0), (6.0, 5.0, 5.6))
+PIER = block((-0.6, -0.6, 0.0), (0.6, 0.6, 8.0))
