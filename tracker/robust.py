@@ -46,6 +46,7 @@ class RobustRun:
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame."""
+        image = image if image.ndim == 3 else image[..., None]
         clock = StageClock()
         dt = 0.0 if self.stamp_ns is None else (stamp_ns - self.stamp_ns) * 1e-9
         with clock.stage("predict"):

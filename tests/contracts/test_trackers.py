@@ -1,0 +1,82 @@
+"""Every tracker variant, on a rendered sequence: the same twice, honest about its status, unharmed by bad frames."""
+
+import numpy as np
+import pytest
+
+from bench.config import load_suite
+from scenes.generate import generate
+from scenes.sequence import Sequence
+from tracker.run import track_sequence
+from tracker.variants import TRACKERS
+from trajectories.streams import stream
+
+SUITE = """
+title = "contract"
+rates_hz = [15.0]
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 1.0 }
+camera = { width = 320, height = 240, horizontal_fov_deg = 80.0 }
+effects = [{ kind = "noise" }]
+[trackers]
+hold = { kind = "hold" }
+"""
+VARIANTS = pytest.mark.parametrize("kind", list(TRACKERS))
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("contract")
+    (folder / "suite.toml").write_text(SUITE)
+    spec = load_suite(folder / "suite.toml").sequences[0]
+    generate(spec, folder / "sequence", content_hash="contract")
+    return Sequence.load(folder / "sequence")
+
+
+def begun(kind, sequence):
+    return TRACKERS[kind]().start(
+        sequence.structure, sequence.camera, sequence.true_cam_from_world(0), stream(3, "contract")
+    )
+
+
+@VARIANTS
+def test_the_same_seed_gives_the_same_estimate(kind, sequence):
+    one, two = (track_sequence(TRACKERS[kind](), sequence, rate_hz=15.0, seed=5) for _ in range(2))
+    for a, b in zip(one.rows, two.rows, strict=True):
+        assert a.status == b.status
+        if a.cam_from_world is not None:
+            assert np.array_equal(a.cam_from_world.matrix, b.cam_from_world.matrix)
+
+
+@VARIANTS
+def test_poses_are_rigid_and_near_the_truth_at_first(kind, sequence):
+    results = track_sequence(TRACKERS[kind](), sequence, rate_hz=15.0, seed=0)
+    assert results.record["errors"] == []
+    first = results.rows[0]
+    assert first.status == "ok"
+    difference = (first.cam_from_world @ sequence.true_cam_from_world(0).inverse()).log()
+    assert np.linalg.norm(difference[:3]) < 0.2
+    assert np.linalg.norm(difference[3:]) < np.radians(10)
+    for row in results.rows:
+        if row.cam_from_world is not None:
+            R = row.cam_from_world.rotation
+            assert np.allclose(R @ R.T, np.eye(3), atol=1e-9)
+            assert np.linalg.det(R) > 0
+
+
+@VARIANTS
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_a_blank_frame_raises_nothing_and_a_pose_is_never_not_finite(kind, sequence, level):
+    run = begun(kind, sequence)
+    run.track(sequence.image(0), 0)
+    blank = np.full((sequence.camera.height, sequence.camera.width, 3), level, dtype=np.uint8)
+    for i in range(1, 4):
+        result = run.track(blank, i * 66_000_000)
+        assert result.cam_from_world is None or np.isfinite(result.cam_from_world.matrix).all()
+
+
+@VARIANTS
+def test_grey_and_colour_frames_are_both_taken(kind, sequence):
+    grey = np.ascontiguousarray(sequence.image(0)[..., 1])
+    assert begun(kind, sequence).track(grey, 0).status in {"ok", "lost"}
