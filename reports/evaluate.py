@@ -87,14 +87,14 @@ class Evaluation:
             f"coverage {100 * self.coverage:.1f} %",
             f"alignment  {record['align']}",
             "",
-            f"{'':<22}" + "".join(f"{name:>12}" for name in names) + f"{'n':>9}",
+            f"{'':<28}" + "".join(f"{name:>12}" for name in names) + f"{'n':>9}",
         ]
         stretch = f"{record['delta']:g} {record['unit']}"
         tables = {"ATE": self.ate, f"RPE {stretch}": self.rpe or {}}
         for title, summaries in tables.items():
             for name, summary in summaries.items():
                 values = "".join(f"{getattr(summary, key):>12.6g}" for key in names)
-                lines.append(f"{title + ' ' + name:<22}{values}{summary.n:>9}")
+                lines.append(f"{title + ' ' + name:<28}{values}{summary.n:>9}")
         for each in self.segments:
             lines.append(
                 f"{each.length_m:g} m segments: {each.translation_percent.mean:.4g} %, "

@@ -7,11 +7,11 @@ import numpy as np
 from reports.association import NS
 from reports.evaluate import Evaluation
 from reports.quaternions import angle, between, norm
-from reports.style import TRUTH, house_style, line, new_figure, save_figure
+from reports.style import TRUTH, colour, house_style, line, new_figure, save_figure
 
 
 def plot_evaluation(found: Evaluation, path: Path) -> None:
-    """Write paths from above and errors over time, 7.16 in wide, as .pdf or .png, with the numbers as .csv beside it."""
+    """Write paths from above and errors over time, 7.16 in wide, as .pdf or .png, and the numbers as .csv."""
     pairs = found.pairs
     t = (pairs.stamps_ns - pairs.stamps_ns[0]) / NS
     metres = norm(pairs.estimate_m - pairs.reference_m)
@@ -31,20 +31,15 @@ def plot_evaluation(found: Evaluation, path: Path) -> None:
             (top, metres, "translation_m", "position error (m)"),
             (below, degrees, "rotation_deg", "rotation error (deg)"),
         ):
-            panel.plot(t, values, **line(1))
+            panel.plot(t, values, color=colour(1), lw=0.7)
             panel.axhline(found.ate[key].rmse, color=TRUTH, lw=0.7, ls=":")
-            panel.annotate(f"RMSE {found.ate[key].rmse:.4g}", (1, found.ate[key].rmse), xycoords=("axes fraction", "data"),
-                           ha="right", va="bottom", fontsize=7)  # fmt: skip
+            panel.set_title(f"RMSE {found.ate[key].rmse:.4g} (dotted)", loc="right", fontsize=7, pad=2)
             panel.set_ylabel(name)
             panel.set_ylim(bottom=0)
         top.tick_params(labelbottom=False)
         below.set_xlabel("time (s)")
         figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
         rows = np.column_stack([t, pairs.reference_m, pairs.estimate_m, metres, degrees]).tolist()
-        columns = [
-            "time_s",
-            *(f"{w}_{a}_m" for w in ("reference", "estimate") for a in "xyz"),
-            "position_error_m",
-            "rotation_error_deg",
-        ]
+        places = [f"{what}_{axis}_m" for what in ("reference", "estimate") for axis in "xyz"]
+        columns = ["time_s", *places, "position_error_m", "rotation_error_deg"]
         save_figure(figure, path.with_suffix(""), columns, rows, suffixes=(path.suffix,))

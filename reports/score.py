@@ -14,7 +14,7 @@ from reports.ape import absolute_errors
 from reports.association import PosePairs
 from reports.frame_errors import SUCCESS_DEG, SUCCESS_M, FrameErrors, frame_errors
 from reports.latency import Latency, deadline_misses, stage_latencies
-from reports.rpe import relative_errors
+from reports.rpe import Stretch, motion_error_sizes, stretches
 from reports.summary import ErrorSummary
 from reports.tracking import Tracking, tracking
 from scenes.sequence import Sequence, read_json
@@ -112,7 +112,7 @@ def score(sequence: Sequence, results: Results) -> Score:
         status=status,
         tracking=tracking(errors),
         ate={kind: absolute(errors.tracked, kind) for kind in ALIGNMENTS},
-        rpe={"1 frame": relative(errors, 1), "1 s": relative(errors, max(1, round(float(record["rate_hz"]))))},
+        rpe={"1 frame": relative(errors, Stretch(1, "frames", True)), "1 s": relative(errors, Stretch(1, "s", True))},
         latency=stage_latencies(results),
         deadline_misses=deadline_misses(results),
         errors=faults,
@@ -133,13 +133,15 @@ def absolute(pairs: PosePairs, kind: Alignment) -> PoseErrors:
     )
 
 
-def relative(errors: FrameErrors, frames: int) -> PoseErrors:
-    """RPE over all stretches of so many tracked frames whose two ends have a pose."""
-    i = np.arange(max(0, len(errors) - frames))
-    i = i[errors.ok[i] & errors.ok[i + frames]]
+def relative(errors: FrameErrors, over: Stretch) -> PoseErrors:
+    """RPE over all stretches of expected frames whose two ends have a pose."""
+    i, j = stretches(errors.pairs, over)
+    both = errors.ok[i] & errors.ok[j]
+    i, j = i[both], j[both]
+    metres, radians = motion_error_sizes(errors.pairs, i, j)
     return PoseErrors(
-        translation_m=summary(relative_errors(errors.pairs, i, i + frames, "translation_m")),
-        rotation_deg=summary(relative_errors(errors.pairs, i, i + frames, "angle_deg")),
+        translation_m=summary(metres),
+        rotation_deg=summary(np.degrees(radians)),
         undefined="" if len(i) else "no two frames so far apart have a pose",
     )
 

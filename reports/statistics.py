@@ -1,0 +1,164 @@
+"""Uncertainty of scores over sequences and seeds, and whether one tracker beats another.
+
+Conventions: values are given per sequence as arrays over seeds; a sequence weighs the same however many seeds it has.
+Trackers are compared in pairs on the same sequences and seeds. Lower is better unless said otherwise.
+"""
+
+from collections.abc import Mapping
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import friedmanchisquare, rankdata, studentized_range
+
+from trajectories.errors import UserError
+from trajectories.pose import Array
+from trajectories.streams import stream
+
+REPLICATES = 4000
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A mean with the bounds of its two-sided interval; NaN bounds where there is only one value."""
+
+    mean: float
+    low: float
+    high: float
+    n: int
+
+
+def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDENCE, seed: int = 0) -> Interval:
+    """Interval of the mean over sequences of the mean over seeds (n_s,), by the bootstrap.
+
+    Each replicate draws sequences, then seeds within each, with replacement (Davison & Hinkley 1997, section 3.8). The
+    spread over s sequences is widened by sqrt(s / (s - 1)): that of a plain bootstrap is short by as much. With one
+    sequence only its seeds are drawn, and the interval is for that sequence.
+    """
+    means = replicates(values, seed)
+    mean = float(np.mean([v.mean() for v in values]))
+    n = sum(len(v) for v in values)
+    if n == 1:
+        return Interval(mean=mean, low=float("nan"), high=float("nan"), n=1)
+    tail = (1 - confidence) / 2
+    low, high = np.quantile(means, [tail, 1 - tail]).tolist()
+    return Interval(mean=mean, low=low, high=high, n=n)
+
+
+def replicates(values: ListOf[Array], seed: int = 0) -> Array:
+    """Bootstrap replicates (REPLICATES,) of the mean over sequences of the mean over seeds."""
+    if not values or any(not len(v) for v in values):
+        raise UserError("statistics need at least one value per sequence")
+    sizes = np.array([len(v) for v in values])
+    table = np.zeros((len(values), int(sizes.max())))
+    for row, v in zip(table, values, strict=True):
+        row[: len(v)] = v
+    rng = stream(seed, "statistics", "bootstrap")
+    drawn = rng.integers(len(values), size=(REPLICATES, len(values)))
+    size = sizes[drawn][..., None]
+    chosen = (rng.random((*drawn.shape, table.shape[1])) * size).astype(np.int64)
+    used = np.arange(table.shape[1]) < size
+    means = (np.where(used, table[drawn[..., None], chosen], 0.0).sum(axis=2) / size[..., 0]).mean(axis=1)
+    s = len(values) if len(values) > 1 else int(sizes[0])
+    centre = float(np.mean([v.mean() for v in values]))
+    widened: Array = centre + (means - centre) * np.sqrt(s / (s - 1)) if s > 1 else means
+    return widened
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """First tracker against second: interval of the mean paired difference, and its two-sided p, adjusted in a table.
+
+    wins: share of pairs that the first wins, ties counted half.
+    """
+
+    first: str
+    second: str
+    difference: Interval
+    p: float
+    wins: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the difference stands at the 5 % level; a NaN does not."""
+        return self.p <= 1 - CONFIDENCE
+
+
+def compare_pairs(values: Mapping[str, ListOf[Array]], *, seed: int = 0) -> list[Comparison]:
+    """Every pair of trackers, compared on the same sequences and seeds; p adjusted by Holm over all pairs.
+
+    UserError when two trackers have values for different sequences or seeds.
+    """
+    names = list(values)
+    found = []
+    for a, first in enumerate(names):
+        for second in names[a + 1 :]:
+            sizes = [[len(v) for v in values[name]] for name in (first, second)]
+            if sizes[0] != sizes[1]:
+                raise UserError(f"{first} and {second} were not run on the same sequences and seeds: {sizes}")
+            differences = [x - y for x, y in zip(values[first], values[second], strict=True)]
+            flat = np.concatenate(differences)
+            means = replicates(differences, seed)
+            beyond = min(int((means <= 0).sum()), int((means >= 0).sum()))
+            p = min(1.0, 2 * (1 + beyond) / (1 + REPLICATES)) if len(flat) > 1 else 1.0
+            wins = float(((flat < 0) + 0.5 * (flat == 0)).mean())
+            difference = hierarchical_interval(differences, seed=seed)
+            found.append(Comparison(first=first, second=second, difference=difference, p=p, wins=wins))
+    adjusted = holm([c.p for c in found])
+    return [
+        Comparison(first=c.first, second=c.second, difference=c.difference, p=p, wins=c.wins)
+        for c, p in zip(found, adjusted, strict=True)
+    ]
+
+
+def holm(p_values: ListOf[float]) -> list[float]:
+    """Adjusted p-values in the given order (Holm 1979)."""
+    adjusted = [0.0] * len(p_values)
+    running = 0.0
+    for rank, index in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
+        running = max(running, min(1.0, (len(p_values) - rank) * p_values[index]))
+        adjusted[index] = running
+    return adjusted
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranks:
+    """Mean rank of each tracker over n sequences and seeds, the critical difference, and the p of Friedman's test."""
+
+    mean_ranks: dict[str, float]
+    critical_difference: float
+    p: float
+    n: int
+
+    @property
+    def cliques(self) -> list[tuple[str, ...]]:
+        """Groups of neighbouring trackers that differ by less than the critical difference."""
+        order = sorted(self.mean_ranks, key=lambda name: self.mean_ranks[name])
+        groups: list[tuple[str, ...]] = []
+        for i, name in enumerate(order):
+            near = [o for o in order[i:] if self.mean_ranks[o] - self.mean_ranks[name] <= self.critical_difference]
+            if len(near) > 1 and not any(set(near) <= set(group) for group in groups):
+                groups.append(tuple(near))
+        return groups
+
+
+def ranks(values: Mapping[str, Array], confidence: float = CONFIDENCE) -> Ranks:
+    """Ranks of k >= 2 trackers by values (n,), n >= 2, infinite where a run failed, by Nemenyi's test (Demsar 2006,
+    3.2.2).
+
+    UserError with fewer trackers or blocks.
+    """
+    table = np.array(list(values.values())).T
+    n, k = table.shape
+    if n < 2 or k < 2:
+        raise UserError(f"ranks need at least two trackers and two runs each, got {k} and {n}")
+    row_ranks = np.array([rankdata(row) for row in table])
+    q = float(studentized_range.ppf(confidence, k, np.inf)) / np.sqrt(2)
+    p = float(friedmanchisquare(*row_ranks.T).pvalue) if k > 2 else float("nan")
+    return Ranks(
+        mean_ranks=dict(zip(values, row_ranks.mean(axis=0).tolist(), strict=True)),
+        critical_difference=float(q * np.sqrt(k * (k + 1) / (6 * n))),
+        p=p,
+        n=n,
+    )

@@ -1,0 +1,117 @@
+"""Bootstrap, Holm and ranks: closed forms, calibration, and pairs that do not match."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from reports.attributes import ATTRIBUTES, breakdown, breakdowns
+from reports.runs import ScoredRun
+from reports.score import score
+from reports.statistics import compare_pairs, hierarchical_interval, holm, ranks
+from scenes.sequence import Sequence
+from tests.reports.drawn import RATE_HZ, track
+from trajectories.errors import UserError
+
+
+def test_the_interval_is_calibrated() -> None:
+    """Of intervals over 12 sequences x 3 seeds, close to 95 % hold the true mean."""
+    rng = np.random.default_rng(0)
+    inside = 0
+    for trial in range(200):
+        values = [rng.normal(rng.normal(0, 1), 0.5, 3) for _ in range(12)]
+        interval = hierarchical_interval(values, seed=trial)
+        inside += interval.low <= 0 <= interval.high
+    assert 0.89 <= inside / 200 <= 0.99
+
+
+def test_the_interval_of_many_seeds_is_the_normal_one() -> None:
+    values = np.random.default_rng(1).normal(3.0, 2.0, 400)
+    interval = hierarchical_interval([values])
+    half = norm.ppf(0.975) * values.std(ddof=1) / np.sqrt(400)
+    assert interval.mean == pytest.approx(values.mean())
+    assert (interval.high - interval.low) / 2 == pytest.approx(half, rel=0.06)
+
+
+def test_one_value_has_no_interval() -> None:
+    interval = hierarchical_interval([np.array([2.0])])
+    assert interval.mean == 2.0 and np.isnan(interval.low) and np.isnan(interval.high)
+
+
+def test_a_sequence_weighs_the_same_however_many_seeds_it_has() -> None:
+    assert hierarchical_interval([np.zeros(1), np.ones(99)]).mean == 0.5
+
+
+def test_the_same_seed_gives_the_same_interval() -> None:
+    values = [np.arange(5.0), np.arange(3.0)]
+    assert hierarchical_interval(values, seed=3) == hierarchical_interval(values, seed=3)
+
+
+def test_a_clear_winner_is_significant_and_a_twin_is_not() -> None:
+    rng = np.random.default_rng(2)
+    base = [rng.normal(5, 1, 5) for _ in range(10)]
+    found = compare_pairs({
+        "base": base,
+        "better": [v - 0.5 + rng.normal(0, 0.1, 5) for v in base],
+        "twin": [v + rng.normal(0, 0.1, 5) for v in base],
+    })  # fmt: skip
+    pairs = {(c.first, c.second): c for c in found}
+    assert pairs["base", "better"].significant and pairs["base", "better"].wins == 0
+    assert pairs["base", "better"].difference.mean == pytest.approx(0.5, abs=0.05)
+    assert not pairs["base", "twin"].significant
+
+
+def test_trackers_on_different_seeds_are_not_compared() -> None:
+    with pytest.raises(UserError, match="same sequences and seeds"):
+        compare_pairs({"a": [np.zeros(3)], "b": [np.zeros(2)]})
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
+def test_holm_never_lowers_and_keeps_the_order(p: list[float]) -> None:
+    adjusted = holm(p)
+    assert all(a >= b for a, b in zip(adjusted, p, strict=True))
+    assert min(adjusted) == pytest.approx(min(1.0, len(p) * min(p)))
+    order = np.argsort(p, kind="stable")
+    assert (np.diff(np.array(adjusted)[order]) >= 0).all()
+
+
+def test_the_critical_difference_is_that_of_the_books() -> None:
+    """Demsar 2006, table 5 and section 3.2.2: q = 2.569 for k = 4; with N = 14, CD = 1.25."""
+    rng = np.random.default_rng(3)
+    found = ranks({name: rng.normal(size=14) for name in "abcd"})
+    assert found.critical_difference == pytest.approx(2.569 * np.sqrt(4 * 5 / (6 * 14)), abs=2e-3)
+    assert sum(found.mean_ranks.values()) == pytest.approx(10)
+
+
+def test_a_failed_run_ranks_last() -> None:
+    values = {"a": np.array([1.0, 1, 1]), "b": np.array([2.0, 2, 2]), "c": np.array([0.5, np.inf, np.inf])}
+    found = ranks(values)
+    assert found.mean_ranks["c"] == pytest.approx((1 + 3 + 3) / 3)
+    assert found.cliques == [("a", "c", "b")] or len(found.cliques) >= 1
+
+
+def test_a_breakdown_finds_where_it_fails() -> None:
+    values = np.linspace(0, 1, 100)
+    parts = breakdown(values, (values < 0.5).astype(float), np.where(values < 0.5, 0.01, np.inf))
+    assert [p.success for p in parts] == [1, 1, 0, 0]
+    assert [p.frames for p in parts] == [25, 25, 25, 25]
+    assert parts[-1].median_m == np.inf
+    assert breakdown(np.full(5, np.nan), np.ones(5), np.ones(5)) == []
+
+
+def test_every_attribute_is_known_of_every_frame(sequence: Sequence) -> None:
+    frames = list(range(len(sequence) - 1))
+    for name, (_, function) in ATTRIBUTES.items():
+        values = function(sequence, frames)
+        assert values.shape == (len(frames),) and np.isfinite(values).all(), name
+    assert ATTRIBUTES["distance"][1](sequence, [0])[0] == pytest.approx(1.25, abs=0.4)
+    assert 3 < ATTRIBUTES["visible edges"][1](sequence, [0])[0] < 10
+
+
+def test_breakdowns_of_runs_cover_their_frames(sequence: Sequence) -> None:
+    results = track(sequence, "hold", RATE_HZ)
+    run = ScoredRun(sequence, results, score(sequence, results), 0)
+    found = breakdowns([run])
+    assert set(found) == set(ATTRIBUTES)
+    assert sum(part.frames for part in found["contrast"][run.name]) == len(sequence)
