@@ -38,10 +38,16 @@ def suite_command(verb: str, help_text: str) -> None:
     @click.argument("suite")
     @click.option("--out", type=click.Path(path_type=Path), help="Folder for everything; default: out/SUITE.")
     @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores.")
-    def command(suite: str, out: Path | None, jobs: int) -> None:
-        from bench.verbs import bring_up_to
+    @click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing.")
+    @click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report.")
+    @click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`.")
+    @click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm.")
+    @click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them.")
+    def command(suite: str, out: Path | None, jobs: int, **where: Any) -> None:
+        from bench.verbs import Where, bring_up_to
 
-        sys.exit(bring_up_to("report" if verb == "run" else verb, suite, out, jobs))
+        options = Where(workers=jobs, slurm_options=tuple(where.pop("slurm_option")), **where)
+        sys.exit(bring_up_to("report" if verb == "run" else verb, suite, out, options))
 
 
 suite_command("run", "Render, track, score and report SUITE (a name or a TOML file).")

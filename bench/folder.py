@@ -8,31 +8,42 @@ from pathlib import Path
 
 from bench.config import Suite
 from bench.jobs import clean_leftovers
+from bench.shard import Shard
 from trajectories.errors import UserError
 from trajectories.files import write_text
 
 
 @contextmanager
-def suite_folder(folder: Path, suite: Suite) -> Iterator[Path]:
-    """The folder, made or taken up again; UserError when it holds something else or is in use."""
+def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iterator[Path]:
+    """The folder, made or taken up again; UserError when it holds something else or is in use.
+
+    Shards of a suite may be at work in one folder at the same time, each once; nothing else may.
+    """
     marker = folder / "suite.json"
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder}: not a folder; name another one with --out")
-    if folder.exists() and not marker.exists() and any(p.name != ".lock" for p in folder.iterdir()):
+    if (
+        folder.exists()
+        and not marker.exists()
+        and any(not p.name.startswith(".lock") and p.name != "slurm" for p in folder.iterdir())
+    ):
         raise UserError(f"{folder}: holds something other than uavbench's output; name a new folder with --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / ".lock").open("w")
     except OSError as error:
         raise UserError(f"{folder}: cannot be written: {error.strerror}; name another folder with --out") from None
-    with lock:
+    own = (folder / (".lock" if shard is None else f".lock_{shard.number}_of_{shard.count}")).open("w")
+    with lock, own:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, (fcntl.LOCK_EX if shard is None else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+            if shard is not None:
+                fcntl.flock(own, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise UserError(
                 f"{folder}: another uavbench is at work in it; wait for it or name another folder"
             ) from None
-        clean_leftovers(folder)
+        clean_leftovers(folder, ("*",) if shard is None else [spec.name for spec in shard.of(suite).sequences])
         about = {
             "suite": suite.name,
             "title": suite.title,

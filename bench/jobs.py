@@ -8,7 +8,9 @@ DIR/index.html ...                      the report
 """
 
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from glob import escape
 from pathlib import Path
 
 from bench.config import Suite
@@ -18,6 +20,8 @@ from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 
 VERBS = ("render", "track", "score", "report")
+START_S, RENDER_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 0.02, 0.05, 1.0
+"""Seconds of a sequence, a frame rendered, a frame tracked, a score and a report's entry: a first guess for 640x480."""
 
 
 def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
@@ -34,9 +38,15 @@ def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
     return [job for job in jobs if VERBS.index(job.verb) <= VERBS.index(last)]
 
 
-def clean_leftovers(folder: Path) -> None:
-    """Remove what a killed process had begun to write (temporary names start with a dot)."""
-    for pattern in (".*-*", "sequences/.*-*", "results/*/.*-*", "results/*/*/.*-*"):
+def frames(spec: SequenceSpec) -> float:
+    """How many frames a sequence will have; a guess of a minute where the path does not say how long it takes."""
+    return float(getattr(spec.flight.path, "duration_s", 60.0)) * spec.rate_hz
+
+
+def clean_leftovers(folder: Path, sequences: Iterable[str] = ("*",)) -> None:
+    """Remove what a killed process had begun to write of these sequences (temporary names start with a dot)."""
+    of_one = ("sequences/.{}-*", "results/.{}-*", "results/{}/.*-*", "results/{}/*/.*-*")
+    for pattern in (".*-*", *(p.format(escape(name) if name != "*" else name) for name in sequences for p in of_one)):
         for path in folder.glob(pattern):
             if path.is_dir():
                 shutil.rmtree(path)
@@ -133,7 +143,7 @@ def _render_job(spec: SequenceSpec, folder: Path) -> Job:
         work=Render(spec, output),
         marker=output / "sequence.json",
         content_hash=content_hash(spec, code_hash("trajectories", "scenes")),
-        weight=6.0,
+        weight=START_S + RENDER_S * frames(spec),
     )
 
 
@@ -147,7 +157,7 @@ def _track_job(label: str, tracker: Tracker, rate_hz: float, spec: SequenceSpec,
         marker=output / "record.json",
         content_hash=content_hash(label, tracker, rate_hz, spec.seed, render.content_hash, code_hash("tracker")),
         needs=(render,),
-        weight=4.0 * rate_hz / spec.rate_hz,
+        weight=TRACK_S * frames(spec) * rate_hz / spec.rate_hz,
     )
 
 
@@ -160,7 +170,7 @@ def _score_job(track: Job, folder: Path) -> Job:
         marker=track.work.folder / "score.json",
         content_hash=content_hash(track.content_hash, code_hash("reports")),
         needs=(track,),
-        weight=0.1,
+        weight=SCORE_S,
     )
 
 
@@ -173,5 +183,5 @@ def _report_job(suite: Suite, scores: list[Job], folder: Path) -> Job:
         marker=folder / "report.json",
         content_hash=content_hash(suite.title, [job.content_hash for job in scores]),
         needs=tuple(scores),
-        weight=5.0,
+        weight=REPORT_S * (1 + len(scores)),
     )

@@ -3,33 +3,67 @@
 import json
 import signal
 import textwrap
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 
 from bench.config import load_suite, suite_file, suite_model, suite_names, suite_title
-from bench.executors import local_pool
+from bench.estimate import dry_run, remember
+from bench.executors import dask_pool, local_pool
 from bench.folder import suite_folder
 from bench.graph import Outcome, run_graph
 from bench.jobs import plan
 from bench.plugins import PLUGINS
+from bench.shard import Shard
+from bench.slurm import run_shards
 
 
-def bring_up_to(verb: str, suite_name: str, out: Path | None, workers: int) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """Where and how much of a suite is done; see `uavbench run --help`."""
+
+    workers: int = 1
+    shard: str = ""
+    dask: str = ""
+    slurm: int = 0
+    slurm_options: tuple[str, ...] = ()
+    dry_run: bool = False
+
+
+def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> int:
     """Do what is missing of a suite up to `verb`.
 
     Exit code 0 when all of it is there, 2 after a user's mistake,
     1 when a job failed otherwise.
     """
     suite = load_suite(suite_file(suite_name))
+    folder = (out or Path("out") / suite.name).resolve()
+    shard = Shard.parse(where.shard) if where.shard else None
+    last = "score" if shard and verb == "report" else verb
+    jobs = plan(shard.of(suite) if shard else suite, folder, last=last)
+    if where.dry_run:
+        click.echo(dry_run(jobs, folder, where.slurm or where.workers))
+        return 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with suite_folder(out or Path("out") / suite.name, suite) as folder, local_pool(workers) as (executor, progress):
-        outcome = run_graph(plan(suite, folder, last=verb), executor, progress)
+    if where.slurm:
+        run_shards(verb, suite_name, folder, where.slurm, where.slurm_options)
+    with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
+        outcome = run_graph(jobs, executor, progress)
+        if shard is None:
+            remember(outcome, folder)
         tell(outcome, folder)
-        if verb == "report" and not outcome.failed:
+        if last == "report" and not outcome.failed:
             click.echo((folder / "tables" / "summary.md").read_text(encoding="utf-8"))
             click.echo(f"report: {folder / 'index.html'}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
+
+
+def _executor(where: Where, folder: Path) -> AbstractContextManager[tuple[Executor, Any]]:
+    return dask_pool(where.dask, where.workers, folder) if where.dask else local_pool(where.workers)
 
 
 def tell(outcome: Outcome, folder: Path) -> None:

@@ -1,0 +1,122 @@
+"""Plans: shards, dry runs, time estimates, and a plan of ten thousand jobs."""
+
+import json
+import time
+
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main
+from bench.config import load_suite
+from bench.estimate import dry_run, remember
+from bench.folder import suite_folder
+from bench.graph import Outcome
+from bench.jobs import clean_leftovers, plan
+from bench.shard import Shard
+from trajectories.errors import UserError
+
+SUITE = """
+title = "Many"
+seeds = {seeds}
+rates_hz = [15.0, 5.0]
+
+[sequences.a]
+structure = {{ kind = "box" }}
+environment = {{ kind = "indoor" }}
+flight.path = {{ kind = "hand-pilot", duration_s = 10.0 }}
+
+[sequences.b]
+structure = {{ kind = "box" }}
+environment = {{ kind = "indoor" }}
+flight.path = {{ kind = "hand-pilot", duration_s = 20.0 }}
+
+[trackers]
+hold = {{ kind = "hold" }}
+lsd = {{ kind = "lsd" }}
+"""
+
+
+def suite(tmp_path, seeds):
+    path = tmp_path / "many.toml"
+    path.write_text(SUITE.format(seeds=list(range(seeds))))
+    return load_suite(path)
+
+
+def mark(job):
+    job.marker.parent.mkdir(parents=True, exist_ok=True)
+    job.marker.write_text(json.dumps({"content_hash": job.content_hash}))
+
+
+def test_shards_are_a_partition(tmp_path):
+    whole = suite(tmp_path, 5)
+    parts = [Shard(i, 3).of(whole).sequences for i in (1, 2, 3)]
+    assert sorted(spec.name for part in parts for spec in part) == sorted(spec.name for spec in whole.sequences)
+    hashes = {job.name: job.content_hash for job in plan(whole, tmp_path, last="score")}
+    for i in (1, 2, 3):
+        for job in plan(Shard(i, 3).of(whole), tmp_path, last="score"):
+            assert hashes.pop(job.name) == job.content_hash
+    assert not hashes
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "1", "a/b", "1/", "-1/2", "1/2/3"])
+def test_a_bad_shard_is_a_users_mistake(text):
+    with pytest.raises(UserError, match="i/N"):
+        Shard.parse(text)
+
+
+def test_two_shards_share_a_folder_the_same_one_twice_does_not(tmp_path):
+    whole, folder = suite(tmp_path, 2), tmp_path / "out"
+    with suite_folder(folder, whole, Shard(1, 2)), suite_folder(folder, whole, Shard(2, 2)):
+        with pytest.raises(UserError, match="at work"), suite_folder(folder, whole, Shard(1, 2)):
+            pass
+        with pytest.raises(UserError, match="at work"), suite_folder(folder, whole):
+            pass
+    with suite_folder(folder, whole):
+        pass
+
+
+def test_a_shard_leaves_the_half_written_files_of_the_others(tmp_path):
+    whole = suite(tmp_path, 1)
+    for name in ("a-s0", "b-s0"):
+        (tmp_path / "sequences" / f".{name}-xyz").mkdir(parents=True)
+        (tmp_path / "results" / name / ".hold@15hz-xyz").mkdir(parents=True)
+    clean_leftovers(tmp_path, [spec.name for spec in Shard(1, 2).of(whole).sequences])
+    left = sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob(".*"))
+    assert left == ["results/b-s0/.hold@15hz-xyz", "sequences/.b-s0-xyz"]
+    clean_leftovers(tmp_path)
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_a_dry_run_counts_and_learns_from_what_was_measured(tmp_path):
+    jobs = plan(suite(tmp_path, 2), tmp_path / "out")
+    first = dry_run(jobs, tmp_path / "out", workers=2)
+    assert "reference figures" in first
+    assert "measured" not in first
+    render = next(job for job in jobs if job.verb == "render")
+    mark(render)
+    remember(Outcome(seconds={render.name: 100.0 * render.weight}), tmp_path / "out")
+    rest = sum(job.weight for job in jobs if job.verb == "render") - render.weight
+    line = next(line for line in dry_run(jobs, tmp_path / "out", workers=2).splitlines() if line.startswith("render"))
+    assert line.split()[1:5] == ["4", "1", "3", f"{100.0 * rest:.1f}"]
+    assert "1 measured here" in line
+
+
+def test_the_command_prints_the_plan_and_does_nothing(tmp_path):
+    suite(tmp_path, 1)
+    out = tmp_path / "out"
+    result = CliRunner().invoke(main, ["run", str(tmp_path / "many.toml"), "--out", str(out), "--dry-run"])
+    assert result.exit_code == 0, result.output
+    assert "of one core" in result.output
+    assert not out.exists()
+
+
+def test_ten_thousand_cached_jobs_are_planned_again(tmp_path):
+    whole = suite(tmp_path, 556)  # 1112 sequences, 4448 runs, 4448 scores, the report
+    jobs = plan(whole, tmp_path / "out")
+    assert len(jobs) > 10_000
+    for job in jobs:
+        mark(job)
+    begin = time.process_time()
+    again = plan(whole, tmp_path / "out")
+    assert all(job.fresh for job in again)
+    print(f"{len(again)} jobs planned in {time.process_time() - begin:.2f} s of processor time")
