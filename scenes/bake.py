@@ -12,6 +12,8 @@ from trajectories.surroundings import Surroundings
 
 OFFSET_M = 1e-4
 GRID = 96
+BOUNCED = 0.35
+"""Share of the ambient light that reaches a closed corner by way of other surfaces."""
 TEXTURE_PX = 2048
 
 
@@ -69,7 +71,8 @@ def _seen(
     """Factors (n, 4) on ambient light, three times, and on the lamp's, at points (n, 3) of a surface."""
     at = points + normals * max(OFFSET_M, reach_m * 1e-4)
     seen = np.ones((len(at), 4))
-    seen[:, :3] = _open(at, _about(normals, _hemisphere(rays)), occluder, reach_m)[:, None]
+    open_share = _open(at, _about(normals, _hemisphere(rays)), occluder, reach_m)
+    seen[:, :3] = BOUNCED + (1 - BOUNCED) * open_share[:, None]
     if not light.shadow_map:
         to_lamp = np.array(light.to_lamp) / np.linalg.norm(light.to_lamp)
         disc = _hemisphere(lamp_rays)

@@ -15,7 +15,7 @@ from scenes import gl
 from scenes.bake import bake
 from scenes.effects import EFFECTS
 from scenes.light import encode
-from scenes.meshes import joined
+from scenes.meshes import joined, merged
 from scenes.parts import BuiltStructure, Light, Mover, Part, Texture
 from scenes.render import Renderer
 from scenes.sequence import TRUTH_COLUMNS, save_structure, write_manifest
@@ -82,9 +82,11 @@ def build_scene(spec: SequenceSpec) -> Scene:
     environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
     clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
-    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if p.casts_shadow))
-    reach = 0.6 * float(np.linalg.norm(bounds[1] - bounds[0]))
-    parts = bake((*solid, *environment.parts), occluder, environment.light, min(reach, 3.0))
+    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.two_sided))
+    reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
+    shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
+    parts = bake(shaded, occluder, environment.light, reach)
+    parts += merged(p for p in solid if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
     flown_around = Surroundings(built.structure.vertices, built.structure.triangles)
     return Scene(built, parts, movers, environment.light, environment.sky, flown_around)

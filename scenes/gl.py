@@ -85,7 +85,7 @@ def _make_hashable() -> None:
     try:
         hash(current)
     except TypeError:
-        kind = type(current)
+        kind: Any = type(current)
         kind.__hash__ = lambda self: hash(self.address)
         kind.__eq__ = lambda self, other: isinstance(other, kind) and self.address == other.address
 

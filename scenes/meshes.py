@@ -59,6 +59,16 @@ def grid(origin: Array, u: Array, v: Array, us: Array, vs: Array) -> tuple[Array
     return origin + uv[:, :1] * u + uv[:, 1:] * v, triangles, uv
 
 
+def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
+    """As few parts as draw the same: one for each texture, material and instance."""
+    alike: dict[tuple[object, ...], list[Part]] = {}
+    for part in parts:
+        key = (id(part.texture), part.roughness, part.two_sided, part.casts_shadow, part.instance)
+        given = (part.uv is None, part.normals is None, part.tint is None)
+        alike.setdefault((*key, *given, id(part) if part.lightmap else 0), []).append(part)
+    return tuple(merge(group) for group in alike.values())
+
+
 def merge(parts: Iterable[Part]) -> Part:
     """One part of several that share texture and material; all or none of them have uv, normals and tint."""
     several = list(parts)

@@ -1,7 +1,15 @@
 """Every structure by its name."""
 
 from scenes.box import Box
+from scenes.bridge import Bridge
+from scenes.building import Building
+from scenes.truss import Truss
+from scenes.wall import Wall
 
 STRUCTURES: dict[str, type] = {
     "box": Box,
+    "wall": Wall,
+    "bridge": Bridge,
+    "building": Building,
+    "truss": Truss,
 }
