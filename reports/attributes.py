@@ -20,6 +20,8 @@ from tracker.visible_edges import ProjectedEdges, to_image, visible_edges
 from trajectories.pose import Array
 
 PARTS = 4
+MAX_FRAMES = 200
+"""A breakdown looks at this many frames of a sequence at most, evenly spread."""
 CONTRAST_OFFSET_PX = 4.0
 POINTS_PER_EDGE = 15
 
@@ -119,7 +121,7 @@ def breakdown(values: Array, success: Array, translation_m: Array, parts: int = 
 
 
 def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
-    """Parts by attribute and run name, over all sequences of a run; each attribute is found once per sequence."""
+    """Parts by attribute and run name, over all sequences of runs at one rate; found once per sequence."""
     names = list(dict.fromkeys(run.name for run in runs))
     found: dict[str, dict[str, list[Part]]] = {}
     for attribute, (_, function) in ATTRIBUTES.items():
@@ -134,11 +136,18 @@ def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
         found[attribute] = {}
         for name in names:
             group = [run for run in runs if run.name == name]
-            values = np.array([of_sequence[id(run.sequence)][f] for run in group for f in run.errors.frames.tolist()])
-            success = np.concatenate([run.errors.success.astype(float) for run in group])
-            metres = np.concatenate([run.errors.translation_m for run in group])
+            values = np.concatenate([of_sequence[id(run.sequence)] for run in group])
+            rows = [np.searchsorted(run.errors.frames, looked_at(run)) for run in group]
+            success = np.concatenate([run.errors.success[k].astype(float) for run, k in zip(group, rows, strict=True)])
+            metres = np.concatenate([run.errors.translation_m[k] for run, k in zip(group, rows, strict=True)])
             found[attribute][name] = breakdown(values, success, metres)
     return found
+
+
+def looked_at(run: ScoredRun) -> list[int]:
+    """Frames of a run that a breakdown looks at."""
+    frames = run.errors.frames.tolist()
+    return frames[:: -(-len(frames) // MAX_FRAMES)]
 
 
 def _edges(sequence: Sequence, frame: int) -> ProjectedEdges:

@@ -1,4 +1,4 @@
-"""Figures in space: the path from above over the structure's outline."""
+"""Figures in space: paths in 3-D and from above over the structure, error against distance, over sub-trajectories."""
 
 from collections.abc import Sequence as ListOf
 from pathlib import Path
@@ -7,32 +7,57 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.ticker import MaxNLocator
 
+from reports.figures_time import finite, nice_log
+from reports.rpe import Stretch, relative_errors, stretches
 from reports.runs import ScoredRun
-from reports.style import TRUTH, line, new_figure, save_figure
+from reports.segments import distance_along
+from reports.style import TRUTH, colour, line, new_figure, panel_letter, save_figure
 from scenes.structure import Structure
 from trajectories.pose import Array
 
+SHARES = (0.05, 0.1, 0.2, 0.4)
 
-def path_from_above(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """True and estimated paths of one sequence in the x-y plane, over the outline of the structure, in metres."""
-    figure = new_figure(3.3, wide=False)
-    panel = figure.subplots()
-    truth = runs[0].sequence.truth.positions_m
-    outline(panel, runs[0].sequence.structure)
-    panel.plot(truth[:, 0], truth[:, 1], color=TRUTH, lw=1.6, label="truth")
-    panel.plot(*truth[0, :2], marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none", label="start")
+
+def paths(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """True and estimated paths of one sequence, in 3-D and from above, with the structure; metres."""
+    figure = new_figure(3.2)
+    solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
+    flat = figure.add_subplot(1, 2, 2)
+    sequence = runs[0].sequence
+    truth = sequence.truth.positions_m
+    outline(flat, sequence.structure)
+    edges = np.insert(sequence.structure.edge_segments, 2, np.nan, axis=1).reshape(-1, 3)
+    solid.plot(*edges.T, color="#8A7F70", lw=0.6)
+    flat.plot(truth[:, 0], truth[:, 1], color=TRUTH, lw=1.6, label="truth")
+    flat.plot(*truth[0, :2], marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none", label="start")
+    solid.plot(*truth.T, color=TRUTH, lw=1.4)
     rows: list[list[Any]] = [["truth", i, *p] for i, p in enumerate(truth.tolist())]
+    low, high = limits(sequence.structure, truth)
     for run in runs:
         p = run.errors.pairs.estimate_m
         still = float(np.nanmax(np.ptp(p[run.errors.ok], axis=0))) < 0.01 if run.errors.ok.any() else True
         style = {**line(run.colour), "marker": "x" if still else "", "lw": 0.9}
-        panel.plot(p[:, 0], p[:, 1], label=run.title, **style)
+        flat.plot(p[:, 0], p[:, 1], label=run.title, **style)
+        inside = np.logical_and(p >= low, p <= high).all(axis=1)
+        kept = np.where(inside.reshape(-1, 1), p, np.nan)
+        solid.plot(*kept.T, **style)
         rows += [[run.name, f, *q] for f, q in zip(run.errors.frames.tolist(), p.tolist(), strict=True) if q[0] == q[0]]
-    view(panel, runs[0].sequence.structure, truth)
-    panel.set_xlabel("x (m)")
-    panel.set_ylabel("y (m)")
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    flat.set_aspect("equal")
+    flat.set_xlim(low[0], high[0])
+    flat.set_ylim(low[1], high[1])
+    flat.set_xlabel("x (m)")
+    flat.set_ylabel("y (m)")
+    for axis, a, b in zip("xyz", low, high, strict=True):
+        getattr(solid, f"set_{axis}lim")(a, b)
+        getattr(solid, f"set_{axis}label")(f"{axis} (m)", labelpad=-6)
+        getattr(solid, f"{axis}axis").pane.fill = False
+    solid.tick_params(labelsize=6, pad=-3)
+    solid.zaxis.set_major_locator(MaxNLocator(3))
+    solid.set_box_aspect(tuple(high - low), zoom=1.12)
+    solid.view_init(elev=24, azim=-58)
+    figure.legend(*flat.get_legend_handles_labels(), loc="outside upper center", ncols=6)
     return save_figure(figure, stem, ["run", "frame", "x_m", "y_m", "z_m"], rows)
 
 
@@ -45,11 +70,56 @@ def outline(panel: Axes, structure: Structure) -> None:
     panel.add_collection(LineCollection(segments, colors="#8A7F70", linewidths=0.7, zorder=1.5))
 
 
-def view(panel: Axes, structure: Structure, truth: Array) -> None:
-    """Limits with equal scales around the structure and the true path; what strays farther is cut."""
-    low = np.minimum(structure.bounds[0], truth.min(axis=0))[:2]
-    high = np.maximum(structure.bounds[1], truth.max(axis=0))[:2]
+def limits(structure: Structure, truth: Array) -> tuple[Array, Array]:
+    """Lowest and highest corner (3,) around the structure and the true path; what strays farther is cut."""
+    low = np.minimum(structure.bounds[0], truth.min(axis=0))
+    high = np.maximum(structure.bounds[1], truth.max(axis=0))
     margin = 0.12 * float((high - low).max())
-    panel.set_aspect("equal")
-    panel.set_xlim(low[0] - margin, high[0] + margin)
-    panel.set_ylim(low[1] - margin, high[1] + margin)
+    return low - [margin, margin, 0.0], high + margin
+
+
+def error_against_distance(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """(a) Error against distance travelled; (b) relative error over sub-trajectories of growing length, as boxes."""
+    figure = new_figure(2.4)
+    left, right = figure.subplots(1, 2)
+    rows: list[list[Any]] = []
+    total = float(distance_along(runs[0].sequence.truth.positions_m)[-1])
+    lengths = [share * total for share in SHARES]
+    for k, run in enumerate(runs):
+        pairs, errors = run.errors.pairs, run.errors
+        along = distance_along(pairs.reference_m)
+        left.plot(along, np.where(errors.ok, 100 * errors.translation_m, np.nan), label=run.title, **line(run.colour))
+        rows += [
+            [run.name, "along", a, finite(m)]
+            for a, m in zip(along.tolist(), errors.translation_m.tolist(), strict=True)
+        ]
+        boxes, places = [], []
+        for place, length in enumerate(lengths):
+            i, j = stretches(pairs, Stretch(length, "m", all_pairs=True)) if length > 0 else (np.empty(0, int),) * 2
+            both = errors.ok[i] & errors.ok[j]
+            relative = relative_errors(pairs, i[both], j[both], "translation_m")
+            if len(relative):
+                boxes.append(100 * relative / length)
+                places.append(place + (k - (len(runs) - 1) / 2) * 0.8 / len(runs))
+                rows += [[run.name, f"over {length:.4g} m", None, value] for value in relative.tolist()]
+        if boxes:
+            ink = {"color": colour(run.colour), "linewidth": 0.8}
+            right.boxplot(
+                boxes, positions=places, widths=0.6 / len(runs), manage_ticks=False, showfliers=False,
+                patch_artist=True,
+                whis=(5, 95), boxprops={**ink, "facecolor": "white"}, medianprops={**ink, "linewidth": 1.6},
+                whiskerprops=ink, capprops=ink,
+            )  # fmt: skip
+    for letter, panel in (("a", left), ("b", right)):
+        panel.set_yscale("log")
+        panel_letter(panel, letter)
+    nice_log(left)
+    nice_log(right)
+    left.set_xlabel("distance travelled (m)")
+    left.set_ylabel("position error (cm)")
+    right.set_xticks(range(len(lengths)), [f"{length:.2g}" for length in lengths])
+    right.grid(False, axis="x")
+    right.set_xlabel("length of the sub-trajectory (m)")
+    right.set_ylabel("relative error (% of length)")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    return save_figure(figure, stem, ["run", "what", "distance_m", "error_m"], rows)

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.runs import ScoredRun
 from reports.summary import ErrorSummary
 from scenes.camera import Camera
+from scenes.sequence import Sequence
 from scenes.structure import Structure
+from tracker.results import Results
 from tracker.visible_edges import pinhole, visible_edges
 from trajectories.pose import Array, Pose
 
@@ -36,12 +37,11 @@ class ModelSpace:
     symmetries: int
 
 
-def model_space(run: ScoredRun) -> ModelSpace:
+def model_space(sequence: Sequence, results: Results) -> ModelSpace:
     """Errors of a run in the structure's space and in the image."""
-    sequence = run.sequence
     symmetries = box_symmetries(sequence.structure)
     rows = []
-    for frame, row in zip(run.results.frames.tolist(), run.results.rows, strict=True):
+    for frame, row in zip(results.frames.tolist(), results.rows, strict=True):
         if row.cam_from_world is None or not np.isfinite(row.cam_from_world.matrix).all():
             continue
         truth, estimate = sequence.true_cam_from_world(frame), row.cam_from_world

@@ -90,7 +90,7 @@ def write_index(
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
         sequences=sequences,
         heads=[{"name": "tracker", "unit": "", "best": "min"}]
-        + [{"name": head, "unit": unit, "best": which} for head, unit, which, _ in COLUMNS],
+        + [{"name": c.head, "unit": c.unit, "best": c.best} for c in COLUMNS],
         rows=[_row(name, cells, runs) for name, cells in table.rows],
         caption=table.caption,
         tables=[f"tables/summary{suffix}" for suffix in (".md", ".csv", ".tex")],
@@ -205,8 +205,9 @@ def _row(name: str, cells: Any, runs: ListOf[ScoredRun]) -> dict[str, Any]:
         "colour": colour(group[0].colour),
         "status": status,
         "cells": [
-            {"text": c.text, "sort": "" if c.value is None else f"{c.value:.9g}", "best": c.best,
-             "share": round(c.value, 2) if k in shares and c.value is not None else None}
+            {"text": c.text + "*" * c.significant, "bounds": c.bounds, "best": c.best,
+             "sort": "" if c.mean is None else f"{c.mean:.9g}",
+             "share": round(c.mean, 2) if k in shares and c.mean is not None else None}
             for k, c in enumerate(cells)
         ],
     }  # fmt: skip

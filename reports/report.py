@@ -16,15 +16,20 @@ from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from pathlib import Path
 
-from reports import figures_compare, figures_pictures, figures_space, figures_time
+import numpy as np
+
+from reports import figures_compare, figures_pictures, figures_space, figures_statistics, figures_time
+from reports.attributes import breakdowns
 from reports.overlay import scrubbed, write_frames
 from reports.page import FigureOnPage, SequenceOnPage, write_index, write_sequence_page
 from reports.runs import ScoredRun, open_runs
 from reports.score import Score
+from reports.statistics import compare_pairs, ranks
 from reports.style import house_style
 from reports.tables import summary_table, write_tables
 from trajectories.errors import UserError
 from trajectories.files import write_text
+from trajectories.pose import Array
 
 OnStep = Callable[[int, int], None]
 
@@ -105,19 +110,52 @@ class Steps:
 
 def compare(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> list[FigureOnPage]:
     """Figures over all runs."""
-    figures = []
-    for name, make, title, caption in (
-        ("accuracy", figures_compare.accuracy_and_coverage, "Error and coverage",
-         "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and that are "
-         "within 5 cm and 5\N{DEGREE SIGN} (dotted). An error means little without its coverage."),
-        ("success", figures_compare.success_curves, "Success curves",
-         "Share of all frames within a distance of the truth; lost frames are within none."),
-        ("latency", figures_compare.accuracy_against_latency, "Accuracy against latency",
-         "Median time of a frame with a line to the 95th percentile; hollow at the lower rates."),
-    ):  # fmt: skip
-        figures.append(on_page(folder, make(runs, folder / "figures" / name), title, caption))
-        steps(8)
-    return figures
+    figures = folder / "figures"
+    colours = {run.name: run.colour for run in runs}
+    made = [
+        on_page(folder, figures_compare.accuracy_and_coverage(runs, figures / "accuracy"), "Error and coverage",
+                "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and "
+                "that are within 5 cm and 5\N{DEGREE SIGN} (dotted). An error means little without its coverage."),
+        on_page(folder, figures_compare.success_curves(runs, figures / "success"), "Success curves",
+                "Share of all frames within a distance of the truth; lost frames are within none."),
+        on_page(folder, figures_compare.accuracy_against_latency(runs, figures / "latency"), "Accuracy against latency",
+                "Median time of a frame with a line to the 95th percentile; hollow at the lower rates."),
+    ]  # fmt: skip
+    steps(16)
+    fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
+    parts = figures_statistics.by_attribute(breakdowns(fast), colours, figures / "attributes")
+    made.append(on_page(folder, parts, f"Why they fail, {fast[0].score.rate_hz:g} Hz",
+                        "Success in the quarters of the frames by what the renderer knows of them."))  # fmt: skip
+    steps(8)
+    for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
+        made += rank(folder, [run for run in runs if run.score.rate_hz == rate], colours, f"{rate:g}hz")
+    if any(run.score.consistency is not None for run in runs):
+        made.append(on_page(folder, figures_statistics.nees_over_time(runs, figures / "nees"), "NEES",
+                            "Squared error over the claimed covariance; above the band it claims too much."))  # fmt: skip
+    return made
+
+
+def rank(folder: Path, runs: ListOf[ScoredRun], colours: dict[str, int], suffix: str) -> list[FigureOnPage]:
+    """Mean ranks and wins at one rate, by the area over the success curve; none with one run or one tracker."""
+    names = list(dict.fromkeys(run.name for run in runs))
+    keys = [sorted((r.sequence.name, r.score.seed) for r in runs if r.name == name) for name in names]
+    if len(names) < 2 or len(keys[0]) < 2 or any(key != keys[0] for key in keys):
+        return []
+    values: dict[str, list[Array]] = {}
+    for name in names:
+        group = sorted((r for r in runs if r.name == name), key=lambda r: (r.sequence.name, r.score.seed))
+        values[name] = [
+            np.array([1 - r.score.tracking.success_auc for r in group if r.sequence.name == sequence])
+            for sequence in dict.fromkeys(r.sequence.name for r in group)
+        ]
+    figures, what = folder / "figures", "area over the success curve"
+    found = ranks({name: np.concatenate(v) for name, v in values.items()})
+    return [
+        on_page(folder, figures_statistics.critical_difference(found, colours, figures / f"ranks_{suffix}", what),
+                "Mean ranks", "Best at the left; bars join trackers that Nemenyi's test does not tell apart."),
+        on_page(folder, figures_statistics.win_table(names, compare_pairs(values), figures / f"wins_{suffix}", what),
+                "Wins", "Paired by sequence and seed; *: the mean difference stands at the 5 % level."),
+    ]  # fmt: skip
 
 
 def write_sequence(
@@ -133,9 +171,13 @@ def write_sequence(
         made = figures_time.errors_over_time(some, figures / f"errors_{slug}_{rate:g}hz")
         index.append(on_page(folder, made, f"Errors over time, {sequence.name}, {rate:g} Hz",
                              "Against the truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}."))  # fmt: skip
-        made = figures_space.path_from_above(some, figures / f"path_{slug}_{rate:g}hz")
-        index.append(on_page(folder, made, f"Path from above, {sequence.name}, {rate:g} Hz",
-                             "True and estimated paths over the outline of the structure."))  # fmt: skip
+        made = figures_space.paths(some, figures / f"path_{slug}_{rate:g}hz")
+        index.append(on_page(folder, made, f"Paths, {sequence.name}, {rate:g} Hz",
+                             "True and estimated paths around the structure, in 3-D and from above."))  # fmt: skip
+        made = figures_space.error_against_distance(some, figures / f"distance_{slug}_{rate:g}hz")
+        index.append(on_page(folder, made, f"Error against distance, {sequence.name}, {rate:g} Hz",
+                             "Against the distance travelled, and over sub-trajectories (boxes: quartiles, whiskers 5 "
+                             "and 95 %)."))  # fmt: skip
         steps(8)
     pictured = [run for run in runs if run.score.label == main.score.label]
     for run in pictured:

@@ -14,9 +14,12 @@ from reports.ape import absolute_errors
 from reports.association import PosePairs
 from reports.frame_errors import SUCCESS_DEG, SUCCESS_M, FrameErrors, frame_errors
 from reports.latency import Latency, deadline_misses, stage_latencies
+from reports.model_space import ModelSpace, model_space
+from reports.protocols import Replay, replay_in_real_time
 from reports.rpe import Stretch, motion_error_sizes, stretches
 from reports.summary import ErrorSummary
 from reports.tracking import Tracking, tracking
+from reports.uncertainty import Consistency, consistency
 from scenes.sequence import Sequence, read_json
 from tracker.results import Results
 from tracker.run import versions
@@ -42,7 +45,8 @@ class Score:
 
     status: `complete` when every frame has a pose, `lost` when some have none, `crashed` when the tracker raised an
     error or stopped early. ate by alignment and rpe by stretch (`1 frame`, `1 s`) are over the frames that have a pose:
-    read them with tracking.coverage. latency by stage, `total` first.
+    read them with tracking.coverage. latency by stage, `total` first. replay, model and consistency: what lateness
+    costs, errors in the structure's space and the image, NEES; None where times or covariances are missing.
     """
 
     label: str
@@ -55,6 +59,9 @@ class Score:
     rpe: dict[str, PoseErrors]
     latency: dict[str, Latency]
     deadline_misses: float | None
+    replay: Replay | None = None
+    model: ModelSpace | None = None
+    consistency: Consistency | None = None
     errors: tuple[str, ...]
     record: dict[str, Any]
 
@@ -115,6 +122,9 @@ def score(sequence: Sequence, results: Results) -> Score:
         rpe={"1 frame": relative(errors, Stretch(1, "frames", True)), "1 s": relative(errors, Stretch(1, "s", True))},
         latency=stage_latencies(results),
         deadline_misses=deadline_misses(results),
+        replay=replay_in_real_time(sequence, results),
+        model=model_space(sequence, results),
+        consistency=consistency(sequence, results),
         errors=faults,
         record=how(sequence, results),
     )

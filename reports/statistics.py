@@ -6,7 +6,8 @@ Trackers are compared in pairs on the same sequences and seeds. Lower is better 
 
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.stats import friedmanchisquare, rankdata, studentized_range
@@ -50,20 +51,26 @@ def replicates(values: ListOf[Array], seed: int = 0) -> Array:
     """Bootstrap replicates (REPLICATES,) of the mean over sequences of the mean over seeds."""
     if not values or any(not len(v) for v in values):
         raise UserError("statistics need at least one value per sequence")
-    sizes = np.array([len(v) for v in values])
-    table = np.zeros((len(values), int(sizes.max())))
-    for row, v in zip(table, values, strict=True):
-        row[: len(v)] = v
-    rng = stream(seed, "statistics", "bootstrap")
-    drawn = rng.integers(len(values), size=(REPLICATES, len(values)))
-    size = sizes[drawn][..., None]
-    chosen = (rng.random((*drawn.shape, table.shape[1])) * size).astype(np.int64)
-    used = np.arange(table.shape[1]) < size
-    means = (np.where(used, table[drawn[..., None], chosen], 0.0).sum(axis=2) / size[..., 0]).mean(axis=1)
-    s = len(values) if len(values) > 1 else int(sizes[0])
+    means = _weights(tuple(len(v) for v in values), seed) @ np.concatenate(values)
+    s = len(values) if len(values) > 1 else len(values[0])
     centre = float(np.mean([v.mean() for v in values]))
     widened: Array = centre + (means - centre) * np.sqrt(s / (s - 1)) if s > 1 else means
     return widened
+
+
+@lru_cache(maxsize=32)
+def _weights(sizes: tuple[int, ...], seed: int) -> Array:
+    """Weight (REPLICATES, n) of each value in each replicate: a replicate is a weighted sum, the same draws for all."""
+    rng = stream(seed, "statistics", "bootstrap")
+    drawn = rng.integers(len(sizes), size=(REPLICATES, len(sizes)))
+    size, first = np.array(sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    weights = np.zeros((REPLICATES, sum(sizes)))
+    for k in range(max(sizes)):
+        chosen = (rng.random(drawn.shape) * size[drawn]).astype(np.int64) + first[drawn]
+        share = np.where(k < size[drawn], 1.0 / (size[drawn] * len(sizes)), 0.0)
+        np.add.at(weights, (np.arange(REPLICATES)[:, None], chosen), share)
+    weights.setflags(write=False)
+    return weights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,25 +98,35 @@ def compare_pairs(values: Mapping[str, ListOf[Array]], *, seed: int = 0) -> list
     UserError when two trackers have values for different sequences or seeds.
     """
     names = list(values)
-    found = []
-    for a, first in enumerate(names):
-        for second in names[a + 1 :]:
-            sizes = [[len(v) for v in values[name]] for name in (first, second)]
-            if sizes[0] != sizes[1]:
-                raise UserError(f"{first} and {second} were not run on the same sequences and seeds: {sizes}")
-            differences = [x - y for x, y in zip(values[first], values[second], strict=True)]
-            flat = np.concatenate(differences)
-            means = replicates(differences, seed)
-            beyond = min(int((means <= 0).sum()), int((means >= 0).sum()))
-            p = min(1.0, 2 * (1 + beyond) / (1 + REPLICATES)) if len(flat) > 1 else 1.0
-            wins = float(((flat < 0) + 0.5 * (flat == 0)).mean())
-            difference = hierarchical_interval(differences, seed=seed)
-            found.append(Comparison(first=first, second=second, difference=difference, p=p, wins=wins))
-    adjusted = holm([c.p for c in found])
-    return [
-        Comparison(first=c.first, second=c.second, difference=c.difference, p=p, wins=c.wins)
-        for c, p in zip(found, adjusted, strict=True)
-    ]
+    pairs = [(first, second) for a, first in enumerate(names) for second in names[a + 1 :]]
+    return _adjusted([compare(first, second, values, seed) for first, second in pairs])
+
+
+def compare_with(first: str, values: Mapping[str, ListOf[Array]], *, seed: int = 0) -> list[Comparison]:
+    """One tracker against every other, on the same sequences and seeds; p adjusted by Holm over them."""
+    return _adjusted([compare(first, second, values, seed) for second in values if second != first])
+
+
+def compare(first: str, second: str, values: Mapping[str, ListOf[Array]], seed: int = 0) -> Comparison:
+    """Two trackers on the same sequences and seeds, p not adjusted; UserError when these differ."""
+    sizes = [[len(v) for v in values[name]] for name in (first, second)]
+    if sizes[0] != sizes[1]:
+        raise UserError(f"{first} and {second} were not run on the same sequences and seeds: {sizes}")
+    differences = [x - y for x, y in zip(values[first], values[second], strict=True)]
+    flat = np.concatenate(differences)
+    means = replicates(differences, seed)
+    beyond = min(int((means <= 0).sum()), int((means >= 0).sum()))
+    return Comparison(
+        first=first,
+        second=second,
+        difference=hierarchical_interval(differences, seed=seed),
+        p=min(1.0, 2 * (1 + beyond) / (1 + REPLICATES)) if len(flat) > 1 else 1.0,
+        wins=float(((flat < 0) + 0.5 * (flat == 0)).mean()),
+    )
+
+
+def _adjusted(found: list[Comparison]) -> list[Comparison]:
+    return [replace(c, p=p) for c, p in zip(found, holm([c.p for c in found]), strict=True)]
 
 
 def holm(p_values: ListOf[float]) -> list[float]:

@@ -1,5 +1,6 @@
-"""Tables of scores: Markdown, CSV and LaTeX from the same cells."""
+"""The summary table: means with intervals, the best of a column bold, in Markdown, CSV and LaTeX alike."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,136 +8,231 @@ from pathlib import Path
 import numpy as np
 
 from reports.score import Score
+from reports.statistics import Interval, compare_with, hierarchical_interval
 from reports.style import write_csv
 from trajectories.files import write_text
+from trajectories.pose import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """A column of the summary: its head, unit, which value is best, and how many decimals are shown."""
+
+    head: str
+    unit: str
+    best: str
+    decimals: int
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column(head="coverage", unit="%", best="max", decimals=1),
+    Column(head="within 5 cm, 5 deg", unit="%", best="max", decimals=1),
+    Column(head="AUC 10 cm", unit="", best="max", decimals=2),
+    Column(head="ATE position", unit="cm", best="min", decimals=2),
+    Column(head="ATE rotation", unit="deg", best="min", decimals=2),
+    Column(head="RPE 1 frame", unit="cm", best="min", decimals=2),
+    Column(head="RPE 1 s", unit="cm", best="min", decimals=2),
+    Column(head="edges", unit="px", best="min", decimals=1),
+    Column(head="failures", unit="1/min", best="min", decimals=1),
+    Column(head="first loss", unit="s", best="max", decimals=1),
+    Column(head="frame p50", unit="ms", best="min", decimals=1),
+    Column(head="frame p95", unit="ms", best="min", decimals=1),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A number as it is shown, with its uncertainty and whether it is the best of its column."""
+    """A mean with its interval (None with one run only), from `known` of `runs` runs.
 
-    value: float | None
-    text: str
+    best: no other row of the same rate is better; significant: and it is better than each of them at the 5 % level.
+    """
+
+    mean: float | None
+    interval: Interval | None
+    known: int
+    runs: int
+    decimals: int
     best: bool = False
     significant: bool = False
+
+    @property
+    def text(self) -> str:
+        """The mean as shown, with `(k/n)` where some runs have no value."""
+        if self.mean is None:
+            return "\N{EM DASH}"
+        missing = f" ({self.known}/{self.runs})" if self.known < self.runs else ""
+        return f"{self.mean:.{self.decimals}f}{missing}"
+
+    @property
+    def bounds(self) -> str:
+        """The interval as shown, `[low, high]`; empty without one."""
+        if self.interval is None:
+            return ""
+        return f"[{self.interval.low:.{self.decimals}f}, {self.interval.high:.{self.decimals}f}]"
 
 
 @dataclass(frozen=True)
 class Table:
-    """Heads (k) and, per row, a name and k - 1 cells."""
+    """Rows of named cells under COLUMNS, with what a reader must know."""
 
     caption: str
-    heads: tuple[str, ...]
-    units: tuple[str, ...]
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
 
 
-COLUMNS: tuple[tuple[str, str, str, int], ...] = (
-    ("coverage", "%", "max", 1),
-    ("within 5 cm, 5 deg", "%", "max", 1),
-    ("AUC 10 cm", "", "max", 2),
-    ("ATE position", "cm", "min", 2),
-    ("ATE rotation", "deg", "min", 2),
-    ("RPE 1 frame", "cm", "min", 2),
-    ("RPE 1 s", "cm", "min", 2),
-    ("failures", "1/min", "min", 1),
-    ("first loss", "s", "max", 1),
-    ("frame p50", "ms", "min", 1),
-    ("frame p95", "ms", "min", 1),
-)
-"""Head, unit, which is best, decimals."""
-
-
 def numbers(score: Score) -> tuple[float | None, ...]:
-    """The numbers of a score in the order of COLUMNS; None where there is none."""
+    """The numbers of a score in the order of COLUMNS; None where there is none.
+
+    A run that never fails counts with its whole duration as its time to the first loss.
+    """
     ate, tracking, total = score.ate["none"], score.tracking, score.latency.get("total")
-    one_frame, one_second = score.rpe["1 frame"], score.rpe["1 s"]
+    one_frame, one_second = score.rpe["1 frame"].translation_m, score.rpe["1 s"].translation_m
+    edges = score.model.edges_px if score.model else None
+    first_loss = tracking.time_to_first_loss_s
     return (
         100 * tracking.coverage,
         100 * tracking.success,
         tracking.success_auc,
         100 * ate.translation_m.rmse if ate.translation_m else None,
         ate.rotation_deg.rmse if ate.rotation_deg else None,
-        100 * one_frame.translation_m.rmse if one_frame.translation_m else None,
-        100 * one_second.translation_m.rmse if one_second.translation_m else None,
+        100 * one_frame.rmse if one_frame else None,
+        100 * one_second.rmse if one_second else None,
+        edges.mean if edges else None,
         tracking.failures_per_minute,
-        tracking.time_to_first_loss_s,
+        tracking.duration_s if first_loss is None else first_loss,
         total.p50_ms if total else None,
         total.p95_ms if total else None,
     )
 
 
 def summary_table(scores: ListOf[Score]) -> Table:
-    """One row per tracker and rate, means over its sequences and seeds; the worst kept rows come first."""
+    """One row per tracker and rate, over its sequences and seeds; by rate, the worst first."""
     groups: dict[str, list[Score]] = {}
     for score in scores:
         groups.setdefault(score.run, []).append(score)
-    means = {run: _means(group) for run, group in groups.items()}
-    order = sorted(groups, key=lambda run: (-groups[run][0].rate_hz, means[run][1] or 0.0))
-    best = {}
-    for k, (_, _, which, _) in enumerate(COLUMNS):
-        known = [means[run][k] for run in order if means[run][k] is not None]
-        best[k] = (max if which == "max" else min)(known) if known else None  # type: ignore[type-var]
-    rows = tuple(
-        (run, tuple(_cell(value, decimals, value is not None and value == best[k])
-                    for k, (value, (_, _, _, decimals)) in enumerate(zip(means[run], COLUMNS, strict=True))))
-        for run in order
-    )  # fmt: skip
+    cells = {
+        run: [_cell(by_sequence(group, k), column) for k, column in enumerate(COLUMNS)] for run, group in groups.items()
+    }
+    for rate in {score.rate_hz for score in scores}:
+        rivals = [run for run in groups if groups[run][0].rate_hz == rate]
+        for k, column in enumerate(COLUMNS):
+            _mark_best(
+                {run: cells[run] for run in rivals}, {run: by_sequence(groups[run], k) for run in rivals}, k, column
+            )
+    order = sorted(groups, key=lambda run: (-groups[run][0].rate_hz, cells[run][1].mean or 0.0))
+    n = max(len(group) for group in groups.values())
     return Table(
-        "Means over sequences and seeds. Errors are RMSE over the frames that have a pose: read them with coverage.",
-        ("tracker", *(head for head, *_ in COLUMNS)),
-        ("", *(unit for _, unit, *_ in COLUMNS)),
-        rows,
+        "Errors are RMSE over the frames that have a pose: read them with coverage. "
+        + (
+            f"Means over up to {n} runs with 95 % intervals (bootstrap over sequences, then seeds). "
+            if n > 1
+            else "One run each: no interval can be given. "
+        )
+        + "Bold: best at its rate; *: better than every other there at the 5 % level (paired, Holm).",
+        tuple((run, tuple(cells[run])) for run in order),
     )
+
+
+def by_sequence(group: ListOf[Score], k: int) -> list[Array]:
+    """Values of column k per sequence, each over its seeds in order; NaN where there is none."""
+    names = sorted({score.sequence for score in group})
+    ordered = sorted(group, key=lambda score: score.seed)
+    return [np.array([_number(score, k) for score in ordered if score.sequence == name]) for name in names]
 
 
 def write_tables(table: Table, stem: Path) -> list[Path]:
     """Write `stem`.md, .csv and .tex."""
-    heads = [f"{h} ({u})" if u else h for h, u in zip(table.heads, table.units, strict=True)]
     paths = [stem.with_suffix(suffix) for suffix in (".md", ".csv", ".tex")]
-    write_text(paths[0], markdown(table, heads))
-    write_csv(paths[1], heads, [[name, *(c.value for c in cells)] for name, cells in table.rows])
-    write_text(paths[2], latex(table, heads))
+    write_text(paths[0], markdown(table))
+    write_text(paths[2], latex(table))
+    columns = ["tracker"]
+    for head in heads():
+        columns += [head, f"{head} low", f"{head} high"]
+    rows = []
+    for name, cells in table.rows:
+        row: list[object] = [name]
+        for cell in cells:
+            row += [cell.mean, cell.interval and cell.interval.low, cell.interval and cell.interval.high]
+        rows.append(row)
+    write_csv(paths[1], columns, rows)
     return paths
 
 
-def markdown(table: Table, heads: ListOf[str]) -> str:
-    """The table in Markdown, the best of a column bold."""
-    lines = ["| " + " | ".join(heads) + " |", "|" + " --- |" + " ---: |" * (len(heads) - 1)]
+def heads() -> list[str]:
+    """Heads of COLUMNS with their units."""
+    return [f"{column.head} ({column.unit})" if column.unit else column.head for column in COLUMNS]
+
+
+def markdown(table: Table) -> str:
+    """The table in Markdown."""
+    lines = ["| " + " | ".join(["tracker", *heads()]) + " |", "|" + " --- |" + " ---: |" * len(COLUMNS)]
     for name, cells in table.rows:
-        shown = [f"**{c.text}**" if c.best else c.text for c in cells]
-        lines.append(
-            "| " + " | ".join([name, *(s + "\\*" * c.significant for s, c in zip(shown, cells, strict=True))]) + " |"
-        )
+        shown = [
+            f"{'**' + c.text + '**' if c.best else c.text}{chr(92) + '*' if c.significant else ''} {c.bounds}"
+            for c in cells
+        ]
+        lines.append("| " + " | ".join([name, *(s.strip() for s in shown)]) + " |")
     return "\n".join([*lines, "", table.caption, ""])
 
 
-def latex(table: Table, heads: ListOf[str]) -> str:
-    """The table in LaTeX for booktabs, the best of a column bold, a star where it is significant."""
+def latex(table: Table) -> str:
+    """The table in LaTeX for booktabs."""
     lines = [
-        r"\begin{tabular}{l" + "r" * (len(heads) - 1) + "}",
+        r"\begin{tabular}{l" + "r" * len(COLUMNS) + "}",
         r"\toprule",
-        " & ".join(map(tex, heads)) + r" \\",
-        r"\midrule",
+        " & ".join(["tracker", *map(tex, heads())]) + r" \\",
     ]
+    lines.append(r"\midrule")
     for name, cells in table.rows:
-        shown = [(rf"\textbf{{{tex(c.text)}}}" if c.best else tex(c.text)) + r"$^{*}$" * c.significant for c in cells]
+        shown = []
+        for cell in cells:
+            text = rf"\textbf{{{tex(cell.text)}}}" if cell.best else tex(cell.text)
+            star = r"$^{*}$" if cell.significant else ""
+            shown.append(text + star + (rf" {{\scriptsize {tex(cell.bounds)}}}" if cell.bounds else ""))
         lines.append(" & ".join([tex(name), *shown]) + r" \\")
-    return "\n".join(
-        [f"% {table.caption}", "% needs \\usepackage{booktabs}", *lines, r"\bottomrule", r"\end{tabular}", ""]
-    )
+    needs = "% needs \\usepackage{booktabs}"
+    return "\n".join([f"% {table.caption}", needs, *lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def tex(text: str) -> str:
     """Text with LaTeX's special characters escaped."""
-    escapes = {"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "$": r"\$", "±": r"$\pm$", "–": "--", "—": "---"}
+    escapes = {"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "$": r"\$", "\N{EN DASH}": "--", "\N{EM DASH}": "---"}
     return "".join(escapes.get(c, c) for c in text)
 
 
-def _cell(value: float | None, decimals: int, best: bool) -> Cell:
-    return Cell(value, "—" if value is None else f"{value:.{decimals}f}", best)
+def _number(score: Score, k: int) -> float:
+    value = numbers(score)[k]
+    return float("nan") if value is None else value
 
 
-def _means(group: ListOf[Score]) -> tuple[float | None, ...]:
-    columns = zip(*(numbers(score) for score in group), strict=True)
-    return tuple(float(np.mean(k)) if (k := [v for v in column if v is not None]) else None for column in columns)
+def _cell(values: list[Array], column: Column) -> Cell:
+    known = [k for v in values if len(k := v[np.isfinite(v)])]
+    n, runs = sum(len(v) for v in known), sum(len(v) for v in values)
+    if not n:
+        return Cell(mean=None, interval=None, known=0, runs=runs, decimals=column.decimals)
+    interval = hierarchical_interval(known)
+    return Cell(
+        mean=interval.mean, interval=interval if n > 1 else None, known=n, runs=runs, decimals=column.decimals
+    )  # fmt: skip
+
+
+def _mark_best(cells: Mapping[str, list[Cell]], values: Mapping[str, list[Array]], k: int, column: Column) -> None:
+    """Mark the best cells of column k; one that misses a value in some run is not best while another has all."""
+    sign = -1.0 if column.best == "max" else 1.0
+    whole = {run: row[k] for run, row in cells.items() if row[k].mean is not None and row[k].known == row[k].runs}
+    if not whole:
+        return
+    top = min(sign * (cell.mean or 0.0) for cell in whole.values())
+    winners = [run for run, cell in whole.items() if sign * (cell.mean or 0.0) == top]
+    for run in winners:
+        cell = cells[run][k]
+        significant = len(winners) == 1 and len(cells) > 1 and _beats_all(run, values, whole)
+        cells[run][k] = Cell(**{**vars(cell), "best": True, "significant": significant})
+
+
+def _beats_all(run: str, values: Mapping[str, list[Array]], whole: Mapping[str, Cell]) -> bool:
+    """Whether a tracker differs from every other that has all values on the same runs, at the 5 % level."""
+    rivals = {name: values[name] for name in whole}
+    sizes = {tuple(len(v) for v in v_list) for v_list in rivals.values()}
+    if len(rivals) < 2 or len(sizes) > 1:
+        return False
+    return all(comparison.significant for comparison in compare_with(run, rivals))

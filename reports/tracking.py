@@ -34,6 +34,7 @@ class Tracking:
     time_to_first_loss_s: float | None
     time_to_recover_s: float | None
     longest_failure_s: float
+    duration_s: float = 0.0
 
 
 def tracking(errors: FrameErrors) -> Tracking:
@@ -56,6 +57,7 @@ def tracking(errors: FrameErrors) -> Tracking:
         time_to_first_loss_s=float(seconds[begins[0]]) if len(begins) else None,
         time_to_recover_s=float(lasted[ended].mean()) if ended.any() else None,
         longest_failure_s=float(lasted.max(initial=0.0)),
+        duration_s=duration_s,
     )
 
 

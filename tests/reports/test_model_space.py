@@ -8,8 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reports.model_space import add, box_symmetries, edge_reprojection, model_space, mspd, mssd
-from reports.runs import ScoredRun
-from reports.score import score
 from reports.uncertainty import component_sigmas, consistency, euler_zyx, nees
 from scenes.camera import Camera
 from scenes.sequence import Sequence
@@ -68,7 +66,7 @@ def test_a_run_is_summarized_over_the_frames_with_a_pose(sequence: Sequence) -> 
     rows = true_rows(sequence, offset_m=0.02)
     rows[3] = TrackResult(status="lost")
     results = results_of(sequence, rows)
-    found = model_space(ScoredRun(sequence, results, score(sequence, results), 0))
+    found = model_space(sequence, results)
     assert found.add_m is not None and found.add_m.n == len(sequence) - 1
     assert found.add_m.max == pytest.approx(0.02, abs=1e-9)
     assert found.edges_px is not None and 1 < found.edges_px.mean < 10
