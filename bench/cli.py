@@ -124,6 +124,38 @@ def check_command(tracker: Path, keep: Path) -> None:
     sys.exit(1 if line.startswith("faulty") else 0)
 
 
+ALIGNMENTS = ["none", "se3", "sim3", "yaw", "scale", "origin", "origin-scale"]
+UNITS = ["frames", "m", "deg", "rad", "s"]
+ASSOCIATIONS = ["one-to-one", "evo", "evo-interpolated"]
+FORMATS = ["tum", "euroc", "kitti"]
+MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
+
+
+@main.command("evaluate")
+@click.argument("reference", type=click.Path(path_type=Path))
+@click.argument("estimate", type=click.Path(path_type=Path))
+@click.option("--align", type=click.Choice(ALIGNMENTS), help="Alignment of the estimate; default: none.")
+@click.option("--delta", type=float, help="Length of the stretches of the RPE; default: 1.")
+@click.option("--unit", type=click.Choice(UNITS), help="Unit of --delta; default: frames.")
+@click.option("--all-pairs/--consecutive", default=None, help="Stretches of the RPE; default: consecutive.")
+@click.option("--t-offset", "t_offset_s", type=float, default=0.0, help="Added to the estimate's stamps, s.")
+@click.option("--max-diff", "max_difference_s", type=float, help="Largest difference of paired stamps, s.")
+@click.option("--association", type=click.Choice(ASSOCIATIONS), help="How stamps are paired; default: one-to-one.")
+@click.option("--mode", type=click.Choice(MODES), default="uavbench", help="Conventions of another tool.")
+@click.option("--reference-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
+@click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def evaluate_command(reference: Path, estimate: Path, as_json: bool, **options: Any) -> None:
+    """Score the trajectory file ESTIMATE against REFERENCE: ATE, RPE and coverage."""
+    import json
+
+    from reports.evaluate import evaluate_files
+
+    found = evaluate_files(reference, estimate, **options)
+    click.echo(json.dumps(found.to_json(), indent=1) if as_json else found.text(), nl=as_json)
+
+
 @main.command("schema")
 def schema_command() -> None:
     """Print the JSON Schema of a suite's TOML file, for editors."""
