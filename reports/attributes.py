@@ -125,14 +125,10 @@ def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
     names = list(dict.fromkeys(run.name for run in runs))
     found: dict[str, dict[str, list[Part]]] = {}
     for attribute, (_, function) in ATTRIBUTES.items():
-        of_sequence = {}
+        of_sequence: dict[int, Array] = {}
         for run in runs:
-            frames = {f for other in runs if other.sequence is run.sequence for f in other.errors.frames.tolist()}
             if id(run.sequence) not in of_sequence:
-                ordered = sorted(frames)
-                of_sequence[id(run.sequence)] = dict(
-                    zip(ordered, function(run.sequence, ordered).tolist(), strict=True)
-                )
+                of_sequence[id(run.sequence)] = function(run.sequence, looked_at(run))
         found[attribute] = {}
         for name in names:
             group = [run for run in runs if run.name == name]
@@ -146,7 +142,7 @@ def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
 
 def looked_at(run: ScoredRun) -> list[int]:
     """Frames of a run that a breakdown looks at."""
-    frames = run.errors.frames.tolist()
+    frames: list[int] = run.errors.frames.tolist()
     return frames[:: -(-len(frames) // MAX_FRAMES)]
 
 

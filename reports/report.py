@@ -130,8 +130,9 @@ def compare(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> list[FigureO
     for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
         made += rank(folder, [run for run in runs if run.score.rate_hz == rate], colours, f"{rate:g}hz")
     if any(run.score.consistency is not None for run in runs):
-        made.append(on_page(folder, figures_statistics.nees_over_time(runs, figures / "nees"), "NEES",
-                            "Squared error over the claimed covariance; above the band it claims too much."))  # fmt: skip
+        files = figures_statistics.nees_over_time(runs, figures / "nees")
+        caption = "Squared error over the claimed covariance; above the band it claims too much."
+        made.append(on_page(folder, files, "NEES", caption))
     return made
 
 
