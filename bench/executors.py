@@ -15,6 +15,7 @@ from bench.content import code_hash
 from bench.graph import start_worker
 from trajectories.errors import UserError
 
+WAIT_FOR_WORKERS_S = 60
 PACKAGES = ("bench", "reports", "scenes", "tracker", "trajectories")
 
 
@@ -172,9 +173,12 @@ def dask_pool(address: str, workers: int, folder: Path) -> Iterator[tuple[Execut
 
 
 def _check_workers(client: Any, folder: Path) -> None:
+    try:
+        client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
+    except TimeoutError:
+        why = "the cluster has no workers; start some: dask worker tcp://HOST:PORT --nthreads 1"
+        raise UserError(f"--dask: {why}") from None
     workers = client.scheduler_info(n_workers=-1)["workers"]
-    if not workers:
-        raise UserError("--dask: the cluster has no workers; start some: dask worker tcp://HOST:PORT --nthreads 1")
     for address, about in workers.items():
         if about["nthreads"] != 1:
             raise UserError(f"--dask: worker {address} has {about['nthreads']} threads; start it with --nthreads 1")

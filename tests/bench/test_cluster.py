@@ -1,0 +1,149 @@
+"""A real Dask scheduler with two workers on loopback, one of them killed; Slurm's shards as local jobs of submitit.
+
+The extras `uavbench[dask]` and `uavbench[slurm]` are needed.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from bench.content import content_hash
+from bench.executors import dask_pool
+from bench.graph import Job, run_graph
+from bench.slurm import run_shards
+from bench.verbs import Where, bring_up_to
+from trajectories.errors import UserError
+from trajectories.files import write_text
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Slow:
+    """Logs its beginning, sleeps, writes its marker, logs its end."""
+
+    marker: Path
+
+    def __call__(self, content_hash, on_step):
+        with (self.marker.parent / "begun.log").open("a") as log:
+            log.write(f"{self.marker.stem} {os.getpid()}\n")
+        time.sleep(0.3)
+        write_text(self.marker, json.dumps({"content_hash": content_hash}))
+        with (self.marker.parent / "ended.log").open("a") as log:
+            log.write(f"{self.marker.stem}\n")
+
+
+def jobs_in(folder, count):
+    return [
+        Job(verb="track", name=f"j{i}", work=Slow(folder / f"j{i}.json"), marker=folder / f"j{i}.json",
+            content_hash=content_hash(i))
+        for i in range(count)
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Address of a scheduler, and its two worker processes."""
+    pytest.importorskip("distributed", reason="the extra `uavbench[dask]` is not installed")
+    where = tmp_path / "scheduler.json"
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{Path(__file__).parent}"}
+    started = [_dask(environment, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", where)]
+    try:
+        for _ in range(600):
+            if where.exists() and where.read_text():
+                break
+            time.sleep(0.1)
+        address = json.loads(where.read_text())["address"]
+        for _ in range(2):
+            started.append(_dask(environment, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"))
+        from distributed import Client
+
+        with Client(address) as client:
+            client.wait_for_workers(2, timeout=120)
+        yield address, started[1:]
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+def _dask(environment, *arguments):
+    command = [sys.executable, "-m", "dask", *map(str, arguments)]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(cluster, tmp_path):
+    address, workers = cluster
+    (tmp_path / "suite.json").write_text("{}")
+    jobs = jobs_in(tmp_path, 30)
+    with dask_pool(address, 2, tmp_path) as (executor, progress):
+        executor.submit(_kill_when, tmp_path / "begun.log", 8, workers[0].pid)
+        outcome = run_graph(jobs, executor, progress)
+    assert workers[0].wait(timeout=10) == -signal.SIGKILL
+    assert outcome.failed == {}
+    assert {job.name for job in outcome.done} == {job.name for job in jobs}
+    assert all(job.fresh for job in jobs)
+    ended = (tmp_path / "ended.log").read_text().split()
+    assert sorted(ended) == sorted(job.name for job in jobs), "each job ended once"
+    pids = {line.split()[1] for line in (tmp_path / "begun.log").read_text().splitlines()}
+    assert len(pids) == 2
+
+
+def _kill_when(log, lines, pid):
+    """Runs in a worker: kills the other, or itself, in the middle."""
+    while not (log.exists() and len(log.read_text().splitlines()) >= lines):
+        time.sleep(0.02)
+    if pid != os.getpid():
+        os.kill(pid, signal.SIGKILL)
+
+
+def test_a_suite_on_a_local_dask_cluster_is_the_suite_on_local_processes(tmp_path):
+    pytest.importorskip("distributed", reason="the extra `uavbench[dask]` is not installed")
+    suite = small_suite(tmp_path)
+    assert bring_up_to("score", str(suite), tmp_path / "dask", Where(workers=2, dask="local")) == 0
+    assert bring_up_to("score", str(suite), tmp_path / "here", Where(workers=1)) == 0
+    for name in sorted((tmp_path / "here").glob("results/*/*/frames.csv")):
+        there = tmp_path / "dask" / name.relative_to(tmp_path / "here")
+        assert there.read_bytes() == name.read_bytes()
+
+
+def test_no_scheduler_there_is_a_users_mistake(tmp_path):
+    pytest.importorskip("distributed", reason="the extra `uavbench[dask]` is not installed")
+    with pytest.raises(UserError, match="dask scheduler"), dask_pool("tcp://127.0.0.1:9", 1, tmp_path):
+        pass
+
+
+def test_shards_as_jobs_of_a_queue_then_the_rest_here(tmp_path):
+    pytest.importorskip("submitit", reason="the extra `uavbench[slurm]` is not installed")
+    suite = small_suite(tmp_path)
+    out = tmp_path / "out"
+    assert run_shards("score", str(suite), out, 2, ("timeout_min=10",), cluster="local") == 0
+    assert len(list(out.glob("results/*/*/score.json"))) == 2
+    assert bring_up_to("score", str(suite), out, Where(workers=1)) == 0
+    with pytest.raises(UserError, match="key=value"):
+        run_shards("score", str(suite), out, 2, ("partition",), cluster="local")
+
+
+def small_suite(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text("""
+title = "small"
+seeds = [0, 1]
+rates_hz = [15.0]
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 0.3 }
+camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
+[trackers]
+hold = { kind = "hold" }
+""")
+    return path
