@@ -209,7 +209,9 @@ def bark(rng: np.random.Generator) -> Material:
     """Tree bark, 1 m square."""
     n = 256
     ridges = noise.tiling((n, n), (50, 5), rng) + 0.5 * noise.tiling((n, n), (14, 3), rng)
-    return Material(noise.finish(noise.paint((98, 82, 66), 1 + 0.24 * ridges)), (1.0, 1.0), 1.0)
+    return Material(
+        noise.finish(noise.paint((98, 82, 66), np.asarray(1 + 0.24 * ridges, dtype=np.float32))), (1.0, 1.0), 1.0
+    )
 
 
 PAINTS: dict[str, Callable[[np.random.Generator], Material]] = {

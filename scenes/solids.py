@@ -86,7 +86,7 @@ def circle(radius: float, sides: int) -> Array:
     return np.asarray(r * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
-def covered(solid: Solid, instance: int = 1, longest_m: float = 1.2) -> Part:
+def covered(solid: Solid, instance: int = 1, longest_m: float = 3.0) -> Part:
     """The solid as a part: its triangles cut to longest_m, each face mapped in metres along its two main axes."""
     points = solid.vertices[solid.triangles]
     points = _cut(points, longest_m)
@@ -109,7 +109,7 @@ def covered(solid: Solid, instance: int = 1, longest_m: float = 1.2) -> Part:
     )
 
 
-def cover_all(solids: Iterable[Solid], instance: int = 1, longest_m: float = 1.2) -> tuple[Part, ...]:
+def cover_all(solids: Iterable[Solid], instance: int = 1, longest_m: float = 3.0) -> tuple[Part, ...]:
     """Parts of all solids."""
     return tuple(covered(solid, instance, longest_m) for solid in solids)
 

@@ -3,6 +3,7 @@
 from scenes.box import Box
 from scenes.bridge import Bridge
 from scenes.building import Building
+from scenes.mesh_file import MeshFile
 from scenes.truss import Truss
 from scenes.wall import Wall
 
@@ -12,4 +13,5 @@ STRUCTURES: dict[str, type] = {
     "bridge": Bridge,
     "building": Building,
     "truss": Truss,
+    "mesh": MeshFile,
 }

@@ -1,0 +1,98 @@
+"""ViSP's CAO models: points, and faces made of points or of lines (ViSP's "markerless model-based tracking")."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from scenes.loaded import Loaded
+from scenes.solids import ear_clip
+from trajectories.errors import UserError
+from trajectories.pose import Array
+
+
+def read_cao(path: Path) -> Loaded:
+    """Triangles of a CAO model's faces; UserError naming the line that is wrong, or a part that is not planar faces."""
+    rows = _rows(path)
+
+    def numbers(what: str) -> list[str]:
+        number, row = next(rows, (0, ""))
+        if not row:
+            raise UserError(f"{path}: ends before its {what}; a CAO model has points, lines, faces, cylinders, circles")
+        try:
+            return [str(number), *_values(row)]
+        except ValueError:
+            raise UserError(f"{path}: line {number}: expected numbers for the {what}, got {row!r}") from None
+
+    number, first = next(rows, (0, ""))
+    if first.upper() != "V1":
+        raise UserError(f"{path}: line {number}: a CAO model begins with V1, got {first!r}")
+
+    def block(what: str) -> list[list[str]]:
+        return [numbers(what) for _ in range(int(float(numbers(what)[1])))]
+
+    points = np.array([[float(v) for v in row[1:4]] for row in block("points")]).reshape(-1, 3)
+    lines = [[int(v) for v in row[1:3]] for row in block("lines")]
+    from_lines = [[int(v) for v in row[2 : 2 + int(row[1])]] for row in block("faces of lines")]
+    from_points = [[int(v) for v in row[2 : 2 + int(row[1])]] for row in block("faces of points")]
+    for what in ("cylinders", "circles"):
+        if rows_left := _count_if_any(rows):
+            raise UserError(f"{path}: has {rows_left} {what}; only planar faces can be rendered")
+    try:
+        faces = [*[_chained([lines[k] for k in face]) for face in from_lines], *from_points]
+        triangles = [np.array(face)[_triangles(points[face])] for face in faces]
+    except (IndexError, ValueError) as error:
+        raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
+    return Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64), name=path.stem)
+
+
+def _rows(path: Path) -> Iterator[tuple[int, str]]:
+    """Numbered lines without comments and empty ones."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: not a readable CAO file: {error}") from None
+    for number, line in enumerate(text.splitlines(), start=1):
+        bare = line.split("#")[0].split("//")[0].strip()
+        if bare.lower().startswith("load("):
+            raise UserError(f"{path}: line {number}: includes another model; put all of it into one file")
+        if bare:
+            yield number, bare
+
+
+def _values(row: str) -> list[str]:
+    """The numbers of a row; ViSP's trailing options (name=..., minLineLengthThreshold=...) are left out."""
+    values = [word for word in row.split() if "=" not in word]
+    for word in values:
+        float(word)
+    return values
+
+
+def _count_if_any(rows: Iterator[tuple[int, str]]) -> int:
+    _, row = next(rows, (0, "0"))
+    try:
+        return int(float(row.split()[0]))
+    except ValueError:
+        return 0
+
+
+def _chained(pieces: list[list[int]]) -> list[int]:
+    """Points of a polygon whose sides are given in order, each either way round."""
+    a, b = pieces[0]
+    if a in pieces[1]:
+        a, b = b, a
+    out = [a, b]
+    for piece in pieces[1:-1]:
+        if out[-1] not in piece:
+            raise ValueError("its lines do not follow each other")
+        out.append(piece[0] if piece[1] == out[-1] else piece[1])
+    return out
+
+
+def _triangles(corners: Array) -> np.ndarray:
+    """Triangles of a planar polygon (n, 3), turning as it does."""
+    normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    return ear_clip(np.column_stack([corners @ u, corners @ np.cross(normal, u)]))
