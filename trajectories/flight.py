@@ -19,7 +19,7 @@ from trajectories.mount import Mount
 from trajectories.paths import PATHS, PathSpec
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_NS, STEP_S, Quadrotor
-from trajectories.reference import Planned, Replay
+from trajectories.reference import Guidance, Planned, Replay
 from trajectories.sensor import SensorSpec
 from trajectories.simulate import simulate
 from trajectories.streams import stream
@@ -55,22 +55,24 @@ def fly(spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int) -
     """
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     try:
-        record = _record(spec, vehicle, mount, surroundings, seed)
+        guidance = spec.path.plan(surroundings, mount, stream(seed, "path"))
+        record = _record(spec, guidance, vehicle, surroundings, seed)
         step = crash_step(record, vehicle, surroundings)
-        if step is not None and spec.on_crash == "error":
+        if step == 0 or (step is not None and spec.on_crash == "error"):
             raise crash_error(record, step, surroundings)
         whole = record[: None if step is None else step + 1]
         whole = whole[np.isfinite(whole).all(axis=1)]
         check_camera(whole, mount, surroundings)
-        if step is None:
+        if step is None and not isinstance(guidance, Replay):
             check_saturation(whole, vehicle, spec.saturation_share)
     except UserError as error:
         raise UserError(f"path {path_name(spec.path)}: {error}") from None
     return _flight(whole, crashed=step is not None)
 
 
-def _record(spec: FlightSpec, vehicle: Quadrotor, mount: Mount, surroundings: Surroundings, seed: int) -> Array:
-    guidance = spec.path.plan(surroundings, mount, stream(seed, "path"))
+def _record(
+    spec: FlightSpec, guidance: Guidance | Replay, vehicle: Quadrotor, surroundings: Surroundings, seed: int
+) -> Array:
     if isinstance(guidance, Replay):
         return guidance.record
     air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))

@@ -18,9 +18,9 @@ class FlowDeck:
 
     Flow follows the measurement model of the Crazyflie's firmware (mm_flow.c): pixels / aperture_rad per radian of
     flow, v_x / range - w_y along x and v_y / range + w_x along y, where its two constants are 35 px and 0.71674 rad.
-    Counts are whole, as from the chip; flow_noise_px is their standard deviation before rounding. Range noise follows
-    zranger2.c: 2.5 mm, growing exponentially beyond 2.5 m to 0.2 m at 4 m, where the range ends. Below least_range_m
-    the chip sees no flow (PMW3901 data sheet: from 80 mm).
+    Counts are whole, as from the chip, and what is left over counts next time; flow_noise_px is their noise. Range
+    noise follows zranger2.c: 2.5 mm, growing exponentially beyond 2.5 m to 0.2 m at 4 m, where the range ends. Below
+    least_range_m the chip sees no flow (PMW3901 data sheet: from 80 mm).
     """
 
     rate_hz: Annotated[float, Gt(0)] = 50.0
@@ -42,7 +42,8 @@ class FlowDeck:
         angle = np.diff(sampled(flight, gathered, stamps), axis=0, prepend=gathered[:1])
         seen = sampled(flight, distance[:, None], stamps)[:, 0]
         scale = self.pixels / self.aperture_rad
-        counts = np.round(scale * angle + self.flow_noise_px * rng.standard_normal(angle.shape)) + 0.0
+        total = np.cumsum(scale * angle + self.flow_noise_px * rng.standard_normal(angle.shape), axis=0)
+        counts = np.diff(np.round(total), axis=0, prepend=0.0) + 0.0
         growth = np.log(0.2 / 0.0025) / (4.0 - 2.5)
         sigma = self.range_noise_m * (1.0 + np.exp(growth * (np.minimum(seen, self.greatest_range_m) - 2.5)))
         ranged = seen + sigma * rng.standard_normal(len(seen))

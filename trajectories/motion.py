@@ -62,7 +62,7 @@ def _ramp(table: Array, seconds: Array, rest: int) -> Array:
             times.append(now)
         if i < len(seconds):
             now += max(seconds[i], 1e-9)
-    at = np.arange(round(now / STEP_S) + 1) * STEP_S
+    at = np.arange(int(np.ceil(now / STEP_S)) + 1) * STEP_S
     columns = np.array(knots)
     return np.column_stack([np.interp(at, times, columns[:, j]) for j in range(columns.shape[1])])
 
@@ -79,7 +79,7 @@ def _smoothed(samples: Array, speed: float, acceleration: float) -> Array:
     start = samples[0]
     out = samples - start
     for width in windows:
+        # The average of the steps is a difference over the window; summing positions instead would lose digits.
         padded = np.concatenate([np.zeros((width, out.shape[1])), out, np.repeat(out[-1:], width - 1, axis=0)])
-        total = np.cumsum(padded, axis=0)
-        out = (total[width:] - total[:-width]) / width
+        out = np.cumsum((padded[width:] - padded[:-width]) / width, axis=0)
     return np.asarray(out + start)

@@ -1,0 +1,123 @@
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.trajectories.scene import BOX
+from trajectories.airframes import AIRFRAMES, TEMPLATE, AirframeFile, Crazyflie, Iris
+from trajectories.errors import UserError
+from trajectories.flight import FlightSpec, fly
+from trajectories.mount import Mount
+from trajectories.paths_around import Hover
+from trajectories.quadrotor import Quadrotor, compile_mjcf, physics
+
+PRESETS = [name for name in AIRFRAMES if name != "file"]
+
+
+def test_the_mjcf_stands_on_its_own_and_is_the_crazyflie() -> None:
+    mujoco = physics()
+    alone = mujoco.MjModel.from_xml_path(str(TEMPLATE))
+    assert (alone.nu, alone.ncam, alone.nsite) == (4, 1, 4)
+    made = compile_mjcf(Crazyflie().build(Mount()))
+    for field in ("body_mass", "body_inertia", "site_pos", "actuator_gear", "actuator_ctrlrange", "numeric_data"):
+        np.testing.assert_allclose(getattr(alone, field), getattr(made, field), rtol=1e-6, atol=1e-12, err_msg=field)
+    np.testing.assert_allclose(alone.cam_quat, made.cam_quat, atol=1e-12)
+    assert alone.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 and alone.opt.timestep == 0.002
+    data = mujoco.MjData(alone)
+    data.ctrl[:] = data.act[:] = 0.027 * 9.80665 / 4
+    for _ in range(500):
+        mujoco.mj_step(alone, data)
+    np.testing.assert_allclose(data.qpos[:3], [0, 0, 0.5], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_hovers_with_thrust_to_spare_and_names_its_source(name: str) -> None:
+    kind = AIRFRAMES[name]
+    vehicle = Quadrotor.from_mjcf(kind().build(Mount()))
+    assert 1.5 < 4 * vehicle.max_thrust_n / (vehicle.mass_kg * 9.81) < 4.0
+    assert any(year in (kind.__doc__ or "") for year in ("2015", "2021", "2023", "2016", "Menagerie", "drone-models"))
+    spec = FlightSpec(path=Hover(duration_s=1.0, distance_m=2.0), airframe=kind())
+    assert fly(spec, Mount(), BOX, 0).status == "completed"
+
+
+def test_the_camera_of_the_model_sits_on_its_mount() -> None:
+    mount = Mount(pitch_deg=-20.0, yaw_deg=15.0, offset_m=(0.03, 0.0, -0.01))
+    model = compile_mjcf(Iris().build(mount))
+    data = physics().MjData(model)
+    data.qpos[3:7] = [1, 0, 0, 0]
+    physics().mj_forward(model, data)
+    body_from_cam = mount.cam_from_body.inverse()
+    np.testing.assert_allclose(data.cam_xpos[0] - data.xpos[1], body_from_cam.translation, atol=1e-9)
+    looking = -data.cam_xmat[0].reshape(3, 3)[:, 2]
+    np.testing.assert_allclose(looking, body_from_cam.rotation[:, 2], atol=1e-9)
+
+
+def test_a_vehicle_of_ones_own_from_toml(tmp_path: Path) -> None:
+    path = tmp_path / "heavy.toml"
+    path.write_text('like = "iris"\nmass_kg = 1.9\ninertia_kg_m2 = [0.03, 0.03, 0.05]\n')
+    vehicle = Quadrotor.from_mjcf(AirframeFile(str(path)).build(Mount()))
+    assert vehicle.mass_kg == 1.9 and vehicle.max_thrust_n == Iris().max_thrust_n
+    np.testing.assert_allclose(np.diag(vehicle.inertia_kg_m2), [0.03, 0.03, 0.05])
+    spec = FlightSpec(path=Hover(duration_s=1.0, distance_m=3.0), airframe=AirframeFile(str(path)))
+    assert fly(spec, Mount(), BOX, 0).status == "completed"
+
+
+def test_a_vehicle_of_ones_own_from_mjcf(tmp_path: Path) -> None:
+    root = ElementTree.fromstring(TEMPLATE.read_text())
+    body = root.find(".//body")
+    assert body is not None
+    body.find("inertial").attrib.update(mass="0.03", euler="0.1 0.2 0.3")  # type: ignore[union-attr]
+    body.remove(body.find("camera"))  # type: ignore[arg-type]
+    path = tmp_path / "mine.xml"
+    path.write_text(ElementTree.tostring(root, encoding="unicode"))
+    vehicle = Quadrotor.from_mjcf(AirframeFile(str(path)).build(Mount(pitch_deg=-10.0)))
+    assert vehicle.mass_kg == 0.03
+    np.testing.assert_allclose(np.linalg.eigvalsh(vehicle.inertia_kg_m2), [1.657e-5, 1.666e-5, 2.926e-5])
+    assert np.abs(vehicle.inertia_kg_m2[0, 2]) > 1e-7
+    spec = FlightSpec(path=Hover(duration_s=1.0), airframe=AirframeFile(str(path)))
+    assert fly(spec, Mount(), BOX, 0).status == "completed"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("a.toml", "mass = 1.0\n", r"a\.toml: unknown key 'mass'; did you mean 'mass_kg'"),
+        ("a.toml", "mass_kg = -1.0\n", r"a\.toml: mass_kg: .*greater than 0"),
+        ("a.toml", "mass_kg = \n", r"a\.toml: not valid TOML"),
+        ("a.toml", 'like = "iriss"\n', r"unknown airframe `like` 'iriss'; did you mean 'iris'"),
+        ("a.toml", "inertia_kg_m2 = [1e-5, 1e-5, 9e-5]\n", r"a\.toml: .*MJCF is not valid.*inertia"),
+        ("a.toml", "yaw_signs = [1, 1, 1, 1]\n", r"a\.toml: .*independently"),
+        ("a.xml", "<mujoco>", r"a\.xml: not valid XML"),
+        ("a.xml", "<mujoco/>", r"a\.xml: the MJCF has no body"),
+        (
+            "a.xml",
+            "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>",
+            "one body on one free joint",
+        ),
+    ],
+)
+def test_a_bad_airframe_file_is_named_with_its_key(name: str, text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(UserError, match=told):
+        AirframeFile(str(path)).build(Mount())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('dyntype="filter"', 'dyntype="integrator"', 'dyntype="filter"'),
+        ('name="rotor_drag"', 'name="drag"', 'numeric name="rotor_drag"'),
+        ('inertial pos="0 0 0"', 'inertial pos="0 0 0.1"', "centre of mass"),
+        ('gear="0 0 1 0 0 -0.00596"', 'gear="0 1 0 0 0 -0.00596"', "push along the body's z axis"),
+        ('ctrlrange="0 0.12"', 'ctrlrange="-1 0.12"', "ctrlrange"),
+    ],
+)
+def test_an_mjcf_that_is_no_quadrotor_is_told_why(old: str, new: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.xml"
+    path.write_text(TEMPLATE.read_text().replace(old, new))
+    with pytest.raises(UserError, match=told):
+        AirframeFile(str(path)).build(Mount())
+    with pytest.raises(UserError, match="cannot read the airframe"):
+        AirframeFile(str(tmp_path / "none.toml")).build(Mount())

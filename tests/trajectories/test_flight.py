@@ -1,0 +1,162 @@
+import hashlib
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.trajectories.scene import BOX, DECK, WALL
+from trajectories.airframes import Crazyflie
+from trajectories.control import Geometric
+from trajectories.errors import UserError
+from trajectories.flight import Flight, FlightSpec, fly
+from trajectories.hand_pilot import HandPilot
+from trajectories.imu import Imu
+from trajectories.mount import Mount
+from trajectories.paths_along import FacadeRaster, UndersidePass
+from trajectories.paths_around import Approach, FigureEight, Hover, Orbit
+from trajectories.pose import quaternion_from_rotation, rotation_from_quaternion
+from trajectories.quadrotor import STEP_NS, STEP_S
+from trajectories.wind import Dryden, Steady
+
+FIELDS = [name for name in Flight.__dataclass_fields__ if name not in ("status", "crashed_ns")]
+SHORT = FlightSpec(path=HandPilot(duration_s=4.0), wind=Dryden())
+
+
+def digest(flight: Flight) -> str:
+    return hashlib.sha256(b"".join(getattr(flight, name).tobytes() for name in FIELDS)).hexdigest()
+
+
+def test_the_same_seed_gives_the_same_bytes_in_every_process() -> None:
+    program = "from tests.trajectories.test_flight import *\nprint(digest(fly(SHORT, Mount(pitch_deg=-10), BOX, 7)))"
+    runs = [
+        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
+        for _ in range(2)
+    ]
+    assert runs[0] == runs[1] == digest(fly(SHORT, Mount(pitch_deg=-10), BOX, 7))
+    assert digest(fly(SHORT, Mount(pitch_deg=-10), BOX, 8)) != runs[0]
+
+
+def test_options_of_one_stream_leave_the_others_alone() -> None:
+    flight = fly(SHORT, Mount(), BOX, 0)
+    assert digest(fly(replace(SHORT, sensors=(Imu(gyro_noise_rad_s_sqrt_hz=1.0),)), Mount(), BOX, 0)) == digest(flight)
+    heavier = fly(replace(SHORT, airframe=Crazyflie(mass_kg=0.030)), Mount(), BOX, 0)
+    assert digest(heavier) != digest(flight)
+    np.testing.assert_array_equal(heavier.winds_m_s, flight.winds_m_s)
+
+
+def test_stamps_are_whole_steps_and_frames_take_their_rows_own_stamps() -> None:
+    flight = fly(SHORT, Mount(), BOX, 0)
+    assert flight.stamps_ns.tolist() == [STEP_NS * k for k in range(2001)]
+    for rate in (15.0, 29.97, 1.0, 500.0):
+        rows = flight.frame_rows(rate)
+        late = flight.stamps_ns[rows] - np.arange(len(rows)) * 1e9 / rate
+        assert np.abs(late).max() <= STEP_NS / 2
+        assert len(rows) == int(4.0 * rate) + 1 and len(set(rows.tolist())) == len(rows)
+    with pytest.raises(ValueError, match="faster than the record"):
+        flight.frame_rows(501.0)
+
+
+def test_the_record_is_consistent_with_itself() -> None:
+    """Each recorded rate is the derivative of what it is the rate of."""
+    flight = fly(FlightSpec(path=FigureEight(loops=1), wind=Steady()), Mount(), BOX, 0)
+
+    def rate(values: np.ndarray) -> np.ndarray:
+        return (values[2:] - values[:-2]) / (2 * STEP_S)
+
+    np.testing.assert_allclose(rate(flight.positions_m), flight.velocities_m_s[1:-1], atol=2e-4)
+    np.testing.assert_allclose(rate(flight.velocities_m_s), flight.accelerations_m_s2[1:-1], atol=2e-2)
+    np.testing.assert_allclose(
+        rate(flight.angular_velocities_rad_s), flight.angular_accelerations_rad_s2[1:-1], atol=0.5
+    )
+    R = rotation_from_quaternion(flight.quaternions_wxyz)
+    turn = quaternion_from_rotation(np.swapaxes(R[:-2], 1, 2) @ R[2:])[:, 1:] / STEP_S
+    np.testing.assert_allclose(turn, flight.angular_velocities_rad_s[1:-1], atol=2e-3)
+    followed = (flight.thrust_commands_n - flight.thrusts_n)[1:-1] / Crazyflie().motor_time_constant_s
+    np.testing.assert_allclose(rate(flight.thrusts_n), followed, atol=0.1)
+    assert not any(getattr(flight, name).flags.writeable for name in FIELDS)
+
+
+def error_m(spec: FlightSpec, flight: Flight) -> np.ndarray:
+    plan = spec.path.plan(BOX, Mount(), np.random.default_rng(0))
+    return np.linalg.norm(flight.positions_m - plan.rows(0, len(flight), None)[:, :3], axis=1)
+
+
+def test_a_six_second_figure_eight_is_tracked_to_two_centimetres() -> None:
+    spec = FlightSpec(path=FigureEight(period_s=6.0))
+    error = error_m(spec, fly(spec, Mount(), BOX, 0))
+    assert np.sqrt((error**2).mean()) < 0.02
+    assert np.ptp(spec.path.plan(BOX, Mount(), np.random.default_rng(0)).rows(0, 10000, None)[:, 0]) > 1.0
+
+
+@pytest.mark.parametrize("wind", [Steady(speed_m_s=0.0), Steady(speed_m_s=3.0)])
+def test_a_hover_holds_to_a_centimetre_from_the_first_row_on(wind: Steady) -> None:
+    spec = FlightSpec(path=Hover(duration_s=5.0), wind=wind)
+    assert error_m(spec, fly(spec, Mount(), BOX, 0)).max() < 0.01
+
+
+def test_feed_forward_is_worth_having() -> None:
+    spec = FlightSpec(path=FigureEight(period_s=6.0, loops=1))
+    plan = spec.path.plan(BOX, Mount(), np.random.default_rng(0))
+    with_it = error_m(spec, fly(spec, Mount(), BOX, 0))
+
+    class Blunt(FigureEight):
+        def plan(self, *args: object) -> object:  # type: ignore[override]
+            table = plan.table.copy()
+            table[:, 6:9] = table[:, 10:] = 0.0
+            return replace(plan, table=table)
+
+    without = error_m(spec, fly(replace(spec, path=Blunt()), Mount(), BOX, 0))
+    assert without.max() > 5 * with_it.max()
+
+
+@pytest.mark.parametrize(
+    ("spec", "surroundings", "mount", "told"),
+    [
+        (FlightSpec(path=FigureEight(period_s=1.5)), BOX, Mount(), r"figure-eight: t = .*unreachable speed: .* m/s"),
+        (
+            FlightSpec(path=Orbit(distance_m=0.05, height_m=0.2)),
+            BOX,
+            Mount(),
+            r"orbit: t = .*to the structure, less",
+        ),
+        (FlightSpec(path=Hover(height_m=0.1)), BOX, Mount(), r"hover: t = 0.00 s.*to the floor, less than clearance_m"),
+        (FlightSpec(path=UndersidePass(height_m=5.3)), DECK, Mount(), r"underside-pass: .*to the structure"),
+        (FlightSpec(path=Hover(), wind=Steady(speed_m_s=60.0)), BOX, Mount(), "unreachable speed: 0.00 m/s"),
+        (
+            FlightSpec(path=Hover(distance_m=0.5)),
+            BOX,
+            Mount(offset_m=(0.8, 0, -0.3)),
+            "camera is inside the structure",
+        ),
+        (FlightSpec(path=Hover(), airframe=Crazyflie(max_thrust_n=0.06)), BOX, Mount(), "unreachable speed"),
+        (FlightSpec(path=Approach(near_m=2.0, far_m=1.0)), BOX, Mount(), "near_m 2.0 must be less than far_m"),
+        (FlightSpec(path=FacadeRaster(margin_m=5.0)), WALL, Mount(), "leave no lane"),
+        (FlightSpec(path=HandPilot(range_m=(0.1, 1.0))), BOX, Mount(), "hand-pilot: range_m"),
+        (FlightSpec(path=HandPilot(height_m=(1.5, 2.0))), BOX, Mount(), "does not fit into 21.0 degrees"),
+    ],
+)
+def test_flights_that_cannot_be_are_refused_by_name(
+    spec: FlightSpec, surroundings: object, mount: Mount, told: str
+) -> None:
+    with pytest.raises(UserError, match=told):
+        fly(spec, mount, surroundings, 0)  # type: ignore[arg-type]
+
+
+def test_saturated_motors_are_told_with_their_share() -> None:
+    weak = Crazyflie(max_thrust_n=0.0745)
+    with pytest.raises(UserError, match=r"motors saturated [0-9.]+% of the time, more than saturation_share = 0.05"):
+        fly(FlightSpec(path=Hover(), airframe=weak, wind=Dryden(w20_m_s=4.0, near_gain=14.0)), Mount(), BOX, 0)
+
+
+def test_a_crash_is_an_error_or_where_asked_the_end_of_the_record() -> None:
+    lame = Geometric(position_1_s2=0.01, velocity_1_s=0.01, integral_1_s3=0.0, integral_limit_m_s2=0.01)
+    spec = FlightSpec(path=Hover(from_deg=90.0, distance_m=6.0, height_m=0.2), control=lame)
+    blown = replace(spec, wind=Steady(speed_m_s=2.0, from_deg=90.0))
+    with pytest.raises(UserError, match=r"path hover: t = .* s, at .* m: crash into the structure; plan"):
+        fly(blown, Mount(), BOX, 0)
+    flight = fly(replace(blown, on_crash="record"), Mount(), BOX, 0)
+    assert flight.status == "crashed" and flight.crashed_ns == flight.stamps_ns[-1] < 20_000_000_000
+    assert BOX.distance(flight.positions_m[-1:])[0] < 0.07 <= BOX.distance(flight.positions_m[-2:-1])[0]
+    assert fly(spec, Mount(), BOX, 0).status == "completed"

@@ -1,0 +1,193 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.trajectories.scene import BOX, DECK, PIER, WALL, both
+from trajectories.airframes import Iris
+from trajectories.errors import UserError
+from trajectories.flight import FlightSpec, fly
+from trajectories.formats import write_tum
+from trajectories.motion import fly_through, progress, stop_and_go
+from trajectories.mount import Mount
+from trajectories.paths import PATHS, PathSpec
+from trajectories.paths_along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
+from trajectories.paths_around import Approach, FigureEight, Hover, Orbit, PierSpiral
+from trajectories.pose import rotation_from_quaternion
+from trajectories.quadrotor import STEP_S
+from trajectories.recorded import Recorded
+from trajectories.reference import Planned
+from trajectories.surroundings import Surroundings
+from trajectories.trajectory import Trajectory
+
+BRIDGE = both(DECK, PIER)
+PLANS = [
+    (Orbit(), BOX, Mount()),
+    (Orbit(direction="clockwise", turns=0.5, speed_m_s=2.0), BOX, Mount()),
+    (PierSpiral(), PIER, Mount()),
+    (Approach(cycles=2), BOX, Mount()),
+    (Hover(), BOX, Mount()),
+    (FigureEight(), BOX, Mount()),
+    (FacadeRaster(margin_m=1.0, to_height_m=4.0), WALL, Mount()),
+    (FacadeRaster(facade_deg=180.0), WALL, Mount()),
+    (GirderFollow(distance_m=3.0, height_m=5.3), DECK, Mount()),
+    (GirderFollow(distance_m=3.0, height_m=5.3, side="left", overrun_m=-1.0), DECK, Mount()),
+    (UndersidePass(offsets_m=(-3.0, 3.0)), BRIDGE, Mount(pitch_deg=60.0)),
+]
+
+
+def derivative(values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.gradient(values, STEP_S, axis=0))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    total=st.floats(0.01, 20.0),
+    speed=st.floats(0.2, 5.0),
+    acceleration=st.floats(0.1, 8.0),
+)
+def test_progress_keeps_its_limits_and_rests_at_its_ends(total: float, speed: float, acceleration: float) -> None:
+    way = progress(total, speed, acceleration)
+    assert way[0] == 0.0 and way[-1] == pytest.approx(total, rel=1e-9)
+    v = np.diff(way) / STEP_S
+    assert v.min() >= -1e-9 and v.max() <= speed * (1 + 1e-6)
+    assert np.abs(np.diff(v)).max() / STEP_S <= acceleration * (1 + 1e-3) + 1e-6
+    assert v[0] < 0.05 * speed + acceleration * STEP_S
+
+
+@settings(max_examples=25, deadline=None)
+@given(data=st.data(), stop=st.booleans())
+def test_ways_through_points_keep_their_limits(data: st.DataObject, stop: bool) -> None:
+    place = st.tuples(*[st.floats(-5, 5)] * 3)
+    points = np.array(data.draw(st.lists(place, min_size=2, max_size=6)))
+    yaws = np.array(data.draw(st.lists(st.floats(-3, 3), min_size=len(points), max_size=len(points))))
+    way, turn = (stop_and_go if stop else fly_through)(points, yaws, 1.0, 0.8, 1.0)
+    v = derivative(way)
+    assert np.linalg.norm(v, axis=1).max() <= 1.0 + 1e-6
+    assert np.linalg.norm(derivative(v), axis=1).max() <= 0.8 * 1.01
+    assert np.abs(derivative(turn)).max() <= 1.0 + 1e-6
+    np.testing.assert_allclose(way[[0, -1]], points[[0, -1]], atol=1e-9)
+    if stop:  # it visits every point, at rest
+        for point in points:
+            nearest = int(np.argmin(np.linalg.norm(way - point, axis=1)))
+            assert np.linalg.norm(way[nearest] - point) < 1e-6 and np.linalg.norm(v[nearest]) < 1e-3
+
+
+@pytest.mark.parametrize(("path", "surroundings", "mount"), PLANS, ids=lambda v: type(v).__name__)
+def test_a_plan_is_smooth_starts_at_rest_and_keeps_its_limits(
+    path: PathSpec, surroundings: Surroundings, mount: Mount
+) -> None:
+    plan = path.plan(surroundings, mount, np.random.default_rng(0))
+    assert isinstance(plan, Planned)
+    t = plan.table
+    assert np.isfinite(t).all()
+    assert np.linalg.norm(t[0, 3:6]) < 1e-3 and np.linalg.norm(t[-1, 3:6]) < 1e-3
+    assert np.abs(np.diff(t[:, 6:9], axis=0)).max() / STEP_S < 60.0  # jerk, m/s^3
+    if hasattr(path, "speed_m_s"):
+        assert np.linalg.norm(t[:, 3:6], axis=1).max() <= path.speed_m_s * (1 + 1e-6)
+        assert np.linalg.norm(t[:, 6:9], axis=1).max() <= path.acceleration_m_s2 * 1.01
+    resting = plan.rows(-3, 5, None)
+    np.testing.assert_array_equal(resting[:3, 0:3], np.tile(t[0, 0:3], (3, 1)))
+    assert not resting[:3, 3:9].any() and not resting[:3, 10:].any()
+
+
+@pytest.mark.parametrize(("path", "surroundings", "mount"), PLANS, ids=lambda v: type(v).__name__)
+def test_a_plan_keeps_the_structure_in_view(path: PathSpec, surroundings: Surroundings, mount: Mount) -> None:
+    """The ray through the middle of the image, or one at most 30 degrees from it, meets the structure."""
+    plan = path.plan(surroundings, mount, np.random.default_rng(0))
+    rows = plan.table[::100]  # type: ignore[union-attr]
+    axis = mount.cam_from_body.rotation[2]
+    seen = np.zeros(len(rows), dtype=bool)
+    for i, row in enumerate(rows):
+        c, s = np.cos(row[9]), np.sin(row[9])
+        forward = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ axis
+        side = np.cross(forward, [0, 0, 1])
+        side /= np.linalg.norm(side)
+        up = np.cross(side, forward)
+        angles = np.radians(np.linspace(-30, 30, 25))
+        rays = np.array([forward + np.tan(a) * side + np.tan(b) * up for a in angles for b in angles])
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        seen[i] = np.isfinite(surroundings.ray(np.tile(row[:3], (len(rays), 1)), rays)).any()
+    assert seen.mean() > 0.95, f"in view {seen.mean():.0%} of the time"
+
+
+def test_the_raster_covers_the_facade_and_the_spiral_its_pier() -> None:
+    path = FacadeRaster(distance_m=2.0, lane_spacing_m=1.0, from_height_m=1.0)
+    raster = path.plan(WALL, Mount(), np.random.default_rng(0))
+    np.testing.assert_allclose(raster.table[:, 0], 2.25, atol=1e-9)
+    assert (raster.table[:, 1].min(), raster.table[:, 1].max()) == pytest.approx((-4.0, 4.0))
+    assert sorted(set(np.round(raster.table[np.abs(raster.table[:, 1]) < 1e-2, 2], 6))) == [1, 2, 3, 4, 5]
+    spiral = PierSpiral(rise_m=1.0).plan(PIER, Mount(), np.random.default_rng(0))
+    turns = np.ptp(np.unwrap(np.arctan2(spiral.table[:, 1], spiral.table[:, 0]))) / (2 * np.pi)
+    assert turns == pytest.approx(5.0, rel=1e-6)
+
+
+def test_every_path_flies_on_a_vehicle_of_its_size(tmp_path: Path) -> None:
+    for path, surroundings, mount in PLANS:
+        if surroundings is BOX:
+            continue
+        shorter = replace(path, speed_m_s=2.0, acceleration_m_s2=1.5)  # type: ignore[type-var]
+        flight = fly(FlightSpec(path=shorter, airframe=Iris()), mount, surroundings, 0)
+        assert flight.status == "completed"
+        plan = shorter.plan(surroundings, mount, np.random.default_rng(0))
+        error = np.linalg.norm(flight.positions_m - plan.table[:, :3], axis=1)
+        assert np.sqrt((error**2).mean()) < 0.02
+
+
+def test_waypoints_from_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("x_m,y_m,z_m,yaw_deg\n2,0,1,180\n2,2,1,-135\n0,2,1,-90\n")
+    plan = Waypoints(str(file)).plan(BOX, Mount(), np.random.default_rng(0))
+    np.testing.assert_allclose(plan.table[-1, [0, 1, 2]], [0, 2, 1], atol=1e-9)
+    assert plan.table[-1, 9] == pytest.approx(np.radians(270.0))  # unwrapped: it turned the short way
+    cut = Waypoints(str(file), stop=False).plan(BOX, Mount(), np.random.default_rng(0))
+    assert len(cut.table) < len(plan.table)
+    for text, told in (
+        ("x_m,y_m,z_m\n", "missing columns yaw_deg"),
+        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n", "at least two waypoints"),
+        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,2,x,4\n", "line 3 needs four numbers"),
+        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,2,inf,4\n", "line 3 has a value that is not finite"),
+    ):
+        file.write_text(text)
+        with pytest.raises(UserError, match=told):
+            Waypoints(str(file)).plan(BOX, Mount(), np.random.default_rng(0))
+    with pytest.raises(UserError, match="cannot read the waypoints"):
+        Waypoints(str(tmp_path / "none.csv")).plan(BOX, Mount(), np.random.default_rng(0))
+
+
+def test_a_recorded_trajectory_is_flown_as_given(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    stamps = 5_000_000_123 + np.arange(40) * 100_000_000
+    t = np.arange(40) / 10
+    positions = np.column_stack([2 + np.sin(t), np.cos(t), 1 + 0.1 * t])
+    half = 0.3 * np.sin(t) / 2
+    quaternions = np.column_stack([np.cos(half), 0 * t, np.sin(half) * 0.6, np.sin(half) * 0.8])
+    given = Trajectory(stamps, positions, quaternions)
+    write_tum(given, tmp_path / "flight.tum")
+    flight = fly(FlightSpec(path=Recorded(str(tmp_path / "flight.tum"))), Mount(), BOX, 0)
+    rows = np.arange(40) * 50
+    np.testing.assert_allclose(flight.positions_m[rows], positions, atol=1e-12)
+    np.testing.assert_allclose(rotation_from_quaternion(flight.quaternions_wxyz[rows]), given.rotations, atol=1e-12)
+    inner = slice(50, -50)
+    np.testing.assert_allclose(flight.velocities_m_s[inner], derivative(flight.positions_m)[inner], atol=1e-4)
+    cam = Recorded(str(tmp_path / "flight.tum"), frame="camera")
+    mount = Mount(pitch_deg=-30.0, offset_m=(0.05, 0.0, 0.01))
+    seen = fly(FlightSpec(path=cam), mount, BOX, 0)
+    pose = (mount.cam_from_body @ seen.pose(50).inverse()).inverse()
+    np.testing.assert_allclose(pose.matrix, given.pose(1).matrix, atol=1e-12)
+    gap = given.select(np.delete(np.arange(40), slice(10, 25)))
+    write_tum(gap, tmp_path / "gap.tum")
+    with pytest.raises(UserError, match=r"1\.600 s without a pose after pose 9"):
+        fly(FlightSpec(path=Recorded(str(tmp_path / "gap.tum"))), Mount(), BOX, 0)
+    inside = Trajectory(stamps, positions * 0 + [0, 0, 0.1] + 1e-3 * rng.standard_normal((40, 3)), quaternions)
+    write_tum(inside, tmp_path / "inside.tum")
+    with pytest.raises(UserError, match=r"path recorded: .*crash into the structure"):
+        fly(FlightSpec(path=Recorded(str(tmp_path / "inside.tum"))), Mount(), BOX, 0)
+
+
+def test_the_registry_holds_what_the_plans_test() -> None:
+    tested = {type(path) for path, *_ in PLANS} | {Waypoints, Recorded}
+    assert {kind for name, kind in PATHS.items() if name != "hand-pilot"} == tested

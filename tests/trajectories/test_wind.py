@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from tests.trajectories.scene import BOX
+from trajectories.dryden import Dryden, first_order, second_order
+from trajectories.streams import stream
+from trajectories.wind import WINDS, Gust, Steady, Still
+
+
+def many(step_s: float, lag_s: float, kind: object) -> np.ndarray:
+    """One long run cut off after enough correlation times that its sigma is known to 0.7 %."""
+    steps = int(20_000 * lag_s / step_s)
+    return np.asarray(kind(steps, step_s, lag_s, np.random.default_rng(1)))  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("step_s", [0.0005, 0.002, 0.005, 0.02])
+@pytest.mark.parametrize("kind", [first_order, second_order])
+def test_sigma_is_that_asked_for_at_every_step(step_s: float, kind: object) -> None:
+    assert many(step_s, 0.1, kind).std() == pytest.approx(1.0, rel=0.03)
+
+
+def test_the_whole_wind_has_the_sigmas_and_the_mean_of_the_specification() -> None:
+    wind = Dryden(w20_m_s=6.0, height_m=6.096, flight_speed_m_s=400.0)  # carried past fast, so that a run is long
+    up = 0.1 * 6.0
+    level = up / (0.177 + 0.000823 * 20) ** 0.4
+    np.testing.assert_allclose(wind.sigmas_m_s, [level, level, up])
+    np.testing.assert_allclose(wind.lengths_m, np.array([20 / (0.177 + 0.000823 * 20) ** 1.2] * 2 + [20.0]) * 0.3048)
+    assert wind.mean_m_s == pytest.approx(6.0)  # 6.096 m is the 20 ft that w20 is measured at
+    for step in (0.0005, 0.02):
+        air = wind.start(1_000_000, step, np.random.default_rng(0))
+        np.testing.assert_allclose(air.turbulence_m_s.std(axis=0), wind.sigmas_m_s, rtol=0.03)
+        np.testing.assert_array_equal(air.mean_m_s[0], [-6.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape"),
+    [
+        (first_order, lambda s: np.sqrt(2) / (1 + s)),
+        (second_order, lambda s: (1 + np.sqrt(3) * s) / (1 + s) ** 2),
+    ],
+)
+def test_the_spectrum_is_that_of_the_filter(kind: object, shape: object) -> None:
+    lag, step = 0.2, 0.005
+    f, density = welch(many(step, lag, kind), fs=1 / step, nperseg=4096)
+    wanted = 2 * lag * np.abs(shape(2j * np.pi * f * lag)) ** 2  # type: ignore[operator]
+    band = (f > 0.2) & (f < 20)  # well below the Nyquist frequency, where a sampled process folds back
+    np.testing.assert_allclose(density[band], wanted[band], rtol=0.25)
+    assert density[band].sum() == pytest.approx(wanted[band].sum(), rel=0.02)
+
+
+def test_a_run_is_stationary_from_its_first_sample_on() -> None:
+    rng = np.random.default_rng(0)
+    for kind in (first_order, second_order):
+        runs = np.array([kind(30, 0.02, 1.0, rng) for _ in range(8000)])
+        np.testing.assert_allclose(runs[:, [0, 5, -1]].std(axis=0), 1.0, rtol=0.03)
+
+
+def test_gusts_rise_and_fall_as_cosines() -> None:
+    gust = Gust(speed_m_s=1.0, gust_m_s=2.0, from_deg=180.0, first_s=1.0, every_s=10.0, jitter_s=0.0)
+    air = gust.start(5000, 0.002, np.random.default_rng(0))
+    speed = air.mean_m_s[:, 0]
+    assert speed[[0, 500]] == pytest.approx([1.0, 1.0])
+    assert speed[750] == pytest.approx(2.0)  # half way up
+    assert speed[[1000, 1700]] == pytest.approx([3.0, 3.0])
+    assert speed[2000] == pytest.approx(2.0)  # half way down
+    assert speed[2300:].max() == pytest.approx(1.0)
+
+
+def test_turbulence_grows_near_the_structure() -> None:
+    air = Dryden(near_gain=2.0, near_m=0.5).start(100, 0.002, np.random.default_rng(0))
+    near, far = (air.at(0, 100, np.array([x, 0.0, 0.15]), BOX) - air.mean_m_s for x in (0.7, 50.0))
+    np.testing.assert_allclose(near, (1 + 2 * np.exp(-1)) * air.turbulence_m_s)
+    np.testing.assert_allclose(far, air.turbulence_m_s)
+
+
+@pytest.mark.parametrize("name", list(WINDS))
+def test_every_wind_is_finite_and_repeats_under_a_seed(name: str) -> None:
+    first, second = (WINDS[name]().start(500, 0.002, stream(0, "wind")) for _ in range(2))
+    assert first.mean_m_s.shape == first.turbulence_m_s.shape == (500, 3)
+    assert np.isfinite(first.mean_m_s + first.turbulence_m_s).all()
+    np.testing.assert_array_equal(first.mean_m_s, second.mean_m_s)
+    np.testing.assert_array_equal(first.turbulence_m_s, second.turbulence_m_s)
+
+
+def test_still_is_still_and_steady_blows_from_its_side() -> None:
+    assert not Still().start(3, 0.002, np.random.default_rng(0)).mean_m_s.any()
+    np.testing.assert_allclose(
+        Steady(3.0, 90.0).start(1, 0.002, np.random.default_rng(0)).mean_m_s, [[0, -3, 0]], atol=1e-12
+    )
