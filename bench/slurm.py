@@ -29,7 +29,7 @@ def run_shards(
         executor = submitit.AutoExecutor(folder=logs, cluster=cluster)
         if executor.cluster == "local" and cluster is None:
             raise UserError("--slurm: there is no sbatch on this machine; run it where Slurm's commands are")
-        executor.update_parameters(cpus_per_task=1, timeout_min=24 * 60, **_parsed(options))
+        executor.update_parameters(**{"cpus_per_task": 1, "timeout_min": 24 * 60, **_parsed(options)})
         with executor.batch():
             jobs = [
                 executor.submit(run_shard, verb, suite, out.resolve(), f"{i}/{shards}") for i in range(1, shards + 1)
