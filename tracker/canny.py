@@ -12,7 +12,7 @@ from scenes.structure import Structure
 from tracker.base import Run
 from tracker.control_points import CONTROL_POINT_SPACING_PX
 from tracker.hypotheses import INLIER_PX, RANSAC_HYPOTHESES
-from tracker.published import PublishedRun, choose_by_ransac
+from tracker.published import PASSES, PublishedRun, choose_by_ransac
 from tracker.search import SEARCH_PX, search_edge_pixels
 from tracker.segments import CANNY_HIGH, CANNY_LOW, detect_edge_pixels
 from trajectories.pose import Pose
@@ -28,7 +28,7 @@ class Canny:
     search_px: Annotated[float, Gt(0)] = SEARCH_PX
     hypotheses: Annotated[int, Ge(1)] = RANSAC_HYPOTHESES
     inlier_px: Annotated[float, Gt(0)] = INLIER_PX
-    passes: Annotated[int, Ge(1)] = 2
+    passes: Annotated[int, Ge(1)] = PASSES
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run at a known first pose."""

@@ -14,11 +14,14 @@ from tracker.pose_update import least_squares
 from tracker.search import Candidates
 from trajectories.pose import Array
 
-RANSAC_HYPOTHESES = 300
+RANSAC_HYPOTHESES = 200
 """Number of hypotheses drawn."""
 EDGES_PER_HYPOTHESIS = 3
 """Edges in a hypothesis: three lines fix a pose."""
-INLIER_PX = 2.0
+MOTION_COST = 40.0
+"""Weight of the camera's motion, in units of the weak prior, against squared distance errors in px: where a pose is
+nearly free, as before a single face, the smaller motion wins."""
+INLIER_PX = 1.5
 """A candidate farther than this from its moved control point is an outlier."""
 
 
@@ -54,7 +57,7 @@ def ransac(
     error = np.full(predicted.shape, inlier_px, dtype=np.float32)
     for distances in candidates.distances.T.astype(np.float32):
         np.minimum(error, np.abs(predicted - distances), out=error)
-    cost = np.einsum("hn,hn->h", error, error)
+    cost = np.einsum("hn,hn->h", error, error) + MOTION_COST * np.einsum("hi,ij,hj->h", twists, prior, twists)
     twist = twists[np.argmin(cost)]
     matches = best_set(candidates.distances, J @ twist, inlier_px)
     for _ in range(2):  # the winner is improved on its own inliers (Chum, Matas & Kittler 2003)

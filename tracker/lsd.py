@@ -12,7 +12,7 @@ from scenes.structure import Structure
 from tracker.base import Image, Run
 from tracker.control_points import CONTROL_POINT_SPACING_PX
 from tracker.hypotheses import INLIER_PX, RANSAC_HYPOTHESES
-from tracker.published import PublishedRun, choose_by_ransac, choose_nearest
+from tracker.published import PASSES, PublishedRun, choose_by_ransac, choose_nearest
 from tracker.search import SEARCH_PX, search_segments
 from tracker.segments import MIN_SEGMENT_PX, detect_segments, undistort_segments
 from trajectories.pose import Array, Pose
@@ -25,7 +25,7 @@ class LsdSingle:
     min_segment_px: Annotated[float, Ge(0)] = MIN_SEGMENT_PX
     control_point_spacing_px: Annotated[float, Gt(0)] = CONTROL_POINT_SPACING_PX
     search_px: Annotated[float, Gt(0)] = SEARCH_PX
-    passes: Annotated[int, Ge(1)] = 2
+    passes: Annotated[int, Ge(1)] = PASSES
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run at a known first pose."""
@@ -51,7 +51,7 @@ class Lsd:
     search_px: Annotated[float, Gt(0)] = SEARCH_PX
     hypotheses: Annotated[int, Ge(1)] = RANSAC_HYPOTHESES
     inlier_px: Annotated[float, Gt(0)] = INLIER_PX
-    passes: Annotated[int, Ge(1)] = 2
+    passes: Annotated[int, Ge(1)] = PASSES
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run at a known first pose."""

@@ -25,6 +25,9 @@ from trajectories.pose import Array, Pose
 MIN_MATCHES = 5
 """Fewer matched control points than this fix no pose (the paper's PnP takes five points)."""
 
+PASSES = 3
+"""Times that a frame is projected, searched and solved, each from the pose of the one before."""
+
 Detect = Callable[[Image], Any]
 Search = Callable[[ControlPoints, Any], Candidates]
 Choose = Callable[[Candidates, ControlPoints, Array, Array], Matches]

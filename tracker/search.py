@@ -12,9 +12,9 @@ from tracker.control_points import ControlPoints
 from tracker.visible_edges import to_image
 from trajectories.pose import Array
 
-SEARCH_PX = 30.0
+SEARCH_PX = 20.0
 """Half length of a search line."""
-MAX_ANGLE_DEG = 15.0
+MAX_ANGLE_DEG = 8.0
 """A segment turned further than this against the projected edge is no candidate."""
 MAX_CANDIDATES = 5
 """Candidates kept for a control point, the nearest ones."""

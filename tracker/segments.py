@@ -12,6 +12,11 @@ from trajectories.pose import Array
 
 MIN_SEGMENT_PX = 15.0
 """Segments shorter than this are dropped (Shang & Shen)."""
+GRADIENT_ERROR = 1.0
+"""Bound on the error of a gradient in grey levels (LSD's `quant`).
+
+Its authors take 2; with 1, low contrast such as that of cardboard on a wooden floor still makes segments.
+"""
 CANNY_LOW, CANNY_HIGH = 40.0, 120.0
 """Thresholds of Canny's hysteresis on the gradient of 8-bit images (ratio 1:3, Canny 1986)."""
 
@@ -25,7 +30,8 @@ def grey(image: Image) -> Image:
 
 def detect_segments(gray: Image, min_length_px: float = MIN_SEGMENT_PX) -> Array:
     """LSD line segments x1 y1 x2 y2 (n, 4) in px, no shorter than min_length_px (von Gioi et al. 2010)."""
-    found: Any = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD).detect(gray)[0]  # None when there is none
+    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, quant=GRADIENT_ERROR)
+    found: Any = detector.detect(gray)[0]  # None when there is none
     if found is None:
         return np.zeros((0, 4))
     segments = found.reshape(-1, 4).astype(np.float64)
