@@ -45,8 +45,8 @@ def sample_stamps(flight: Flight, rate_hz: float) -> NDArray[np.int64]:
     """Stamps (n,) of a sensor at rate_hz from the flight's first row to its last, to the nearest nanosecond each."""
     first, last = int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
     period = Fraction(10**9) / Fraction(str(rate_hz))
-    count = int((last - first) / period) + 1
-    return np.array([first + round(i * period) for i in range(count)], dtype=np.int64)
+    p, q = period.numerator, period.denominator
+    return np.array([first + (2 * i * p + q) // (2 * q) for i in range((last - first) * q // p + 1)], dtype=np.int64)
 
 
 def sampled(flight: Flight, values: Array, stamps_ns: NDArray[np.int64]) -> Array:

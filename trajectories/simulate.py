@@ -31,6 +31,7 @@ def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, sur
     integral = trim(numbers, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(vehicle.hover_thrust_n))))
     record = np.zeros((guidance.steps, RECORD_COLUMNS))
     spare = np.zeros(RECORD_COLUMNS)
+    advance = mujoco.mj_step
     qpos, qvel, act, ctrl, push = data.qpos, data.qvel, data.act, data.ctrl, data.xfrc_applied[1]
     for begin in range(-guidance.warm_up, guidance.steps, BLOCK):
         end = min(begin + BLOCK, guidance.steps)
@@ -40,7 +41,7 @@ def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, sur
             step = begin + k
             out = record[step] if step >= 0 else spare
             _step(numbers, gains, rows[k], winds[k], qpos, qvel, act, integral, ctrl, push, out)
-            mujoco.mj_step(model, data)
+            advance(model, data)
     return record
 
 
