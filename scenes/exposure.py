@@ -1,13 +1,75 @@
-"""Effects of the shutter: how long it is open."""
+"""Effects of the shutter: how long it is open, and that it opens row by row."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, ClassVar
 
+import cv2
 import numpy as np
 from annotated_types import Gt, Interval
 
+from scenes.kernels import row_places
 from scenes.light import Radiance
-from scenes.source import Source
+from scenes.source import MAX_SLICES, SLICE_PX, Map, Source, View, add, flow_between, light_of, pixel_grid, sample
+from trajectories.pose import Array
+
+
+@dataclass(frozen=True)
+class RollingShutter:
+    """Rows are exposed one after the other; the middle row's exposure is centred on the frame's stamp.
+
+    readout_ms is the time from the first row to the last. Each row is taken from one render in the middle of the
+    frame, moved to the row's own pose by its depth; at the border of a near thing the near thing wins.
+    """
+
+    readout_ms: Annotated[float, Gt(0), Interval(le=200)] = 20.0
+    margin_px: ClassVar[int] = 24
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose rows each have their own pose."""
+        height = source.camera.height
+        delay_ns = self.readout_ms * 1e6 / max(height - 1, 1)
+        late_ns = np.rint((np.arange(height) - (height - 1) / 2) * delay_ns).astype(np.int64)
+
+        def places(view: View, at_ns: int) -> Map:
+            world_from_view = view.cam_from_world.inverse()
+            rows = [(source.cam_from_world(int(at_ns + late)) @ world_from_view).matrix[:3] for late in late_ns]
+            return moved_rows(source, view, np.array(rows))
+
+        def expose(start_ns: int, end_ns: int) -> Radiance:
+            out = np.zeros((height, source.camera.width, 3), dtype=np.float32)
+            view = source.look((start_ns + end_ns) // 2)
+            slices = 1
+            if end_ns > start_ns:
+                flow = flow_between(
+                    view, source.pinhole, source.cam_from_world(start_ns), source.cam_from_world(end_ns)
+                )
+                slices = max(1, min(MAX_SLICES, int(np.ceil(float(np.abs(flow).max()) / SLICE_PX))))
+            for k in range(slices):
+                a = start_ns + (end_ns - start_ns) * k // slices
+                b = start_ns + (end_ns - start_ns) * (k + 1) // slices
+                seen = view if slices == 1 else source.look((a + b) // 2)
+                light = light_of(seen.color)
+                first = places(seen, a)
+                last = first if a == b else places(seen, b)
+                taps = 1 if a == b else max(2, int(np.ceil(float(np.abs(last - first).max()) * 1.25 + 0.2)))
+                for tap in range(taps):
+                    share = np.float32((tap + 0.5) / taps)
+                    add(sample(light, first + share * (last - first)), 1 / (slices * taps), out)
+            return out
+
+        return replace(source, expose=expose, image=lambda t: expose(t, t), row_delay_ns=delay_ns)
+
+
+def moved_rows(source: Source, view: View, rows: Array) -> Map:
+    """Place (h, w, 2) in the view of each pixel of the camera, whose row sees from rows[row] (3, 4) of the view."""
+    base = source.lens if source.lens is not None else pixel_grid(source.camera.width, source.camera.height)
+    nearness = np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0)
+    nearness = np.asarray(cv2.dilate(nearness, np.ones((3, 3), dtype=np.uint8)))  # mixed pixels go with the near side
+    nearest = np.asarray(cv2.dilate(nearness, np.ones((9, 9), dtype=np.uint8)), dtype=np.float32)
+    out = np.empty_like(base)
+    pinhole = source.pinhole
+    row_places(nearness, nearest, base, (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy), rows, out)
+    return out
 
 
 @dataclass(frozen=True)

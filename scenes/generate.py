@@ -45,7 +45,7 @@ def generate(
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
     camera = spec.camera.camera()
-    pinhole, lens = render_camera(camera)
+    pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     with new_folder(folder) as new, scene.renderer(pinhole.width, pinhole.height) as renderer:
         ideal = make_source(renderer, camera, pinhole, lens, camera_path(flight, spec.mount.cam_from_body))
         check_first_view(spec, ideal)

@@ -71,8 +71,39 @@ def displacement(depth: Any, step: int, intrinsics: Any, before: Any, after: Any
 
 
 @compiled
-def accumulate(image: Any, light: Any, weight: float, out: Any) -> None:
-    """Out += weight * light[image]: light of 8-bit codes, summed."""
-    w = np.float32(weight)
-    for i in range(image.size):
-        out[i] += w * light[image[i]]
+def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: Any, out: Any) -> None:
+    """Where in a view (nearness (h, w): 1 / depth) lies what each pixel sees from the pose of its own row.
+
+    base (h', w', 2) is the pixel's place without motion; rows (h', 3, 4) take points of the view's camera to the row's;
+    nearest is the greatest nearness around each pixel: if that surface covers the pixel, it hides the others.
+    """
+    fx, fy, cx, cy = intrinsics
+    h, w = nearness.shape
+    for i in range(base.shape[0]):
+        T = rows[i]
+        for j in range(base.shape[1]):
+            u0, v0 = float(base[i, j, 0]), float(base[i, j, 1])
+            ci, cj = min(max(int(v0 + 0.5), 0), h - 1), min(max(int(u0 + 0.5), 0), w - 1)
+            near = nearest[ci, cj]
+            done = False
+            u, v = u0, v0
+            if near > 1.02 * nearness[ci, cj]:
+                for _ in range(3):
+                    x, y = (u - cx) / fx, (v - cy) / fy
+                    z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * near
+                    u += u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * near) / z + cx)
+                    v += v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * near) / z + cy)
+                ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
+                done = abs(nearness[ci, cj] - near) < 0.02 * near
+                if not done:
+                    u, v = u0, v0
+            if not done:
+                for _ in range(3):
+                    ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
+                    k = nearness[ci, cj]
+                    x, y = (u - cx) / fx, (v - cy) / fy
+                    z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * k
+                    u += u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * k) / z + cx)
+                    v += v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * k) / z + cy)
+            out[i, j, 0] = u
+            out[i, j, 1] = v

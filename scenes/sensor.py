@@ -1,4 +1,4 @@
-"""Effects of the sensor: noise and its steps."""
+"""Effects of lens and sensor: falling light, exposure, noise and its steps."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -9,10 +9,62 @@ from scipy.special import ndtri
 
 from scenes.kernels import add_noise
 from scenes.light import Radiance
-from scenes.source import Source
+from scenes.source import Source, pixel_grid
 
 QUANTILES = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
 """Normal quantiles: 16 random bits choose one."""
+
+
+@dataclass(frozen=True)
+class Vignetting:
+    """Light falls off towards the corners as cos(angle) ** 4 of the ray, times strength."""
+
+    strength: Annotated[float, Interval(ge=0, le=1)] = 1.0
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images are darker where rays come in aslant."""
+        camera = source.camera
+        pixels = camera.undistort(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+        slant = np.square((pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).sum(axis=1)
+        share = 1 - self.strength * (1 - 1 / np.square(1 + slant))
+        falloff = share.reshape(camera.height, camera.width, 1).astype(np.float32)
+
+        def image(stamp_ns: int) -> Radiance | None:
+            even = source.image(stamp_ns)
+            return None if even is None else even * falloff
+
+        return replace(source, image=image)
+
+
+@dataclass(frozen=True)
+class AutoExposure:
+    """The camera steers its exposure towards a mean light of `target`, and takes time for it.
+
+    Each frame's exposure follows from the frames before it: it approaches the wish with time constant lag_s, within
+    a factor `reach` of the scene's own light either way. The first frame is exposed as wished.
+    """
+
+    target: Annotated[float, Gt(0), Interval(lt=1)] = 0.18
+    lag_s: Annotated[float, Ge(0)] = 0.4
+    reach: Annotated[float, Interval(ge=1, le=1000)] = 8.0
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images are exposed by the camera."""
+        state: dict[str, float] = {}
+
+        def image(stamp_ns: int) -> Radiance | None:
+            seen = source.image(stamp_ns)
+            if seen is None:
+                return None
+            wish = float(np.clip(self.target / max(float(seen.mean()), 1e-6), 1 / self.reach, self.reach))
+            gain = state.get("gain", wish)
+            passed_s = (stamp_ns - state.get("stamp_ns", stamp_ns)) * 1e-9
+            follow = 1 - np.exp(-passed_s / self.lag_s) if self.lag_s > 0 else 1.0
+            gain *= (state.get("wish", wish) / gain) ** follow
+            state.update(gain=gain, wish=wish, stamp_ns=stamp_ns)
+            return seen * np.float32(gain)
+
+        return replace(source, image=image)
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.camera import Camera
-from scenes.kernels import accumulate, displacement
+from scenes.kernels import displacement
 from scenes.light import RENDERED, Radiance
 from scenes.render import Renderer
+from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
 
 FLOW_STEP = 2
 SLICE_PX = 3.0
 MAX_SLICES = 64
+LARGEST_RENDER = 4.0
+"""A distorted camera may need a pinhole so many times its own size."""
 Map = NDArray[np.float32]
 
 
@@ -62,9 +65,8 @@ def make_source(
 
     def sharp(stamp_ns: int) -> Radiance:
         color = renderer.color(cam_from_world(stamp_ns), pinhole, stamp_ns * 1e-9)
-        out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
-        add_light(color if lens is None else _sample(color, lens), 1.0, out)
-        return out
+        light = light_of(color)
+        return light if lens is None else sample(light, lens)
 
     def expose(start_ns: int, end_ns: int) -> Radiance:
         out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
@@ -107,15 +109,21 @@ def smear(color: NDArray[np.uint8], flow: Map, lens: Map | None, weight: float, 
     taps = max(1, int(np.ceil(float(np.abs(flow).max()) * 1.25 + 0.2)))
     place = pixel_grid(color.shape[1], color.shape[0]) if lens is None else lens
     if lens is not None:
-        flow = _sample(flow, lens)
+        flow = sample(flow, lens)
+    light = light_of(color)
     for k in range(taps):
         share = (k + 0.5) / taps - 0.5
-        add_light(_sample(color, place - np.float32(share) * flow), weight / taps, out)
+        add(sample(light, place - np.float32(share) * flow), weight / taps, out)
 
 
-def add_light(color: NDArray[np.uint8], weight: float, out: Radiance) -> None:
-    """Add the light of the renderer's codes, weighted."""
-    accumulate(np.ascontiguousarray(color).reshape(-1), RENDERED, weight, out.reshape(-1))
+def light_of(color: NDArray[np.uint8]) -> Radiance:
+    """Linear light of the renderer's codes; only light can be interpolated and summed without bias."""
+    return np.asarray(cv2.LUT(color, RENDERED), dtype=np.float32)
+
+
+def add(light: Radiance, weight: float, out: Radiance) -> None:
+    """Out += weight * light."""
+    cv2.scaleAdd(light, weight, out, out)
 
 
 def pixel_grid(width: int, height: int) -> Map:
@@ -123,22 +131,29 @@ def pixel_grid(width: int, height: int) -> Map:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 
-def _sample(image: NDArray[Any], place: Map) -> NDArray[Any]:
+def sample(image: NDArray[Any], place: Map) -> NDArray[Any]:
     """The image (h, w, channels) at fractional places (h', w', 2), bilinear, its border repeated outside."""
     none: Any = None
     return np.asarray(cv2.remap(image, place, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-def render_camera(camera: Camera) -> tuple[Camera, Map | None]:
-    """Pinhole camera that sees all that a distorted camera does, and the place in it of each of its pixels.
+def render_camera(camera: Camera, margin_px: int = 0) -> tuple[Camera, Map | None]:
+    """Pinhole camera that sees all that a camera does, with a margin, and the place in it of each of its pixels.
 
-    Its focal lengths are the camera's own, so that the middle of the image keeps its sharpness.
+    Its focal lengths are the camera's own, so that the middle of the image keeps its sharpness. UserError when a
+    pixel looks so far aside that no pinhole of sensible size can see it.
     """
-    if camera.distortion_model == "none":
+    if camera.distortion_model == "none" and margin_px == 0:
         return camera, None
-    pixels = pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)
-    place = camera.undistort(pixels)
-    low, high = np.floor(place.min(axis=0)) - 2, np.ceil(place.max(axis=0)) + 3
+    place = camera.undistort(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+    low, high = np.floor(place.min(axis=0)) - 2 - margin_px, np.ceil(place.max(axis=0)) + 3 + margin_px
+    if not (
+        np.isfinite(place).all() and ((high - low) < LARGEST_RENDER * np.array([camera.width, camera.height])).all()
+    ):
+        raise UserError(
+            "camera: with this distortion some pixels look too far aside to be rendered; "
+            "lower the distortion or raise fx_px and fy_px"
+        )
     width, height = (int(n) for n in high - low)
     pinhole = Camera(width, height, camera.fx, camera.fy, camera.cx - low[0], camera.cy - low[1])
     shifted: Array = place - low
