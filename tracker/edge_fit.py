@@ -14,6 +14,7 @@ from tracker.geometry_kernels import camera_array, move
 from tracker.profile_kernels import learn, search, search_range
 from tracker.sampling_kernels import BINS, CROWD_PX, crowding, place, sample_edges
 from tracker.solve_kernels import hypotheses, m_estimate, sandwich
+from tracker.texture import ENOUGH_FOUND, Texture
 from tracker.visible_edges import undistorted_bounds
 from trajectories.pose import Array, Pose
 
@@ -31,6 +32,17 @@ MEASUREMENT_PX = 0.5
 OWN_SIGMA_PX = 0.35
 COMMON_SIGMA_PX = 0.08
 """Error of a control point: of its own, and shared along its edge."""
+
+PATCH_SIGMA_PX = 0.2
+"""Error of a patch along either axis."""
+WEAK_STEP = 15.0
+"""Grey levels: an edge with this contrast weighs half of one with much."""
+ENOUGH_PATCHES = 8
+"""With so many patches found at the predicted pose the edges need no wide search."""
+PATCH_TRUST = 2.0
+"""Weight of a patch in the support."""
+NO_PATCHES = (np.zeros((0, 2, 6)), np.zeros((0, 2)), np.zeros(0))
+NO_EDGES = (np.zeros((0, 6)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0))
 
 Indices = NDArray[np.int64]
 
@@ -59,6 +71,7 @@ class EdgeFitter:
         self.cam = camera_array(camera)
         self.size = np.array([camera.width, camera.height], dtype=np.float64)
         self.bounds = np.array(undistorted_bounds(camera))
+        self.texture = Texture(self.map, camera)
         self.appearance = np.zeros((len(self.map.ends) * 3 * BINS, 8))
         self.draws = rng.random((HYPOTHESES, 12))
 
@@ -67,42 +80,66 @@ class EdgeFitter:
         R, t = predicted.rotation, predicted.translation
         with clock.stage("project"):
             points, keys = self.sample(R, t)
+            self.texture.choose(R, t)
         n = len(points)
-        if n < 6:
+        if n < 6 and len(self.texture.chosen) < 6:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
         rows = (keys[:, 0] * 3 + keys[:, 1] - 1) * BINS + keys[:, 2]
-        first = np.append(np.flatnonzero(np.diff(keys[:, 0], prepend=-1)), n)
         prior = np.asarray(np.linalg.inv(covariance) * MEASUREMENT_PX**2, dtype=np.float64)
-        with clock.stage("search"):
-            lines, J, side = self.place(points, keys, R, t)
-            trust = self.trust(lines, keys, side, rows)
-            half = search_range(J, covariance, 4.0, half_px)
-            distance, penalty, _ = search(image, lines, side, rows, self.appearance, half)
-        candidates = int(np.isfinite(distance).sum())
-        with clock.stage("choose"):
-            x, _ = hypotheses(J, distance, penalty, trust, first, prior, self.draws, 3.0)
-            x, _, _, _ = m_estimate(J, distance, penalty, trust, prior, np.zeros(6), x, COARSE_SCALES)
-            R, t = move(R, t, x)
+        lines, J, side = self.place(points, keys, R, t)
+        trust = self.trust(lines, keys, side, rows)
+        with clock.stage("texture"):
+            observed, found = self.texture.align(image, R, t)
+        if np.count_nonzero(found > 0) >= ENOUGH_PATCHES:
+            with clock.stage("texture"):
+                R, t = self.move_to_patches(observed, found, prior, R, t)
+        else:
+            with clock.stage("search"):
+                half = search_range(J, covariance, 4.0, half_px)
+                distance, penalty, _ = search(image, lines, side, rows, self.appearance, half)
+            with clock.stage("choose"):
+                first = np.append(np.flatnonzero(np.diff(keys[:, 0], prepend=-1)), n)
+                x, _ = hypotheses(J, distance, penalty, trust, first, prior, self.draws, 3.0)
+                x, *_ = m_estimate(J, distance, penalty, trust, *NO_PATCHES, prior, np.zeros(6), x, COARSE_SCALES)
+                R, t = move(R, t, x)
+            with clock.stage("texture"):
+                observed, found = self.texture.align(image, R, t)
         for half_fine, scales in zip(FINE_HALF_PX, FINE_SCALES, strict=True):
             with clock.stage("search"):
                 lines, J, side = self.place(points, keys, R, t)
                 distance, penalty, _ = search(image, lines, side, rows, self.appearance, np.full(n, half_fine))
+                moved, J_patch = self.texture.rows(observed, R, t)
             with clock.stage("update"):
                 offset = (predicted @ Pose(R, t).inverse()).log()
-                x, information, _, weights = m_estimate(J, distance, penalty, trust, prior, offset, np.zeros(6), scales)
+                x, information, weights, patch_weights = m_estimate(
+                    J, distance, penalty, trust, J_patch, moved, found, prior, offset, np.zeros(6), scales
+                )
                 R, t = move(R, t, x)
-        self.last = (points, keys, rows, weights)
+        self.last = (points, keys, rows, weights, patch_weights, found)
         with clock.stage("covariance"):
-            covariance = sandwich(J, weights, keys[:, 0], information + prior, OWN_SIGMA_PX, COMMON_SIGMA_PX)
+            covariance = sandwich(
+                J, weights, keys[:, 0], J_patch, patch_weights, information + prior,
+                OWN_SIGMA_PX, COMMON_SIGMA_PX, PATCH_SIGMA_PX,
+            )  # fmt: skip
+        tried = PATCH_TRUST * np.count_nonzero(found >= 0)
+        supported = weights.sum() + PATCH_TRUST * np.count_nonzero(patch_weights)
         return Fit(
             Pose(R, t),
             covariance,
-            float(weights.sum() / trust.sum()),
+            float(supported / max(trust.sum() + tried, 1.0)),
             n,
-            candidates,
-            int(np.count_nonzero(weights)),
-            float(np.median(points @ R[2] + t[2])),
+            int(np.isfinite(distance).sum()),
+            int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
+            float(np.median(points @ R[2] + t[2])) if n else float("nan"),
         )
+
+    def move_to_patches(self, observed: Array, found: Array, prior: Array, R: Array, t: Array) -> tuple[Array, Array]:
+        """The pose that brings the patches to where they were observed."""
+        for scales in (COARSE_SCALES, FINE_SCALES[0]):
+            moved, J_patch = self.texture.rows(observed, R, t)
+            x, *_ = m_estimate(*NO_EDGES, J_patch, moved, found, prior, np.zeros(6), np.zeros(6), scales)
+            R, t = move(R, t, x)
+        return R, t
 
     def sample(self, R: Array, t: Array) -> tuple[Array, Indices]:
         """Visible control points at a pose."""
@@ -117,14 +154,21 @@ class EdgeFitter:
         return place(points, keys, self.map.ends, self.map.inward, R, t, self.cam, self.size)
 
     def trust(self, lines: Array, keys: Indices, side: Indices, rows: Indices) -> Array:
-        """Weight (n,) of each control point: less where edges crowd and where its appearance is not learned yet."""
+        """Weight (n,) of each control point: less where edges crowd, contrast is low or appearance not learned yet."""
         gap = crowding(lines, keys, side)
         apart = np.clip((gap - 2.0) / (CROWD_PX - 2.0), 0.02, 1.0)
-        known = np.minimum(self.appearance[rows, 6] / 3.0, 1.0)
-        return np.asarray(apart * (0.25 + 0.75 * known))
+        seen = self.appearance[rows]
+        known = np.minimum(seen[:, 6] / 3.0, 1.0)
+        step = ((seen[:, 3:6] - seen[:, :3]) ** 2).sum(axis=1)
+        strong = step / (step + WEAK_STEP**2)
+        return np.asarray(apart * (0.25 * (1 - known) + known * strong))
 
     def learn(self, image: Image, fit: Fit, rate: float = 0.1) -> None:
-        """Take up the appearance of the edges at the pose of the latest fit."""
-        points, keys, rows, weights = self.last
-        lines, _, side = self.place(points, keys, fit.cam_from_world.rotation, fit.cam_from_world.translation)
+        """Take up the appearance of edges and faces at the pose of the latest fit."""
+        points, keys, rows, weights, patch_weights, found = self.last
+        pose = fit.cam_from_world
+        lines, _, side = self.place(points, keys, pose.rotation, pose.translation)
         learn(image, lines, side, rows, weights, self.appearance, rate)
+        self.texture.remember(patch_weights, found >= 0)
+        if np.count_nonzero(patch_weights) < ENOUGH_FOUND:
+            self.texture.take(image, pose, lines[side != 9, :2])

@@ -9,6 +9,9 @@ from tracker.compiled import compiled
 from tracker.geometry_kernels import solve6
 from trajectories.pose import Array
 
+PATCH_WEIGHT = 4.0
+"""Weight of a patch's displacement along either axis against that of a control point."""
+
 Indices = NDArray[np.int64]
 
 
@@ -109,6 +112,9 @@ def m_estimate(
     distance: Array,
     penalty: Array,
     trust: Array,
+    J_patch: Array,
+    moved: Array,
+    found: Array,
     prior: Array,
     offset: Array,
     start: Array,
@@ -117,33 +123,47 @@ def m_estimate(
     """Camera motion x (6,) that brings the control points onto their best candidates, robustly.
 
     Iterated weighted least squares with Tukey's weights, of the widths `scales` in px one after the other, times
-    trust (n,); `offset` (6,) is the predicted motion and `prior` (6, 6) its information. Returns x, the information of
-    the edges alone at 1 px (6, 6), residuals (n,) and weights (n,).
+    trust (n,). Patches with J_patch (m, 2, 6) and displacements (m, 2) take part where found (m,) > 0. `offset` (6,) is
+    the predicted motion and `prior` (6, 6) its information. Returns x, the information at 1 px without the prior
+    (6, 6), and the weights of control points (n,) and of patches (m,).
     """
     n, k = distance.shape
     x = start.copy()
     step = np.zeros(6)
-    weights, residuals = np.zeros(n), np.full(n, np.inf)
+    weights, patch_weights = np.zeros(n), np.zeros(len(moved))
     A, b, information = np.empty((6, 6)), np.empty(6), np.zeros((6, 6))
     for scale in scales:
         information[:] = 0.0
         b[:] = 0.0
         for p in range(n):
-            moved = 0.0
+            shift = 0.0
             for i in range(6):
-                moved += J[p, i] * x[i]
+                shift += J[p, i] * x[i]
             best, r_best = np.inf, np.inf
             for c in range(k):
-                r = distance[p, c] - moved
+                r = distance[p, c] - shift
                 cost = r * r / (scale * scale) + 0.1 * penalty[p, c]
                 if cost < best:
                     best, r_best = cost, r
-            residuals[p] = r_best
             weights[p] = 0.0
             if best < 1.0:
                 w = 1.0 - best
                 weights[p] = trust[p] * w * w
                 add_row(information, b, J[p], r_best, weights[p])
+        for p in range(len(moved)):
+            patch_weights[p] = 0.0
+            if found[p] <= 0.0:
+                continue
+            ru, rv = moved[p, 0], moved[p, 1]
+            for i in range(6):
+                ru -= J_patch[p, 0, i] * x[i]
+                rv -= J_patch[p, 1, i] * x[i]
+            cost = (ru * ru + rv * rv) / (scale * scale)
+            if cost < 1.0:
+                w = PATCH_WEIGHT * (1.0 - cost) * (1.0 - cost)
+                patch_weights[p] = w
+                add_row(information, b, J_patch[p, 0], ru, w)
+                add_row(information, b, J_patch[p, 1], rv, w)
         for i in range(6):
             for j in range(6):
                 A[i, j] = information[i, j] + prior[i, j]
@@ -152,16 +172,33 @@ def m_estimate(
             break
         for i in range(6):
             x[i] += step[i]
-    return x, information, residuals, weights
+    return x, information, weights, patch_weights
 
 
 @compiled
-def sandwich(J: Array, weights: Array, edge: Indices, A: Array, sigma: float, common: float) -> Array:
+def sandwich(
+    J: Array,
+    weights: Array,
+    edge: Indices,
+    J_patch: Array,
+    patch_weights: Array,
+    A: Array,
+    sigma: float,
+    common: float,
+    patch_sigma: float,
+) -> Array:
     """Covariance (6, 6) of the least-squares motion with information A at 1 px.
 
-    The error of a control point is sigma px of its own and `common` px shared by its edge; edge (n,) ascending.
+    The error of a control point is sigma px of its own and `common` px shared by its edge; edge (n,) ascending. That
+    of a patch is patch_sigma px along either axis.
     """
     B = np.zeros((6, 6))
+    for p in range(len(J_patch)):
+        w = patch_sigma * patch_weights[p]
+        for axis in range(2):
+            for i in range(6):
+                for j in range(6):
+                    B[i, j] += w * w * J_patch[p, axis, i] * J_patch[p, axis, j]
     total = np.zeros(6)
     n = len(J)
     for p in range(n):
