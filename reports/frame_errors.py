@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from reports.ape import absolute_errors
 from reports.association import NS, PosePairs
+from reports.camera_poses import bodies, estimated_cameras
 from reports.quaternions import normalized
 from scenes.sequence import Sequence
 from tracker.results import Results
 from tracker.run import stride
 from trajectories.errors import UserError
-from trajectories.pose import Array
+from trajectories.pose import Array, quaternion_from_rotation
 
 SUCCESS_M = 0.05
 SUCCESS_DEG = 5.0
@@ -93,12 +94,10 @@ def frame_errors(sequence: Sequence, results: Results) -> FrameErrors:
 
 def estimated_bodies(results: Results) -> tuple[Array, Array]:
     """Positions (n, 3) and quaternions wxyz (n, 4) of `world_from_body` in each row, NaN without a pose."""
-    positions, quaternions = np.full((len(results), 3), np.nan), np.full((len(results), 4), np.nan)
-    mount = results.cam_from_body
-    for i, row in enumerate(results.rows):
-        if row.cam_from_world is not None and np.isfinite(row.cam_from_world.matrix).all():
-            world_from_body = row.cam_from_world.inverse() @ mount
-            positions[i], quaternions[i] = world_from_body.translation, world_from_body.quaternion_wxyz
+    R, positions = bodies(*estimated_cameras(results), results.cam_from_body)
+    quaternions = np.full((len(results), 4), np.nan)
+    ok = np.isfinite(positions).all(axis=1)
+    quaternions[ok] = quaternion_from_rotation(R[ok])
     return positions, quaternions
 
 

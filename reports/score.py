@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -100,6 +101,7 @@ class Score:
 
 
 _ADAPTER = TypeAdapter(Score)
+_versions = lru_cache(versions)
 
 
 def score(sequence: Sequence, results: Results) -> Score:
@@ -171,5 +173,5 @@ def how(sequence: Sequence, results: Results) -> dict[str, Any]:
         "std_ddof": 0,
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
         "results": {k: results.record.get(k) for k in ("tracker", "rate_hz", "seed", "content_hash", "versions")},
-        "versions": versions(),
+        "versions": dict(_versions()),
     }

@@ -16,7 +16,7 @@ from tracker.variants import TRACKERS
 from trajectories.pose import Pose
 from trajectories.streams import stream
 
-CAM_FROM_BODY = Pose([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0, 0, 0])
+CAM_FROM_BODY = Pose(np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]), np.zeros(3))
 SIZE_M = np.array([0.6, 0.4, 0.5])
 RATE_HZ = 15
 
@@ -97,7 +97,7 @@ def results_of(sequence: Sequence, rows: list[TrackResult], rate_hz: float = RAT
 
 def true_rows(sequence: Sequence, offset_m: float = 0.0) -> list[TrackResult]:
     """The true poses, the camera moved along its x axis."""
-    shift = Pose(np.eye(3), [offset_m, 0, 0])
+    shift = Pose(np.eye(3), np.array([offset_m, 0, 0]))
     return [
         TrackResult(status="ok", cam_from_world=shift @ sequence.true_cam_from_world(i), stage_ms={"total": 10.0 + i})
         for i in range(len(sequence))

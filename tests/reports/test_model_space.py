@@ -20,6 +20,10 @@ CAMERA = Camera.from_field_of_view(320, 240, 70)
 TRUTH = Pose(np.eye(3), [0, 0, 3.0])
 
 
+def one(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    return pose.rotation[None], pose.translation[None]
+
+
 def cuboid(x: float, y: float, z: float) -> Structure:
     b = box()
     size = b.bounds[1] - b.bounds[0]
@@ -31,8 +35,8 @@ def test_a_shift_is_its_own_error(x: float, y: float, z: float) -> None:
     points = box().vertices
     shifted = Pose(np.eye(3), np.add(TRUTH.translation, [x, y, z]))
     length = float(np.linalg.norm([x, y, z]))
-    assert add(points, TRUTH, shifted) == pytest.approx(length, abs=1e-12)
-    assert mssd(points, TRUTH, shifted, (Pose.identity(),)) == pytest.approx(length, abs=1e-12)
+    assert add(points, one(TRUTH), one(shifted)) == pytest.approx(length, abs=1e-12)
+    assert mssd(points, one(TRUTH), one(shifted), (Pose.identity(),)) == pytest.approx(length, abs=1e-12)
 
 
 def test_the_symmetries_of_a_box_are_found() -> None:
@@ -45,21 +49,21 @@ def test_a_half_turn_of_a_box_is_no_surface_error_but_an_add_error() -> None:
     structure = cuboid(0.3, 0.4, 0.5)
     symmetries = box_symmetries(structure)
     turned = TRUTH @ symmetries[1]
-    assert add(structure.vertices, TRUTH, turned) > 0.2
-    assert mssd(structure.vertices, TRUTH, turned, symmetries) == pytest.approx(0, abs=1e-12)
-    assert mspd(structure.vertices, TRUTH, turned, symmetries, CAMERA) == pytest.approx(0, abs=1e-9)
+    assert add(structure.vertices, one(TRUTH), one(turned)) > 0.2
+    assert mssd(structure.vertices, one(TRUTH), one(turned), symmetries) == pytest.approx(0, abs=1e-12)
+    assert mspd(structure.vertices, one(TRUTH), one(turned), symmetries, CAMERA) == pytest.approx(0, abs=1e-9)
 
 
 def test_a_sideways_shift_in_pixels() -> None:
     far = Pose(np.eye(3), [0, 0, 100.0])
     moved = Pose(np.eye(3), [0.1, 0, 100.0])
     expected = CAMERA.fx * 0.1 / 100
-    assert mspd(box().vertices, far, moved, (Pose.identity(),), CAMERA) == pytest.approx(expected, rel=0.01)
-    assert edge_reprojection(box(), CAMERA, far, moved) == pytest.approx(expected, rel=0.01)
+    assert mspd(box().vertices, one(far), one(moved), (Pose.identity(),), CAMERA) == pytest.approx(expected, rel=0.01)
+    assert edge_reprojection(box(), CAMERA, one(far), one(moved)) == pytest.approx(expected, rel=0.01)
 
 
 def test_a_point_behind_the_camera_is_infinitely_wrong() -> None:
-    assert mspd(box().vertices, TRUTH, Pose(np.eye(3), [0, 0, -0.1]), (Pose.identity(),), CAMERA) == np.inf
+    assert mspd(box().vertices, one(TRUTH), one(Pose(np.eye(3), [0, 0, -0.1])), (Pose.identity(),), CAMERA) == np.inf
 
 
 def test_a_run_is_summarized_over_the_frames_with_a_pose(sequence: Sequence) -> None:

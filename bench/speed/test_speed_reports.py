@@ -1,0 +1,112 @@
+"""How fast trajectories are scored, and a whole study scored, bootstrapped and plotted."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from reports.evaluate import Options, evaluate
+from reports.figures_statistics import critical_difference, win_table
+from reports.score import score
+from reports.statistics import compare_pairs, ranks
+from reports.style import house_style
+from reports.tables import summary_table, write_tables
+from tests.reports.drawn import make_sequence, results_of, true_rows
+from tracker.base import TrackResult
+from trajectories.pose import Pose
+from trajectories.trajectory import Trajectory
+
+POSES = 100_000
+
+
+def pair(n: int = POSES) -> tuple[Trajectory, Trajectory]:
+    """An orbit at 100 Hz, and an estimate of it with noise, jittered stamps and 5 % of its poses dropped."""
+    rng = np.random.default_rng(0)
+    stamps = np.arange(n) * 10_000_000
+    s = stamps / 1e9
+    p = np.column_stack([4 * np.cos(0.2 * s), 4 * np.sin(0.2 * s), 2 + 0.3 * np.sin(0.9 * s)])
+    q = np.column_stack([np.cos(0.1 * s), 0 * s, 0.1 * np.sin(0.3 * s), np.sin(0.1 * s)])
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    q_noisy = q + rng.normal(0, 0.003, q.shape)
+    q_noisy /= np.linalg.norm(q_noisy, axis=1)[:, None]
+    kept = rng.random(n) > 0.05
+    jittered = stamps + rng.integers(-1_000_000, 1_000_000, n)
+    estimate = Trajectory(jittered[kept], (p + rng.normal(0, 0.01, p.shape))[kept], q_noisy[kept])
+    return Trajectory(stamps, p, q), estimate
+
+
+@pytest.mark.parametrize("align", ["none", "se3"])
+def test_ate_and_rpe_with_association(benchmark: Any, align: Any) -> None:
+    """Association, ATE and RPE of translation and rotation."""
+    reference, estimate = pair()
+    found = benchmark.pedantic(evaluate, (reference, estimate, Options(align=align)), rounds=9, warmup_rounds=1)
+    assert found.ate["translation_m"].n > 0.94 * POSES
+
+
+def test_evo_on_the_same_poses(benchmark: Any) -> None:
+    """The oracle on the same poses: association, APE and RPE of translation and rotation."""
+    from evo.core import metrics, sync
+    from evo.core.trajectory import PoseTrajectory3D
+
+    def run() -> list[float]:
+        both = [PoseTrajectory3D(t.positions_m, t.quaternions_wxyz, t.stamps_ns / 1e9) for t in pair()]
+        matched = sync.associate_trajectories(*both, max_diff=0.01)
+        rmse = []
+        for relation in (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_deg):
+            for metric in (metrics.APE(relation), metrics.RPE(relation, delta=1, delta_unit=metrics.Unit.frames)):
+                metric.process_data(matched)
+                rmse.append(float(metric.get_statistic(metrics.StatisticsType.rmse)))
+        return rmse
+
+    ape_m, rpe_m, ape_deg, rpe_deg = benchmark.pedantic(run, rounds=1)
+    ours = evaluate(*pair(), Options(association="evo"))
+    assert ours.rpe is not None
+    found = [ours.ate["translation_m"], ours.rpe["translation_m"], ours.ate["rotation_deg"], ours.rpe["rotation_deg"]]
+    np.testing.assert_allclose([f.rmse for f in found], [ape_m, rpe_m, ape_deg, rpe_deg], rtol=1e-9)
+
+
+def test_a_study_scored_bootstrapped_and_plotted(benchmark: Any, tmp_path: Path) -> None:
+    """20 sequences x 10 seeds x 6 trackers: every run scored, the table with intervals, ranks and wins plotted."""
+    sequence = make_sequence(tmp_path / "arc", 60)
+    rng = np.random.default_rng(0)
+    true = true_rows(sequence)
+    runs = []
+    for k in range(6):
+        for number in range(20):
+            for seed in range(10):
+                rows = [_noisy(row, rng, 0.01 * (k + 1)) for row in true]
+                made = results_of(sequence, rows)
+                runs.append((f"tracker-{k}", f"sequence-{number}", seed, made))
+
+    def study() -> None:
+        scored = []
+        for label, name, seed, results in runs:
+            found = replace(score(sequence, results), label=label, sequence=name, seed=seed)
+            scored.append(found)
+        write_tables(summary_table(scored), tmp_path / "summary")
+        names = list(dict.fromkeys(s.run for s in scored))
+        values = {
+            name: [
+                np.array(
+                    [1 - s.tracking.success_auc for s in scored if s.run == name and s.sequence == f"sequence-{q}"]
+                )
+                for q in range(20)
+            ]
+            for name in names
+        }
+        colours = {name: k for k, name in enumerate(names)}
+        with house_style():
+            flat = {name: np.concatenate(v) for name, v in values.items()}
+            critical_difference(ranks(flat), colours, tmp_path / "ranks", "area over the success curve")
+            win_table(names, compare_pairs(values), tmp_path / "wins", "area over the success curve")
+
+    benchmark.pedantic(study, rounds=1)
+    assert (tmp_path / "wins.pdf").exists()
+
+
+def _noisy(row: TrackResult, rng: np.random.Generator, sigma_m: float) -> TrackResult:
+    assert row.cam_from_world is not None
+    moved = Pose(np.eye(3), rng.normal(0, sigma_m, 3)) @ row.cam_from_world
+    return TrackResult(status="ok", cam_from_world=moved, stage_ms={"total": 5.0})
