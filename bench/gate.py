@@ -15,8 +15,9 @@ from typing import Literal
 import numpy as np
 
 from bench.gate_scores import Key, PairedValues, Side, expect_comparable, read_side, read_timing
-from bench.gate_statistics import hierarchical_bootstrap, holm, sign_flip_p
+from bench.gate_statistics import hierarchical_bootstrap, sign_flip_p
 from reports.score import PoseErrors, Score
+from reports.statistics import holm
 from trajectories.errors import UserError
 
 Verdict = Literal["pass", "fail", "inconclusive"]

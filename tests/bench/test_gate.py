@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import stats
 
 from bench.cli import main
 from bench.gate import Margins, gate, overall
 from bench.gate_reports import to_junit, to_text
-from bench.gate_statistics import hierarchical_bootstrap, holm, sign_flip_p
+from bench.gate_statistics import hierarchical_bootstrap, sign_flip_p
 from reports.latency import Latency
 from reports.score import PoseErrors, Score
 from reports.summary import ErrorSummary
@@ -239,16 +237,6 @@ def test_bootstrap_takes_sequences_of_unlike_length():
     assert (paired.mean, paired.low, paired.high) == pytest.approx((1.0, 1.0, 1.0), abs=1e-12)
     assert paired.p_above(0.5) < 1e-4
     assert paired.p_above(1.0) == 1.0
-
-
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
-@settings(max_examples=100)
-def test_holm_is_as_statsmodels_defines_it(p):
-    adjusted = holm(p)
-    order = np.argsort(p, kind="stable")
-    expected = np.minimum(1, np.maximum.accumulate([(len(p) - r) * p[i] for r, i in enumerate(order)]))
-    np.testing.assert_allclose(np.array(adjusted)[order], expected)
-    assert all(a >= b for a, b in zip(adjusted, p, strict=True))
 
 
 def test_sign_flip_is_the_sign_test_for_like_steps():
