@@ -80,20 +80,24 @@ def mssd(points: Array, truth: Poses, estimate: Poses, symmetries: ListOf[Pose])
 
 
 def mspd(points: Array, truth: Poses, estimate: Poses, symmetries: ListOf[Pose], camera: Camera) -> Array:
-    """Maximum symmetry-aware projection distance (n,) in px; infinite when a point lies behind either camera."""
+    """Maximum symmetry-aware projection distance (n,) in px, at most the image's diagonal.
+
+    It is the diagonal where a point lies behind a camera: such a frame counts as wholly wrong, and is not left out.
+    """
     at = _pixels(_at(points, estimate), camera)
     each = []
     for symmetry in symmetries:
         apart = at - _pixels(_at(symmetry.transform(points), truth), camera)
-        each.append(np.nan_to_num(np.linalg.norm(apart, axis=2), nan=np.inf).max(axis=1))
-    return np.asarray(np.min(each, axis=0))
+        distance = np.linalg.norm(apart, axis=2)
+        each.append(np.where(np.isnan(distance), np.inf, distance).max(axis=1))
+    return np.minimum(np.min(each, axis=0), diagonal_px(camera))
 
 
 def edge_reprojection(structure: Structure, camera: Camera, truth: Poses, estimate: Poses) -> Array:
     """Mean distance (n,) in px between points of the edges, projected at both poses.
 
     Points count that lie in the image at the true pose, on edges beside a face that is visible there; NaN when none
-    does, infinite when one of them lies behind the estimated camera.
+    does. At most the image's diagonal per point.
     """
     ends = structure.edge_segments
     w = np.linspace(0, 1, POINTS_PER_EDGE)[None, :, None]
@@ -108,8 +112,14 @@ def edge_reprojection(structure: Structure, camera: Camera, truth: Poses, estima
     middle, half = np.array([camera.width - 1, camera.height - 1]) / 2, np.array([camera.width, camera.height]) / 2
     inside = seen & (np.abs(here - middle) <= half).all(axis=2)
     apart = np.where(inside[..., None], there, 0.0) - np.where(inside[..., None], here, 0.0)
-    distance, count = np.linalg.norm(apart, axis=2), inside.sum(axis=1)
+    distance = np.minimum(np.linalg.norm(apart, axis=2), diagonal_px(camera))
+    count = inside.sum(axis=1)
     return np.where(count > 0, distance.sum(axis=1) / np.maximum(count, 1), np.nan)
+
+
+def diagonal_px(camera: Camera) -> float:
+    """Length of the image's diagonal."""
+    return float(np.hypot(camera.width, camera.height))
 
 
 @lru_cache(maxsize=16)

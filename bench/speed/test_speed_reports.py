@@ -1,5 +1,6 @@
 """How fast trajectories are scored, and a whole study scored, bootstrapped and plotted."""
 
+import importlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,11 +48,10 @@ def test_ate_and_rpe_with_association(benchmark: Any, align: Any) -> None:
 
 def test_evo_on_the_same_poses(benchmark: Any) -> None:
     """The oracle on the same poses: association, APE and RPE of translation and rotation."""
-    from evo.core import metrics, sync
-    from evo.core.trajectory import PoseTrajectory3D
+    metrics, sync, poses = (importlib.import_module(f"evo.core.{name}") for name in ("metrics", "sync", "trajectory"))
 
     def run() -> list[float]:
-        both = [PoseTrajectory3D(t.positions_m, t.quaternions_wxyz, t.stamps_ns / 1e9) for t in pair()]
+        both = [poses.PoseTrajectory3D(t.positions_m, t.quaternions_wxyz, t.stamps_ns / 1e9) for t in pair()]
         matched = sync.associate_trajectories(*both, max_diff=0.01)
         rmse = []
         for relation in (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_deg):
