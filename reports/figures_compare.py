@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from reports.frame_errors import SUCCESS_M
 from reports.runs import ScoredRun
@@ -45,7 +45,9 @@ def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     for panel in panels[:2]:
         panel.set_yscale("log")
         low, high = panel.get_ylim()
-        panel.set_ylim(10 ** np.floor(np.log10(low)), high)
+        bottom = 10 ** np.floor(np.log10(low))
+        panel.set_ylim(bottom, max(high, 10 * bottom))
+        panel.yaxis.set_minor_formatter(NullFormatter())
         panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     panels[0].axhline(100 * SUCCESS_M, color=TRUTH, lw=0.6, ls=":")
     panels[1].axhline(5, color=TRUTH, lw=0.6, ls=":")

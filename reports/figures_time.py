@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from reports.association import NS
@@ -146,6 +146,7 @@ def nice_log(panel: Axes) -> None:
     """Plain numbers on a logarithmic y axis, nothing below a hundredth."""
     panel.set_ylim(bottom=max(panel.get_ylim()[0], 0.01))
     panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
 
 
 def finite(value: float) -> float | None:

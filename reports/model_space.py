@@ -90,7 +90,7 @@ def mspd(points: Array, truth: Poses, estimate: Poses, symmetries: ListOf[Pose],
         apart = at - _pixels(_at(symmetry.transform(points), truth), camera)
         distance = np.linalg.norm(apart, axis=2)
         each.append(np.where(np.isnan(distance), np.inf, distance).max(axis=1))
-    return np.minimum(np.min(each, axis=0), diagonal_px(camera))
+    return np.asarray(np.minimum(np.min(each, axis=0), diagonal_px(camera)))
 
 
 def edge_reprojection(structure: Structure, camera: Camera, truth: Poses, estimate: Poses) -> Array:

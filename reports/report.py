@@ -77,7 +77,7 @@ def write_report(
 
 def write_scores(folder: Path, title: str, scores: ListOf[Score]) -> None:
     """Write `scores.json`, the same on every run, and `latency.json`, the times, which are not."""
-    timed = ("latency", "deadline_misses")
+    timed = ("latency", "deadline_misses", "replay")
     rows = [score.to_json() for score in scores]
     accuracy = [{key: row[key] for key in row if key not in timed} for row in rows]
     times = [{key: row[key] for key in ("label", "rate_hz", "seed", "sequence", *timed)} for row in rows]

@@ -38,6 +38,9 @@ COLUMNS: tuple[Column, ...] = (
     Column(head="frame p50", unit="ms", best="min", decimals=1),
     Column(head="frame p95", unit="ms", best="min", decimals=1),
 )
+SUCCESS_COLUMNS = (1, 2)
+KEEPS_UP = 0.9
+"""Other columns are won among trackers with this share of the best success: one that is lost has no good error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +118,8 @@ def summary_table(scores: ListOf[Score]) -> Table:
     for rate in {score.rate_hz for score in scores}:
         rivals = [run for run in groups if groups[run][0].rate_hz == rate]
         for k, column in enumerate(COLUMNS):
-            _mark_best(
-                {run: cells[run] for run in rivals}, {run: by_sequence(groups[run], k) for run in rivals}, k, column
-            )
+            fit = rivals if k in SUCCESS_COLUMNS else [run for run in rivals if _keeps_up(run, rivals, cells)]
+            _mark_best({run: cells[run] for run in fit}, {run: by_sequence(groups[run], k) for run in fit}, k, column)
     order = sorted(groups, key=lambda run: (-groups[run][0].rate_hz, cells[run][1].mean or 0.0))
     n = max(len(group) for group in groups.values())
     return Table(
@@ -127,7 +129,8 @@ def summary_table(scores: ListOf[Score]) -> Table:
             if n > 1
             else "One run each: no interval can be given. "
         )
-        + "Bold: best at its rate; *: better than every other there at the 5 % level (paired, Holm).",
+        + "Bold: best at its rate, among the trackers with at least 90 % of the best success there; *: better than each "
+        "of them at the 5 % level (paired, Holm).",
         tuple((run, tuple(cells[run])) for run in order),
     )
 
@@ -227,6 +230,11 @@ def _mark_best(cells: Mapping[str, list[Cell]], values: Mapping[str, list[Array]
         cell = cells[run][k]
         significant = len(winners) == 1 and len(cells) > 1 and _beats_all(run, values, whole)
         cells[run][k] = Cell(**{**vars(cell), "best": True, "significant": significant})
+
+
+def _keeps_up(run: str, rivals: ListOf[str], cells: Mapping[str, list[Cell]]) -> bool:
+    success = {rival: cells[rival][SUCCESS_COLUMNS[0]].mean or 0.0 for rival in rivals}
+    return success[run] > 0 and success[run] >= KEEPS_UP * max(success.values())
 
 
 def _beats_all(run: str, values: Mapping[str, list[Array]], whole: Mapping[str, Cell]) -> bool:
