@@ -14,7 +14,7 @@ from scenes.noise import Image
 from scenes.parts import BuiltStructure, Part, Texture
 from scenes.structure import Structure
 
-PX_PER_M = 2000
+PX_PER_M = 1600
 MARGIN_M = 0.012
 INK = (46.0, 40.0, 40.0)
 TAPE = (176.0, 138.0, 92.0)

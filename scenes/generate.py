@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scenes import gl
 from scenes.bake import bake
 from scenes.effects import EFFECTS
+from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
 from scenes.light import encode
 from scenes.meshes import joined, merged
 from scenes.parts import BuiltStructure, Light, Mover, Part, Texture
@@ -21,10 +22,11 @@ from scenes.render import Renderer
 from scenes.sequence import TRUTH_COLUMNS, save_structure, write_manifest
 from scenes.source import Source, make_source, render_camera
 from scenes.spec import EffectSpec, SequenceSpec
+from scenes.structure import Structure
 from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text
 from trajectories.flight import Flight, fly
-from trajectories.pose import Pose
+from trajectories.pose import Array, Pose
 from trajectories.sensors import write_flight
 from trajectories.streams import stream
 from trajectories.surroundings import Surroundings
@@ -50,8 +52,9 @@ def generate(
         ideal = make_source(renderer, camera, pinhole, lens, camera_path(flight, spec.mount.cam_from_body))
         check_first_view(spec, ideal)
         source = with_effects(ideal, spec.effects, spec.seed)
-        rows = _write_frames(new, source, flight, spec.rate_hz, on_frame)
+        rows = _write_frames(new, spec, source, flight, scene.built.structure, on_frame)
         _write_truth(new, flight, rows)
+        write_flight(flight, spec.sensors, scene.surroundings, spec.seed, new)
         write_flight(flight, spec.flight.sensors, scene.surroundings, spec.seed, new)
         camera.save(new / "camera.toml")
         save_structure(scene.built.structure, new)
@@ -79,17 +82,19 @@ def build_scene(spec: SequenceSpec) -> Scene:
     """Structure, environment and clutter of a spec, lit."""
     built = spec.structure.build(stream(spec.seed, "structure"))
     bounds = built.structure.bounds
+    parts, record = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
+    built = replace(built, parts=parts, deviation=record)
     environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
     clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
     occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.two_sided))
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
     shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
-    parts = bake(shaded, occluder, environment.light, reach)
-    parts += merged(p for p in solid if 1 < p.instance < 10)
+    drawn = bake(shaded, occluder, environment.light, reach)
+    drawn += merged(p for p in solid if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
     flown_around = Surroundings(built.structure.vertices, built.structure.triangles)
-    return Scene(built, parts, movers, environment.light, environment.sky, flown_around)
+    return Scene(built, drawn, movers, environment.light, environment.sky, flown_around)
 
 
 def camera_path(flight: Flight, cam_from_body: Pose) -> Callable[[int], Pose]:
@@ -134,25 +139,60 @@ def check_first_view(spec: SequenceSpec, source: Source) -> None:
 
 
 def _write_frames(
-    folder: Path, source: Source, flight: Flight, rate_hz: float, on_frame: Callable[[int, int], None] | None
+    folder: Path,
+    spec: SequenceSpec,
+    source: Source,
+    flight: Flight,
+    structure: Structure,
+    on_frame: Callable[[int, int], None] | None,
 ) -> NDArray[np.int64]:
-    """Write the images and frames.csv; returns the flight's rows of the frames that arrived."""
-    rows = flight.frame_rows(rate_hz)
+    """Write images, frames.csv and the truth of each frame; returns the flight's rows of the frames that arrived."""
+    rows = flight.frame_rows(spec.rate_hz)
     (folder / "frames").mkdir()
     arrived: list[int] = []
+    row_truth: list[Array] = []
     lines = ["frame,stamp_ns,file"]
     for number, row in enumerate(rows.tolist()):
         stamp_ns = int(flight.stamps_ns[row])
-        image = source.image(stamp_ns)
-        if image is not None:
-            name = f"frames/{len(arrived):06d}.png"
-            _write_image(folder / name, encode(image))
-            lines.append(f"{len(arrived)},{stamp_ns},{name}")
+        light = source.image(stamp_ns)
+        if light is not None:
+            frame, image = len(arrived), encode(light)
+            name = f"frames/{frame:06d}.png"
+            _write_image(folder / name, image)
+            lines.append(f"{frame},{stamp_ns},{name}")
             arrived.append(row)
+            if spec.truth:
+                _write_frame_truth(folder, spec, frame, source, structure, image, stamp_ns)
+            if source.row_delay_ns:
+                row_truth.append(row_poses(source, _world_from_body(source, spec), stamp_ns))
         if on_frame is not None:
             on_frame(number + 1, len(rows))
     write_text(folder / "frames.csv", "\n".join(lines) + "\n")
+    if row_truth:
+        np.save(folder / "row_poses.npy", np.array(row_truth))
     return np.array(arrived, dtype=np.int64)
+
+
+def _write_frame_truth(
+    folder: Path,
+    spec: SequenceSpec,
+    frame: int,
+    source: Source,
+    structure: Structure,
+    image: NDArray[np.uint8],
+    stamp_ns: int,
+) -> None:
+    view = source.look(stamp_ns)
+    if "depth" in spec.truth:
+        write_depth(folder, frame, source, view)
+    if "mask" in spec.truth:
+        write_mask(folder, frame, source, view)
+    if "edges" in spec.truth:
+        write_edges(folder, frame, source, view, structure, image)
+
+
+def _world_from_body(source: Source, spec: SequenceSpec) -> Callable[[int], Pose]:
+    return lambda stamp_ns: source.cam_from_world(stamp_ns).inverse() @ spec.mount.cam_from_body
 
 
 def _write_image(path: Path, image: NDArray[np.uint8]) -> None:
@@ -188,6 +228,7 @@ def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: Source, 
         "rate_hz": spec.rate_hz,
         "cam_from_body": spec.mount.cam_from_body.matrix.tolist(),
         "row_delay_ns": source.row_delay_ns,
+        "depth_m_per_unit": DEPTH_M_PER_UNIT,
         "deviation": scene.built.deviation,
         "content_hash": content_hash,
         "versions": {"uavbench": own, "numpy": np.__version__, "opencv": cv2.__version__, "gl": gl.version()},

@@ -14,7 +14,7 @@ from scenes.parts import BuiltEnvironment, Light, Part
 from trajectories.pose import Array, rotation_exp
 
 TILE_M = 2.4
-TILE_PX = 2048
+TILE_PX = 1536
 SKIRTING_M = 0.09
 
 

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
@@ -9,14 +10,8 @@ Image = NDArray[np.float32]
 
 def tiling(shape: tuple[int, int], size_px: float | tuple[float, float], rng: np.random.Generator) -> Image:
     """Smooth noise (h, w) of zero mean and unit deviation that tiles; features of size_px (along y, along x)."""
-    sy, sx = (size_px, size_px) if isinstance(size_px, int | float) else size_px
-    h, w = shape
-    spectrum = np.fft.rfft2(rng.standard_normal(shape, dtype=np.float32))
-    fy, fx = np.fft.fftfreq(h)[:, None], np.fft.rfftfreq(w)[None]
-    spectrum *= np.exp(-2 * np.square(np.pi) * (np.square(fy * sy / 2) + np.square(fx * sx / 2)))
-    spectrum[0, 0] = 0
-    noise = np.fft.irfft2(spectrum, s=shape)
-    return (noise / max(float(noise.std()), 1e-12)).astype(np.float32)
+    sizes = (float(size_px), float(size_px)) if isinstance(size_px, int | float) else size_px
+    return _shaped(shape, [(1.0, *sizes)], rng)
 
 
 def fractal(
@@ -25,14 +20,26 @@ def fractal(
     rng: np.random.Generator,
     octaves: int = 5,
     gain: float = 0.6,
-    stretch: tuple[float, float] = (1.0, 1.0),
 ) -> Image:
-    """Sum of tiling noises, each octave half the size and `gain` the height of the one before; unit deviation."""
-    total = np.zeros(shape, dtype=np.float32)
-    for octave in range(octaves):
-        size = largest_px / 2**octave
-        total += gain**octave * tiling(shape, (size * stretch[0], size * stretch[1]), rng)
-    return total / max(float(total.std()), 1e-12)
+    """Noise of several octaves, each half the size and `gain` the height of the one before; unit deviation, tiles."""
+    sizes = [largest_px / 2**octave for octave in range(octaves)]
+    return _shaped(shape, [(gain**k, size, size) for k, size in enumerate(sizes)], rng)
+
+
+def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], rng: np.random.Generator) -> Image:
+    """Gaussian noise whose power is the sum of that of its octaves (height, size along y, along x), in one transform."""
+    h, w = shape
+    fy, fx = np.fft.fftfreq(h).astype(np.float32)[:, None], np.fft.rfftfreq(w).astype(np.float32)[None]
+    power = np.zeros((h, w // 2 + 1), dtype=np.float32)
+    for height, sy, sx in octaves:
+        one = np.exp(-4 * np.square(np.pi) * np.square(fy * sy / 2)) * np.exp(
+            -4 * np.square(np.pi) * np.square(fx * sx / 2)
+        )
+        one[0, 0] = 0
+        power += (height**2 / max(float(one.mean()), 1e-12)) * one
+    spectrum = scipy.fft.rfft2(rng.standard_normal(shape, dtype=np.float32)) * np.sqrt(power)
+    noise = scipy.fft.irfft2(spectrum, s=shape)
+    return np.asarray(noise / max(float(noise.std()), 1e-12), dtype=np.float32)
 
 
 def paint(color: tuple[float, float, float], shade: Image) -> Image:

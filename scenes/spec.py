@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Protocol
 import numpy as np
 from annotated_types import Ge, Gt, Lt
 
+from scenes.as_built import Deviation
 from scenes.camera import Camera
 from scenes.parts import BuiltClutter, BuiltEnvironment, BuiltStructure
 from scenes.source import Source
@@ -13,6 +14,7 @@ from trajectories.errors import UserError
 from trajectories.flight import FlightSpec
 from trajectories.mount import Mount
 from trajectories.pose import Array
+from trajectories.sensor import SensorSpec
 
 
 class StructureSpec(Protocol):
@@ -85,7 +87,8 @@ class CameraSpec:
 class SequenceSpec:
     """One sequence: what is flown around, how, and what the camera does to the images.
 
-    truth names the extra ground truth written beside every frame; it does not change the images.
+    sensors ride on the body; deviation is what the built structure differs by from the designed one; truth names the
+    extra ground truth written beside every frame, which does not change the images.
     """
 
     name: str
@@ -98,4 +101,6 @@ class SequenceSpec:
     clutter: tuple[ClutterSpec, ...] = ()
     effects: tuple[EffectSpec, ...] = ()
     rate_hz: Annotated[float, Gt(0)] = 15.0
+    sensors: tuple[SensorSpec, ...] = ()
+    deviation: Deviation = field(default_factory=Deviation)
     truth: tuple[Literal["depth", "mask", "edges"], ...] = ()

@@ -1,0 +1,55 @@
+"""One picture of a whole sequence, and frames with the true model drawn on them."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.sequence import Sequence
+from trajectories.files import new_file
+
+GREEN = (80, 220, 60)
+NEAR_M = 0.05
+
+
+def contact_sheet(sequence: Sequence, columns: int = 4, rows: int = 3, width_px: int = 400) -> NDArray[np.uint8]:
+    """Frames (BGR) evenly spread over the sequence; those of the second half of each row with the true edges."""
+    count = columns * rows
+    frames = np.unique(np.linspace(0, len(sequence) - 1, count).astype(int)).tolist()
+    height = round(width_px * sequence.camera.height / sequence.camera.width)
+    sheet = np.full((rows * height, columns * width_px, 3), 24, dtype=np.uint8)
+    for k, frame in enumerate(frames):
+        image = with_edges(sequence, frame) if k % columns >= columns // 2 else sequence.image(frame)
+        small = cv2.resize(image, (width_px, height), interpolation=cv2.INTER_AREA)
+        seconds = float(sequence.stamps_ns[frame]) * 1e-9
+        cv2.putText(
+            small, f"{frame}  {seconds:.1f} s", (8, height - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255)
+        )
+        r, c = divmod(k, columns)
+        sheet[r * height : (r + 1) * height, c * width_px : (c + 1) * width_px] = small
+    return sheet
+
+
+def write_contact_sheet(sequence: Sequence, path: Path) -> None:
+    """Write the contact sheet as PNG or JPEG."""
+    data = cv2.imencode(path.suffix, contact_sheet(sequence))[1]
+    with new_file(path) as new:
+        new.write_bytes(data.tobytes())
+
+
+def with_edges(sequence: Sequence, frame: int) -> NDArray[np.uint8]:
+    """A frame (BGR) with the model's edges at the true pose, all of them, hidden or not."""
+    image = sequence.image(frame).copy()
+    pose, camera = sequence.true_cam_from_world(frame), sequence.camera
+    limit = 4 * max(camera.width, camera.height)
+    for a, b in sequence.structure.edge_segments:
+        points = pose.transform(np.linspace(a, b, 33))
+        points = points[points[:, 2] > NEAR_M]
+        rays = np.abs(points[:, :2] / points[:, 2:])
+        points = points[(rays < 3).all(axis=1)]
+        if len(points) < 2:
+            continue
+        pixels = np.clip(camera.project(points), -limit, limit)
+        cv2.polylines(image, [np.rint(pixels * 16).astype(np.int32)], False, GREEN, 1, cv2.LINE_AA, 4)
+    return image

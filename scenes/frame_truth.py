@@ -1,0 +1,142 @@
+"""Truth of each frame beyond its pose: depth, instances, the visible edges of the model, the poses of its rows."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.sequence import Sequence
+from scenes.source import Source, View, sample
+from scenes.structure import Structure
+from trajectories.pose import Array, Pose
+
+DEPTH_M_PER_UNIT = 0.001
+"""Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
+EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
+STEP_PX = 2.0
+MOST_SAMPLES = 400
+SIDE_PX = 2.5
+"""How far to either side of an edge its contrast is taken."""
+
+
+def write_depth(folder: Path, frame: int, source: Source, view: View) -> None:
+    """`depth/NNNNNN.png`, 16 bits, DEPTH_M_PER_UNIT metres a unit, along the optical axis, at the frame's stamp."""
+    units = np.rint(_as_camera(source, view.depth) / DEPTH_M_PER_UNIT)
+    units[units > 65535] = 0
+    _write(folder / "depth" / f"{frame:06d}.png", units.astype(np.uint16))
+
+
+def write_mask(folder: Path, frame: int, source: Source, view: View) -> None:
+    """`mask/NNNNNN.png`: 1 structure, 2 trees, 3 people, 4 birds, 10 and up lookalikes, 0 all else."""
+    _write(folder / "mask" / f"{frame:06d}.png", _as_camera(source, view.instances))
+
+
+def write_edges(
+    folder: Path, frame: int, source: Source, view: View, structure: Structure, image: NDArray[np.uint8]
+) -> None:
+    """`edges/NNNNNN.csv`: each visible stretch of each edge: its ends, its share of the edge, its contrast."""
+    rows = visible_edges(structure, source, view, image)
+    lines = [",".join(EDGE_COLUMNS)]
+    lines += [f"{int(r[0])}," + ",".join(f"{value:.4f}" for value in r[1:]) for r in rows.tolist()]
+    path = folder / "edges" / f"{frame:06d}.csv"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def visible_edges(structure: Structure, source: Source, view: View, image: NDArray[np.uint8]) -> Array:
+    """Visible stretches (n, 7) of the model's edges in a view, columns as EDGE_COLUMNS.
+
+    A stretch is visible where no surface lies before it in the depth of the view (within 1 %, one pixel around) and
+    it is inside the image. visible_share is the stretch's share of the whole edge, in metres; contrast the mean
+    difference of grey codes SIDE_PX to its left and right.
+    """
+    ends = view.cam_from_world.transform(structure.edge_segments.reshape(-1, 3)).reshape(-1, 2, 3)
+    which, share, points = _samples(ends, source.pinhole.fx)
+    front = points[:, 2] > 0.02
+    pinhole = source.pinhole
+    safe = np.where(front, points[:, 2], 1.0)
+    at = points[:, :2] / safe[:, None] * [pinhole.fx, pinhole.fy] + [pinhole.cx, pinhole.cy]
+    h, w = view.depth.shape
+    column, row = (np.clip(np.rint(at[:, k]).astype(int), 0, n - 1) for k, n in ((0, w), (1, h)))
+    inside = front & (np.abs(at[:, 0] - column) <= 0.5) & (np.abs(at[:, 1] - row) <= 0.5)
+    behind = np.where(view.depth > 0, view.depth, np.float32(1e9))
+    furthest = np.asarray(cv2.dilate(behind, np.ones((3, 3), dtype=np.uint8)))
+    seen = inside & (points[:, 2] <= 1.01 * furthest[row, column] + 1e-3)
+    pixels = np.full((len(points), 2), np.nan)
+    pixels[front] = source.camera.project(points[front]) if front.any() else 0.0
+    size = np.array([source.camera.width, source.camera.height])
+    with np.errstate(invalid="ignore"):
+        seen &= ((pixels >= -0.5) & (pixels <= size - 0.5)).all(axis=1)
+    contrast = _contrast(pixels, which, seen, image)
+    return _stretches(which, share, pixels, seen, contrast)
+
+
+def _samples(ends: Array, focal_px: float) -> tuple[NDArray[np.int64], Array, Array]:
+    """Edge, place along it (0..1) and point (n, 3) of samples about STEP_PX apart."""
+    near = np.maximum(ends[..., 2].min(axis=1), 0.2)
+    length_px = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / near * focal_px
+    count = np.clip(np.ceil(length_px / STEP_PX).astype(int) + 1, 3, MOST_SAMPLES)
+    which = np.repeat(np.arange(len(ends)), count)
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    share = (np.arange(len(which)) - first[which]) / (count[which] - 1)
+    return which, share, ends[which, 0] + share[:, None] * (ends[which, 1] - ends[which, 0])
+
+
+def _contrast(pixels: Array, which: NDArray[np.int64], seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> Array:
+    """Difference (n,) of grey codes across the edge at each sample, 0 where it is not seen."""
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.float32)
+    along = np.zeros_like(pixels)
+    same = which[1:] == which[:-1]
+    along[:-1][same] = (pixels[1:] - pixels[:-1])[same]
+    along[1:][same] += (pixels[1:] - pixels[:-1])[same]
+    norm = np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.divide(along[:, ::-1] * [-1, 1], norm, out=np.zeros_like(along), where=norm > 1e-9)
+    out = np.zeros(len(pixels))
+    if seen.any():
+        sides = [
+            sample(grey, (pixels[seen] + sign * SIDE_PX * across[seen]).astype(np.float32)[None])[0] for sign in (1, -1)
+        ]
+        out[seen] = np.abs(sides[0] - sides[1])
+    return out
+
+
+def _stretches(
+    which: NDArray[np.int64], share: Array, pixels: Array, seen: NDArray[np.bool_], contrast: Array
+) -> Array:
+    """Runs of at least two seen samples of one edge, as rows of EDGE_COLUMNS."""
+    joined = seen[1:] & seen[:-1] & (which[1:] == which[:-1])
+    starts = np.flatnonzero(joined & ~np.concatenate([[False], joined[:-1]]))
+    stops = np.flatnonzero(joined & ~np.concatenate([joined[1:], [False]])) + 1
+    total = np.concatenate([[0.0], np.cumsum(contrast)])
+    mean = (total[stops + 1] - total[starts]) / (stops + 1 - starts)
+    return np.column_stack([which[starts], pixels[starts], pixels[stops], share[stops] - share[starts], mean])
+
+
+def row_poses(source: Source, world_from_body: Callable[[int], Pose], stamp_ns: int) -> Array:
+    """Pose `world_from_body` (h, 7) of each row of a rolling shutter: px py pz qw qx qy qz."""
+    height = source.camera.height
+    late = np.rint((np.arange(height) - (height - 1) / 2) * source.row_delay_ns).astype(int)
+    poses = [world_from_body(stamp_ns + int(ns)) for ns in late]
+    return np.array([[*pose.translation, *pose.quaternion_wxyz] for pose in poses])
+
+
+def load_edges(sequence: Sequence, frame: int) -> Array:
+    """What `write_edges` wrote of a frame (n, 7)."""
+    path = sequence.folder / "edges" / f"{frame:06d}.csv"
+    return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).reshape(-1, len(EDGE_COLUMNS))
+
+
+def _as_camera(source: Source, image: NDArray[Any]) -> NDArray[Any]:
+    """An image of the pinhole as the camera sees it, nearest pixel."""
+    if source.lens is None:
+        return image
+    column, row = (np.rint(source.lens[..., k]).astype(int) for k in (0, 1))
+    return np.asarray(image[row.clip(0, image.shape[0] - 1), column.clip(0, image.shape[1] - 1)])
+
+
+def _write(path: Path, image: NDArray[Any]) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes())
