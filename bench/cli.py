@@ -110,6 +110,36 @@ def gate_command(
     sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
 
 
+@main.command("compare")
+@click.argument("base_ref")
+@click.argument("head_ref", default=".")
+@click.option("--suite", default="gate", show_default=True, help="Suite that both versions' trackers run on.")
+@click.option("--repeats", type=click.IntRange(1), default=3, show_default=True, help="Runs of each, for the latency.")
+@click.option(
+    "--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes that render; default: all cores."
+)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/compare"), show_default=True)
+@margin_options
+def compare_command(
+    base_ref: str,
+    head_ref: str,
+    suite: str,
+    repeats: int,
+    jobs: int,
+    out: Path,
+    margin: float,
+    latency_margin: float,
+    coverage_margin: float,
+    resolution: float,
+) -> None:
+    """Run two versions of this git repository on the same frames and let the gate decide; `.` is the working tree."""
+    from bench.compare import compare
+    from bench.gate import Margins
+
+    margins = Margins(error=margin, latency=latency_margin, coverage=coverage_margin, resolution=resolution)
+    sys.exit(compare((base_ref, head_ref), suite, out, repeats, margins, jobs))
+
+
 @main.command("check")
 @click.argument("tracker", type=click.Path(path_type=Path))
 @click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")

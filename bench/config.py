@@ -76,6 +76,11 @@ def load_suite(path: Path) -> Suite:
 def load_tracker(path: Path) -> Tracker:
     """Tracker of a TOML file that holds the table of one; UserError naming the file and every key that is wrong."""
     data, extra = _read(path)
+    return tracker_of(data, path, extra)
+
+
+def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
+    """Tracker of a table that stands in a file; UserError naming the file and every key that is wrong."""
     one: Any = choice(Tracker, extra)
     table = _check(path, create_model("File", __config__=STRICT, tracker=(one, ...)), {"tracker": data})
     errors: list[str] = []
