@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
 from reports.figures_space import limits
 from reports.style import LOSS, TRUTH, new_figure, panel_letter, save_figure
@@ -32,6 +32,9 @@ def flight(sequence: Sequence, stem: Path) -> list[Path]:
     truth = sequence.truth_table
     top.plot(t, truth[:, 4], color=TRUTH)
     top.set_ylabel("height (m)")
+    middle_m = float(truth[:, 4].max() + truth[:, 4].min()) / 2
+    half_m = max(0.55 * float(np.ptp(truth[:, 4])), 0.1)
+    top.set_ylim(middle_m - half_m, middle_m + half_m)
     middle.plot(t, np.linalg.norm(truth[:, 9:12], axis=1), color=TRUTH)
     middle.set_ylabel("speed (m/s)")
     if gnss is None:
@@ -95,16 +98,20 @@ def _draw_space(solid: Any, sequence: Sequence, gnss: Array | None) -> None:
         t = (sequence.stamps_ns - sequence.stamps_ns[0]) / 1e9
         fixed = gnss[np.clip(np.searchsorted(gnss[:, 0], t, side="right") - 1, 0, None), 2] > 0
         for here, ink, label in ((fixed, FIX, "GNSS fix"), (~fixed, NO_FIX, "no GNSS fix")):
+            if not here.any():
+                continue
             kept = np.where((here | np.roll(here, 1))[:, None] & (np.arange(len(p)) > 0)[:, None], p, np.nan)
             solid.plot(*kept.T, color=ink, lw=1.8, label=label, linestyle="-" if label == "GNSS fix" else (0, (2, 0.8)))
-        solid.legend(loc="upper left")
+        solid.legend(loc="upper left", bbox_to_anchor=(0.0, 0.95))
     solid.plot(*p[:1].T, marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none")
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(solid, f"set_{axis}lim")(a, b)
-        getattr(solid, f"set_{axis}label")(f"{axis} (m)", labelpad=-6)
+        if axis != "z":  # the label of the upright axis would lie on the panels beside it
+            getattr(solid, f"set_{axis}label")(f"{axis} (m)", labelpad=-6)
         getattr(solid, f"{axis}axis").pane.fill = False
     solid.tick_params(labelsize=6, pad=-3)
     solid.zaxis.set_major_locator(MaxNLocator(3))
+    solid.text(high[0], high[1], high[2] + 0.06 * float((high - low).max()), "z (m)", ha="center")
     solid.set_box_aspect(tuple(high - low), zoom=1.2)
     solid.view_init(elev=22, azim=-62)
 

@@ -12,7 +12,7 @@ from trajectories.mount import Mount
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_S
 from trajectories.reference import Guidance, Seen
-from trajectories.sticks import Assist, Pad
+from trajectories.sticks import Assist, Pad, Wander
 from trajectories.surroundings import Surroundings
 
 WARM_UP_S = 4.0
@@ -33,17 +33,20 @@ class HandPilot:
     He keeps the distance to the structure's centre (horizontally) in range_m and the height in height_m, wandering
     slowly within both, and circles at about speed_m_s from the bearing start_deg (seen from the structure,
     counter-clockwise from x). Height gives way so that the whole structure stays within view_half_angle_deg above
-    and below the camera's axis. reaction_s is the delay between what happens and what he sees of it.
+    and below the camera's axis. reaction_s is the delay between what happens and what he sees of it. wander_m and
+    wander_deg are the standard deviations by which the vehicle's hold of place and heading, by a flow deck, errs.
     """
 
     duration_s: Annotated[float, Gt(0)] = 40.0
-    range_m: tuple[float, float] = (1.05, 1.45)
-    height_m: tuple[float, float] = (0.35, 0.90)
+    range_m: tuple[float, float] = (1.05, 1.55)
+    height_m: tuple[float, float] = (0.38, 0.90)
     speed_m_s: Annotated[float, Ge(0)] = 0.16
     start_deg: float = 30.0
     direction: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
     view_half_angle_deg: Annotated[float, Interval(gt=0, lt=80)] = 21.0
     reaction_s: Annotated[float, Ge(0)] = 0.2
+    wander_m: Annotated[float, Ge(0)] = 0.008
+    wander_deg: Annotated[float, Ge(0)] = 0.7
     pad: Pad = field(default_factory=Pad)
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Guidance:
@@ -124,7 +127,7 @@ class Pilot:
         bearing = np.radians(path.start_deg) - self._sign * path.speed_m_s * WARM_UP_S / np.mean(path.range_m)
         distance, height = self._place(-WARM_UP_S)
         start = np.array([*(stage.centre + distance * np.array([np.cos(bearing), np.sin(bearing)])), height])
-        self._assist = Assist(start, bearing + np.pi)
+        self._assist = Assist(start, bearing + np.pi, Wander(path.wander_m, np.radians(path.wander_deg), rng))
         self._memory: deque[Seen] = deque()
         self._sticks, self._target = np.zeros(4), np.zeros(4)
         self._decide_at = -WARM_UP_S
@@ -132,7 +135,7 @@ class Pilot:
     def rows(self, first: int, count: int, seen: Seen | None) -> Array:
         """Reference rows of the next steps, from what the pilot does with his sticks."""
         if seen is None:
-            return Assist(self._assist.position_m, self._assist.yaw_rad).rows(np.zeros(4), count)
+            return np.tile(self._assist.now(), (count, 1))
         now = first * STEP_S
         self._memory.append(seen)
         late = self._memory[0]

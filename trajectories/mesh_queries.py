@@ -71,6 +71,13 @@ def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
     return out
 
 
+def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.int64]:
+    """Times (k,) that a ray from each origin (k, 3) leaves the mesh, less the times it enters."""
+    out = np.empty(len(origins), dtype=np.int64)
+    _crossings(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, origins, direction, out)
+    return out
+
+
 @compiled
 def _segment_squared(p: Array, a: Array, b: Array) -> float:
     """Squared distance of a point to a segment."""
@@ -208,3 +215,45 @@ def _rays(
                 stack[top + 1] = child[node] + 1
                 top += 2
         out[i] = best
+
+
+@compiled
+def _crossings(
+    low: Array,
+    high: Array,
+    first: NDArray[np.int64],
+    count: NDArray[np.int64],
+    child: NDArray[np.int64],
+    corners: Array,
+    origins: Array,
+    direction: Array,
+    out: NDArray[np.int64],
+) -> None:
+    stack = np.empty(MAX_DEPTH, dtype=np.int64)
+    for i in range(origins.shape[0]):
+        out[i] = 0
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if not _enters(origins[i], direction, low[node], high[node], np.inf):
+                continue
+            if count[node] > 0:
+                for t in range(first[node], first[node] + count[node]):
+                    a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+                    if _ray_triangle(origins[i], direction, a, b, c) < np.inf:
+                        out[i] += _side(direction, a, b, c)
+            else:
+                stack[top] = child[node]
+                stack[top + 1] = child[node] + 1
+                top += 2
+
+
+@compiled
+def _side(direction: Array, a: Array, b: Array, c: Array) -> int:
+    """1 where a ray leaves through a triangle's outside, -1 where it enters."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    along = direction[0] * (uy * vz - uz * vy) + direction[1] * (uz * vx - ux * vz) + direction[2] * (ux * vy - uy * vx)
+    return 1 if along > 0.0 else -1

@@ -86,7 +86,8 @@ class GirderFollow:
     """Along one side of a long structure and back, looking at it, turned look_ahead_deg towards the way it goes.
 
     The structure runs along the bearing along_deg; the vehicle keeps distance_m from its side at height_m and flies
-    overrun_m beyond its ends (less than 0: stays inside them).
+    overrun_m beyond its ends (less than 0: stays inside them). stretch_m flies only a part of it: from and to, in
+    metres along the bearing from the structure's middle.
     """
 
     along_deg: float = 0.0
@@ -95,13 +96,14 @@ class GirderFollow:
     height_m: Annotated[float, Gt(0)] = 2.0
     look_ahead_deg: Annotated[float, Ge(-80)] = 20.0
     overrun_m: float = 0.0
+    stretch_m: tuple[float, float] | None = None
     speed_m_s: Annotated[float, Gt(0)] = 0.8
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the way there and back; UserError when overrun_m leaves no way."""
         frame = Frame.of(surroundings, self.along_deg)
-        start, end = _run(frame, self.overrun_m)
+        start, end = _run(frame, self.overrun_m, self.stretch_m)
         left = self.side == "left"
         aside = frame.aside[1] + self.distance_m if left else frame.aside[0] - self.distance_m
         points = [frame.point(ahead, aside, self.height_m) for ahead in (start, end, end, start)]
@@ -116,13 +118,15 @@ class UndersidePass:
     """Beneath a bridge along it, looking ahead; tilt the camera's mount upwards to see the deck.
 
     The bridge runs along the bearing along_deg; the lanes lie offsets_m to the left of its middle, at height_m, and
-    reach overrun_m beyond its ends (less than 0: stay inside them).
+    reach overrun_m beyond its ends (less than 0: stay inside them). stretch_m flies only a part of it, such as one
+    span between two piers: from and to, in metres along the bearing from the bridge's middle.
     """
 
     along_deg: float = 0.0
     offsets_m: tuple[float, ...] = (0.0,)
     height_m: Annotated[float, Gt(0)] = 2.0
     overrun_m: float = 0.0
+    stretch_m: tuple[float, float] | None = None
     speed_m_s: Annotated[float, Gt(0)] = 0.8
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
 
@@ -131,7 +135,7 @@ class UndersidePass:
         if not self.offsets_m:
             raise UserError("offsets_m names no lane")
         frame = Frame.of(surroundings, self.along_deg)
-        start, end = _run(frame, self.overrun_m)
+        start, end = _run(frame, self.overrun_m, self.stretch_m)
         middle = (frame.aside[0] + frame.aside[1]) / 2
         points, yaws = [], []
         for i, offset in enumerate(self.offsets_m):
@@ -143,7 +147,12 @@ class UndersidePass:
         )
 
 
-def _run(frame: Frame, overrun_m: float) -> tuple[float, float]:
+def _run(frame: Frame, overrun_m: float, stretch_m: tuple[float, float] | None) -> tuple[float, float]:
+    if stretch_m is not None:
+        middle = (frame.ahead[0] + frame.ahead[1]) / 2
+        if stretch_m[0] >= stretch_m[1]:
+            raise UserError(f"stretch_m {stretch_m} must rise")
+        return middle + stretch_m[0], middle + stretch_m[1]
     start, end = frame.ahead[0] - overrun_m, frame.ahead[1] + overrun_m
     if start >= end:
         raise UserError(

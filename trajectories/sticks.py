@@ -59,29 +59,60 @@ class Pad:
         return np.asarray(np.sign(command) * bare)
 
 
-class Assist:
-    """Velocity assist: holds position and heading, and moves them as the sticks say."""
+class Wander:
+    """The error of a hold: of each of x, y, z (m) and yaw (rad) a sum of five sine waves of random period and phase."""
 
-    def __init__(self, position_m: Array, yaw_rad: float) -> None:
+    PERIODS_S = (1.5, 8.0)
+
+    def __init__(self, sigma_m: float, sigma_rad: float, rng: np.random.Generator) -> None:
+        self._rates = 2 * np.pi / rng.uniform(*self.PERIODS_S, (5, 4))
+        self._phases = rng.uniform(0.0, 2 * np.pi, (5, 4))
+        self._amplitudes = np.array([sigma_m, sigma_m, sigma_m, sigma_rad]) * np.sqrt(2 / 5)
+
+    def at(self, times_s: Array) -> tuple[Array, Array, Array, Array]:
+        """The error (n, 4) at times (n,) and its first three derivatives."""
+        angle = self._rates * times_s[:, None, None] + self._phases
+        waves = (
+            np.sin(angle),
+            self._rates * np.cos(angle),
+            -(self._rates**2) * np.sin(angle),
+            -(self._rates**3) * np.cos(angle),
+        )
+        error, first, second, third = (self._amplitudes * wave.sum(axis=1) for wave in waves)
+        return error, first, second, third
+
+
+class Assist:
+    """Velocity assist: holds position and heading, not quite, and moves them as the sticks say."""
+
+    def __init__(self, position_m: Array, yaw_rad: float, wander: Wander) -> None:
         # position 0:3, velocity 3:6, acceleration 6:9, yaw 9, yaw rate 10, yaw acceleration 11
         self._state = np.zeros(12)
         self._state[0:3], self._state[9] = position_m, yaw_rad
+        self._wander, self._step = wander, 0
 
-    @property
-    def position_m(self) -> Array:
-        """Position (3,) held at the moment."""
-        return self._state[0:3].copy()
-
-    @property
-    def yaw_rad(self) -> float:
-        """Heading held at the moment."""
-        return float(self._state[9])
+    def now(self) -> Array:
+        """Reference row (17,) of the moment, at rest."""
+        row = np.zeros(REFERENCE_COLUMNS)
+        error = self._wander.at(np.array([self._step * STEP_S]))[0][0]
+        row[0:3], row[9] = self._state[0:3] + error[:3], self._state[9] + error[3]
+        return row
 
     def rows(self, command: Array, count: int) -> Array:
         """Reference rows (count, 17) of the next steps under one command (4,): m/s forward, left, up; rad/s."""
         rows = np.zeros((count, REFERENCE_COLUMNS))
         jerks, yaw_rates = np.empty((count, 3)), np.empty(count)
         _follow(self._state, command, rows, jerks, yaw_rates)
+        error, first, second, third = self._wander.at(
+            np.arange(self._step, self._step + count, dtype=np.float64) * STEP_S
+        )
+        self._step += count
+        rows[:, 0:3] += error[:, :3]
+        rows[:, 3:6] += first[:, :3]
+        rows[:, 6:9] += second[:, :3]
+        rows[:, 9] += error[:, 3]
+        jerks += third[:, :3]
+        yaw_rates += first[:, 3]
         fill_rates(rows, jerks, yaw_rates)
         return rows
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajectories.mesh_queries import Tree, build_tree, mesh_distances, ray_distances
+from trajectories.mesh_queries import Tree, build_tree, mesh_crossings, mesh_distances, ray_distances
 from trajectories.pose import Array, read_only
 
 Indices = NDArray[np.int64]
@@ -18,8 +18,8 @@ UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
 class Surroundings:
     """Triangle mesh in the world frame, metres, z up, floor at z = 0; arrays are read-only.
 
-    vertices (n, 3); triangles (m, 3) rows of vertices. ValueError for a mesh without triangles, an index out of
-    range or a vertex that is not finite.
+    vertices (n, 3); triangles (m, 3) rows of vertices, counter-clockwise from outside. ValueError for a mesh without
+    triangles, an index out of range or a vertex that is not finite.
     """
 
     vertices: Array
@@ -58,17 +58,13 @@ class Surroundings:
         return ray_distances(self.tree, read_only(origins, (-1, 3)), read_only(directions, (-1, 3)))
 
     def inside(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which points (k, 3) lie inside the closed mesh, by the parity of the triangles above them."""
-        at = np.array(points, dtype=np.float64).reshape(-1, 3)
-        up = UP_A_LITTLE_ASKEW / np.linalg.norm(UP_A_LITTLE_ASKEW)
-        odd = np.zeros(len(at), dtype=bool)
-        active = np.arange(len(at))
-        while len(active):
-            hit = self.ray(at[active], np.tile(up, (len(active), 1)))
-            active, hit = active[np.isfinite(hit)], hit[np.isfinite(hit)]
-            odd[active] = ~odd[active]
-            at[active] += (hit + 1e-9)[:, None] * up
-        return odd
+        """Which points (k, 3) lie inside the mesh: where both a ray up and one down leave it more often than enter it.
+
+        So solids may overlap or touch, and a sheet without thickness has no inside.
+        """
+        at = read_only(points, (-1, 3))
+        up, down = (mesh_crossings(self.tree, at, way * UP_A_LITTLE_ASKEW) for way in (1.0, -1.0))
+        return np.asarray(up * down > 0)
 
     def clearance(self, points: ArrayLike) -> Array:
         """Distance (k,) of points (k, 3) to mesh or floor, metres; negative inside the mesh or under the floor."""

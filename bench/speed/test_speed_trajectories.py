@@ -6,9 +6,9 @@
 import os
 import time
 from concurrent.futures import ProcessPoolExecutor
+from typing import Any
 
 import numpy as np
-from pytest_benchmark.fixture import BenchmarkFixture
 
 from trajectories.flight import FlightSpec, fly
 from trajectories.hand_pilot import HandPilot
@@ -32,14 +32,14 @@ def whole_flight(seed: int, spec: FlightSpec = WINDY) -> float:
     return float(flight.stamps_ns[-1]) / 1e9
 
 
-def test_a_minute_with_wind_and_imu(benchmark: BenchmarkFixture) -> None:
+def test_a_minute_with_wind_and_imu(benchmark: Any) -> None:
     """The controller, Dryden wind and the IMU on one core."""
     whole_flight(0)
     benchmark.pedantic(whole_flight, args=(0,), rounds=5)
     benchmark.extra_info["times_real_time"] = 60.0 / benchmark.stats.stats.min
 
 
-def test_a_minute_near_a_structure(benchmark: BenchmarkFixture) -> None:
+def test_a_minute_near_a_structure(benchmark: Any) -> None:
     """As above, with turbulence that grows near the structure, around which the vehicle flies."""
     spec = FlightSpec(path=Orbit(turns=2.0), wind=Dryden(near_gain=1.0), sensors=(Imu(),))
     seconds = whole_flight(0, spec)
@@ -47,7 +47,7 @@ def test_a_minute_near_a_structure(benchmark: BenchmarkFixture) -> None:
     benchmark.extra_info["times_real_time"] = seconds / benchmark.stats.stats.min
 
 
-def test_a_hand_flown_flight(benchmark: BenchmarkFixture) -> None:
+def test_a_hand_flown_flight(benchmark: Any) -> None:
     """The flight of suite `paper`, without its images."""
     spec = FlightSpec(path=HandPilot(duration_s=40.0))
     whole_flight(0, spec)
@@ -55,7 +55,7 @@ def test_a_hand_flown_flight(benchmark: BenchmarkFixture) -> None:
     benchmark.extra_info["times_real_time"] = 40.0 / benchmark.stats.stats.min
 
 
-def test_many_flights_on_every_core(benchmark: BenchmarkFixture) -> None:
+def test_many_flights_on_every_core(benchmark: Any) -> None:
     """Minutes of flight on all cores; says how long a thousand of them would take."""
     cores = os.cpu_count() or 1
     whole_flight(0)

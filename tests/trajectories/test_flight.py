@@ -132,6 +132,8 @@ def test_feed_forward_is_worth_having() -> None:
         ),
         (FlightSpec(path=Hover(), airframe=Crazyflie(max_thrust_n=0.06)), BOX, Mount(), "unreachable speed"),
         (FlightSpec(path=Approach(near_m=2.0, far_m=1.0)), BOX, Mount(), "near_m 2.0 must be less than far_m"),
+        (FlightSpec(path=UndersidePass(stretch_m=(2.0, -2.0))), DECK, Mount(), "must rise"),
+        (FlightSpec(path=UndersidePass(overrun_m=-7.0)), DECK, Mount(), "leaves no way"),
         (FlightSpec(path=FacadeRaster(margin_m=5.0)), WALL, Mount(), "leave no lane"),
         (FlightSpec(path=HandPilot(range_m=(0.1, 1.0))), BOX, Mount(), "hand-pilot: range_m"),
         (FlightSpec(path=HandPilot(height_m=(1.5, 2.0))), BOX, Mount(), "does not fit into 21.0 degrees"),

@@ -31,7 +31,7 @@ def test_written_files_read_back_and_are_guessed(name: str, tmp_path: Path) -> N
     np.testing.assert_allclose(read.rotations, flown.rotations, atol=1e-15)
 
 
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 @given(ns=st.integers(min_value=-(10**18), max_value=4 * 10**18))
 def test_any_nanosecond_survives_a_tum_file(ns: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("tum") / "t.tum"

@@ -35,6 +35,7 @@ PLANS = [
     (FacadeRaster(facade_deg=180.0), WALL, Mount()),
     (GirderFollow(distance_m=3.0, height_m=5.3), DECK, Mount()),
     (GirderFollow(distance_m=3.0, height_m=5.3, side="left", overrun_m=-1.0), DECK, Mount()),
+    (UndersidePass(offsets_m=(0.0,), stretch_m=(-5.0, -2.0)), BRIDGE, Mount(pitch_deg=60.0)),
     (UndersidePass(offsets_m=(-3.0, 3.0)), BRIDGE, Mount(pitch_deg=60.0)),
 ]
 

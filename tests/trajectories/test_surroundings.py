@@ -20,7 +20,7 @@ def box_distance(p: np.ndarray) -> float:
     return float(np.minimum(p - low, high - p).min())
 
 
-@settings(max_examples=300)
+@settings(max_examples=300, deadline=None)
 @given(x=near, y=near, z=near)
 def test_distance_and_inside_of_a_box_match_the_closed_form(x: float, y: float, z: float) -> None:
     p = np.array([x, y, z])
@@ -70,8 +70,10 @@ def test_clearance_counts_the_floor_and_is_negative_inside() -> None:
     np.testing.assert_allclose(
         BOX.clearance([[1.2, 0, 0.25], [0, 0, 0.2], [3, 0, 0.1], [3, 0, -0.5]]), [0.25, -0.1, 0.1, -0.5], atol=1e-12
     )
-    two = both(DECK, PIER)
-    assert two.inside([[0, 0, 5.3], [0, 0, 1], [3, 0, 5.3], [3, 0, 3]]).tolist() == [False, True, True, False]
+    two = both(DECK, PIER)  # they overlap
+    assert two.inside([[0, 0, 5.3], [0, 0, 1], [3, 0, 5.3], [3, 0, 3]]).tolist() == [True, True, True, False]
+    sheet = Surroundings([[-1, -1, 1], [1, -1, 1], [0, 2, 1]], [[0, 1, 2]])
+    assert not sheet.inside([[0, 0, 0.5], [0, 0, 1.5]]).any()
 
 
 @pytest.mark.parametrize(
