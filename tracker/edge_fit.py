@@ -48,6 +48,19 @@ Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a fit rests on: control points with their keys, rows of appearance and weights; weights of the patches."""
+
+    points: Array
+    keys: Indices
+    rows: Indices
+    weights: Array
+    chosen: Indices
+    patch_weights: Array
+    found: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A pose and how well the edges support it.
 
@@ -61,6 +74,12 @@ class Fit:
     candidates: int
     inliers: int
     range_m: float
+    evidence: Evidence | None = None
+
+    @property
+    def finite(self) -> bool:
+        """Whether pose and covariance are numbers."""
+        return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
 
 
 class EdgeFitter:
@@ -115,7 +134,6 @@ class EdgeFitter:
                     J, distance, penalty, trust, J_patch, moved, found, prior, offset, np.zeros(6), scales
                 )
                 R, t = move(R, t, x)
-        self.last = (points, keys, rows, weights, patch_weights, found)
         with clock.stage("covariance"):
             covariance = sandwich(
                 J, weights, keys[:, 0], J_patch, patch_weights, information + prior,
@@ -131,6 +149,7 @@ class EdgeFitter:
             int(np.isfinite(distance).sum()),
             int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
             float(np.median(points @ R[2] + t[2])) if n else float("nan"),
+            Evidence(points, keys, rows, weights, self.texture.chosen, patch_weights, found),
         )
 
     def move_to_patches(self, observed: Array, found: Array, prior: Array, R: Array, t: Array) -> tuple[Array, Array]:
@@ -164,11 +183,12 @@ class EdgeFitter:
         return np.asarray(apart * (0.25 * (1 - known) + known * strong))
 
     def learn(self, image: Image, fit: Fit, rate: float = 0.1) -> None:
-        """Take up the appearance of edges and faces at the pose of the latest fit."""
-        points, keys, rows, weights, patch_weights, found = self.last
-        pose = fit.cam_from_world
-        lines, _, side = self.place(points, keys, pose.rotation, pose.translation)
-        learn(image, lines, side, rows, weights, self.appearance, rate)
-        self.texture.remember(patch_weights, found >= 0)
-        if np.count_nonzero(patch_weights) < ENOUGH_FOUND:
+        """Take up the appearance of edges and faces at the pose of a fit."""
+        seen, pose = fit.evidence, fit.cam_from_world
+        if seen is None:
+            return
+        lines, _, side = self.place(seen.points, seen.keys, pose.rotation, pose.translation)
+        learn(image, lines, side, seen.rows, seen.weights, self.appearance, rate)
+        self.texture.remember(seen.chosen, seen.patch_weights > 0, seen.found >= 0)
+        if np.count_nonzero(seen.patch_weights) < ENOUGH_FOUND:
             self.texture.take(image, pose, lines[side != 9, :2])

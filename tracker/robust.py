@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from scenes.camera import Camera
@@ -12,14 +13,23 @@ from tracker.edge_fit import EdgeFitter, Fit
 from tracker.motion import Motion
 from tracker.pose_search import PoseSearch, spread
 from trajectories.errors import UserError
-from trajectories.pose import Pose
+from trajectories.pose import Array, Pose
 
 GOOD_SUPPORT = 0.65
 """With less support than this other poses are searched."""
 ENOUGH_SUPPORT = 0.55
-"""With less than this the track is lost."""
+"""With less than this the track is lost; the first frame, whose appearance nobody knows yet, needs less."""
+FIRST_SUPPORT = 0.4
 SEARCH_FITS = 16
 """Poses of a search that are fitted."""
+FIRST_SIGMA = 0.005
+"""One standard deviation of a given first pose, in parts of the range and in rad."""
+SEARCH_SIGMA = 0.06
+"""The same of a pose found by search."""
+FAR = 0.15
+"""A pose so far from the prediction, in parts of the range or in rad, needs FAR_COST more support to be believed."""
+FAR_COST = 0.04
+SEARCH_SPREAD = spread(view_rad=0.4, roll_rad=0.12, range_part=0.25, shift_part=0.3)
 
 
 @dataclass(frozen=True)
@@ -40,29 +50,33 @@ class RobustRun:
         self.camera = camera
         self.fitter = EdgeFitter(structure, camera, rng)
         self.searcher = PoseSearch(self.fitter.map, camera)
-        self.motion = Motion(cam_from_world, np.diag([0.01**2] * 3 + [0.01**2] * 3))
-        self.stamp_ns: int | None = None
-        self.range_m = float(np.linalg.norm(cam_from_world.transform(structure.bounds.mean(axis=0, keepdims=True))))
+        middle = structure.bounds.mean(axis=0, keepdims=True)
+        self.range_m = float(np.linalg.norm(cam_from_world.transform(middle)))
+        self.motion = Motion(cam_from_world, self.covariance(FIRST_SIGMA))
+        self.ok_ns: int | None = None
+        self.seen_ns: int | None = None
+        self.support = 0.0
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Estimate at the next frame."""
-        image = image if image.ndim == 3 else image[..., None]
+        """Estimate at the next frame; `lost` too for an image of another size and a stamp that goes back."""
         clock = StageClock()
-        dt = 0.0 if self.stamp_ns is None else (stamp_ns - self.stamp_ns) * 1e-9
+        if image.shape[:2] != (self.camera.height, self.camera.width) or not self.comes_after(stamp_ns):
+            return TrackResult(status="lost")
+        image = colour(image)
+        dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
         with clock.stage("predict"):
-            predicted, covariance = self.motion.predict(dt, self.range_m)
+            predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)
         if not fit.support >= GOOD_SUPPORT:
             with clock.stage("recover"):
                 fit = self.recover(image, predicted, fit)
         self.support = fit.support
-        if not fit.support >= ENOUGH_SUPPORT:
-            self.stamp_ns = stamp_ns
-            return TrackResult(status="lost", stage_ms=clock.ms)
+        if not (fit.support >= (FIRST_SUPPORT if self.ok_ns is None else ENOUGH_SUPPORT) and fit.finite):
+            return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
         with clock.stage("learn"):
             self.fitter.learn(image, fit)
-        self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt)
-        self.stamp_ns, self.range_m = stamp_ns, fit.range_m
+        self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt_s)
+        self.ok_ns, self.range_m = stamp_ns, fit.range_m
         return TrackResult(
             status="ok",
             cam_from_world=fit.cam_from_world,
@@ -76,12 +90,35 @@ class RobustRun:
     def recover(self, image: Image, predicted: Pose, fit: Fit) -> Fit:
         """The best supported fit among the poses around the prediction and the last pose that agree with the image."""
         clock = StageClock()
-        found = self.searcher.best_poses(
-            image, [predicted, self.motion.cam_from_world], spread(0.4, 0.12, 0.25, 0.3), SEARCH_FITS
-        )
-        sigma = np.diag([(0.06 * self.range_m) ** 2] * 3 + [0.06**2] * 3)
-        for _, pose in found:
-            other = self.fitter.fit(image, pose, sigma, clock, 28.0)
-            if other.support > fit.support:
-                fit = other
-        return fit
+        best, best_score = fit, fit.support - self.far_cost(fit, predicted)
+        guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
+        for _, pose in self.searcher.best_poses(image, guesses, SEARCH_SPREAD, SEARCH_FITS):
+            other = self.fitter.fit(image, pose, self.covariance(SEARCH_SIGMA), clock, 28.0)
+            score = other.support - self.far_cost(other, predicted)
+            if other.finite and score > best_score:
+                best, best_score = other, score
+        return best
+
+    def far_cost(self, fit: Fit, predicted: Pose) -> float:
+        """Support that a pose needs for being far from the prediction."""
+        eyes = fit.cam_from_world.inverse().translation - predicted.inverse().translation
+        turn = (fit.cam_from_world @ predicted.inverse()).log()[3:]
+        far = float((eyes @ eyes) / self.range_m**2 + turn @ turn) / FAR**2
+        return FAR_COST * (10.0 if self.ok_ns is None else 1.0) * far
+
+    def covariance(self, sigma: float) -> Array:
+        """Covariance (6, 6) of a pose known to sigma, in parts of the range and in rad."""
+        return np.diag([(sigma * self.range_m) ** 2] * 3 + [sigma**2] * 3)
+
+    def comes_after(self, stamp_ns: int) -> bool:
+        """Whether a frame is later than those before it; remembers its stamp."""
+        later = self.seen_ns is None or stamp_ns > self.seen_ns
+        self.seen_ns = stamp_ns if later else self.seen_ns
+        return later
+
+
+def colour(image: Image) -> Image:
+    """BGR image (h, w, 3) of a BGR or grey one, contiguous."""
+    if image.ndim == 2:
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    return np.ascontiguousarray(image)

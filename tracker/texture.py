@@ -65,12 +65,11 @@ class Texture:
         """Displacements (n, 2) to the pixels observed, and J (n, 2, 6), at a pose."""
         return patch_rows(self.middles, self.chosen, observed, R, t, self.cam)
 
-    def remember(self, weights: Array, seen: NDArray[np.bool_]) -> None:
-        """Count which of the chosen patches were found (weights > 0); drop those that are missed again and again."""
-        hit = weights > 0
-        self.found[self.chosen[hit]] += 1
-        self.missed[self.chosen[hit]] = 0
-        self.missed[self.chosen[seen & ~hit]] += 1
+    def remember(self, chosen: Indices, hit: NDArray[np.bool_], tried: NDArray[np.bool_]) -> None:
+        """Count which of the chosen patches were found of those tried; drop those that are missed again and again."""
+        self.found[chosen[hit]] += 1
+        self.missed[chosen[hit]] = 0
+        self.missed[chosen[tried & ~hit]] += 1
         if (self.missed > MISSES).any():
             self._keep(self.missed <= MISSES)
 
