@@ -181,7 +181,8 @@ def _euroc_camera(sequence: Sequence) -> str:
     return (
         "sensor_type: camera\ncomment: simulated camera\n"
         + _t_bs(sequence.cam_from_body.inverse())
-        + f"rate_hz: {float(sequence.info.get('rate_hz', 0)):g}\nresolution: [{c.width}, {c.height}]\ncamera_model: pinhole\n"
+        + f"rate_hz: {float(sequence.info.get('rate_hz', 0)):g}\nresolution: [{c.width}, {c.height}]\n"
+        + "camera_model: pinhole\n"
         + f"intrinsics: [{c.fx:.12g}, {c.fy:.12g}, {c.cx:.12g}, {c.cy:.12g}]\n"
         + f"distortion_model: {model}\ndistortion_coefficients: [{k}]\n"
     )

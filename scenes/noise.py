@@ -27,7 +27,7 @@ def fractal(
 
 
 def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], rng: np.random.Generator) -> Image:
-    """Gaussian noise whose power is the sum of that of its octaves (height, size along y, along x), in one transform."""
+    """Gaussian noise whose power is the sum of that of its octaves (height, size along y, along x)."""
     h, w = shape
     fy, fx = np.fft.fftfreq(h).astype(np.float32)[:, None], np.fft.rfftfreq(w).astype(np.float32)[None]
     power = np.zeros((h, w // 2 + 1), dtype=np.float32)

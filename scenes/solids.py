@@ -162,14 +162,14 @@ def _square(u: int, v: int) -> Indices:
     return steps
 
 
-def picture(origin: Array, u: Array, v: Array, material: Material, instance: int = 1) -> Part:
-    """A rectangle (origin, sides u and v) that shows the material's texture once."""
+def picture(origin: Array, u: Array, v: Array, material: Material, instance: int = 1, inset: float = 0.002) -> Part:
+    """A rectangle (origin, sides u and v) that shows the material's texture once, less an inset at its borders."""
     normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
     return Part(
         vertices=np.array([origin, origin + u, origin + u + v, origin + v]),
         triangles=np.array([[0, 1, 2], [0, 2, 3]]),
         normals=np.tile(normal, (4, 1)),
-        uv=np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * 0.996 + 0.002,
+        uv=np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * (1 - 2 * inset) + inset,
         texture=material.texture,
         roughness=material.roughness,
         instance=instance,

@@ -3,6 +3,7 @@
 from scenes.box import Box
 from scenes.bridge import Bridge
 from scenes.building import Building
+from scenes.checkerboard import Checkerboard
 from scenes.mesh_file import MeshFile
 from scenes.truss import Truss
 from scenes.wall import Wall
@@ -13,5 +14,6 @@ STRUCTURES: dict[str, type] = {
     "bridge": Bridge,
     "building": Building,
     "truss": Truss,
+    "checkerboard": Checkerboard,
     "mesh": MeshFile,
 }

@@ -1,0 +1,79 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from scenes.calibrate import calibrate, write_coverage
+from scenes.camera import Camera
+from scenes.checkerboard import Checkerboard
+from scenes.light import encode
+from scenes.render import Renderer
+from scenes.source import make_source, render_camera
+from tests.scenes.conftest import FLAT_LIGHT, looking
+from trajectories.errors import UserError
+from trajectories.pose import Pose, rotation_exp
+
+BOARD = Checkerboard(square_m=0.025, lift_m=0.0)
+
+
+def views(count: int) -> list[Pose]:
+    """Poses that show the board near and far, aslant, turned, and in every corner of the image."""
+    rng = np.random.default_rng(4)
+    out = []
+    for _ in range(count):
+        eye = (float(rng.uniform(-0.22, 0.22)), -float(rng.uniform(0.34, 0.5)), float(rng.uniform(0.0, 0.30)))
+        aim = (float(rng.uniform(-0.05, 0.05)), 0.0, 0.14 + float(rng.uniform(-0.05, 0.05)))
+        roll = Pose(rotation_exp(np.array([0.0, 0.0, float(rng.uniform(-0.6, 0.6))])), np.zeros(3))
+        out.append(roll @ looking(eye, aim))
+    return out
+
+
+def photographed(camera: Camera, folder: Path, count: int = 25) -> Path:
+    pinhole, lens = render_camera(camera)
+    poses = views(count)
+    parts = BOARD.build(np.random.default_rng(0)).parts
+    with Renderer(parts, FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
+        source = make_source(renderer, camera, pinhole, lens, lambda k: poses[k])
+        for k in range(count):
+            image = source.image(k)
+            assert image is not None
+            cv2.imwrite(str(folder / f"{k:02d}.png"), encode(np.full_like(image, 0.1) * (image == 0) + 0.8 * image))
+    return folder
+
+
+def test_a_rendered_board_gives_the_focal_lengths_back_to_a_thousandth(tmp_path: Path) -> None:
+    camera = Camera(640, 480, 520.0, 523.0, 322.0, 236.0, "radtan", (-0.21, 0.06, 0.0006, -0.0004))
+    found = calibrate([photographed(camera, tmp_path)], (7, 8), 0.025)
+    assert len(found.used) >= 20
+    assert found.rms_px < 0.2
+    assert found.camera.fx == pytest.approx(camera.fx, rel=1e-3)
+    assert found.camera.fy == pytest.approx(camera.fy, rel=1e-3)
+    assert found.camera.cx == pytest.approx(camera.cx, abs=1.0)
+    assert found.camera.distortion[0] == pytest.approx(-0.21, abs=0.01)
+    assert found.covered > 0.4
+    write_coverage(found, tmp_path / "coverage.png")
+    assert cv2.imread(str(tmp_path / "coverage.png")).shape == (480, 640, 3)
+
+
+def test_a_fisheye_is_calibrated_with_its_own_model(tmp_path: Path) -> None:
+    camera = Camera(640, 480, 400.0, 400.0, 319.5, 239.5, "equidistant", (-0.02, 0.01, 0.0, 0.0))
+    found = calibrate([photographed(camera, tmp_path, 16)], (7, 8), 0.025, model="equidistant")
+    assert found.camera.fx == pytest.approx(400.0, rel=5e-3)
+    assert found.camera.distortion_model == "equidistant"
+
+
+def test_pictures_without_a_board_are_told(tmp_path: Path) -> None:
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((240, 320), 90, dtype=np.uint8))
+    with pytest.raises(UserError, match="only 0 of 3 pictures show the whole board of 7x8"):
+        calibrate([tmp_path], (7, 8), 0.025)
+
+
+def test_mixed_sizes_and_missing_files_are_told(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((240, 320), 90, dtype=np.uint8))
+    cv2.imwrite(str(tmp_path / "b.png"), np.full((240, 300), 90, dtype=np.uint8))
+    with pytest.raises(UserError, match=r"b.png: is 300 x 240 px"):
+        calibrate([tmp_path], (7, 8), 0.025)
+    with pytest.raises(UserError, match="no such picture"):
+        calibrate([tmp_path / "none"], (7, 8), 0.025)
