@@ -1,0 +1,99 @@
+"""The reference, from the code: `python -m bench.reference DIR` writes commands.md, plugins.md, suite.schema.json."""
+
+import inspect
+import types
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import click
+
+from bench.cli import main as command_line
+from bench.plugins import PLUGINS
+from bench.verbs import TITLES, schema
+from scenes.spec import SequenceSpec
+from trajectories.files import write_text
+
+
+def commands() -> str:
+    """Every command with its options, as `--help` says it."""
+    parts = ["# Commands\n"]
+    for name, command in sorted(command_line.commands.items()):
+        with click.Context(command, info_name=f"uavbench {name}", max_content_width=100) as context:
+            parts.append(f"## uavbench {name}\n\n```text\n{command.get_help(context)}\n```\n")
+    return "\n".join(parts)
+
+
+def plugins() -> str:
+    """Every plug-in with its parameters, their types, ranges and defaults."""
+    parts = ["# What a suite can name\n", _dataclass("A sequence", SequenceSpec)]
+    for protocol, (registry, verb) in PLUGINS.items():
+        title = TITLES.get(protocol.__name__, protocol.__name__)
+        parts.append(f"## {title.capitalize()}\n\nYour own: a dataclass with a method `{verb}`.\n")
+        parts += [_dataclass(f"`{kind}`", cls) for kind, cls in registry.items()]
+    return "\n".join(parts)
+
+
+def _dataclass(title: str, cls: type) -> str:
+    hints = get_type_hints(cls, include_extras=True)
+    about = f"### {title}\n\n{inspect.cleandoc(cls.__doc__ or '')}\n"
+    shown = [f for f in fields(cls) if f.init]  # type: ignore[arg-type, unused-ignore]
+    if not shown:
+        return about
+    rows = [f"| `{f.name}` | {told(hints[f.name])} | {_default(f)} |" for f in shown]
+    return "\n".join([about, "| key | value | default |", "|---|---|---|", *rows, ""])
+
+
+def told(hint: Any) -> str:
+    """A type with its range, in words."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        bounds = [f"{sign} {bound}" for limit in arguments[1:] for sign, bound in _bounds(limit)]
+        return " ".join([told(arguments[0]), " and ".join(bounds)]).strip()
+    if origin is Literal:
+        return " or ".join(f"`{value}`" for value in arguments)
+    if origin in (Union, types.UnionType):
+        return " or ".join(told(a) for a in arguments if a is not type(None))
+    if origin is tuple:
+        return f"list of {told(arguments[0])}" if Ellipsis in arguments else f"{len(arguments)} of {told(arguments[0])}"
+    if hint in PLUGINS:
+        return f"one of the {TITLES.get(hint.__name__, hint.__name__)}"
+    if isinstance(hint, type) and is_dataclass(hint):
+        return "table: " + ", ".join(f"`{f.name}`" for f in fields(hint) if f.init)
+    return {float: "number", int: "integer", str: "text", bool: "true or false"}.get(hint, str(hint))
+
+
+def _bounds(limit: Any) -> Iterator[tuple[str, Any]]:
+    """Bounds of an annotated_types limit as sign and number."""
+    for name, sign in (
+        ("gt", ">"),
+        ("ge", "at least"),
+        ("lt", "<"),
+        ("le", "at most"),
+        ("min_length", "length at least"),
+    ):
+        bound = getattr(limit, name, None)
+        if (bound is not None and bound != 0) or (bound == 0 and name != "min_length"):
+            yield sign, bound
+
+
+def _default(field: "Field[Any]") -> str:
+    if field.default is MISSING and field.default_factory is MISSING:
+        return "must be given"
+    if field.default is MISSING or is_dataclass(field.default):
+        return "its own defaults"
+    return f"`{field.default!r}`"
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+def main(folder: Path) -> None:
+    """Write the reference into FOLDER."""
+    write_text(folder / "commands.md", commands())
+    write_text(folder / "plugins.md", plugins())
+    write_text(folder / "suite.schema.json", schema() + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""The docs say what is: links lead somewhere, tables are complete, configs are valid, commands exist."""
+
+import contextlib
+import re
+import shlex
+import tomllib
+
+import click
+import pytest
+
+from bench.cli import main
+from bench.config import load_suite
+from bench.external import External
+from bench.external_rows import FAULTS
+from bench.reference import commands, plugins
+from tests.docs.pages import PAGES, ROOT, blocks
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert target.startswith("https://") or (page.parent / target).is_file(), f"{page.name}: {target}"
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert all(page.name in index for page in PAGES if page.stem != "index")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_blocks_are_of_a_known_kind_and_none_is_left_open(page):
+    text = page.read_text(encoding="utf-8")
+    assert len(re.findall("^```", text, re.MULTILINE)) == 2 * len(blocks(page))
+    assert {b.language for b in blocks(page)} <= {"sh", "console", "toml", "python", "text"}
+    assert "@" not in re.sub(r"`[^`]*`|```.*?```", "", text, flags=re.DOTALL), "a placeholder is left"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_configs_and_programs_are_valid(page, tmp_path):
+    for block in blocks(page):
+        if block.file:
+            (tmp_path / block.file).write_text(block.text, encoding="utf-8")
+    for block in blocks(page):
+        if block.language == "toml":
+            table = tomllib.loads(block.text)
+            if "sequences" in table and "blur_hold" not in block.text:
+                load_suite(tmp_path / block.file)
+        if block.language == "python":
+            compile(block.text, block.file, "exec")
+
+
+def commands_in(text):
+    """Command lines of uavbench, also as ./run, in a script."""
+    for line in text.replace("\\\n", " ").splitlines():
+        if not re.search(r"\b(uavbench|\./run) ", line) and not line.startswith("./run "):
+            continue
+        for part in re.split(r"\|\||&&|;|\|", line):
+            words = [w for w in shlex.split(part, comments=True) if "=" not in w or w.startswith("-") or "/" in w]
+            words = words[words.index("-") + 1 :] if words[:1] == ["-"] else words
+            if words and words[0] in ("uavbench", "./run") and words[1:2] not in ([], ["demo"], ["test"]):
+                yield words[1:]
+
+
+def expect_valid(words):
+    """The command and its options exist; nothing is done."""
+    command = main.commands.get(words[0])
+    assert command is not None, words
+    redirected = words.index(">") if ">" in words else len(words)
+    with contextlib.suppress(click.exceptions.Exit):
+        command.make_context(words[0], words[1:redirected])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_commands_and_options_exist(page):
+    for block in blocks(page):
+        if block.language in ("sh", "console"):
+            for words in commands_in(block.text):
+                expect_valid(words)
+
+
+@pytest.mark.parametrize("recipe", sorted((ROOT / "ci-recipes").glob("*.yml")), ids=lambda p: p.stem)
+def test_recipes_call_what_exists(recipe):
+    text = recipe.read_text(encoding="utf-8").replace("- ./run", "./run")
+    text = re.sub(r"\$\{\{[^}]*\}\}", "main", text)
+    lines = [line.strip() for line in text.splitlines() if line.strip().startswith("./run")]
+    assert lines
+    for line in lines:
+        for words in commands_in(line):
+            expect_valid(words)
+    suite = re.search(r"--suite (\S+)", text).group(1)
+    assert (ROOT / "bench" / "suites" / f"{suite}.toml").is_file()
+
+
+def test_the_table_of_faults_is_complete():
+    text = (ROOT / "docs" / "external-trackers.md").read_text(encoding="utf-8")
+    section = text.split("## Faults")[1].split("##")[0]
+    assert set(re.findall(r"^\| `([a-z-]+)` \|", section, re.MULTILINE)) == set(FAULTS)
+
+
+def test_the_table_of_an_external_tracker_is_complete():
+    text = (ROOT / "docs" / "external-trackers.md").read_text(encoding="utf-8")
+    section = text.split("## The table in a suite")[1].split("## The folder")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == set(External.__dataclass_fields__)
+
+
+def test_the_reference_names_every_command_and_every_plugin():
+    assert all(f"## uavbench {name}\n" in commands() for name in main.commands)
+    text = plugins()
+    for kind in ("box", "hand-pilot", "crazyflie", "noise", "lsd", "external"):
+        assert f"### `{kind}`\n" in text
