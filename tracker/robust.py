@@ -15,9 +15,9 @@ from tracker.pose_search import PoseSearch, spread
 from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
 
-GOOD_SUPPORT = 0.65
+GOOD_SUPPORT = 0.6
 """With less support than this other poses are searched."""
-ENOUGH_SUPPORT = 0.55
+ENOUGH_SUPPORT = 0.5
 """With less than this the track is lost; the first frame, whose appearance nobody knows yet, needs less."""
 FIRST_SUPPORT = 0.4
 SEARCH_FITS = 16
@@ -26,9 +26,8 @@ FIRST_SIGMA = 0.005
 """One standard deviation of a given first pose, in parts of the range and in rad."""
 SEARCH_SIGMA = 0.06
 """The same of a pose found by search."""
-FAR = 0.15
-"""A pose so far from the prediction, in parts of the range or in rad, needs FAR_COST more support to be believed."""
-FAR_COST = 0.04
+FAR_COST = 0.02
+"""Support that a pose needs more for each squared standard deviation that it lies from the prediction."""
 SEARCH_SPREAD = spread(view_rad=0.4, roll_rad=0.12, range_part=0.25, shift_part=0.3)
 
 
@@ -69,7 +68,7 @@ class RobustRun:
         fit = self.fitter.fit(image, predicted, covariance, clock)
         if not fit.support >= GOOD_SUPPORT:
             with clock.stage("recover"):
-                fit = self.recover(image, predicted, fit)
+                fit = self.recover(image, predicted, covariance, fit)
         self.support = fit.support
         if not (fit.support >= (FIRST_SUPPORT if self.ok_ns is None else ENOUGH_SUPPORT) and fit.finite):
             return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
@@ -87,24 +86,20 @@ class RobustRun:
             inliers=fit.inliers,
         )
 
-    def recover(self, image: Image, predicted: Pose, fit: Fit) -> Fit:
+    def recover(self, image: Image, predicted: Pose, covariance: Array, fit: Fit) -> Fit:
         """The best supported fit among the poses around the prediction and the last pose that agree with the image."""
         clock = StageClock()
-        best, best_score = fit, fit.support - self.far_cost(fit, predicted)
-        guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
-        for _, pose in self.searcher.best_poses(image, guesses, SEARCH_SPREAD, SEARCH_FITS):
-            other = self.fitter.fit(image, pose, self.covariance(SEARCH_SIGMA), clock, 28.0)
-            score = other.support - self.far_cost(other, predicted)
-            if other.finite and score > best_score:
-                best, best_score = other, score
-        return best
+        wide = self.covariance(SEARCH_SIGMA)
+        information = np.linalg.inv(wide if self.ok_ns is None else covariance)
 
-    def far_cost(self, fit: Fit, predicted: Pose) -> float:
-        """Support that a pose needs for being far from the prediction."""
-        eyes = fit.cam_from_world.inverse().translation - predicted.inverse().translation
-        turn = (fit.cam_from_world @ predicted.inverse()).log()[3:]
-        far = float((eyes @ eyes) / self.range_m**2 + turn @ turn) / FAR**2
-        return FAR_COST * (10.0 if self.ok_ns is None else 1.0) * far
+        def score(candidate: Fit) -> float:
+            away = (candidate.cam_from_world @ predicted.inverse()).log()
+            return candidate.support - FAR_COST * float(away @ information @ away)
+
+        guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
+        found = [pose for _, pose in self.searcher.best_poses(image, guesses, SEARCH_SPREAD, SEARCH_FITS)]
+        fits = [self.fitter.fit(image, pose, wide, clock, 28.0) for pose in [*guesses, *found]]
+        return max([fit, *(other for other in fits if other.finite)], key=score)
 
     def covariance(self, sigma: float) -> Array:
         """Covariance (6, 6) of a pose known to sigma, in parts of the range and in rad."""

@@ -14,18 +14,26 @@ import numpy as np
 
 from scenes.sequence import Sequence
 from tracker.base import Image, Run, Tracker, TrackResult
+from tracker.initial_pose import Initialization, Known
 from tracker.results import Results
 from tracker.variants import tracker_kind
 from trajectories.errors import UserError
 from trajectories.streams import stream
 
+KNOWN = Known()
 OnFrame = Callable[[int, TrackResult], None]
 
 
 def track_sequence(
-    tracker: Tracker, sequence: Sequence, *, rate_hz: float, seed: int, on_frame: OnFrame | None = None
+    tracker: Tracker,
+    sequence: Sequence,
+    *,
+    rate_hz: float,
+    seed: int,
+    on_frame: OnFrame | None = None,
+    start: Initialization = KNOWN,
 ) -> Results:
-    """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the true first pose.
+    """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the first pose of `start`.
 
     `on_frame(frame, result)` is called after each frame. An exception of the tracker makes the frame `lost` and is
     told under `errors` in the record. Images are read outside the timed part. UserError when rate_hz is out of range
@@ -33,9 +41,14 @@ def track_sequence(
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
     kind = tracker_kind(tracker)
-    run = tracker.start(
-        sequence.structure, sequence.camera, sequence.true_cam_from_world(0), stream(seed, "tracker", kind)
+    first = start.first_pose(
+        sequence.structure,
+        sequence.camera,
+        sequence.true_cam_from_world(0),
+        sequence.image(0),
+        stream(seed, "initialization"),
     )
+    run = tracker.start(sequence.structure, sequence.camera, first, stream(seed, "tracker", kind))
     errors: list[str] = []
     rows: list[TrackResult] = []
     for frame in frames.tolist():
@@ -46,7 +59,7 @@ def track_sequence(
         rows.append(result)
         if on_frame is not None:
             on_frame(frame, result)
-    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=errors)
+    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=errors, start=start)
     return Results(record, frames, sequence.stamps_ns[frames], tuple(rows))
 
 
@@ -75,13 +88,20 @@ def stride(sequence: Sequence, rate_hz: float) -> int:
 
 
 def make_record(
-    tracker: Tracker, sequence: Sequence, *, rate_hz: float, seed: int, errors: list[str]
+    tracker: Tracker,
+    sequence: Sequence,
+    *,
+    rate_hz: float,
+    seed: int,
+    errors: list[str],
+    start: Initialization = KNOWN,
 ) -> dict[str, Any]:
     """What `record.json` says of a run; `content_hash` is of all that made it."""
     made_by = {
-        "tracker": {"kind": tracker_kind(tracker), "parameters": _parameters(tracker)},
+        "tracker": {"kind": tracker_kind(tracker), "parameters": parameters(tracker)},
         "rate_hz": rate_hz,
         "seed": seed,
+        "start": {"kind": type(start).__name__, "parameters": parameters(start)},
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
         "versions": versions(),
     }
@@ -94,7 +114,8 @@ def make_record(
     }
 
 
-def _parameters(tracker: Any) -> dict[str, Any]:
+def parameters(tracker: Any) -> dict[str, Any]:
+    """Parameters of a tracker by name."""
     return asdict(tracker) if is_dataclass(tracker) and not isinstance(tracker, type) else {}
 
 

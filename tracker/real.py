@@ -1,0 +1,125 @@
+"""Real images: a folder or a video, a model, a camera and a first pose in; results and an overlay video out."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from scenes.camera import Camera
+from scenes.sequence import file_hash, read_image
+from scenes.structure import Structure
+from tracker.base import Image, Tracker, TrackResult
+from tracker.initial_pose import read_init
+from tracker.overlay import draw_edges
+from tracker.results import Results
+from tracker.run import parameters, track_frame, versions
+from tracker.variants import tracker_kind
+from trajectories.errors import UserError
+from trajectories.files import new_file
+from trajectories.streams import stream
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
+
+
+def track_images(
+    tracker: Tracker,
+    source: Path,
+    *,
+    model: Path,
+    camera: Path,
+    init: Path,
+    out: Path,
+    rate_hz: float = 30.0,
+    seed: int = 0,
+) -> Results:
+    """Track the images of a folder (in the order of their names) or of a video, and write `out`.
+
+    `out` gets frames.csv, times.csv, estimate.tum (the camera in the model's frame), record.json and overlay.mp4.
+    A folder's frames are taken to be 1 / rate_hz apart; a video has its own rate. UserError naming the file at fault.
+    """
+    lens = Camera.load(camera)
+    structure = load_model(model)
+    first = read_init(init, lens)
+    run = tracker.start(structure, lens, first, stream(seed, "tracker", tracker_kind(tracker)))
+    rows: list[TrackResult] = []
+    errors: list[str] = []
+    stamps: list[int] = []
+    out.mkdir(parents=True, exist_ok=True)
+    with new_file(out.parent / f"{out.name}-overlay.mp4") as video:
+        writer = cv2.VideoWriter(
+            str(video), cv2.VideoWriter.fourcc(*"mp4v"), video_rate(source, rate_hz), (lens.width, lens.height)
+        )
+        for frame, (stamp_ns, image) in enumerate(frames(source, lens, rate_hz)):
+            result, error = track_frame(run, image, stamp_ns)
+            if error:
+                errors.append(f"frame {frame}: {error}")
+            rows.append(result)
+            stamps.append(stamp_ns)
+            writer.write(draw_edges(image, structure, lens, result))
+        writer.release()
+        if not rows:
+            raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
+        made_by = {
+            "tracker": {"kind": tracker_kind(tracker), "parameters": parameters(tracker)},
+            "rate_hz": rate_hz,
+            "seed": seed,
+            "sequence": {"name": source.name, "model": file_hash(model), "camera": file_hash(camera)},
+            "versions": versions(),
+        }
+        record = {
+            **made_by,
+            "cam_from_body": np.eye(4).tolist(),
+            "errors": errors,
+            "content_hash": hashlib.sha256(json.dumps(made_by, sort_keys=True).encode()).hexdigest(),
+        }
+        results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
+        results.save(out)
+        video.replace(out / "overlay.mp4")
+        video.touch()
+    (out.parent / f"{out.name}-overlay.mp4").unlink()
+    return results
+
+
+def load_model(path: Path) -> Structure:
+    """Structure of a model file in the file's own frame and in metres; UserError naming the file."""
+    from scenes.mesh_file import MeshFile  # reads models; a vehicle that has its structure already needs none of it
+
+    return MeshFile(path=str(path), keep_origin=True, allow_open=True).build(stream(0, "model")).structure
+
+
+def frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[tuple[int, Image]]:
+    """Stamps in ns and BGR images of a folder or a video."""
+    if source.is_dir():
+        paths = sorted(path for path in source.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+        for frame, path in enumerate(paths):
+            yield round(frame * 1e9 / rate_hz), read_image(path, camera)
+        return
+    if not source.is_file():
+        raise UserError(f"{source}: no such folder or video")
+    video = cv2.VideoCapture(str(source))
+    rate = video_rate(source, rate_hz)
+    frame = 0
+    while True:
+        good, image = video.read()
+        if not good:
+            break
+        if image.shape[:2] != (camera.height, camera.width):
+            raise UserError(
+                f"{source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
+                f"the camera {camera.width} x {camera.height} px"
+            )
+        yield round(frame * 1e9 / rate), np.asarray(image, dtype=np.uint8)
+        frame += 1
+    if not frame:
+        raise UserError(f"{source}: not a readable video")
+
+
+def video_rate(source: Path, rate_hz: float) -> float:
+    """Frames per second of a video; rate_hz for a folder."""
+    if source.is_dir():
+        return rate_hz
+    rate = float(cv2.VideoCapture(str(source)).get(cv2.CAP_PROP_FPS))
+    return rate if rate > 0 else rate_hz
