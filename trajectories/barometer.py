@@ -17,9 +17,9 @@ from trajectories.surroundings import Surroundings
 class Barometer:
     """Air pressure with white noise and a slow drift, and the height that the standard atmosphere makes of it.
 
-    noise_pa is the standard deviation of a reading (Bosch BMP388, data sheet rev. 1.7: 1.2 Pa at its standard
-    resolution without filter is about 10 cm); the drift is a first-order process of drift_pa and drift_s, the order of
-    the pressure changes that doors, warmth and weather make.
+    noise_pa is the standard deviation of a reading, by default 10 cm of height; the drift is a first-order process of
+    drift_pa and drift_s, for what doors, warmth and weather do. The defaults are round numbers: take your own sensor's
+    from its data sheet and a record of it at rest.
     """
 
     rate_hz: Annotated[float, Gt(0)] = 50.0

@@ -75,7 +75,9 @@ class Flight:
         Pose and stamp of a frame so never disagree; a frame is early or late by at most half a row.
         ValueError when the camera is faster than the record.
         """
-        step_ns = int(self.stamps_ns[1] - self.stamps_ns[0]) if len(self) > 1 else 10**9
+        if len(self) == 1:
+            return np.zeros(1, dtype=np.int64)
+        step_ns = int(self.stamps_ns[1] - self.stamps_ns[0])
         rows_per_frame = Fraction(10**9) / Fraction(str(rate_hz)) / step_ns
         if rows_per_frame < 1:
             raise ValueError(f"a camera at {rate_hz} Hz is faster than the record's {1e9 / step_ns:g} Hz")

@@ -16,14 +16,14 @@ from trajectories.sticks import Assist, Pad, Wander
 from trajectories.surroundings import Surroundings
 
 WARM_UP_S = 4.0
-DECISION_S = (0.15, 0.40)
-"""Time between two decisions of the pilot: humans correct intermittently, 2 to 3 times a second (Craik 1947)."""
+DECISION_S = (0.25, 0.50)
+"""Time between two decisions of the pilot: humans correct intermittently, 2 to 4 times a second (Craik 1947)."""
 NOTICED = np.array([0.03, 0.0, 0.02, np.radians(2.5)])
 """Error of range (m), none, height (m) and heading (rad) below which the pilot lets go."""
 EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
 """Speed that the pilot asks for per error."""
 CLUMSINESS = 0.10
-"""Standard deviation of a stick deflection over the one meant: force and place variability of hands is 5 to 10 %."""
+"""Standard deviation of a stick deflection over the one meant; chosen by eye."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,5 @@
 import hashlib
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -56,6 +57,25 @@ def test_stamps_are_whole_steps_and_frames_take_their_rows_own_stamps() -> None:
         assert len(rows) == int(4.0 * rate) + 1 and len(set(rows.tolist())) == len(rows)
     with pytest.raises(ValueError, match="faster than the record"):
         flight.frame_rows(501.0)
+
+
+def test_the_physics_need_no_graphics_whatever_the_environment_says() -> None:
+    program = (
+        "import os\n"
+        "from trajectories.quadrotor import physics\n"
+        "physics().MjModel.from_xml_string('<mujoco/>')\n"
+        "import sys\n"
+        "assert not [m for m in sys.modules if m.startswith(('OpenGL', 'pyrender', 'glfw'))]\n"
+        "print(os.environ['MUJOCO_GL'])"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "MUJOCO_GL": "egl"},
+    )
+    assert told.stdout.strip() == "egl"
 
 
 def test_the_record_is_consistent_with_itself() -> None:
