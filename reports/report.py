@@ -20,6 +20,7 @@ import numpy as np
 
 from reports import figures_compare, figures_pictures, figures_space, figures_statistics, figures_time
 from reports.attributes import breakdowns
+from reports.bounds import SIGMA_PX, error_over_bound
 from reports.overlay import scrubbed, write_frames
 from reports.page import FigureOnPage, SequenceOnPage, write_index, write_sequence_page
 from reports.runs import ScoredRun, open_runs
@@ -129,6 +130,13 @@ def compare(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> list[FigureO
     steps(8)
     for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
         made += rank(folder, [run for run in runs if run.score.rate_hz == rate], colours, f"{rate:g}hz")
+    followed = {run.name: error_over_bound(run) for run in fast if run.sequence is fast[0].sequence}
+    files = figures_statistics.error_over_bound(followed, colours, figures / "bound")
+    caption = (
+        f"Position error of each frame over the Cramer-Rao bound of its edges, {SIGMA_PX} px of noise on each control "
+        "point assumed; 1 is as good as one frame's edges allow."
+    )
+    made.append(on_page(folder, files, f"Error over the bound, {fast[0].sequence.name}", caption))
     if any(run.score.consistency is not None for run in runs):
         files = figures_statistics.nees_over_time(runs, figures / "nees")
         caption = "Squared error over the claimed covariance; above the band it claims too much."

@@ -129,8 +129,8 @@ def summary_table(scores: ListOf[Score]) -> Table:
             if n > 1
             else "One run each: no interval can be given. "
         )
-        + "Bold: best at its rate, among the trackers with at least 90 % of the best success there; *: better than each "
-        "of them at the 5 % level (paired, Holm).",
+        + "Bold: best at its rate, among the trackers with at least 90 % of the best success there; *: better than "
+        "each of them at the 5 % level (paired, Holm).",
         tuple((run, tuple(cells[run])) for run in order),
     )
 

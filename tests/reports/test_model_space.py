@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from reports.bounds import position_bounds
 from reports.model_space import add, box_symmetries, edge_reprojection, model_space, mspd, mssd
 from reports.uncertainty import component_sigmas, consistency, euler_zyx, nees
 from scenes.camera import Camera
@@ -14,6 +15,8 @@ from scenes.sequence import Sequence
 from scenes.structure import Structure
 from tests.reports.drawn import box, results_of, true_rows
 from tracker.base import TrackResult
+from tracker.control_points import control_points
+from tracker.visible_edges import pinhole, visible_edges
 from trajectories.pose import Pose
 
 CAMERA = Camera.from_field_of_view(320, 240, 70)
@@ -117,3 +120,25 @@ def test_component_sigmas_agree_with_sampling(sequence: Sequence) -> None:
         body = (Pose.exp(rng.normal(size=6) * sigma) @ base).inverse() @ sequence.cam_from_body
         sampled.append([*body.translation, *euler_zyx(body.quaternion_wxyz[None])[0]])
     np.testing.assert_allclose(component_sigmas(results)[0], np.std(sampled, axis=0), rtol=0.05)
+
+
+def test_the_position_bound_is_met_by_least_squares(sequence: Sequence) -> None:
+    """Gauss-Newton on noisy normal distances at the true pose reaches the bound to a few percent."""
+    sigma = 0.3
+    truth = sequence.true_cam_from_world(4)
+    points = control_points(visible_edges(sequence.structure, sequence.camera, truth))
+
+    def distances(xi: np.ndarray) -> np.ndarray:
+        moved = pinhole((Pose.exp(xi) @ truth).transform(points.points_m), sequence.camera)
+        return np.einsum("ij,ij->i", points.normals, moved - points.pixels)
+
+    step = 1e-6
+    J = np.column_stack([(distances(step * e) - distances(-step * e)) / (2 * step) for e in np.eye(6)])
+    rng = np.random.default_rng(0)
+    solve = np.linalg.pinv(J)
+    at = truth.inverse().translation
+    estimates = [Pose.exp(solve @ rng.normal(0, sigma, len(points))) @ truth for _ in range(2000)]
+    errors = [np.linalg.norm(estimate.inverse().translation - at) for estimate in estimates]
+    bound = position_bounds(sequence, [4], sigma)[0]
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(bound, rel=0.05)
+    assert position_bounds(sequence, [4], 2 * sigma)[0] == pytest.approx(2 * bound)
