@@ -110,6 +110,16 @@ def gate_command(
     sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
 
 
+@main.command("speed")
+@click.option("--only", default="", help="Only benchmarks whose name holds this (an expression of pytest's -k).")
+@click.option("--save", type=click.Path(path_type=Path), help="File for pytest-benchmark's own JSON.")
+def speed_command(only: str, save: Path | None) -> None:
+    """Run the benchmarks and print their times against the goals."""
+    from bench.speed_table import speed
+
+    sys.exit(speed(only, save))
+
+
 @main.command("compare")
 @click.argument("base_ref")
 @click.argument("head_ref", default=".")

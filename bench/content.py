@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 PACKAGES = {"trajectories", "scenes", "tracker", "reports", "bench"}
+PLAIN = {float, int, str, bool, type(None)}
 ROOT = Path(__file__).parent.parent
 LIBRARIES = ["numpy", "scipy", "opencv-python-headless", "numba", "mujoco", "trimesh", "pyrender", "PyOpenGL"]
 """Libraries whose version may change a frame or an estimate."""
@@ -24,6 +25,8 @@ def content_hash(*parts: Any) -> str:
 
 def canonical(value: Any) -> Any:
     """JSON form of a value; a dataclass carries its class, and, where it is a user's own, the hash of its source."""
+    if type(value) in PLAIN:
+        return value
     if is_dataclass(value) and not isinstance(value, type):
         cls = type(value)
         form = {f.name: canonical(getattr(value, f.name)) for f in fields(cls)}

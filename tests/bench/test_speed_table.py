@@ -1,0 +1,36 @@
+"""The table of benchmarks against goals; a figure that is absent misses its goal."""
+
+import ast
+import tomllib
+
+from bench.speed_table import SPEED, against, table
+
+
+def test_goals():
+    assert against(0.5, {}, {"at_most_s": 1.0}) == ("at most 1 s", True)
+    assert against(1.5, {}, {"at_most_s": 1.0})[1] is False
+    assert against(float("nan"), {}, {"at_most_s": 1.0})[1] is False
+    assert against(1.0, {"fps": 30}, {"figure": "fps", "at_least": 25}) == ("fps 30, at least 25", True)
+    assert against(1.0, {}, {"figure": "fps", "at_least": 25})[1] is False
+    assert against(1.0, {"ratio": 2}, {"figure": "ratio", "at_most": 1})[1] is False
+    assert against(1.0, {}, {}) == ("", None)
+
+
+def test_table_lists_each_benchmark_and_says_whether_all_goals_are_met():
+    one = {"name": "test_a[x]", "stats": {"min": 2e-3, "median": 3e-3}}
+    lines, met = table([one], {"test_a": {"at_most_s": 1e-3}})
+    assert not met
+    assert "2 ms" in lines[1]
+    assert lines[1].endswith("NO")
+    assert table([one], {})[1]
+
+
+def test_every_goal_is_of_a_benchmark_that_exists():
+    goals = tomllib.loads((SPEED / "goals.toml").read_text(encoding="utf-8"))
+    names = {
+        node.name
+        for path in SPEED.glob("test_speed_*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+    }
+    assert set(goals) <= names
