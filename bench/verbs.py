@@ -100,6 +100,7 @@ TITLES = {
     "PathSpec": "paths",
     "AirframeSpec": "airframes",
     "WindSpec": "winds",
+    "SensorSpec": "body sensors",
     "Tracker": "trackers",
 }
 
