@@ -19,6 +19,7 @@ from trajectories.mount import Mount
 from trajectories.paths import PATHS, PathSpec
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_NS, STEP_S, Quadrotor
+from trajectories.record import RECORD
 from trajectories.reference import Guidance, Planned, Replay
 from trajectories.sensor import SensorSpec
 from trajectories.simulate import simulate
@@ -84,15 +85,7 @@ def _record(
 def _flight(record: Array, crashed: bool) -> Flight:
     return Flight(
         stamps_ns=np.arange(len(record), dtype=np.int64) * STEP_NS,
-        positions_m=record[:, 0:3],
-        quaternions_wxyz=record[:, 3:7],
-        velocities_m_s=record[:, 7:10],
-        accelerations_m_s2=record[:, 10:13],
-        angular_velocities_rad_s=record[:, 13:16],
-        angular_accelerations_rad_s2=record[:, 16:19],
-        thrust_commands_n=record[:, 19:23],
-        thrusts_n=record[:, 23:27],
-        winds_m_s=record[:, 27:30],
+        **{name: record[:, columns] for name, columns in RECORD.items()},
         status="crashed" if crashed else "completed",
         crashed_ns=(len(record) - 1) * STEP_NS if crashed else None,
     )

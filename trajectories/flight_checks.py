@@ -6,6 +6,7 @@ from trajectories.errors import UserError
 from trajectories.mount import Mount
 from trajectories.pose import Array, rotation_from_quaternion
 from trajectories.quadrotor import GRAVITY_M_S2, STEP_S, Quadrotor
+from trajectories.record import RECORD
 from trajectories.reference import Planned
 from trajectories.surroundings import Surroundings
 
@@ -55,7 +56,7 @@ def needed_thrusts(plan: Planned, vehicle: Quadrotor, mean_wind_m_s: Array) -> A
 
 def crash_step(record: Array, vehicle: Quadrotor, surroundings: Surroundings) -> int | None:
     """First row of a record at which the vehicle touches floor or structure, or is nowhere; None: it never does."""
-    places = record[:, 0:3]
+    places = record[:, RECORD["positions_m"]]
     found = np.asarray(np.isfinite(record).all(axis=1) & (np.abs(places) < 1e6).all(axis=1))
     touching = ~found
     touching[found] = np.minimum(surroundings.distance(places[found]), places[found, 2]) < vehicle.radius_m
@@ -68,7 +69,7 @@ def check_camera(record: Array, mount: Mount, surroundings: Surroundings) -> Non
     """UserError when the camera's centre is inside the structure or under the floor."""
     rows = record[::STRIDE]
     offset = mount.cam_from_body.inverse().translation
-    centres = rows[:, 0:3] + rotation_from_quaternion(rows[:, 3:7]) @ offset
+    centres = rows[:, RECORD["positions_m"]] + rotation_from_quaternion(rows[:, RECORD["quaternions_wxyz"]]) @ offset
     inside = surroundings.inside(centres) | (centres[:, 2] <= 0)
     if inside.any():
         step = int(np.argmax(inside))
@@ -80,7 +81,7 @@ def check_camera(record: Array, mount: Mount, surroundings: Surroundings) -> Non
 
 def check_saturation(record: Array, vehicle: Quadrotor, share: float) -> None:
     """UserError when some motor's command is at a limit for more than this share of the time."""
-    commands = record[:, 19:23]
+    commands = record[:, RECORD["thrust_commands_n"]]
     full = ((commands >= vehicle.max_thrust_n) | (commands <= vehicle.min_thrust_n)).any(axis=1).mean()
     if not full <= share:
         raise UserError(
@@ -93,7 +94,7 @@ def crash_error(record: Array, step: int, surroundings: Surroundings) -> UserErr
     """Error for a flight that crashed at a row of its record."""
     if not np.isfinite(record[step]).all():
         return UserError(f"t = {step * STEP_S:.2f} s: the vehicle lost control; ask for a lower speed or wind")
-    place = record[step, 0:3]
+    place = record[step, RECORD["positions_m"]]
     return UserError(f"{_at(place, step)}: crash into {_obstacle(place, surroundings)}; plan the path further away")
 
 

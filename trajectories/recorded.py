@@ -13,8 +13,8 @@ from trajectories.formats import read_trajectory
 from trajectories.mount import Mount
 from trajectories.pose import Array, Pose, quaternion_from_rotation
 from trajectories.quadrotor import STEP_NS
+from trajectories.record import RECORD, RECORD_COLUMNS
 from trajectories.reference import Replay
-from trajectories.simulate import RECORD_COLUMNS
 from trajectories.surroundings import Surroundings
 from trajectories.trajectory import Trajectory
 
@@ -65,8 +65,13 @@ def resampled(given: Trajectory) -> Array:
     position = CubicSpline(times, given.positions_m)
     turn = RotationSpline(times, Rotation.from_matrix(given.rotations))
     record = np.zeros((len(at), RECORD_COLUMNS))
-    record[:, 0:3], record[:, 7:10], record[:, 10:13] = position(at), position(at, 1), position(at, 2)
-    rotations = turn(at).as_matrix()
-    record[:, 3:7] = quaternion_from_rotation(rotations)
-    record[:, 13:16], record[:, 16:19] = turn(at, 1), turn(at, 2)
+    for name, values in (
+        ("positions_m", position(at)),
+        ("velocities_m_s", position(at, 1)),
+        ("accelerations_m_s2", position(at, 2)),
+        ("quaternions_wxyz", quaternion_from_rotation(turn(at).as_matrix())),
+        ("angular_velocities_rad_s", turn(at, 1)),
+        ("angular_accelerations_rad_s2", turn(at, 2)),
+    ):
+        record[:, RECORD[name]] = values
     return record

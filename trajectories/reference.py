@@ -66,7 +66,7 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A motion that is known already: the record (n, 30) of a flight, see `simulate`."""
+    """A motion that is known already: the record (n, 30) of a flight, see `RECORD`."""
 
     record: Array
 

@@ -7,6 +7,7 @@ from trajectories.control import Gains, thrust_commands
 from trajectories.kernels import compiled
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_S, Quadrotor, compile_mjcf, physics
+from trajectories.record import RECORD_COLUMNS
 from trajectories.reference import Guidance, Seen
 from trajectories.rigid_body import Plant, accelerations, drag_force, plant, rotor_speed_sum
 from trajectories.surroundings import Surroundings
@@ -14,13 +15,10 @@ from trajectories.vectors import add, less, rotation, scaled, vector
 
 BLOCK = 10
 """Steps between two looks of the guidance: 50 Hz."""
-RECORD_COLUMNS = 30
 
 
 def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, surroundings: Surroundings) -> Array:
-    """Record (n, 30) of a flight: position, quaternion, velocity, acceleration, body rates and their derivatives,
-    commanded and actual thrusts, wind; row k is the state at step k.
-    """
+    """Record (n, 30) of a flight, its columns as in `RECORD`; row k is the state at step k."""
     mujoco = physics()
     model = compile_mjcf(vehicle.xml)
     data = mujoco.MjData(model)

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajectories.mesh_queries import Tree, build_tree, mesh_crossings, mesh_distances, ray_distances
+from trajectories.mesh_distances import mesh_distances
+from trajectories.mesh_rays import mesh_crossings, ray_distances
+from trajectories.mesh_tree import Tree, build_tree
 from trajectories.pose import Array, read_only
 
 Indices = NDArray[np.int64]

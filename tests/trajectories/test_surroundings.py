@@ -4,7 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.trajectories.scene import BOX, DECK, PIER, both
-from trajectories.mesh_queries import build_tree, mesh_distances, ray_distances
+from trajectories.mesh_distances import mesh_distances
+from trajectories.mesh_rays import ray_distances
+from trajectories.mesh_tree import build_tree
 from trajectories.mount import Mount
 from trajectories.surroundings import Surroundings
 
