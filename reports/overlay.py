@@ -56,6 +56,6 @@ def overlay_frame(run: ScoredRun, view: View, frame: int) -> Image:
     canvas: Image = np.asarray(small, dtype=np.uint8)
     draw(canvas, view.projected(run.sequence.true_cam_from_world(frame)) * scale, (255, 255, 255), 1)
     draw(canvas, view.projected(run.latest_pose[frame]) * scale, (60, 220, 70), 2)
-    latest = int(run.results.frames[np.searchsorted(run.results.frames, frame, side="right") - 1])
+    latest = int(run.errors.frames[np.searchsorted(run.errors.frames, frame, side="right") - 1])
     write_text_on(canvas, f"{run.title}  frame {frame}  {error_text(run, latest).replace(chr(176), ' deg')}")
     return canvas

@@ -166,8 +166,9 @@ def flat(segments_px: Array) -> list[float]:
 
 
 def worst_first(runs: ListOf[ScoredRun]) -> list[ScoredRun]:
-    """Runs by how badly they failed: crashed before lost, then by success."""
-    return sorted(runs, key=lambda run: (run.score.status != "crashed", run.score.tracking.success))
+    """Runs by how badly they failed: missing, crashed, then by success."""
+    first = {"missing": 0, "crashed": 1}
+    return sorted(runs, key=lambda run: (first.get(run.score.status, 2), run.score.tracking.success))
 
 
 def failure(run: ScoredRun, runs: ListOf[ScoredRun], pages: dict[str, str]) -> dict[str, Any] | None:

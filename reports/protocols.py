@@ -99,9 +99,9 @@ def replay_in_real_time(sequence: Sequence, results: Results) -> Replay | None:
     """Replay of results by their own wall times: a busy tracker misses frames, and a pose is out only when it is done.
 
     The poses are those of the free run; a tracker that misses frames in earnest would predict from farther back, so
-    this is the least that lateness costs. UserError when the results hold no times.
+    this is the least that lateness costs. None when the results hold no times.
     """
-    if any("total" not in row.stage_ms for row in results.rows):
+    if not len(results) or any("total" not in row.stage_ms for row in results.rows):
         return None
     free_at, out_at, rows = -1, [], []
     for k, (stamp, row) in enumerate(zip(results.stamps_ns.tolist(), results.rows, strict=True)):

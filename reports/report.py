@@ -188,7 +188,7 @@ def write_sequence(
                              "Against the distance travelled, and over sub-trajectories (boxes: quartiles, whiskers 5 "
                              "and 95 %)."))  # fmt: skip
         steps(8)
-    pictured = [run for run in runs if run.score.label == main.score.label]
+    pictured = [run for run in runs if run.score.label == main.score.label and len(run.results)]
     for run in pictured:
         index += pictures_of(folder, run)
         steps(8)

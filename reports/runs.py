@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from reports.frame_errors import FrameErrors, frame_errors
-from reports.score import Score
+from reports.score import Score, score
 from scenes.sequence import Sequence
 from tracker.results import Results
+from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
 
 
@@ -57,13 +58,41 @@ def counts(results: Results, name: str) -> Array:
 
 
 def open_runs(entries: list[tuple[Path, Path, Path]]) -> list[ScoredRun]:
-    """Runs of (sequence folder, results folder, score.json); a sequence is opened once, a tracker has one colour."""
+    """Runs of (sequence folder, results folder, score.json); a sequence is opened once, a tracker has one colour.
+
+    Where there is no results folder the run is missing: it is scored as one that located no frame.
+    """
     sequences: dict[Path, Sequence] = {}
     labels: dict[str, int] = {}
     runs = []
     for sequence_folder, results_folder, score_file in entries:
         sequence = sequences.setdefault(sequence_folder, Sequence.load(sequence_folder))
-        found = Score.load(score_file)
+        if results_folder.exists():
+            results, found = Results.load(results_folder), Score.load(score_file)
+        else:
+            results = missing_results(sequence, results_folder)
+            found = score(sequence, results)
         index = labels.setdefault(found.label, len(labels))
-        runs.append(ScoredRun(sequence, Results.load(results_folder), found, index))
+        runs.append(ScoredRun(sequence, results, found, index))
     return runs
+
+
+def missing_results(sequence: Sequence, folder: Path) -> Results:
+    """Results without a row for a run that is missing; UserError unless its folder is named `LABEL@RATEhz`."""
+    label, _, rate = folder.name.partition("@")
+    try:
+        rate_hz = float(rate.removesuffix("hz"))
+    except ValueError:
+        raise UserError(
+            f"{folder}: no such results, and its name does not tell tracker and rate (LABEL@RATEhz)"
+        ) from None
+    record = {
+        "tracker": {"kind": label, "parameters": {}},
+        "label": label,
+        "rate_hz": rate_hz,
+        "seed": int(sequence.info.get("seed", 0)),
+        "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
+        "cam_from_body": sequence.cam_from_body.matrix.tolist(),
+        "errors": [],
+    }
+    return Results(record, np.empty(0, np.int64), np.empty(0, np.int64), ())

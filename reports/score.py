@@ -28,7 +28,7 @@ from trajectories.errors import UserError
 from trajectories.files import write_text
 
 ALIGNMENTS: tuple[Alignment, ...] = ("none", "se3", "sim3")
-Status = Literal["complete", "lost", "crashed"]
+Status = Literal["complete", "lost", "crashed", "missing"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +45,10 @@ class Score:
     """Score of one run.
 
     status: `complete` when every frame has a pose, `lost` when some have none, `crashed` when the tracker raised an
-    error or stopped early. ate by alignment and rpe by stretch (`1 frame`, `1 s`) are over the frames that have a pose:
-    read them with tracking.coverage. latency by stage, `total` first. replay, model and consistency: what lateness
-    costs, errors in the structure's space and the image, NEES; None where times or covariances are missing.
+    error or stopped early, `missing` when there is no result at all. ate by alignment and rpe by stretch (`1 frame`,
+    `1 s`) are over the frames that have a pose: read them with tracking.coverage. latency by stage, `total` first.
+    replay, model and consistency: what lateness costs, errors in the structure's space and the image, NEES; None where
+    times or covariances are missing.
     """
 
     label: str
@@ -110,9 +111,13 @@ def score(sequence: Sequence, results: Results) -> Score:
     record = results.record
     faults = tuple(str(e) for e in record.get("errors", ()))
     stopped = len(results) < len(errors)
-    if stopped:
+    if not len(results):
+        faults += ("no frame has a row: the run is missing",)
+    elif stopped:
         faults += (f"{len(errors) - len(results)} of {len(errors)} frames have no row: the run stopped early",)
     status: Status = "crashed" if faults else "complete" if errors.ok.all() else "lost"
+    if not len(results):
+        status = "missing"
     return Score(
         label=str(record.get("label", record["tracker"]["kind"])),
         rate_hz=float(record["rate_hz"]),
