@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.camera import Camera
+from scenes.folders import disk_errors
 from scenes.sequence import Sequence
-from trajectories.errors import unknown_name
+from trajectories.errors import UserError, unknown_name
 from trajectories.files import new_folder, write_text
 from trajectories.formats import write_euroc, write_kitti, write_tum
 from trajectories.pose import Array, Pose
@@ -27,7 +28,9 @@ def export(sequence: Sequence, format: str, folder: Path, on_frame: OnFrame | No
     """Write a sequence into `folder` in one of EXPORTS, whole or not at all; UserError for an unknown format."""
     if format not in EXPORTS:
         raise unknown_name("export format", format, list(EXPORTS))
-    with new_folder(folder) as new:
+    if folder.is_dir() and any(folder.iterdir()):
+        raise UserError(f"{folder}: is not empty; name a new folder to export to")
+    with disk_errors(folder), new_folder(folder) as new:
         EXPORTS[format](sequence, new, on_frame or (lambda done, total: None))
 
 

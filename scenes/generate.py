@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scenes import gl
 from scenes.bake import bake
 from scenes.effects import EFFECTS
+from scenes.folders import disk_errors, refuse_foreign
 from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
 from scenes.light import encode
 from scenes.meshes import joined, merged
@@ -32,7 +33,7 @@ from trajectories.streams import stream
 from trajectories.surroundings import Surroundings
 
 LEAST_SHARE_IN_VIEW = 0.005
-PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
 """For noisy images as small as the default, and twice as fast."""
 
@@ -42,13 +43,15 @@ def generate(
 ) -> None:
     """Write the sequence `folder`, whole or not at all; on_frame is told (frames done, frames in all).
 
-    UserError when the flight fails, the structure is out of the first view, or no GL context can be made.
+    UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is full,
+    or the folder holds something else than a sequence.
     """
+    refuse_foreign(folder, "sequence.json")
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
-    with new_folder(folder) as new, scene.renderer(pinhole.width, pinhole.height) as renderer:
+    with disk_errors(folder), new_folder(folder) as new, scene.renderer(pinhole.width, pinhole.height) as renderer:
         ideal = make_source(renderer, camera, pinhole, lens, camera_path(flight, spec.mount.cam_from_body))
         check_first_view(spec, ideal)
         source = with_effects(ideal, spec.effects, spec.seed)

@@ -45,6 +45,8 @@ class Renderer:
         self._meshes: list[tuple[Mesh, Mover | None]] = [(self._mesh(part), None) for part in parts]
         self._meshes += [(self._mesh(mover.part), mover) for mover in movers]
         self._meshes.sort(key=lambda item: item[0].cutout)
+        boxes = [(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in parts]
+        self._boxes = np.array(boxes).reshape(-1, 2, 3)
         self._sky = None if sky is None else self._texture(sky, mipmap=False)
         self._light = light
         self._samples = Target(GL, width, height, SAMPLES, GL.GL_RGBA8)
@@ -125,6 +127,13 @@ class Renderer:
         self._read(GL.GL_RG, GL.GL_FLOAT, both)
         both = both[::-1]
         return np.ascontiguousarray(both[..., 0]), both[..., 1].astype(np.uint8)
+
+    def nearest_m(self, eye: Array) -> float:
+        """Lower bound of the distance from a point to what is drawn and does not move."""
+        if self._boxes.size == 0:
+            return FAR_M
+        gap = np.maximum(np.maximum(self._boxes[:, 0] - eye, eye - self._boxes[:, 1]), 0.0)
+        return float(np.linalg.norm(gap, axis=1).min())
 
     def close(self) -> None:
         """Free everything that this renderer holds on the GPU."""

@@ -92,3 +92,21 @@ def test_between_two_rows_the_camera_moves_with_constant_twist() -> None:
     at = camera_path(flight, Pose.identity())
     for stamp in (-500, 0, 250, 1000, 1500):
         assert at(stamp).inverse().log() == pytest.approx(stamp / 1000 * twist, abs=1e-12)
+
+
+def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.jpg").write_text("meow")
+    with pytest.raises(UserError, match=r"photos: holds something else"):
+        generate(SPEC, tmp_path / "photos", content_hash="abc")
+    assert (tmp_path / "photos" / "cat.jpg").read_text() == "meow"
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, image: object) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr("scenes.generate._write_image", full)
+    with pytest.raises(UserError, match=r"full: cannot be written: No space left on device"):
+        generate(SPEC, tmp_path / "full", content_hash="abc")
+    assert list(tmp_path.iterdir()) == []
