@@ -43,8 +43,8 @@ def generate(
 ) -> None:
     """Write the sequence `folder`, whole or not at all; on_frame is told (frames done, frames in all).
 
-    UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is full,
-    or the folder holds something else than a sequence.
+    UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is
+    full, or the folder holds something else than a sequence.
     """
     refuse_foreign(folder, "sequence.json")
     scene = build_scene(spec)
