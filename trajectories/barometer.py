@@ -32,8 +32,9 @@ class Barometer:
         """Pressure in Pa and height above the floor in m."""
         stamps = sample_stamps(flight, self.rate_hz)
         height = sampled(flight, flight.positions_m, stamps)[:, 2]
-        noise = self.noise_pa * rng.standard_normal(len(stamps))
-        drift = self.drift_pa * first_order(len(stamps), 1.0 / self.rate_hz, self.drift_s, rng)
+        noise_rng, drift_rng = rng.spawn(2)
+        noise = self.noise_pa * noise_rng.standard_normal(len(stamps))
+        drift = self.drift_pa * first_order(len(stamps), 1.0 / self.rate_hz, self.drift_s, drift_rng)
         pressure = pressure_at(height, self.floor_pressure_pa) + noise + drift
         return Table(
             ("pressure_pa", "height_m"),

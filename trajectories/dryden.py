@@ -64,9 +64,10 @@ class Dryden:
         """Air of `steps` steps of step_s seconds."""
         speed = float(np.hypot(self.mean_m_s, self.flight_speed_m_s))
         lags = self.lengths_m / speed
-        u = first_order(steps, step_s, lags[0], rng)
-        v = second_order(steps, step_s, lags[1], rng)
-        w = second_order(steps, step_s, lags[2], rng)
+        one_each = rng.spawn(3)  # so that a longer flight begins with the same wind
+        u = first_order(steps, step_s, lags[0], one_each[0])
+        v = second_order(steps, step_s, lags[1], one_each[1])
+        w = second_order(steps, step_s, lags[2], one_each[2])
         along = downwind(self.from_deg)
         axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
         turbulence = (np.column_stack([u, v, w]) * self.sigmas_m_s) @ axes
@@ -77,8 +78,9 @@ class Dryden:
 def first_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generator) -> Array:
     """Gaussian process (n,) of variance 1 with the spectrum of sqrt(2 T) / (1 + T s): the longitudinal filter."""
     decay = np.exp(-step_s / lag_s)
-    noise = rng.standard_normal(steps) * np.sqrt(-np.expm1(-2 * step_s / lag_s))
-    noise[0] = rng.standard_normal()
+    white = rng.standard_normal(steps)
+    noise = white * np.sqrt(-np.expm1(-2 * step_s / lag_s))
+    noise[0] = white[0]
     return np.asarray(lfilter([1.0], [1.0, -decay], noise))
 
 
@@ -91,7 +93,7 @@ def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generat
     x = 2 * step_s / lag_s
     # Covariance of (z1, z2) gathered in a step, times T; gammainc(k, x) is 1 when stationary, x = inf.
     q11, q12, q22 = gammainc(1, x) / 2, gammainc(2, x) / 4, gammainc(3, x) / 4
-    white = rng.standard_normal((2, steps))
+    white = rng.standard_normal((steps, 2)).T
     n1 = np.sqrt(q11) * white[0]
     n2 = q12 / np.sqrt(q11) * white[0] + np.sqrt(q22 - q12**2 / q11) * white[1]
     n1[0], n2[0] = np.sqrt(0.5) * white[0, 0], np.sqrt(0.125) * (white[0, 0] + white[1, 0])

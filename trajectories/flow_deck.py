@@ -42,11 +42,12 @@ class FlowDeck:
         angle = np.diff(sampled(flight, gathered, stamps), axis=0, prepend=gathered[:1])
         seen = sampled(flight, distance[:, None], stamps)[:, 0]
         scale = self.pixels / self.aperture_rad
-        total = np.cumsum(scale * angle + self.flow_noise_px * rng.standard_normal(angle.shape), axis=0)
+        flow_rng, range_rng = rng.spawn(2)
+        total = np.cumsum(scale * angle + self.flow_noise_px * flow_rng.standard_normal(angle.shape), axis=0)
         counts = np.diff(np.round(total), axis=0, prepend=0.0) + 0.0
         growth = np.log(0.2 / 0.0025) / (4.0 - 2.5)
         sigma = self.range_noise_m * (1.0 + np.exp(growth * (np.minimum(seen, self.greatest_range_m) - 2.5)))
-        ranged = seen + sigma * rng.standard_normal(len(seen))
+        ranged = seen + sigma * range_rng.standard_normal(len(seen))
         ranged = np.where(seen <= self.greatest_range_m, ranged, np.nan)
         counts[(seen > self.greatest_range_m) | (seen < self.least_range_m)] = np.nan
         return Table(("dx_px", "dy_px", "range_m"), stamps, np.column_stack([counts, ranged]))

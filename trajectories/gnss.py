@@ -45,9 +45,10 @@ class Gnss:
         speeds = sampled(flight, flight.velocities_m_s, stamps)
         sight, seen = self.view(places, stamps, surroundings)
         n, satellites = seen.shape
-        slow = [first_order(n, 1.0 / self.rate_hz, self.slow_s, rng) for _ in range(satellites)]
-        ranges = self.slow_m * np.column_stack(slow) + self.white_m * rng.standard_normal(seen.shape)
-        dopplers = self.doppler_m_s * rng.standard_normal(seen.shape)
+        white_rng, doppler_rng, *each = rng.spawn(2 + satellites)
+        slow = [first_order(n, 1.0 / self.rate_hz, self.slow_s, slow_rng) for slow_rng in each]
+        ranges = self.slow_m * np.column_stack(slow) + self.white_m * white_rng.standard_normal(seen.shape)
+        dopplers = self.doppler_m_s * doppler_rng.standard_normal(seen.shape)
         values = np.full((n, 8), np.nan)
         values[:, 0] = seen.sum(axis=1)
         for i in np.flatnonzero(values[:, 0] >= 4):

@@ -39,16 +39,19 @@ class Imu:
         rates, forces = inertial_truth(flight, np.array(self.offset_m))
         rates, forces = sampled(flight, rates, stamps), sampled(flight, forces, stamps)
         dt = 1.0 / self.rate_hz
+        gyro_rng, accel_rng, *bias_rngs = rng.spawn(4)  # so that a longer flight begins with the same noise
         biases = [
-            start * rng.standard_normal(3)
-            + walk * np.sqrt(dt) * np.cumsum(rng.standard_normal((len(stamps), 3)), axis=0)
-            for start, walk in (
-                (self.gyro_bias_rad_s, self.gyro_walk_rad_s2_sqrt_hz),
-                (self.accel_bias_m_s2, self.accel_walk_m_s3_sqrt_hz),
+            start * bias_rng.standard_normal(3)
+            + walk * np.sqrt(dt) * np.cumsum(bias_rng.standard_normal((len(stamps), 3)), axis=0)
+            for start, walk, bias_rng in (
+                (self.gyro_bias_rad_s, self.gyro_walk_rad_s2_sqrt_hz, bias_rngs[0]),
+                (self.accel_bias_m_s2, self.accel_walk_m_s3_sqrt_hz, bias_rngs[1]),
             )
         ]
-        gyro = rates + biases[0] + self.gyro_noise_rad_s_sqrt_hz / np.sqrt(dt) * rng.standard_normal(rates.shape)
-        accel = forces + biases[1] + self.accel_noise_m_s2_sqrt_hz / np.sqrt(dt) * rng.standard_normal(forces.shape)
+        gyro = rates + biases[0] + self.gyro_noise_rad_s_sqrt_hz / np.sqrt(dt) * gyro_rng.standard_normal(rates.shape)
+        accel = (
+            forces + biases[1] + self.accel_noise_m_s2_sqrt_hz / np.sqrt(dt) * accel_rng.standard_normal(forces.shape)
+        )
         gyro = np.clip(gyro, -self.gyro_range_rad_s, self.gyro_range_rad_s)
         accel = np.clip(accel, -self.accel_range_m_s2, self.accel_range_m_s2)
         columns = [f"{name}{axis}_{unit}" for name, unit in _NAMES for axis in "xyz"]

@@ -9,9 +9,12 @@ import pytest
 
 from tests.trajectories.scene import BOX, DECK, WALL
 from trajectories.airframes import Crazyflie
+from trajectories.barometer import Barometer
 from trajectories.control import Geometric
 from trajectories.errors import UserError
 from trajectories.flight import Flight, FlightSpec, fly
+from trajectories.flow_deck import FlowDeck
+from trajectories.gnss import Gnss
 from trajectories.hand_pilot import HandPilot
 from trajectories.imu import Imu
 from trajectories.mount import Mount
@@ -19,6 +22,7 @@ from trajectories.paths_along import FacadeRaster, UndersidePass
 from trajectories.paths_around import Approach, FigureEight, Hover, Orbit
 from trajectories.pose import quaternion_from_rotation, rotation_from_quaternion
 from trajectories.quadrotor import STEP_NS, STEP_S
+from trajectories.sensors import measure
 from trajectories.wind import Dryden, Steady
 
 FIELDS = [name for name in Flight.__dataclass_fields__ if name not in ("status", "crashed_ns")]
@@ -57,6 +61,19 @@ def test_stamps_are_whole_steps_and_frames_take_their_rows_own_stamps() -> None:
         assert len(rows) == int(4.0 * rate) + 1 and len(set(rows.tolist())) == len(rows)
     with pytest.raises(ValueError, match="faster than the record"):
         flight.frame_rows(501.0)
+
+
+def test_a_longer_flight_begins_as_the_shorter_one() -> None:
+    for path, longer in (
+        (HandPilot(duration_s=3.0), HandPilot(duration_s=5.0)),
+        (Hover(duration_s=3.0), Hover(duration_s=5.0)),
+    ):
+        short, long = (fly(FlightSpec(path=p, wind=Dryden()), Mount(), BOX, 2) for p in (path, longer))
+        for name in FIELDS:
+            np.testing.assert_array_equal(getattr(short, name), getattr(long, name)[:1501], err_msg=name)
+        few, many = (measure((Imu(), FlowDeck(), Barometer(), Gnss()), flight, BOX, 2) for flight in (short, long))
+        for name, table in few.items():
+            np.testing.assert_array_equal(table.values, many[name].values[: len(table.values)], err_msg=name)
 
 
 def test_the_physics_need_no_graphics_whatever_the_environment_says() -> None:
@@ -167,9 +184,9 @@ def test_flights_that_cannot_be_are_refused_by_name(
 
 
 def test_saturated_motors_are_told_with_their_share() -> None:
-    weak = Crazyflie(max_thrust_n=0.0745)
+    stiff = Crazyflie(min_thrust_n=0.0655)  # hovers at 0.0662 N
     with pytest.raises(UserError, match=r"motors saturated [0-9.]+% of the time, more than saturation_share = 0.05"):
-        fly(FlightSpec(path=Hover(), airframe=weak, wind=Dryden(w20_m_s=4.0, near_gain=14.0)), Mount(), BOX, 0)
+        fly(FlightSpec(path=Hover(), airframe=stiff, wind=Dryden(w20_m_s=4.0)), Mount(), BOX, 0)
 
 
 def test_a_crash_is_an_error_or_where_asked_the_end_of_the_record() -> None:
