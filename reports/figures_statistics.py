@@ -20,44 +20,36 @@ from trajectories.pose import Array
 def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, what: str) -> list[Path]:
     """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not tell apart."""
     names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
-    figure = new_figure(0.75 + 0.17 * len(names), wide=False)
+    k, half = len(names), (len(names) + 1) // 2
+    figure = new_figure(0.95 + 0.17 * half, wide=False)
     panel = figure.subplots()
-    k = len(names)
-    panel.set_xlim(0.6, k + 0.4)
-    panel.set_ylim(-k - 0.6, 2.2)
+    reach = 0.45 * k
+    panel.set_xlim(1 - reach, k + reach)
+    panel.set_ylim(-half - 1.7, 2.0)
     panel.axis("off")
     panel.plot([1, k], [0, 0], color=TRUTH, lw=0.8)
     for tick in range(1, k + 1):
         panel.plot([tick, tick], [0, 0.15], color=TRUTH, lw=0.8)
         panel.text(tick, 0.25, str(tick), ha="center", va="bottom", fontsize=7)
     for place, name in enumerate(names):
-        rank, y = found.mean_ranks[name], -1.0 - place
-        panel.plot([rank, rank], [0, y], color=colour(colours.get(name, 0)), lw=0.8)
-        panel.plot(rank, 0, **marker(colours.get(name, 0)))
-        at_left = rank > (k + 1) / 2
-        panel.text(
-            rank + (-0.06 if at_left else 0.06),
-            y,
-            f"{name}  {rank:.2f}",
-            ha="right" if at_left else "left",
-            va="center",
-        )
+        at_left = place < half
+        rank, y = found.mean_ranks[name], -1.0 - (place if at_left else k - 1 - place)
+        end, index = (0.9 if at_left else k + 0.1), colours.get(name, 0)
+        panel.plot([rank, rank, end], [0, y, y], color=colour(index), lw=0.8)
+        panel.plot(rank, 0, **marker(index))
+        text = f"{name}  {rank:.2f} " if at_left else f" {rank:.2f}  {name}"
+        panel.text(end, y, text, ha="right" if at_left else "left", va="center", fontsize=7)
     for level, group in enumerate(found.cliques):
         ends = [found.mean_ranks[name] for name in group]
-        panel.plot(
-            [min(ends) - 0.04, max(ends) + 0.04],
-            [-0.3 - 0.22 * level] * 2,
-            color="#444444",
-            lw=2.2,
-            solid_capstyle="butt",
-        )
+        height = -0.28 - 0.2 * level
+        panel.plot([min(ends) - 0.04, max(ends) + 0.04], [height] * 2, color="#444444", lw=2.2, solid_capstyle="butt")
     width = min(found.critical_difference, k - 1)
-    panel.plot([1, 1 + width], [1.5, 1.5], color=TRUTH, lw=1.4)
-    panel.text(1 + width, 1.5, f"  CD = {found.critical_difference:.2f}", va="center", ha="left", fontsize=7)
-    panel.text(k + 0.4, 2.1, f"mean rank by {what}, n = {found.n}", ha="right", va="top", fontsize=7)
-    return save_figure(
-        figure, stem, ["tracker", "mean_rank"], sorted(found.mean_ranks.items(), key=lambda item: item[1])
-    )
+    panel.plot([1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=TRUTH, lw=0.9)
+    panel.text(1 + width / 2, 1.45, f"CD = {found.critical_difference:.2f}", va="bottom", ha="center", fontsize=7)
+    note = f"mean rank by {what}; n = {found.n}, best at the left"
+    panel.text((k + 1) / 2, -half - 1.6, note, ha="center", va="bottom", fontsize=7)
+    rows = sorted(found.mean_ranks.items(), key=lambda item: item[1])
+    return save_figure(figure, stem, ["tracker", "mean_rank"], rows)
 
 
 def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, what: str) -> list[Path]:
@@ -139,10 +131,11 @@ def error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], st
     for name, values in ratios.items():
         known = np.sort(values[np.isfinite(values)])
         share = 100 * np.arange(1, len(known) + 1) / len(values)
-        panel.plot(known, share, label=f"{name}: median {np.median(values):.1f}", **line(colours.get(name, 0)))
+        panel.plot(known, share, label=f"{name}: {_median(values)}", **line(colours.get(name, 0)))
         rows += [[name, ratio, s / 100] for ratio, s in zip(known.tolist(), share.tolist(), strict=True)]
     panel.axvline(1, color=TRUTH, lw=0.7, ls=":")
     panel.set_xscale("log")
+    panel.set_xlim(left=max(panel.get_xlim()[0], 0.02))
     panel.set_ylim(0, 102)
     panel.set_xlabel("position error / Cramer-Rao bound")
     panel.set_ylabel("frames below it (%)")
@@ -179,3 +172,8 @@ def sweep(
     panel.set_ylabel(metric)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return save_figure(figure, stem, ["tracker", "value", "mean", "low", "high", "runs"], rows)
+
+
+def _median(values: Array) -> str:
+    middle = float(np.median(values))
+    return f"median {middle:.1f}" if np.isfinite(middle) else "half is lost"

@@ -43,6 +43,7 @@ def test_fonts_are_truetype_and_embedded(report: Path) -> None:
             assert b"/FontFile2" in b"".join(streams), pdf.name
 
 
+@pytest.mark.slow
 def test_a_second_run_gives_the_same_bytes_and_tells_its_progress(
     report: Path, entries: list[ReportEntry], tmp_path: Path
 ) -> None:
