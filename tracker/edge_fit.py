@@ -30,15 +30,18 @@ FINE_SCALES = (np.array([4.0, 3.0, 2.5]), np.array([2.0, 1.5, 1.5]))
 MEASUREMENT_PX = 0.5
 """Standard deviation of a candidate when weighed against the prediction."""
 OWN_SIGMA_PX = 0.35
-COMMON_SIGMA_PX = 0.08
+COMMON_SIGMA_PX = 0.2
 """Error of a control point: of its own, and shared along its edge."""
 
 PATCH_SIGMA_PX = 0.2
-"""Error of a patch along either axis."""
+PATCH_COMMON_PX = 0.26
+"""Error of a patch along either axis: of its own, and shared by its face from the pose that it was taken at."""
 WEAK_STEP = 15.0
 """Grey levels: an edge with this contrast weighs half of one with much."""
 ENOUGH_PATCHES = 8
 """With so many patches found at the predicted pose the edges need no wide search."""
+SURE_SUPPORT = 0.6
+"""Patches are taken where the edges alone support the pose as much as this."""
 PATCH_TRUST = 2.0
 """Weight of a patch in the support."""
 NO_PATCHES = (np.zeros((0, 2, 6)), np.zeros((0, 2)), np.zeros(0))
@@ -64,7 +67,8 @@ class Evidence:
 class Fit:
     """A pose and how well the edges support it.
 
-    covariance (6, 6); support in [0, 1]: weighted share of the control points that found their edge.
+    covariance (6, 6); support in [0, 1]: weighted share of the control points and patches that were found, and
+    edge_support that of the control points alone.
     """
 
     cam_from_world: Pose
@@ -74,6 +78,7 @@ class Fit:
     candidates: int
     inliers: int
     range_m: float
+    edge_support: float = 0.0
     evidence: Evidence | None = None
 
     @property
@@ -135,9 +140,10 @@ class EdgeFitter:
                 )
                 R, t = move(R, t, x)
         with clock.stage("covariance"):
+            _, group = np.unique(self.texture.face[self.texture.chosen], return_inverse=True)
             covariance = sandwich(
-                J, weights, keys[:, 0], J_patch, patch_weights, information + prior,
-                OWN_SIGMA_PX, COMMON_SIGMA_PX, PATCH_SIGMA_PX,
+                J, weights, keys[:, 0], J_patch, patch_weights, group, information + prior,
+                OWN_SIGMA_PX, COMMON_SIGMA_PX, PATCH_SIGMA_PX, PATCH_COMMON_PX,
             )  # fmt: skip
         tried = PATCH_TRUST * np.count_nonzero(found >= 0)
         supported = weights.sum() + PATCH_TRUST * np.count_nonzero(patch_weights)
@@ -149,6 +155,7 @@ class EdgeFitter:
             int(np.isfinite(distance).sum()),
             int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
             float(np.median(points @ R[2] + t[2])) if n else float("nan"),
+            float(weights.sum() / max(trust.sum(), 1.0)),
             Evidence(points, keys, rows, weights, self.texture.chosen, patch_weights, found),
         )
 
@@ -190,5 +197,5 @@ class EdgeFitter:
         lines, _, side = self.place(seen.points, seen.keys, pose.rotation, pose.translation)
         learn(image, lines, side, seen.rows, seen.weights, self.appearance, rate)
         self.texture.remember(seen.chosen, seen.patch_weights > 0, seen.found >= 0)
-        if np.count_nonzero(seen.patch_weights) < ENOUGH_FOUND:
+        if np.count_nonzero(seen.patch_weights) < ENOUGH_FOUND and fit.edge_support >= SURE_SUPPORT:
             self.texture.take(image, pose, lines[side != 9, :2])

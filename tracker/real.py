@@ -47,7 +47,7 @@ def track_images(
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
-    out.mkdir(parents=True, exist_ok=True)
+    out.parent.mkdir(parents=True, exist_ok=True)
     with new_file(out.parent / f"{out.name}-overlay.mp4") as video:
         writer = cv2.VideoWriter(
             str(video), cv2.VideoWriter.fourcc(*"mp4v"), video_rate(source, rate_hz), (lens.width, lens.height)

@@ -17,11 +17,16 @@ from trajectories.pose import Array, Pose
 
 GOOD_SUPPORT = 0.6
 """With less support than this other poses are searched."""
+YOUNG_FRAMES, YOUNG_SUPPORT = 5, 0.68
+"""The first frames are searched again with less support than this: the given pose may have been wrong."""
 ENOUGH_SUPPORT = 0.5
 """With less than this the track is lost; the first frame, whose appearance nobody knows yet, needs less."""
 FIRST_SUPPORT = 0.4
+FIRST_ADVANTAGE = 0.03
+"""Support by which another pose must exceed the first pose that was given."""
+FIRST_FITS = 40
 SEARCH_FITS = 16
-"""Poses of a search that are fitted."""
+"""Poses of a search that are fitted, on the first frame and later."""
 FIRST_SIGMA = 0.005
 """One standard deviation of a given first pose, in parts of the range and in rad."""
 SEARCH_SIGMA = 0.06
@@ -55,6 +60,7 @@ class RobustRun:
         self.ok_ns: int | None = None
         self.seen_ns: int | None = None
         self.support = 0.0
+        self.frames_ok = 0
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; `lost` too for an image of another size and a stamp that goes back."""
@@ -66,7 +72,8 @@ class RobustRun:
         with clock.stage("predict"):
             predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)
-        if not fit.support >= GOOD_SUPPORT:
+        young = self.frames_ok < YOUNG_FRAMES
+        if self.ok_ns is None or not fit.support >= (YOUNG_SUPPORT if young else GOOD_SUPPORT):
             with clock.stage("recover"):
                 fit = self.recover(image, predicted, covariance, fit)
         self.support = fit.support
@@ -75,7 +82,7 @@ class RobustRun:
         with clock.stage("learn"):
             self.fitter.learn(image, fit)
         self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt_s)
-        self.ok_ns, self.range_m = stamp_ns, fit.range_m
+        self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
         return TrackResult(
             status="ok",
             cam_from_world=fit.cam_from_world,
@@ -90,16 +97,23 @@ class RobustRun:
         """The best supported fit among the poses around the prediction and the last pose that agree with the image."""
         clock = StageClock()
         wide = self.covariance(SEARCH_SIGMA)
-        information = np.linalg.inv(wide if self.ok_ns is None else covariance)
+        information = np.linalg.inv(wide if self.frames_ok < YOUNG_FRAMES else covariance)
 
         def score(candidate: Fit) -> float:
             away = (candidate.cam_from_world @ predicted.inverse()).log()
             return candidate.support - FAR_COST * float(away @ information @ away)
 
         guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
-        found = [pose for _, pose in self.searcher.best_poses(image, guesses, SEARCH_SPREAD, SEARCH_FITS)]
+        most = FIRST_FITS if self.ok_ns is None else SEARCH_FITS
+        found = [pose for _, pose in self.searcher.best_poses(image, guesses, SEARCH_SPREAD, most)]
         fits = [self.fitter.fit(image, pose, wide, clock, 28.0) for pose in [*guesses, *found]]
-        return max([fit, *(other for other in fits if other.finite)], key=score)
+        fits += [
+            self.fitter.fit(image, other.cam_from_world, self.covariance(FIRST_SIGMA), clock, 12.0)
+            for other in sorted(fits, key=score)[-4:]
+            if other.finite
+        ]
+        best = max([fit, *(other for other in fits if other.finite)], key=score)
+        return best if score(best) > score(fit) + (FIRST_ADVANTAGE if self.ok_ns is None else 0.0) else fit
 
     def covariance(self, sigma: float) -> Array:
         """Covariance (6, 6) of a pose known to sigma, in parts of the range and in rad."""

@@ -9,7 +9,7 @@ from tracker.compiled import compiled
 from tracker.geometry_kernels import solve6
 from trajectories.pose import Array
 
-PATCH_WEIGHT = 4.0
+PATCH_WEIGHT = 6.0
 """Weight of a patch's displacement along either axis against that of a control point."""
 
 Indices = NDArray[np.int64]
@@ -182,17 +182,30 @@ def sandwich(
     edge: Indices,
     J_patch: Array,
     patch_weights: Array,
+    group: Indices,
     A: Array,
     sigma: float,
     common: float,
     patch_sigma: float,
+    patch_common: float,
 ) -> Array:
     """Covariance (6, 6) of the least-squares motion with information A at 1 px.
 
     The error of a control point is sigma px of its own and `common` px shared by its edge; edge (n,) ascending. That
-    of a patch is patch_sigma px along either axis.
+    of a patch is, along either axis, patch_sigma px of its own and patch_common px shared by its face; group (m,) are
+    the patches' faces, counted from 0.
     """
     B = np.zeros((6, 6))
+    shared = np.zeros((len(group) + 1, 2, 6))
+    for p in range(len(J_patch)):
+        for axis in range(2):
+            for i in range(6):
+                shared[group[p], axis, i] += patch_common * patch_weights[p] * J_patch[p, axis, i]
+    for g in range(len(shared)):
+        for axis in range(2):
+            for i in range(6):
+                for j in range(6):
+                    B[i, j] += shared[g, axis, i] * shared[g, axis, j]
     for p in range(len(J_patch)):
         w = patch_sigma * patch_weights[p]
         for axis in range(2):

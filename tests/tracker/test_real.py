@@ -1,0 +1,132 @@
+"""First poses and real images: files in, files out."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
+from tracker.initial_pose import INITIALIZATIONS, CoarseGuess, Known, PickedPoints, pose_from_points, read_init
+from tracker.real import track_images
+from tracker.variants import TRACKERS
+from trajectories.errors import UserError
+
+BOX = box()
+POSES = orbit(6, seed=7)
+CAO = """V1
+8
+{points}
+0
+0
+6
+4 0 2 3 1
+4 4 5 7 6
+4 0 1 5 4
+4 2 6 7 3
+4 0 4 6 2
+4 1 3 7 5
+0
+0
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Images, model, camera and first pose of six frames."""
+    folder = tmp_path_factory.mktemp("real")
+    (folder / "images").mkdir()
+    scene, rng = Scene([box_corners()], seed=7), np.random.default_rng(7)
+    for i, pose in enumerate(POSES):
+        cv2.imwrite(str(folder / f"images/{i:04d}.png"), scene.render(pose, noise_rng=rng))
+    points = "\n".join(" ".join(map(str, p)) for p in box_corners().tolist())
+    (folder / "box.cao").write_text(CAO.format(points=points))
+    CAMERA.save(folder / "camera.toml")
+    (folder / "init.toml").write_text(f"cam_from_model = {POSES[0].matrix.tolist()}\n")
+    return folder
+
+
+def test_five_points_give_the_pose():
+    points = BOX.vertices[[0, 1, 4, 5, 7]]
+    found = pose_from_points(points, CAMERA.project(POSES[0].transform(points)), CAMERA)
+    assert pose_error(found, POSES[0])[0] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [(np.zeros((3, 3)), "at least four"), (np.outer(np.arange(5.0), [1, 2, 3]), "one line")],
+)
+def test_points_that_fix_no_pose_are_refused(points, message):
+    with pytest.raises(UserError, match=message):
+        pose_from_points(points, np.zeros((len(points), 2)), CAMERA)
+
+
+def test_every_initialization_comes_near_the_true_pose():
+    image = Scene([box_corners()], seed=1).render(POSES[0])
+    limits = {"known": 0.0, "picked-points": 0.05, "coarse-guess": 0.15}
+    for name, kind in INITIALIZATIONS.items():
+        poses = [kind().first_pose(BOX, CAMERA, POSES[0], image, np.random.default_rng(3)) for _ in range(2)]
+        assert pose_error(poses[0], POSES[0])[0] <= limits[name]
+        np.testing.assert_array_equal(poses[0].matrix, poses[1].matrix)
+    assert {Known, PickedPoints, CoarseGuess} == set(INITIALIZATIONS.values())
+
+
+def test_init_toml_takes_a_matrix_or_points(tmp_path):
+    path = tmp_path / "init.toml"
+    path.write_text(f"cam_from_model = {POSES[0].matrix.tolist()}\n")
+    np.testing.assert_allclose(read_init(path, CAMERA).matrix, POSES[0].matrix, atol=1e-12)
+    corners = BOX.vertices[[0, 1, 4, 5, 7]]
+    pixels = CAMERA.project(POSES[0].transform(corners))
+    rows = [f"{{model_m = {p}, image_px = {q}}}" for p, q in zip(corners.tolist(), pixels.tolist(), strict=True)]
+    path.write_text("points = [" + ", ".join(rows) + "]\n")
+    assert pose_error(read_init(path, CAMERA), POSES[0])[0] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("cam_from_model = [[1, 0, 0, 0]]", "cam_from_model"),
+        ("pose = 1", "either cam_from_model or points"),
+        ("points = [{model_m = [0, 0, 0]}]", "image_px"),
+        ("points = [{model_m = [0, 0, 0], image_px = [1, 1]}]", "at least four"),
+        ("points = ", "not a readable TOML"),
+    ],
+)
+def test_a_bad_init_toml_is_named(tmp_path, text, message):
+    path = tmp_path / "init.toml"
+    path.write_text(text)
+    with pytest.raises(UserError, match=message) as caught:
+        read_init(path, CAMERA)
+    assert "init.toml" in str(caught.value)
+
+
+def test_a_folder_of_images_is_tracked(files, tmp_path):
+    results = track_images(
+        TRACKERS["robust"](),
+        files / "images",
+        model=files / "box.cao",
+        camera=files / "camera.toml",
+        init=files / "init.toml",
+        out=tmp_path / "out",
+        rate_hz=15,
+    )
+    assert results.ok.all()
+    for found, true in zip(results.cam_from_world, POSES, strict=True):
+        assert pose_error(found, true)[0] < 0.01
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        "estimate.tum", "frames.csv", "overlay.mp4", "record.json", "times.csv",
+    }  # fmt: skip
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+    assert cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 6
+
+
+def test_an_empty_folder_leaves_nothing_behind(files, tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UserError, match="no images"):
+        track_images(
+            TRACKERS["hold"](),
+            tmp_path / "empty",
+            model=files / "box.cao",
+            camera=files / "camera.toml",
+            init=files / "init.toml",
+            out=tmp_path / "out",
+        )
+    assert [p.name for p in tmp_path.iterdir()] == ["empty"]

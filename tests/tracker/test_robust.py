@@ -1,0 +1,189 @@
+"""The tracker robust: accuracy, uncertainty, bad input, loss and recovery on ray-cast frames."""
+
+import numpy as np
+import pytest
+
+from scenes.structure import Structure
+from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, look_at, orbit, pose_error
+from tracker.edge_map import EdgeMap
+from tracker.geometry_kernels import camera_array, move, normal_row, project, solve6
+from tracker.pose_search import PoseSearch, spread
+from tracker.robust import Robust
+from tracker.sampling_kernels import sample_edges
+from tracker.texture import Texture
+from trajectories.errors import UserError
+from trajectories.pose import Pose
+
+STEP_NS = 66_666_667
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Poses and noisy frames of 1.3 seconds around a box."""
+    poses = orbit(20, seed=11)
+    scene = Scene([box_corners()], seed=11)
+    rng = np.random.default_rng(11)
+    return poses, [scene.render(pose, noise_rng=rng) for pose in poses]
+
+
+def started(first):
+    return Robust().start(box(), CAMERA, first, np.random.default_rng(0))
+
+
+def test_it_follows_the_box_to_millimetres_and_knows_its_error(flight):
+    poses, images = flight
+    run = started(poses[0])
+    errors, nees = [], []
+    for i, (pose, image) in enumerate(zip(poses, images, strict=True)):
+        result = run.track(image, i * STEP_NS)
+        assert result.status == "ok"
+        errors.append(pose_error(result.cam_from_world, pose)[0])
+        twist = (pose @ result.cam_from_world.inverse()).log()
+        nees.append(twist @ np.linalg.solve(result.covariance, twist) / 6)
+        assert np.linalg.eigvalsh(result.covariance).min() > 0
+    assert np.sqrt(np.mean(np.square(errors))) < 0.003
+    assert 0.05 < np.mean(nees) < 5
+
+
+def test_two_runs_are_the_same(flight):
+    poses, images = flight
+    results = [
+        [run.track(image, i * STEP_NS) for i, image in enumerate(images[:6])]
+        for run in (started(poses[0]), started(poses[0]))
+    ]
+    for a, b in zip(*results, strict=True):
+        np.testing.assert_array_equal(a.cam_from_world.matrix, b.cam_from_world.matrix)
+        np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
+def test_it_recovers_from_a_start_error_of_four_percent_and_four_degrees(flight):
+    poses, images = flight
+    rng = np.random.default_rng(2)
+    errors = []
+    for _ in range(4):
+        t, r = rng.normal(size=3), rng.normal(size=3)
+        away = Pose.exp(np.concatenate([0.04 * 1.1 * t / np.linalg.norm(t), np.radians(4) * r / np.linalg.norm(r)]))
+        run = started(away @ poses[0])
+        for i in range(4):
+            result = run.track(images[i], i * STEP_NS)
+        errors.append(pose_error(result.cam_from_world, poses[3])[0] if result.cam_from_world else np.inf)
+    assert np.count_nonzero(np.array(errors) < 0.01) >= 3
+
+
+def test_a_second_between_frames_is_not_a_loss(flight):
+    poses, images = flight
+    run = started(poses[0])
+    for i in (0, 15, 19):
+        result = run.track(images[i], i * STEP_NS)
+        assert result.status == "ok"
+        assert pose_error(result.cam_from_world, poses[i])[0] < 0.01
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_a_blank_frame_is_lost_and_the_next_good_one_is_found(flight, level):
+    poses, images = flight
+    run = started(poses[0])
+    for i in range(4):
+        run.track(images[i], i * STEP_NS)
+    for i in (4, 5):
+        assert run.track(np.full((480, 640, 3), level, np.uint8), i * STEP_NS).status == "lost"
+    result = run.track(images[6], 6 * STEP_NS)
+    assert result.status == "ok"
+    assert pose_error(result.cam_from_world, poses[6])[0] < 0.01
+
+
+def test_a_view_without_the_structure_is_lost(flight):
+    poses, images = flight
+    run = started(poses[0])
+    run.track(images[0], 0)
+    empty = Scene([], seed=3)
+    view = empty.render(poses[1], noise_rng=np.random.default_rng(0))
+    statuses = [run.track(view, (i + 1) * STEP_NS).status for i in range(3)]
+    assert statuses[1:] == ["lost", "lost"]
+
+
+def test_bad_frames_are_lost_without_an_exception(flight):
+    poses, images = flight
+    run = started(poses[0])
+    assert run.track(images[0], STEP_NS).status == "ok"
+    assert run.track(images[1], STEP_NS).status == "lost"  # the stamp stands still
+    assert run.track(images[1], 0).status == "lost"  # and goes back
+    assert run.track(images[1][:240], 2 * STEP_NS).status == "lost"
+    assert run.track(images[0], 3 * STEP_NS).status == "ok"  # a frozen frame is a frame
+
+
+def test_grey_frames_are_frames(flight):
+    poses, images = flight
+    run = started(poses[0])
+    for i in range(3):
+        result = run.track(np.ascontiguousarray(images[i][..., 1]), i * STEP_NS)
+        assert result.status == "ok"
+        assert pose_error(result.cam_from_world, poses[i])[0] < 0.01
+
+
+def test_a_first_pose_that_is_not_finite_is_the_users_mistake():
+    with pytest.raises(UserError, match="finite"):
+        started(Pose(np.eye(3), [np.nan, 0, 1]))
+
+
+def test_a_model_behind_the_camera_is_lost(flight):
+    _, images = flight
+    run = started(look_at(np.array([1.0, 0.0, 0.3]), (3.0, 0, 0.3)))
+    assert run.track(images[0], 0).status == "lost"
+
+
+def test_hidden_lines_are_removed():
+    front, back = box_corners((0.2, 0.6, 0.6), (0.5, 0.0)), box_corners((0.2, 0.2, 0.2), (-0.5, 0.0))
+    both = Structure.from_mesh(np.concatenate([front, back]), np.concatenate([BOX_TRIANGLES, BOX_TRIANGLES + 8]))
+    m = EdgeMap.of(both)
+    pose = look_at(np.array([3.0, 0.0, 0.1]), (0, 0, 0.1))
+    points, _ = sample_edges(
+        m.ends, m.faces, m.planes, m.corners, m.owner, m.boxes, m.nodes, pose.rotation, pose.translation,
+        camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-0.5, -0.5, 639.5, 479.5]), 4.0, 400,
+    )  # fmt: skip
+    assert len(points) > 100
+    assert (points[:, 0] > 0).all()
+
+
+def test_compiled_geometry_is_that_of_pose_and_camera():
+    rng = np.random.default_rng(4)
+    cam = camera_array(CAMERA)
+    pose, twist = Pose.exp(rng.normal(size=6)), rng.normal(size=6) * 0.3
+    R, t = move(pose.rotation, pose.translation, twist)
+    np.testing.assert_allclose(R, (Pose.exp(twist) @ pose).rotation, atol=1e-12)
+    np.testing.assert_allclose(t, (Pose.exp(twist) @ pose).translation, atol=1e-12)
+    np.testing.assert_allclose(project(0.1, -0.2, 1.3, cam), CAMERA.project(np.array([[0.1, -0.2, 1.3]]))[0])
+    row = np.zeros(6)
+    normal_row(0.1, -0.2, 1.3, 0.6, 0.8, cam, row)
+    for axis in range(6):
+        step = np.zeros(6)
+        step[axis] = 1e-6
+        a, b = (Pose.exp(s * step).transform(np.array([[0.1, -0.2, 1.3]])) for s in (1, -1))
+        np.testing.assert_allclose(row[axis], (CAMERA.project(a) - CAMERA.project(b))[0] @ [0.6, 0.8] / 2e-6, atol=1e-4)
+    A = rng.normal(size=(6, 6))
+    A = A @ A.T + np.eye(6)
+    x = np.zeros(6)
+    assert solve6(A, np.arange(6.0), x)
+    np.testing.assert_allclose(A @ x, np.arange(6.0), atol=1e-10)
+    assert not solve6(-A, np.arange(6.0), x)
+
+
+def test_patches_taken_at_a_pose_are_found_again_there(flight):
+    poses, images = flight
+    texture = Texture(EdgeMap.of(box()), CAMERA)
+    texture.take(images[0], poses[0], np.zeros((0, 2)))
+    assert len(texture) > 10
+    texture.choose(poses[1].rotation, poses[1].translation)
+    observed, score = texture.align(images[1], poses[1].rotation, poses[1].translation)
+    moved, _ = texture.rows(observed, poses[1].rotation, poses[1].translation)
+    assert np.count_nonzero(score > 0) > 0.7 * len(texture.chosen)
+    assert np.median(np.linalg.norm(moved[score > 0], axis=1)) < 0.3
+
+
+def test_pose_search_ranks_a_near_pose_first(flight):
+    poses, images = flight
+    search = PoseSearch(EdgeMap.of(box()), CAMERA)
+    found = search.best_poses(images[19], [poses[0]], spread(0.4, 0.12, 0.25, 0.3), 8)
+    scores = [score for score, _ in found]
+    assert scores == sorted(scores, reverse=True)
+    assert min(pose_error(pose, poses[19])[0] for _, pose in found) < 0.15
