@@ -30,10 +30,12 @@ class RollingShutter:
         delay_ns = self.readout_ms * 1e6 / max(height - 1, 1)
         late_ns = np.rint((np.arange(height) - (height - 1) / 2) * delay_ns).astype(np.int64)
 
+        knots, share = row_knots(height)
+
         def places(view: View, at_ns: int) -> Map:
             world_from_view = view.cam_from_world.inverse()
-            rows = [(source.cam_from_world(int(at_ns + late)) @ world_from_view).matrix[:3] for late in late_ns]
-            return moved_rows(source, view, np.array(rows))
+            known = [(source.cam_from_world(int(at_ns + late_ns[k])) @ world_from_view).matrix[:3] for k in knots]
+            return moved_rows(source, view, np.einsum("rk,kij->rij", share, np.array(known)))
 
         def expose(start_ns: int, end_ns: int) -> Radiance:
             out = np.zeros((height, source.camera.width, 3), dtype=np.float32)
@@ -58,6 +60,16 @@ class RollingShutter:
             return out
 
         return replace(source, expose=expose, image=lambda t: expose(t, t), row_delay_ns=delay_ns)
+
+
+def row_knots(height: int) -> tuple[list[int], Array]:
+    """Rows whose poses are worked out, and the weights (h, knots) that give every row's by linear interpolation.
+
+    Knots are at most 1/16 of the readout apart: at 10 rad/s^2 and 20 ms the error is below 1e-5 rad, 0.005 px.
+    """
+    knots = np.unique(np.rint(np.linspace(0, height - 1, 17)).astype(int)).tolist()
+    share = np.array([np.interp(np.arange(height), knots, np.eye(len(knots))[k]) for k in range(len(knots))]).T
+    return knots, share
 
 
 def moved_rows(source: Source, view: View, rows: Array) -> Map:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.exposure import row_knots
 from scenes.sequence import Sequence
 from scenes.source import Source, View, sample
 from scenes.structure import Structure
@@ -116,11 +117,19 @@ def _stretches(
 
 
 def row_poses(source: Source, world_from_body: Callable[[int], Pose], stamp_ns: int) -> Array:
-    """Pose `world_from_body` (h, 7) of each row of a rolling shutter: px py pz qw qx qy qz."""
+    """Pose `world_from_body` (h, 7) of each row of a rolling shutter: px py pz qw qx qy qz.
+
+    Interpolated between 17 rows, as the images are.
+    """
     height = source.camera.height
-    late = np.rint((np.arange(height) - (height - 1) / 2) * source.row_delay_ns).astype(int)
-    poses = [world_from_body(stamp_ns + int(ns)) for ns in late]
-    return np.array([[*pose.translation, *pose.quaternion_wxyz] for pose in poses])
+    knots, share = row_knots(height)
+    late = [round((k - (height - 1) / 2) * source.row_delay_ns) for k in knots]
+    poses = [world_from_body(stamp_ns + ns) for ns in late]
+    quaternions = np.array([pose.quaternion_wxyz for pose in poses])
+    quaternions *= np.where(quaternions @ quaternions[0] < 0, -1.0, 1.0)[:, None]
+    turned = share @ quaternions
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    return np.column_stack([share @ np.array([pose.translation for pose in poses]), turned])
 
 
 def load_edges(sequence: Sequence, frame: int) -> Array:

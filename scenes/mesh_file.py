@@ -100,6 +100,8 @@ def read(path: Path) -> list[Loaded]:
         matrix, name = scene.graph[node]
         mesh = scene.geometry[name]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            if np.shape(mesh.vertices)[1:] != (3,) or int(np.max(mesh.faces)) >= len(mesh.vertices):
+                raise UserError(f"{path}: a face of {name} names a vertex that is not there; export the model again")
             piece = Loaded(
                 np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64), name=str(name)
             )

@@ -20,7 +20,10 @@ BODY = np.array(
      [1.54, 0.065], [1.58, 0.09], [1.66, 0.105], [1.74, 0.09], [1.78, 0.02]]
 )  # fmt: skip
 """Height and radius (m) along a standing figure of 1.78 m, arms to its sides."""
-CLOTHES = ((46.0, 58.0, 92.0), (150.0, 52.0, 44.0), (222.0, 140.0, 44.0), (70.0, 74.0, 70.0), (196.0, 196.0, 190.0))
+TROUSERS = ((0.03, 0.04, 0.09), (0.05, 0.05, 0.05), (0.20, 0.16, 0.10))
+SHIRTS = ((0.03, 0.05, 0.14), (0.30, 0.04, 0.03), (0.70, 0.28, 0.03), (0.07, 0.09, 0.07), (0.55, 0.55, 0.52))
+SKIN, HAIR = ((0.50, 0.30, 0.21), (0.12, 0.06, 0.04)), ((0.02, 0.015, 0.01), (0.16, 0.10, 0.05))
+"""Linear colours."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +39,11 @@ class People:
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
         """Those who stand as one mesh, those who walk each as a mover."""
         places = ring_places(bounds, round(10 * self.density), self.nearest_m, self.furthest_m, rng)
-        wear = [materials.cloth(rng, color) for color in CLOTHES]
+        wear = materials.cloth(rng, (225.0, 225.0, 225.0))
         standing: list[Part] = []
         movers = []
         for place in places:
-            figure = _figure(float(rng.uniform(0.9, 1.06)), wear[int(rng.integers(len(wear)))])
+            figure = _figure(float(rng.uniform(0.9, 1.06)), wear, rng)
             bearing = float(rng.uniform(0, 2 * np.pi))
             if rng.random() < self.walking:
                 outward = place - bounds.mean(axis=0)
@@ -52,10 +55,7 @@ class People:
                 )
             else:
                 standing.append(moved(figure, rotation_exp(np.array([0, 0, bearing])), place))
-        alike: dict[int, list[Part]] = {}
-        for part in standing:
-            alike.setdefault(id(part.texture), []).append(part)
-        return BuiltClutter(tuple(merge(parts) for parts in alike.values()), tuple(movers))
+        return BuiltClutter((merge(standing),) if standing else (), tuple(movers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +80,8 @@ class Walk:
         return Pose(rotation_exp(np.array([0.0, 0.0, turn])), self.place + along * ahead + np.array([0.0, 0.0, step]))
 
 
-def _figure(scale: float, wear: Material) -> Part:
-    """A turned figure, flattened from front to back; darker legs, skin-coloured head."""
+def _figure(scale: float, wear: Material, rng: np.random.Generator) -> Part:
+    """A turned figure, flattened from front to back, dressed."""
     sides = 10
     angle = np.arange(sides) * 2 * np.pi / sides
     around = np.column_stack([0.62 * np.cos(angle), np.sin(angle)])
@@ -97,9 +97,9 @@ def _figure(scale: float, wear: Material) -> Part:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     tint = np.ones((len(vertices), 4))
     height = np.repeat(BODY[:, 0], sides)
-    tint[height < 0.9, :3] = 0.45
-    tint[height > 1.5, :3] = np.array([2.2, 1.7, 1.4]) * 0.6
-    tint[height > 1.70, :3] = 0.25
+    bands = ((0.0, TROUSERS), (0.9, SHIRTS), (1.47, SKIN), (1.70, HAIR))
+    for low, colors in bands:
+        tint[height > low - 0.01, :3] = colors[int(rng.integers(len(colors)))]
     return Part(
         vertices=vertices,
         triangles=np.concatenate(triangles),

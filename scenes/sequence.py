@@ -17,7 +17,7 @@ The world frame is the structure's frame: metres, z up.
 import csv
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -66,7 +66,7 @@ class Sequence:
             info,
             Camera.load(folder / "camera.toml"),
             load_structure(folder),
-            np.array([int(row["stamp_ns"]) for row in frames], dtype=np.int64),
+            read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0],
             tuple(row["file"] for row in frames),
         )
 
@@ -76,17 +76,26 @@ class Sequence:
     @property
     def name(self) -> str:
         """Name of the sequence."""
-        return str(self.info["name"])
+        return str(self._said("name"))
 
     @property
     def cam_from_body(self) -> Pose:
         """Mount of the camera on the vehicle."""
-        return Pose.from_matrix(self.info["cam_from_body"])
+        try:
+            return Pose.from_matrix(self._said("cam_from_body"))
+        except (ValueError, TypeError) as error:
+            raise UserError(f"{self.folder / 'sequence.json'}: cam_from_body: {error}") from None
 
     @property
     def content_hash(self) -> str:
         """Hash of everything that made this sequence."""
-        return str(self.info["content_hash"])
+        return str(self._said("content_hash"))
+
+    def _said(self, key: str) -> Any:
+        """What `sequence.json` says of a key; UserError when it says nothing."""
+        if key not in self.info:
+            raise UserError(f"{self.folder / 'sequence.json'}: `{key}` is missing; render the sequence again")
+        return self.info[key]
 
     def image(self, frame: int) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) of a frame; UserError when its file is missing, truncated or of another size."""
@@ -96,14 +105,17 @@ class Sequence:
     def truth(self) -> Trajectory:
         """True `world_from_body` at each frame."""
         table = self.truth_table
-        return Trajectory(self.stamps_ns, table[:, 2:5], table[:, 5:9])
+        try:
+            return Trajectory(self.stamps_ns, table[:, 2:5], table[:, 5:9])
+        except ValueError as error:
+            raise UserError(f"{self.folder / 'truth.csv'}: {error}; render the sequence again") from None
 
     @cached_property
     def truth_table(self) -> Array:
         """All of truth.csv (n, 18) in the order of TRUTH_COLUMNS."""
-        rows = read_table(self.folder / "truth.csv", TRUTH_COLUMNS)
-        table = np.array([[float(row[c]) for c in TRUTH_COLUMNS] for row in rows])
-        if [int(row["stamp_ns"]) for row in rows] != self.stamps_ns.tolist():
+        path = self.folder / "truth.csv"
+        table = read_numbers(path, TRUTH_COLUMNS)
+        if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
             raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")
         return table
 
@@ -162,6 +174,30 @@ def read_table(path: Path, columns: list[str]) -> list[dict[str, str]]:
     return rows
 
 
+def read_numbers(path: Path, columns: list[str]) -> Array:
+    """These columns (n, k) of a CSV file as numbers; UserError naming the file and the line."""
+    return np.array(_converted(path, columns, float), dtype=np.float64).reshape(-1, len(columns))
+
+
+def read_integers(path: Path, columns: list[str]) -> NDArray[np.int64]:
+    """These columns (n, k) of a CSV file as integers; UserError naming the file and the line."""
+    rows = _converted(path, columns, int)
+    try:
+        return np.array(rows, dtype=np.int64).reshape(-1, len(columns))
+    except OverflowError:
+        raise UserError(f"{path}: an integer has more than 64 bits") from None
+
+
+def _converted(path: Path, columns: list[str], kind: Callable[[str], Any]) -> list[list[Any]]:
+    rows = []
+    for number, row in enumerate(read_table(path, columns), start=2):
+        try:
+            rows.append([kind(row[c]) for c in columns])
+        except ValueError as error:
+            raise UserError(f"{path}: line {number}: {error}") from None
+    return rows
+
+
 def save_structure(structure: Structure, folder: Path) -> None:
     """Write `model.obj` and `edges.csv`; numbers are written so that they read back exactly."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in structure.vertices.tolist()]
@@ -193,14 +229,21 @@ def load_structure(folder: Path) -> Structure:
                     triangle_face.append(face)
                 case _:
                     raise UserError(f"{path}: line {number} is not one that a sequence's model has")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: not readable as text: {error}") from None
     except OSError as error:
         raise UserError(f"{path}: cannot read the model: {error.strerror}") from None
     except ValueError as error:
         raise UserError(f"{path}: line {number}: {error}") from None
-    columns = ["vertex_0", "vertex_1", "face_0", "face_1"]
-    edges = np.array([[int(r[c]) for c in columns] for r in read_table(folder / "edges.csv", columns)], dtype=np.int64)
-    edges = edges.reshape(-1, 4)
-    points, corners, owner = np.array(vertices), np.array(triangles, dtype=np.int64), np.array(triangle_face)
+    edges = read_integers(folder / "edges.csv", ["vertex_0", "vertex_1", "face_0", "face_1"])
+    points = np.array(vertices).reshape(-1, 3)
+    if not (triangles and np.isfinite(points).all() and min(triangle_face) >= 0):
+        raise UserError(f"{path}: needs finite vertices, and triangles in groups `g`")
+    if not all(0 <= corner < len(points) for triangle in triangles for corner in triangle):
+        raise UserError(f"{path}: a triangle names a vertex that is not there")
+    if not ((edges >= [0, 0, -1, -1]) & (edges < [len(points), len(points), face + 1, face + 1])).all():
+        raise UserError(f"{folder / 'edges.csv'}: an edge names a vertex or a face that is not there")
+    corners, owner = np.array(triangles, dtype=np.int64), np.array(triangle_face)
     p, q, r = (points[corners[:, k]] for k in range(3))
     normals = np.zeros((face + 1, 3))
     np.add.at(normals, owner, np.cross(q - p, r - p))
