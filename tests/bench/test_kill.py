@@ -1,0 +1,74 @@
+"""kill -9 at random moments of a suite: after the same command again, all is as after an undisturbed run.
+
+Three moments in CI; fifty with UAVBENCH_NIGHTLY=1.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.slow
+MOMENTS = 50 if os.environ.get("UAVBENCH_NIGHTLY") else 3
+SUITE = """
+title = "killed"
+seeds = [0, 1]
+rates_hz = [15.0]
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 0.3 }
+camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
+[trackers]
+hold = { kind = "hold" }
+rapid = { kind = "rapid" }
+"""
+
+
+def final(folder):
+    """All that must be the same: everything but wall times, locks and what tells of them."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for pattern in ("sequences/**/*", "results/*/*/*.csv", "results/*/*/*.tum", "results/*/*/record.json", "*.json")
+        for path in sorted(folder.glob(pattern))
+        if path.is_file() and path.name not in ("times.csv", "seconds.json")
+    }
+
+
+def start(suite, out):
+    command = [sys.executable, "-m", "bench.cli", "score", str(suite), "--out", str(out), "--jobs", "2"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kill")
+    suite = folder / "suite.toml"
+    suite.write_text(SUITE)
+    begin = time.monotonic()
+    process = start(suite, folder / "out")
+    assert process.wait() == 0, process.stdout.read()
+    return suite, folder / "out", time.monotonic() - begin
+
+
+@pytest.mark.parametrize("moment", range(MOMENTS))
+def test_killed_and_resumed_is_as_undisturbed(undisturbed, tmp_path, moment):
+    suite, expected, took_s = undisturbed
+    share = float(np.random.default_rng(moment).uniform(0.05, 1.0))
+    process = start(suite, tmp_path / "out")
+    time.sleep(share * took_s)
+    with contextlib.suppress(ProcessLookupError):  # it was done already
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    again = start(suite, tmp_path / "out")
+    text, _ = again.communicate()
+    assert again.returncode == 0, text.decode()
+    got, want = final(tmp_path / "out"), final(expected)
+    assert got.keys() == want.keys()
+    assert [name for name in want if got[name] != want[name]] == []
+    assert not [p for p in (tmp_path / "out").rglob(".*") if not p.name.startswith(".lock")]
