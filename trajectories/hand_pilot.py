@@ -127,7 +127,8 @@ class Pilot:
         bearing = np.radians(path.start_deg) - self._sign * path.speed_m_s * WARM_UP_S / np.mean(path.range_m)
         distance, height = self._place(-WARM_UP_S)
         start = np.array([*(stage.centre + distance * np.array([np.cos(bearing), np.sin(bearing)])), height])
-        self._assist = Assist(start, bearing + np.pi, Wander(path.wander_m, np.radians(path.wander_deg), rng))
+        wander = Wander(path.wander_m, np.radians(path.wander_deg), rng)
+        self._assist = Assist(start, bearing + np.pi, wander, self.warm_up + self.steps)
         self._memory: deque[Seen] = deque()
         self._sticks, self._target = np.zeros(4), np.zeros(4)
         self._decide_at = -WARM_UP_S

@@ -85,16 +85,16 @@ class Wander:
 class Assist:
     """Velocity assist: holds position and heading, not quite, and moves them as the sticks say."""
 
-    def __init__(self, position_m: Array, yaw_rad: float, wander: Wander) -> None:
+    def __init__(self, position_m: Array, yaw_rad: float, wander: Wander, steps: int) -> None:
         # position 0:3, velocity 3:6, acceleration 6:9, yaw 9, yaw rate 10, yaw acceleration 11
         self._state = np.zeros(12)
         self._state[0:3], self._state[9] = position_m, yaw_rad
-        self._wander, self._step = wander, 0
+        self._wander, self._step = wander.at(np.arange(steps, dtype=np.float64) * STEP_S), 0
 
     def now(self) -> Array:
         """Reference row (17,) of the moment, at rest."""
         row = np.zeros(REFERENCE_COLUMNS)
-        error = self._wander.at(np.array([self._step * STEP_S]))[0][0]
+        error = self._wander[0][self._step]
         row[0:3], row[9] = self._state[0:3] + error[:3], self._state[9] + error[3]
         return row
 
@@ -103,9 +103,7 @@ class Assist:
         rows = np.zeros((count, REFERENCE_COLUMNS))
         jerks, yaw_rates = np.empty((count, 3)), np.empty(count)
         _follow(self._state, command, rows, jerks, yaw_rates)
-        error, first, second, third = self._wander.at(
-            np.arange(self._step, self._step + count, dtype=np.float64) * STEP_S
-        )
+        error, first, second, third = (wave[self._step : self._step + count] for wave in self._wander)
         self._step += count
         rows[:, 0:3] += error[:, :3]
         rows[:, 3:6] += first[:, :3]
