@@ -16,7 +16,7 @@ from reports.overlay import scrubbed
 from reports.pictures import View
 from reports.runs import ScoredRun
 from reports.style import PNG_DPI, TWO_COLUMNS_IN, colour
-from reports.tables import COLUMNS, Table
+from reports.tables import Table
 from reports.tracking import failures
 from tracker.run import versions
 from trajectories.files import write_text
@@ -73,7 +73,7 @@ def write_index(
     folder: Path,
     title: str,
     runs: ListOf[ScoredRun],
-    table: Table,
+    tables: ListOf[tuple[str, Table]],
     figures: ListOf[FigureOnPage],
     sequences: ListOf[SequenceOnPage],
 ) -> Path:
@@ -89,11 +89,8 @@ def write_index(
         trackers=", ".join(labels),
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
         sequences=sequences,
-        heads=[{"name": "tracker", "unit": "", "best": "min"}]
-        + [{"name": c.head, "unit": c.unit, "best": c.best} for c in COLUMNS],
-        rows=[_row(name, cells, runs) for name, cells in table.rows],
-        caption=table.caption,
-        tables=[f"tables/summary{suffix}" for suffix in (".md", ".csv", ".tex")],
+        summary=_shown(*tables[0], runs),
+        more=[_shown(name, table, runs) for name, table in tables[1:]],
         failures=[f for run in worst_first(runs) if (f := failure(run, runs, pages)) is not None],
         figures=[f.sized(folder) for f in figures],
         record=json.dumps(runs[0].score.record, indent=1) if runs else "",
@@ -193,6 +190,20 @@ def failure(run: ScoredRun, runs: ListOf[ScoredRun], pages: dict[str, str]) -> d
         "title": run.title, "sequence": run.sequence.name, "status": status, "text": text, "link": link,
         "errors": run.score.errors[:3],
     }  # fmt: skip
+
+
+def _shown(name: str, table: Table, runs: ListOf[ScoredRun]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "heads": [
+            {"name": "tracker", "unit": "", "best": "min"},
+            *({"name": c.head, "unit": c.unit, "best": c.best} for c in table.columns),
+        ],
+        "rows": [_row(run, cells, runs) for run, cells in table.rows],
+        "caption": table.caption,
+        "files": [f"tables/{name}{suffix}" for suffix in (".md", ".csv", ".tex")],
+        "shares": name == "summary",
+    }
 
 
 def _row(name: str, cells: Any, runs: ListOf[ScoredRun]) -> dict[str, Any]:

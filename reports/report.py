@@ -4,7 +4,7 @@ index.html                   the summary, failures first, and the figures
 pages/SEQUENCE.html          frame by frame, with its images beside it
 figures/*.pdf *.png *.csv    every figure and the numbers behind it
 figures/overlay_*.webp       the model on the images, moving
-tables/summary.*             Markdown, CSV, LaTeX
+tables/summary.* details.*   Markdown, CSV, LaTeX
 scores.json                  all scores; byte for byte the same on every run of the same suite
 latency.json                 the times of the same runs
 report.json                  the hash of what made this report
@@ -27,7 +27,8 @@ from reports.runs import ScoredRun, open_runs
 from reports.score import Score
 from reports.statistics import compare_pairs, ranks
 from reports.style import house_style
-from reports.tables import summary_table, write_tables
+from reports.tables import DETAILS, details, summary_table
+from reports.tables_write import write_tables
 from trajectories.errors import UserError
 from trajectories.files import write_text
 from trajectories.pose import Array
@@ -65,11 +66,13 @@ def write_report(
     with house_style():
         overall = compare(folder, runs, steps)
         pages = [write_sequence(folder, title, group, steps) for group in by_sequence.values()]
-    table = summary_table([run.score for run in runs])
-    write_tables(table, folder / "tables" / "summary")
+    scores = [run.score for run in runs]
+    tables = [("summary", summary_table(scores)), ("details", summary_table(scores, DETAILS, details))]
+    for name, table in tables:
+        write_tables(table, folder / "tables" / name)
     write_scores(folder, title, [run.score for run in runs])
     index = write_index(
-        folder, title, runs, table, [*overall, *(f for _, few in pages for f in few)], [p for p, _ in pages]
+        folder, title, runs, tables, [*overall, *(f for _, few in pages for f in few)], [p for p, _ in pages]
     )
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")

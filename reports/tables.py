@@ -1,16 +1,13 @@
-"""The summary table: means with intervals, the best of a column bold, in Markdown, CSV and LaTeX alike."""
+"""The summary table: means with intervals, the best of a column marked."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from reports.score import Score
 from reports.statistics import Interval, compare_with, hierarchical_interval
-from reports.style import write_csv
-from trajectories.files import write_text
 from trajectories.pose import Array
 
 
@@ -38,9 +35,25 @@ COLUMNS: tuple[Column, ...] = (
     Column(head="frame p50", unit="ms", best="min", decimals=1),
     Column(head="frame p95", unit="ms", best="min", decimals=1),
 )
-SUCCESS_COLUMNS = (1, 2)
+DETAILS: tuple[Column, ...] = (
+    Column(head="ADD", unit="cm", best="min", decimals=2),
+    Column(head="MSSD", unit="cm", best="min", decimals=2),
+    Column(head="MSPD", unit="px", best="min", decimals=1),
+    Column(head="recovery", unit="s", best="min", decimals=2),
+    Column(head="longest loss", unit="s", best="min", decimals=2),
+    Column(head="NEES", unit="6 is honest", best="", decimals=1),
+    Column(head="claimed sigma", unit="cm", best="", decimals=2),
+    Column(head="frame p99", unit="ms", best="min", decimals=1),
+    Column(head="frame max", unit="ms", best="min", decimals=1),
+    Column(head="deadline misses", unit="%", best="min", decimals=1),
+    Column(head="in real time: within 5 cm, 5 deg", unit="%", best="max", decimals=1),
+    Column(head="in real time: frames missed", unit="%", best="min", decimals=1),
+    Column(head="in real time: age of the pose", unit="ms", best="min", decimals=0),
+)
+Numbers = Callable[[Score], tuple[float | None, ...]]
+WON_BY_ALL = ("within 5 cm, 5 deg", "AUC 10 cm")
 KEEPS_UP = 0.9
-"""Other columns are won among trackers with this share of the best success: one that is lost has no good error."""
+"""Errors and times are won among trackers with this share of the best success: one that is lost has no good error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,9 +89,10 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of named cells under COLUMNS, with what a reader must know."""
+    """Rows of named cells under columns, with what a reader must know."""
 
     caption: str
+    columns: tuple[Column, ...]
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
 
 
@@ -107,20 +121,50 @@ def numbers(score: Score) -> tuple[float | None, ...]:
     )
 
 
-def summary_table(scores: ListOf[Score]) -> Table:
+def details(score: Score) -> tuple[float | None, ...]:
+    """The numbers of a score in the order of DETAILS; None where there is none."""
+    model, tracking, replay, total = score.model, score.tracking, score.replay, score.latency.get("total")
+    claimed = score.consistency
+    return (
+        100 * model.add_m.mean if model and model.add_m else None,
+        100 * model.mssd_m.mean if model and model.mssd_m else None,
+        model.mspd_px.mean if model and model.mspd_px else None,
+        tracking.time_to_recover_s,
+        tracking.longest_failure_s,
+        claimed.mean if claimed else None,
+        100 * claimed.sharpness_m if claimed else None,
+        total.p99_ms if total else None,
+        total.max_ms if total else None,
+        100 * score.deadline_misses if score.deadline_misses is not None else None,
+        100 * replay.success if replay else None,
+        100 * replay.dropped if replay else None,
+        replay.age_ms if replay and np.isfinite(replay.age_ms) else None,
+    )
+
+
+def summary_table(scores: ListOf[Score], columns: tuple[Column, ...] = COLUMNS, numbers_of: Numbers = numbers) -> Table:
     """One row per tracker and rate, over its sequences and seeds; by rate, the worst first."""
     groups: dict[str, list[Score]] = {}
     for score in scores:
         groups.setdefault(score.run, []).append(score)
     cells = {
-        run: [_cell(by_sequence(group, k), column) for k, column in enumerate(COLUMNS)] for run, group in groups.items()
+        run: [_cell(by_sequence(group, k, numbers_of), column) for k, column in enumerate(columns)]
+        for run, group in groups.items()
     }
+    success = {run: float(np.mean([score.tracking.success for score in group])) for run, group in groups.items()}
     for rate in {score.rate_hz for score in scores}:
         rivals = [run for run in groups if groups[run][0].rate_hz == rate]
-        for k, column in enumerate(COLUMNS):
-            fit = rivals if k in SUCCESS_COLUMNS else [run for run in rivals if _keeps_up(run, rivals, cells)]
-            _mark_best({run: cells[run] for run in fit}, {run: by_sequence(groups[run], k) for run in fit}, k, column)
-    order = sorted(groups, key=lambda run: (-groups[run][0].rate_hz, cells[run][1].mean or 0.0))
+        for k, column in enumerate(columns):
+            fit = rivals if column.head in WON_BY_ALL else [run for run in rivals if _keeps_up(run, rivals, success)]
+            if not column.best:
+                continue
+            _mark_best(
+                {run: cells[run] for run in fit},
+                {run: by_sequence(groups[run], k, numbers_of) for run in fit},
+                k,
+                column,
+            )
+    order = sorted(groups, key=lambda run: (-groups[run][0].rate_hz, success[run]))
     n = max(len(group) for group in groups.values())
     return Table(
         "Errors are RMSE over the frames that have a pose: read them with coverage. "
@@ -131,79 +175,19 @@ def summary_table(scores: ListOf[Score]) -> Table:
         )
         + "Bold: best at its rate, among the trackers with at least 90 % of the best success there; *: better than "
         "each of them at the 5 % level (paired, Holm).",
+        columns,
         tuple((run, tuple(cells[run])) for run in order),
     )
 
 
-def by_sequence(group: ListOf[Score], k: int) -> list[Array]:
+def by_sequence(group: ListOf[Score], k: int, numbers_of: Numbers = numbers) -> list[Array]:
     """Values of column k per sequence, each over its seeds in order; NaN where there is none."""
     names = sorted({score.sequence for score in group})
     ordered = sorted(group, key=lambda score: score.seed)
-    return [np.array([_number(score, k) for score in ordered if score.sequence == name]) for name in names]
+    return [np.array([_number(numbers_of(score)[k]) for score in ordered if score.sequence == name]) for name in names]
 
 
-def write_tables(table: Table, stem: Path) -> list[Path]:
-    """Write `stem`.md, .csv and .tex."""
-    paths = [stem.with_suffix(suffix) for suffix in (".md", ".csv", ".tex")]
-    write_text(paths[0], markdown(table))
-    write_text(paths[2], latex(table))
-    columns = ["tracker"]
-    for head in heads():
-        columns += [head, f"{head} low", f"{head} high"]
-    rows = []
-    for name, cells in table.rows:
-        row: list[object] = [name]
-        for cell in cells:
-            row += [cell.mean, cell.interval and cell.interval.low, cell.interval and cell.interval.high]
-        rows.append(row)
-    write_csv(paths[1], columns, rows)
-    return paths
-
-
-def heads() -> list[str]:
-    """Heads of COLUMNS with their units."""
-    return [f"{column.head} ({column.unit})" if column.unit else column.head for column in COLUMNS]
-
-
-def markdown(table: Table) -> str:
-    """The table in Markdown."""
-    lines = ["| " + " | ".join(["tracker", *heads()]) + " |", "|" + " --- |" + " ---: |" * len(COLUMNS)]
-    for name, cells in table.rows:
-        shown = [
-            f"{'**' + c.text + '**' if c.best else c.text}{chr(92) + '*' if c.significant else ''} {c.bounds}"
-            for c in cells
-        ]
-        lines.append("| " + " | ".join([name, *(s.strip() for s in shown)]) + " |")
-    return "\n".join([*lines, "", table.caption, ""])
-
-
-def latex(table: Table) -> str:
-    """The table in LaTeX for booktabs."""
-    lines = [
-        r"\begin{tabular}{l" + "r" * len(COLUMNS) + "}",
-        r"\toprule",
-        " & ".join(["tracker", *map(tex, heads())]) + r" \\",
-    ]
-    lines.append(r"\midrule")
-    for name, cells in table.rows:
-        shown = []
-        for cell in cells:
-            text = rf"\textbf{{{tex(cell.text)}}}" if cell.best else tex(cell.text)
-            star = r"$^{*}$" if cell.significant else ""
-            shown.append(text + star + (rf" {{\scriptsize {tex(cell.bounds)}}}" if cell.bounds else ""))
-        lines.append(" & ".join([tex(name), *shown]) + r" \\")
-    needs = "% needs \\usepackage{booktabs}"
-    return "\n".join([f"% {table.caption}", needs, *lines, r"\bottomrule", r"\end{tabular}", ""])
-
-
-def tex(text: str) -> str:
-    """Text with LaTeX's special characters escaped."""
-    escapes = {"%": r"\%", "_": r"\_", "&": r"\&", "#": r"\#", "$": r"\$", "\N{EN DASH}": "--", "\N{EM DASH}": "---"}
-    return "".join(escapes.get(c, c) for c in text)
-
-
-def _number(score: Score, k: int) -> float:
-    value = numbers(score)[k]
+def _number(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
@@ -232,9 +216,8 @@ def _mark_best(cells: Mapping[str, list[Cell]], values: Mapping[str, list[Array]
         cells[run][k] = Cell(**{**vars(cell), "best": True, "significant": significant})
 
 
-def _keeps_up(run: str, rivals: ListOf[str], cells: Mapping[str, list[Cell]]) -> bool:
-    success = {rival: cells[rival][SUCCESS_COLUMNS[0]].mean or 0.0 for rival in rivals}
-    return success[run] > 0 and success[run] >= KEEPS_UP * max(success.values())
+def _keeps_up(run: str, rivals: ListOf[str], success: Mapping[str, float]) -> bool:
+    return success[run] > 0 and success[run] >= KEEPS_UP * max(success[rival] for rival in rivals)
 
 
 def _beats_all(run: str, values: Mapping[str, list[Array]], whole: Mapping[str, Cell]) -> bool:

@@ -13,7 +13,8 @@ from reports.figures_statistics import critical_difference, win_table
 from reports.score import score
 from reports.statistics import compare_pairs, ranks
 from reports.style import house_style
-from reports.tables import summary_table, write_tables
+from reports.tables import summary_table
+from reports.tables_write import write_tables
 from tests.reports.drawn import make_sequence, results_of, true_rows
 from tracker.base import TrackResult
 from trajectories.pose import Pose

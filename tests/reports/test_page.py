@@ -15,16 +15,16 @@ CURVE = "document.querySelector('#curve').toDataURL()"
 def test_the_summary_sorts_and_failures_come_first(report: Path) -> None:
     with browser() as page:
         page.open(report / "index.html")
-        rows = "[...document.querySelectorAll('#summary tbody tr')].map(r => r.dataset.run)"
+        rows = "[...document.querySelectorAll('#summary-table tbody tr')].map(r => r.dataset.run)"
         names = page.value(rows)
         assert sorted(names) == ["hold@15hz", "hold@1hz", "lsd@15hz", "lsd@1hz"]
-        column = "[...document.querySelectorAll('#summary tbody tr')].map(r => Number(r.cells[2].dataset.v))"
-        page.click("#summary th:nth-child(3) button")
+        column = "[...document.querySelectorAll('#summary-table tbody tr')].map(r => Number(r.cells[2].dataset.v))"
+        page.click("#summary-table th:nth-child(3) button")
         assert page.value(column) == sorted(page.value(column), reverse=True)
         assert page.value(rows)[0] == "lsd@15hz"
-        page.click("#summary th:nth-child(3) button")
+        page.click("#summary-table th:nth-child(3) button")
         assert page.value(column) == sorted(page.value(column))
-        assert page.value("document.querySelector('#summary th:nth-child(3)').ariaSort") == "ascending"
+        assert page.value("document.querySelector('#summary-table th:nth-child(3)').ariaSort") == "ascending"
         told = page.value("[...document.querySelectorAll('.failures li strong')].map(e => e.textContent)")
         scores = json.loads((report / "scores.json").read_text())["scores"]
         shares = {f"{s['label']}, {s['rate_hz']:g} Hz": s["tracking"]["success"] for s in scores}

@@ -10,7 +10,8 @@ import pytest
 
 from reports.report import ReportEntry, write_report
 from reports.score import Score, score
-from reports.tables import COLUMNS, latex, markdown, summary_table
+from reports.tables import COLUMNS, summary_table
+from reports.tables_write import latex, markdown
 from scenes.sequence import Sequence
 from tests.reports.drawn import make_sequence, results_of, true_rows
 from tracker.base import TrackResult
