@@ -91,8 +91,12 @@ def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: An
                 for _ in range(3):
                     x, y = (u - cx) / fx, (v - cy) / fy
                     z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * near
-                    u += u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * near) / z + cx)
-                    v += v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * near) / z + cy)
+                    du = u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * near) / z + cx)
+                    dv = v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * near) / z + cy)
+                    u += du
+                    v += dv
+                    if du * du + dv * dv < 0.04:  # what is left is some percent of this step
+                        break
                 ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
                 done = abs(nearness[ci, cj] - near) < 0.02 * near
                 if not done:
@@ -103,7 +107,11 @@ def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: An
                     k = nearness[ci, cj]
                     x, y = (u - cx) / fx, (v - cy) / fy
                     z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * k
-                    u += u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * k) / z + cx)
-                    v += v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * k) / z + cy)
+                    du = u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * k) / z + cx)
+                    dv = v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * k) / z + cy)
+                    u += du
+                    v += dv
+                    if du * du + dv * dv < 0.04:  # what is left is some percent of this step
+                        break
             out[i, j, 0] = u
             out[i, j, 1] = v
