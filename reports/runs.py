@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from reports.frame_errors import FrameErrors, frame_errors
-from reports.score import Score, score
+from reports.score import Score, how, score
 from scenes.sequence import Sequence
 from tracker.results import Results
 from trajectories.errors import UserError
@@ -69,12 +69,23 @@ def open_runs(entries: list[tuple[Path, Path, Path]]) -> list[ScoredRun]:
         sequence = sequences.setdefault(sequence_folder, Sequence.load(sequence_folder))
         if results_folder.exists():
             results, found = Results.load(results_folder), Score.load(score_file)
+            _belongs(found, sequence, results, score_file)
         else:
             results = missing_results(sequence, results_folder)
             found = score(sequence, results)
         index = labels.setdefault(found.label, len(labels))
         runs.append(ScoredRun(sequence, results, found, index))
     return runs
+
+
+def _belongs(found: Score, sequence: Sequence, results: Results, path: Path) -> None:
+    """UserError unless a score is of these results and this sequence, computed as scores are computed now."""
+    for key, now in how(sequence, results).items():
+        if key == "versions":
+            continue
+        before = found.record.get(key)
+        if before != now:
+            raise UserError(f"{path}: its record says {key} = {before!r}, but here it is {now!r}; score again")
 
 
 def missing_results(sequence: Sequence, folder: Path) -> Results:

@@ -91,6 +91,20 @@ def test_a_missing_score_is_named(entries: list[ReportEntry], tmp_path: Path) ->
         write_report(tmp_path, "x", [ReportEntry(entry.sequence, entry.results, tmp_path / "nowhere.json")])
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("sequence", {"name": "arc", "content_hash": "stale"}), ("association", "nearest stamp")]
+)
+def test_a_score_with_another_record_is_refused(
+    key: str, value: object, entries: list[ReportEntry], tmp_path: Path
+) -> None:
+    stored = json.loads(entries[0].score.read_text())
+    stored["record"][key] = value
+    path = tmp_path / "score.json"
+    path.write_text(json.dumps(stored))
+    with pytest.raises(UserError, match=rf"score\.json: its record says {key}"):
+        write_report(tmp_path, "x", [ReportEntry(entries[0].sequence, entries[0].results, path)])
+
+
 def test_colours_are_distinct_in_grey_and_to_the_colour_blind() -> None:
     rgb = np.array([[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in COLOURS])
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
