@@ -6,6 +6,7 @@ from tracker.hold import Hold
 from tracker.lsd import Lsd, LsdSingle
 from tracker.rapid import Rapid
 from tracker.robust import Robust
+from tracker.vo import Vo
 
 TRACKERS: dict[str, type[Tracker]] = {
     "hold": Hold,
@@ -14,6 +15,7 @@ TRACKERS: dict[str, type[Tracker]] = {
     "lsd-single": LsdSingle,
     "lsd": Lsd,
     "robust": Robust,
+    "vo": Vo,
 }
 """Name -> parameters of every tracker variant."""
 

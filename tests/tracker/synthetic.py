@@ -1,13 +1,16 @@
 """A quick ray caster of textured boxes on a textured floor, to test trackers without the renderer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from scenes.camera import Camera
 from scenes.structure import Structure
-from trajectories.pose import Pose
+from trajectories.pose import Array, Pose
 
 CAMERA = Camera.from_field_of_view(640, 480, 65.0)
 BOX_TRIANGLES = np.array(
@@ -18,18 +21,18 @@ BOX_TRIANGLES = np.array(
 )  # fmt: skip
 
 
-def box_corners(size=(0.4, 0.3, 0.3), centre=(0.0, 0.0)):
+def box_corners(size: Sequence[float] = (0.4, 0.3, 0.3), centre: Sequence[float] = (0.0, 0.0)) -> Array:
     x, y, z = size
     return np.array(
         [[centre[0] + (i - 0.5) * x, centre[1] + (j - 0.5) * y, k * z] for k in (0, 1) for j in (0, 1) for i in (0, 1)]
     )
 
 
-def box(size=(0.4, 0.3, 0.3)):
+def box(size: Sequence[float] = (0.4, 0.3, 0.3)) -> Structure:
     return Structure.from_mesh(box_corners(size), BOX_TRIANGLES)
 
 
-def look_at(eye, target, roll=0.0):
+def look_at(eye: Array, target: Sequence[float] | Array, roll: float = 0.0) -> Pose:
     """cam_from_world of a camera at `eye` that looks at `target`, turned about its axis by roll (rad)."""
     z = np.asarray(target, float) - eye
     z /= np.linalg.norm(z)
@@ -41,14 +44,14 @@ def look_at(eye, target, roll=0.0):
     return Pose(R, -R @ np.asarray(eye, float))
 
 
-def orbit(n, *, rate_hz=15.0, range_m=1.1, speed_m_s=0.25, seed=0):
+def orbit(n: int, *, rate_hz: float = 15.0, range_m: float = 1.1, speed_m_s: float = 0.25, seed: int = 0) -> list[Pose]:
     """Poses of a smooth hand-flown orbit: the range, height and aim wander."""
     rng = np.random.default_rng(seed)
     phase = rng.uniform(0, 2 * np.pi, 8)
     t = np.arange(n) / rate_hz
 
-    def wave(i, period):
-        return np.sin(2 * np.pi * t / period + phase[i])
+    def wave(i: int, period: float) -> Array:
+        return np.asarray(np.sin(2 * np.pi * t / period + phase[i]))
 
     angle = phase[7] + t * speed_m_s / range_m + 0.08 * wave(0, 3.1)
     radius = range_m * (1 + 0.12 * wave(1, 5.3))
@@ -58,7 +61,9 @@ def orbit(n, *, rate_hz=15.0, range_m=1.1, speed_m_s=0.25, seed=0):
     return [look_at(e, a, r) for e, a, r in zip(eyes, aims, 0.05 * wave(0, 2.7), strict=True)]
 
 
-def texture(rng, colour, contrast, size=512, scale=8):
+def texture(
+    rng: np.random.Generator, colour: Any, contrast: float, size: int = 512, scale: int = 8
+) -> NDArray[np.float32]:
     """Grey noise of several octaves around a colour (b, g, r)."""
     out = np.zeros((size, size))
     for octave in range(5):
@@ -72,10 +77,10 @@ def texture(rng, colour, contrast, size=512, scale=8):
 class Scene:
     """Boxes (corner arrays) on a floor, each face with a texture and a brightness of its own."""
 
-    boxes: list
+    boxes: list[Array]
     seed: int = 0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         rng = np.random.default_rng(self.seed)
         self.floor = texture(rng, (95, 105, 110), 14, scale=16)
         self.faces = []
@@ -90,7 +95,13 @@ class Scene:
                     tex = texture(rng, np.array((90, 130, 165)) * shade, 7)
                     self.faces.append((axis, side, at[axis], u, v, low, high, tex))
 
-    def render(self, cam_from_world, camera=CAMERA, noise_rng=None, supersample=2):
+    def render(
+        self,
+        cam_from_world: Pose,
+        camera: Camera = CAMERA,
+        noise_rng: np.random.Generator | None = None,
+        supersample: int = 2,
+    ) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) uint8; shot noise when a generator is given."""
         s = supersample
         x = (np.arange(camera.width * s) - (s - 1) / 2) / s
@@ -120,19 +131,19 @@ class Scene:
         small = cv2.resize(full, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         if noise_rng is not None:
             small = small + noise_rng.normal(size=small.shape) * np.sqrt(4.0 + 0.06 * small)
-        return np.clip(small + 0.5, 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(small + 0.5, 0, 255), dtype=np.uint8)
 
 
-def _sample(tex, uv):
+def _sample(tex: NDArray[np.float32], uv: Array) -> Any:
     size = tex.shape[0]
     xy = (np.mod(uv, 1.0) * (size - 1)).astype(np.float32)
     n = len(xy)
     xy = np.resize(xy, (-(-n // 1024) * 1024, 2)).reshape(-1, 1024, 2)  # cv2.remap takes no more than 32767 rows
-    return cv2.remap(tex, xy, None, cv2.INTER_LINEAR).reshape(-1, 3)[:n]
+    return cv2.remap(tex, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR).reshape(-1, 3)[:n]
 
 
-def pose_error(estimate, truth):
+def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
     """Distance of the camera centres in m, angle in rad."""
     difference = estimate @ truth.inverse()
     centre = np.linalg.norm(estimate.inverse().translation - truth.inverse().translation)
-    return centre, np.linalg.norm(difference.log()[3:])
+    return float(centre), float(np.linalg.norm(difference.log()[3:]))
