@@ -106,6 +106,8 @@ def main(
         for metric in dict.fromkeys(finding.metric for finding in made[0]):
             changes = [f.change for findings in made for f in findings if f.metric == metric]
             share[f"std of the change, {metric}"] = float(np.std(changes))
+            failed = sum(f.verdict == "fail" for findings in made for f in findings if f.metric == metric)
+            share[f"fail, {metric}"] = failed / comparisons
         shares[str(factor)] = share
         click.echo(f"x {factor:.2f}: " + ", ".join(f"{name} {value:.4g}" for name, value in share.items()))
     about = {"reruns": reruns * len(scores), "comparisons": comparisons, "margin": margin, "share": shares}
