@@ -168,6 +168,7 @@ def summary_table(scores: ListOf[Score], columns: tuple[Column, ...] = COLUMNS, 
     n = max(len(group) for group in groups.values())
     return Table(
         "Errors are RMSE over the frames that have a pose: read them with coverage. "
+        "A run that never fails has its whole duration as its first loss. "
         + (
             f"Means over up to {n} runs with 95 % intervals (bootstrap over sequences, then seeds). "
             if n > 1
