@@ -10,7 +10,7 @@ from scenes.structure import Structure
 from tracker.base import Image
 from tracker.clock import StageClock
 from tracker.edge_map import EdgeMap
-from tracker.geometry_kernels import camera_array, move
+from tracker.geometry_kernels import camera_array, move, twist_between
 from tracker.profile_kernels import learn, search, search_range
 from tracker.sampling_kernels import BINS, CROWD_PX, crowding, place, sample_edges
 from tracker.solve_kernels import hypotheses, m_estimate, sandwich
@@ -134,7 +134,7 @@ class EdgeFitter:
                 distance, penalty, _ = search(image, lines, side, rows, self.appearance, np.full(n, half_fine))
                 moved, J_patch = self.texture.rows(observed, R, t)
             with clock.stage("update"):
-                offset = (predicted @ Pose(R, t).inverse()).log()
+                offset = twist_between(R, t, predicted.rotation, predicted.translation)
                 x, information, weights, patch_weights = m_estimate(
                     J, distance, penalty, trust, J_patch, moved, found, prior, offset, np.zeros(6), scales
                 )

@@ -108,6 +108,29 @@ def move(R: Array, t: Array, xi: Array) -> tuple[Array, Array]:
 
 
 @compiled
+def twist_between(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
+    """The twist (6,) with exp(twist) @ (R, t) = (R_to, t_to), for turns well below half a turn."""
+    E, d = np.zeros((3, 3)), t_to.copy()
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                E[i, j] += R_to[i, k] * R[j, k]
+    for i in range(3):
+        for j in range(3):
+            d[i] -= E[i, j] * t[j]
+    wx, wy, wz = 0.5 * (E[2, 1] - E[1, 2]), 0.5 * (E[0, 2] - E[2, 0]), 0.5 * (E[1, 0] - E[0, 1])
+    sine = math.sqrt(wx * wx + wy * wy + wz * wz)
+    angle = math.atan2(sine, 0.5 * (E[0, 0] + E[1, 1] + E[2, 2] - 1.0))
+    scale = angle / sine if sine > 1e-9 else 1.0
+    wx, wy, wz = wx * scale, wy * scale, wz * scale
+    # the inverse of V in exp: 1 - K / 2 + c K K
+    c = 1.0 / 12 if angle < 1e-4 else (1.0 - 0.5 * angle * math.sin(angle) / (1.0 - math.cos(angle))) / (angle * angle)
+    ax, ay, az = wy * d[2] - wz * d[1], wz * d[0] - wx * d[2], wx * d[1] - wy * d[0]
+    bx, by, bz = wy * az - wz * ay, wz * ax - wx * az, wx * ay - wy * ax
+    return np.array([d[0] - 0.5 * ax + c * bx, d[1] - 0.5 * ay + c * by, d[2] - 0.5 * az + c * bz, wx, wy, wz])
+
+
+@compiled
 def solve6(A: Array, b: Array, x: Array) -> bool:
     """Solve the symmetric positive system A x = b of six unknowns (Cholesky); False when A is not positive."""
     L = np.empty((6, 6))

@@ -18,7 +18,7 @@ RANSAC_HYPOTHESES = 200
 """Number of hypotheses drawn."""
 EDGES_PER_HYPOTHESIS = 3
 """Edges in a hypothesis: three lines fix a pose."""
-MOTION_COST = 40.0
+MOTION_COST = 150.0
 """Weight of the camera's motion, in units of the weak prior, against squared distance errors in px: where a pose is
 nearly free, as before a single face, the smaller motion wins."""
 INLIER_PX = 1.5

@@ -6,7 +6,7 @@ import pytest
 from scenes.structure import Structure
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, look_at, orbit, pose_error
 from tracker.edge_map import EdgeMap
-from tracker.geometry_kernels import camera_array, move, normal_row, project, solve6
+from tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
 from tracker.pose_search import PoseSearch, spread
 from tracker.robust import Robust
 from tracker.sampling_kernels import sample_edges
@@ -152,6 +152,9 @@ def test_compiled_geometry_is_that_of_pose_and_camera():
     R, t = move(pose.rotation, pose.translation, twist)
     np.testing.assert_allclose(R, (Pose.exp(twist) @ pose).rotation, atol=1e-12)
     np.testing.assert_allclose(t, (Pose.exp(twist) @ pose).translation, atol=1e-12)
+    np.testing.assert_allclose(twist_between(pose.rotation, pose.translation, R, t), twist, atol=1e-12)
+    still = twist_between(pose.rotation, pose.translation, pose.rotation, pose.translation)
+    np.testing.assert_allclose(still, 0, atol=1e-12)
     np.testing.assert_allclose(project(0.1, -0.2, 1.3, cam), CAMERA.project(np.array([[0.1, -0.2, 1.3]]))[0])
     row = np.zeros(6)
     normal_row(0.1, -0.2, 1.3, 0.6, 0.8, cam, row)
