@@ -21,6 +21,8 @@ from trajectories.pose import Array
 
 UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 MOST_TRIANGLES = 2_000_000
+FINE_TRIANGLES = 20_000
+"""Pieces of fewer triangles are cut finer, so that shade can fall on them."""
 LARGEST_M, SMALLEST_M = 2000.0, 0.02
 Z_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off", ".3mf")
@@ -201,9 +203,12 @@ def _part(piece: Loaded, bare: Material) -> Part:
             name=piece.name,
             two_sided=True,
         )
+    longest = 3.0 if len(piece.triangles) < FINE_TRIANGLES else 1e9
     if piece.tint is None:
-        return covered(Solid(piece.vertices, piece.triangles, bare, piece.name), longest_m=1e9)
-    plain = covered(Solid(piece.vertices, piece.triangles, _grain(), piece.name), longest_m=1e9)
+        return covered(Solid(piece.vertices, piece.triangles, bare, piece.name), longest_m=longest)
+    if len(piece.tint) > 1:
+        longest = 1e9  # a colour at each corner: cutting would lose them
+    plain = covered(Solid(piece.vertices, piece.triangles, _grain(), piece.name), longest_m=longest)
     tint = (
         piece.tint[piece.triangles.reshape(-1)]
         if len(piece.tint) > 1

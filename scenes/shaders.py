@@ -59,7 +59,8 @@ void main() {
     float away = length(to_eye);
     to_eye /= away;
     if (!gl_FrontFacing) n = -n;
-    vec3 light = mix(below, above, 0.5 + 0.5 * n.z);
+    float aside = 0.25 * dot(n.xy, to_lamp.xy) + 0.10 * dot(n.xy, vec2(-to_lamp.y, to_lamp.x));
+    vec3 light = mix(below, above, 0.5 + 0.5 * n.z) * (1.0 + aside);  // the sky is brighter about the lamp
     vec3 seen = texel.rgb * texel.rgb * shade.rgb;
     float slope = dot(n, to_lamp);
     if (slope > 0.0) {
