@@ -158,7 +158,8 @@ def _walls(side: float, height: float, rng: np.random.Generator) -> list[Part]:
         for width, low, high, texture in things:
             corner = (at - width / 2, half - 0.02, min(low, height - 0.3))
             vertices, triangles, uv = panel(corner, (width, 0, 0), (0, 0, min(high, height - 0.1) - corner[2]), 9.0)
-            tint = np.column_stack([np.full((len(vertices), 3), 0.95), np.full(len(vertices), 0.6)])
+            glow = 2.4 if k == 2 else 0.95  # daylight behind the window
+            tint = np.column_stack([np.full((len(vertices), 3), glow), np.full(len(vertices), 0.6)])
             parts.append(Part(vertices=vertices @ turn.T, triangles=triangles, uv=uv, texture=texture, tint=tint))
             at += side * 0.4
     ceiling = panel((-half, -half, height), (0, side, 0), (side, 0, 0), side)
