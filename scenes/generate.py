@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scenes import gl
 from scenes.bake import bake
+from scenes.contact_sheet import write_contact_sheet
 from scenes.effects import EFFECTS
 from scenes.folders import disk_errors, refuse_foreign
 from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
@@ -20,7 +21,7 @@ from scenes.light import encode
 from scenes.meshes import joined, merged
 from scenes.parts import BuiltStructure, Light, Mover, Part, Texture
 from scenes.render import Renderer
-from scenes.sequence import TRUTH_COLUMNS, save_structure, write_manifest
+from scenes.sequence import TRUTH_COLUMNS, Sequence, save_structure, write_manifest
 from scenes.source import Source, make_source, render_camera
 from scenes.spec import EffectSpec, SequenceSpec
 from scenes.structure import Structure
@@ -62,6 +63,7 @@ def generate(
         camera.save(new / "camera.toml")
         save_structure(scene.built.structure, new)
         _write_info(new, spec, scene, source, content_hash)
+        write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
 
 
