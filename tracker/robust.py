@@ -97,7 +97,7 @@ class RobustRun:
         """The best supported fit among the poses around the prediction and the last pose that agree with the image."""
         clock = StageClock()
         wide = self.covariance(SEARCH_SIGMA)
-        information = np.linalg.inv(wide if self.frames_ok < YOUNG_FRAMES else covariance)
+        information = np.linalg.inv(covariance + wide if self.frames_ok < YOUNG_FRAMES else covariance)
 
         def score(candidate: Fit) -> float:
             away = (candidate.cam_from_world @ predicted.inverse()).log()
