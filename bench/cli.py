@@ -31,30 +31,132 @@ def main() -> None:
     """Ground truth for model-based UAV localization: render flights, run trackers, score, report."""
 
 
+FILE = click.Path(path_type=Path)
+
+
+def suite_options(command: Any) -> Any:
+    """What every command over a suite takes."""
+    for option in (
+        click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them."),
+        click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
+        click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
+        click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report."),
+        click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing."),
+        click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores."),
+        click.option("--out", type=FILE, help="Folder for everything; default: out/SUITE."),
+    ):
+        command = option(command)
+    return command
+
+
 def suite_command(verb: str, help_text: str) -> None:
     """Command that brings a suite up to one verb of render -> track -> score -> report."""
 
     @main.command(verb, help=help_text)
     @click.argument("suite")
-    @click.option("--out", type=click.Path(path_type=Path), help="Folder for everything; default: out/SUITE.")
-    @click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores.")
-    @click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing.")
-    @click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report.")
-    @click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`.")
-    @click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm.")
-    @click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them.")
-    def command(suite: str, out: Path | None, jobs: int, **where: Any) -> None:
-        from bench.verbs import Where, bring_up_to
+    @suite_options
+    def command(suite: str, **options: Any) -> None:
+        sys.exit(bring_up_to("report" if verb == "run" else verb, suite, **options))
 
-        options = Where(workers=jobs, slurm_options=tuple(where.pop("slurm_option")), **where)
-        sys.exit(bring_up_to("report" if verb == "run" else verb, suite, out, options))
+
+def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
+    """Bring a suite up to one verb; the exit code."""
+    from bench.verbs import Where, bring_up_to
+
+    return bring_up_to(verb, suite, out, Where(workers=jobs, slurm_options=slurm_option, **where))
 
 
 suite_command("run", "Render, track, score and report SUITE (a name or a TOML file).")
 suite_command("render", "Render the sequences of SUITE.")
-suite_command("track", "Run the trackers of SUITE, rendering what is missing.")
+
+
+@main.command("track")
+@click.argument("what")
+@suite_options
+@click.option("--images", type=FILE, help="Folder of images to run the tracker WHAT on, in the order of their names.")
+@click.option("--video", type=FILE, help="Video to run the tracker WHAT on.")
+@click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with --images or --video).")
+@click.option("--camera", type=FILE, help="camera.toml (with --images or --video).")
+@click.option("--init", type=FILE, help="init.toml: first pose, or points to solve it from.")
+@click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
+def track_command(
+    what: str,
+    images: Path | None,
+    video: Path | None,
+    model: Path | None,
+    camera: Path | None,
+    init: Path | None,
+    rate_hz: float,
+    **options: Any,
+) -> None:
+    """Run the trackers of the suite WHAT, rendering what is missing; or the tracker WHAT on real images."""
+    source = images or video
+    if source is None:
+        sys.exit(bring_up_to("track", what, **options))
+    if images and video:
+        raise UserError("give --images or --video, not both")
+    if model is None or camera is None or init is None or options["out"] is None:
+        raise UserError("tracking real images needs --model, --camera, --init and --out")
+    from bench.verbs import track_real
+
+    track_real(what, source, model, camera, init, options["out"], rate_hz)
+
+
 suite_command("score", "Score the results of SUITE, making what is missing.")
 suite_command("report", "Write the report of SUITE, making what is missing.")
+
+
+@main.command("verify")
+@click.argument("folders", type=FILE, nargs=-1, required=True)
+@click.option("--against", type=FILE, help="Sequence rendered again, compared by tolerance where hashes differ.")
+def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
+    """Check sequence FOLDERS against their manifests, or one against its rendering elsewhere."""
+    from scenes.verify import compare, verify
+
+    if against is not None and len(folders) != 1:
+        raise UserError("--against compares one folder with another")
+    verdicts = [compare(folder, against) if against else verify(folder) for folder in folders]
+    for verdict in verdicts:
+        click.echo(
+            f"{verdict.folder}: {'ok' if verdict.ok else 'DIFFERS'} ({verdict.files} files, by {verdict.method})"
+        )
+        for problem in verdict.problems:
+            click.echo(f"  {problem}")
+    sys.exit(0 if all(verdict.ok for verdict in verdicts) else 1)
+
+
+@main.command("export")
+@click.argument("sequence", type=FILE)
+@click.option("--format", "form", type=click.Choice(["euroc", "tum", "kitti", "bop", "video"]), required=True)
+@click.option("--out", type=FILE, required=True, help="Folder that is made.")
+def export_command(sequence: Path, form: str, out: Path) -> None:
+    """Write the folder SEQUENCE in the form of another tool."""
+    from scenes.exports import export
+    from scenes.sequence import Sequence
+
+    export(Sequence.load(sequence), form, out)
+    click.echo(out)
+
+
+@main.command("calibrate")
+@click.argument("sources", type=FILE, nargs=-1, required=True)
+@click.option("--board", default="7x8", show_default=True, metavar="COLUMNSxROWS", help="Inner corners of the board.")
+@click.option("--square-m", type=click.FloatRange(0, min_open=True), default=0.025, show_default=True)
+@click.option("--model", type=click.Choice(["radtan", "equidistant"]), default="radtan", show_default=True)
+@click.option("--out", type=FILE, default=Path("camera.toml"), show_default=True)
+def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, model: Any, out: Path) -> None:
+    """Find K and distortion of a camera from images, folders or videos of a checkerboard."""
+    from scenes.calibrate import calibrate, write_coverage
+
+    columns, _, rows = board.partition("x")
+    if not (columns.isdigit() and rows.isdigit()):
+        raise UserError(f"--board {board!r}: write the numbers of inner corners as 7x8")
+    found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model)
+    found.camera.save(out)
+    write_coverage(found, out.with_suffix(".png"))
+    click.echo(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")
+    click.echo(f"corners in {100 * found.covered:.0f} % of the image: {out.with_suffix('.png')}")
+    click.echo(out)
 
 
 @main.command("list")
@@ -178,6 +280,7 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.option("--delta", type=float, help="Length of the stretches of the RPE; default: 1.")
 @click.option("--unit", type=click.Choice(UNITS), help="Unit of --delta; default: frames.")
 @click.option("--all-pairs/--consecutive", default=None, help="Stretches of the RPE; default: consecutive.")
+@click.option("--pairs-from", type=click.Choice(["reference", "estimate"]), help="Whose deltas choose them.")
 @click.option("--t-offset", "t_offset_s", type=float, default=0.0, help="Added to the estimate's stamps, s.")
 @click.option("--max-diff", "max_difference_s", type=float, help="Largest difference of paired stamps, s.")
 @click.option("--association", type=click.Choice(ASSOCIATIONS), help="How stamps are paired; default: one-to-one.")

@@ -114,7 +114,7 @@ def _translate(annotation: Any, extra: Extra) -> Any:
         return model_of(annotation, extra)
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return Annotated[(_translate(arguments[0], extra), *arguments[1:])]  # type: ignore[return-value]
+        return Annotated[(_translate(arguments[0], extra), *arguments[1:])]
     if origin is tuple:
         return tuple[tuple(a if a is Ellipsis else _translate(a, extra) for a in arguments)]  # type: ignore[misc]
     if origin in (Union, types.UnionType):

@@ -20,6 +20,7 @@ from bench.jobs import plan
 from bench.plugins import PLUGINS
 from bench.shard import Shard
 from bench.slurm import run_shards
+from trajectories.errors import unknown_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +78,17 @@ def tell(outcome: Outcome, folder: Path) -> None:
         path = folder / "failures.txt"
         path.write_text("\n".join(f"{name}\n{text}" for name, text in outcome.tracebacks.items()), encoding="utf-8")
         click.echo(f"details: {path}", err=True)
+
+
+def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, out: Path, rate_hz: float) -> None:
+    """Run a tracker on the images of a folder or a video, and say where the estimates are."""
+    from tracker.real import track_images
+    from tracker.variants import TRACKERS
+
+    if kind not in TRACKERS:
+        raise unknown_name("tracker", kind, list(TRACKERS))
+    results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
+    click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / 'estimate.tum'}")
 
 
 def inventory() -> str:

@@ -21,7 +21,7 @@ EDGES_PER_HYPOTHESIS = 3
 MOTION_COST = 150.0
 """Weight of the camera's motion, in units of the weak prior, against squared distance errors in px: where a pose is
 nearly free, as before a single face, the smaller motion wins."""
-INLIER_PX = 1.5
+INLIER_PX = 1.0
 """A candidate farther than this from its moved control point is an outlier."""
 
 
