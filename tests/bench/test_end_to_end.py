@@ -93,7 +93,12 @@ def test_the_same_suite_gives_the_same_truth_and_scores_elsewhere(suite, done, t
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_an_interrupted_run_is_resumed_to_the_same_end(suite, done, tmp_path, how):
     out = tmp_path / "out"
-    process = subprocess.Popen(command("score", suite, "--out", out), stderr=subprocess.PIPE, start_new_session=True)
+    process = subprocess.Popen(
+        command("score", suite, "--out", out),
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a background job ignores it
+    )
     deadline = time.monotonic() + 60
     while not list(out.glob("sequences/.box-*/frames/*.png")) and time.monotonic() < deadline:
         time.sleep(0.01)

@@ -15,9 +15,10 @@ title = "contract"
 rates_hz = [15.0]
 [sequences.box]
 structure = { kind = "box" }
-environment = { kind = "indoor" }
-flight.path = { kind = "hand-pilot", duration_s = 1.0 }
-camera = { width = 320, height = 240, horizontal_fov_deg = 80.0 }
+mount = { pitch_deg = -28.0 }
+environment = { kind = "indoor", floor = "carpet" }
+flight.path = { kind = "hand-pilot", duration_s = 1.0, range_m = [0.85, 1.25], height_m = [0.6, 0.95] }
+camera = { width = 640, height = 480, horizontal_fov_deg = 65.0 }
 effects = [{ kind = "noise" }]
 [trackers]
 hold = { kind = "hold" }
