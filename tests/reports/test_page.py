@@ -21,7 +21,6 @@ def test_the_summary_sorts_and_failures_come_first(report: Path) -> None:
         column = "[...document.querySelectorAll('#summary-table tbody tr')].map(r => Number(r.cells[2].dataset.v))"
         page.click("#summary-table th:nth-child(3) button")
         assert page.value(column) == sorted(page.value(column), reverse=True)
-        assert page.value(rows)[0] == "lsd@15hz"
         page.click("#summary-table th:nth-child(3) button")
         assert page.value(column) == sorted(page.value(column))
         assert page.value("document.querySelector('#summary-table th:nth-child(3)').ariaSort") == "ascending"
