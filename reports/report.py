@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reports import figures_compare, figures_pictures, figures_space, figures_statistics, figures_time
+from reports import figures_compare, figures_pictures, figures_space, figures_statistics, figures_time, flight_figure
 from reports.attributes import breakdowns
 from reports.bounds import SIGMA_PX, error_over_bound
 from reports.overlay import scrubbed, write_frames
@@ -177,7 +177,10 @@ def write_sequence(
     sequence, main = runs[0].sequence, main_run(runs)
     slug, figures = main.slug.split("_")[0], folder / "figures"
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
-    index: list[FigureOnPage] = []
+    made = flight_figure.flight(sequence, figures / f"flight_{slug}")
+    index = [
+        on_page(folder, made, f"Flight, {sequence.name}", "The true path, where the camera looked, and the structure.")
+    ]
     for rate in rates:
         some = [run for run in runs if run.score.rate_hz == rate]
         made = figures_time.errors_over_time(some, figures / f"errors_{slug}_{rate:g}hz")

@@ -1,6 +1,6 @@
 """The published loop (Shang & Shen): project, detect, search, choose, update; the new pose predicts the next frame.
 
-Step 1, the model, is `scenes.structure`; step 2, calibration, `tracker.calibration`; step 3, the first pose,
+Step 1, the model, is `scenes.structure`; step 2, calibration, `scenes.calibrate`; step 3, the first pose,
 `tracker.initial_pose`. The variants differ in what they detect and how they choose among the candidates.
 """
 
