@@ -9,6 +9,8 @@ import ctypes
 import ctypes.util
 import functools
 import os
+import sys
+import types
 from typing import Any
 
 import numpy as np
@@ -59,6 +61,7 @@ def _make(kind: str) -> Any:
     os.environ["PYOPENGL_PLATFORM"] = kind
     if not hasattr(np, "infty"):
         setattr(np, "infty", np.inf)  # noqa: B010  (an assignment is what ruff rewrites)
+    _without_viewer()
     from OpenGL.plugins import FormatHandler
 
     arguments = FormatHandler.by_name("ctypesparameter")
@@ -75,6 +78,13 @@ def _make(kind: str) -> Any:
     platform.make_current()
     _make_hashable()
     return platform
+
+
+def _without_viewer() -> None:
+    """Keep pyrender from importing its window, which needs X11's libraries even where no window is opened."""
+    viewer = types.ModuleType("pyrender.viewer")
+    setattr(viewer, "Viewer", None)  # noqa: B010  (the name that pyrender's __init__ asks for)
+    sys.modules.setdefault(viewer.__name__, viewer)
 
 
 def _make_hashable() -> None:
