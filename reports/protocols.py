@@ -84,12 +84,12 @@ def expected_error(restarted: Restarted, sequence: Sequence) -> tuple[Array, Arr
 class Replay:
     """What a user of the poses has in real time: at each frame of the sequence the newest pose that was out by then.
 
-    dropped: share of frames that came while the tracker was busy; age_ms: median age of the pose in hand; errors
-    against the truth of the moment, infinite before the first pose.
+    dropped: share of frames that came while the tracker was busy; age_ms: median age of the pose in hand, None when
+    none came in time; errors against the truth of the moment, infinite before the first pose.
     """
 
     dropped: float
-    age_ms: float
+    age_ms: float | None
     translation_m: ErrorSummary | None
     rotation_deg: ErrorSummary | None
     success: float
@@ -123,7 +123,7 @@ def replay_in_real_time(sequence: Sequence, results: Results) -> Replay | None:
     ages = (sequence.stamps_ns[known] - results.stamps_ns[row_of[known]]) / 1e6
     return Replay(
         dropped=1 - len(rows) / len(results),
-        age_ms=float(np.median(ages)) if known.any() else float("inf"),
+        age_ms=float(np.median(ages)) if known.any() else None,
         translation_m=ErrorSummary.of(metres) if known.any() else None,
         rotation_deg=ErrorSummary.of(degrees) if known.any() else None,
         success=float(((metres <= SUCCESS_M) & (degrees <= SUCCESS_DEG)).sum() / len(sequence)),

@@ -138,7 +138,7 @@ def details(score: Score) -> tuple[float | None, ...]:
         100 * score.deadline_misses if score.deadline_misses is not None else None,
         100 * replay.success if replay else None,
         100 * replay.dropped if replay else None,
-        replay.age_ms if replay and np.isfinite(replay.age_ms) else None,
+        replay.age_ms if replay else None,
     )
 
 

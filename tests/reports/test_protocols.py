@@ -1,11 +1,13 @@
 """Resets, anchors and the replay in real time, on runs whose outcome is known."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from reports.protocols import accuracy, expected_error, replay_in_real_time, run_from_anchors, run_with_resets
+from reports.score import Score, score
 from scenes.camera import Camera
 from scenes.sequence import Sequence
 from scenes.structure import Structure
@@ -75,6 +77,14 @@ def test_a_late_tracker_drops_frames_and_its_poses_age(
     assert found.dropped == pytest.approx(dropped)
     assert found.age_ms == pytest.approx(age_ms, rel=0.02)
     assert found.translation_m is not None and found.translation_m.min > 0  # the truth has moved on meanwhile
+
+
+def test_a_replay_without_a_pose_in_time_can_be_saved(sequence: Sequence, tmp_path: Path) -> None:
+    rows = [replace(row, stage_ms={"total": 60_000.0}) for row in true_rows(sequence)]
+    scored = score(sequence, results_of(sequence, rows))
+    scored.save(tmp_path / "score.json")
+    again = Score.load(tmp_path / "score.json").replay
+    assert again is not None and again.age_ms is None and again.success == 0
 
 
 def test_a_replay_needs_times(sequence: Sequence) -> None:
