@@ -59,6 +59,9 @@ class TrackerFault(UserError):
         self.fault = Fault(name, where, what)
         super().__init__(str(self.fault))
 
+    def __reduce__(self) -> tuple[type["TrackerFault"], tuple[str, str, str]]:
+        return type(self), (self.fault.name, self.fault.where, self.fault.what)
+
 
 def read_row(text: str, where: str) -> tuple[int, TrackResult]:
     """Stamp and result of one row; TrackerFault when it is malformed, not finite or no pose."""

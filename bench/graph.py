@@ -6,16 +6,16 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from tqdm import tqdm
 
-from bench.content import carried_hash
+from bench.content import carried_hash, content_hash
 from trajectories.errors import UserError
 
 OnStep = Callable[[int, int], None]
@@ -34,6 +34,8 @@ class Job:
     """One idempotent step of a suite.
 
     verb and name are what is shown; marker is the JSON file that carries the content hash once the output is whole.
+    without: what to do instead when needs failed, given why by the names of all jobs that failed; None, or a work of
+    None, fails this job too.
     """
 
     verb: str
@@ -43,6 +45,7 @@ class Job:
     content_hash: str
     needs: tuple["Job", ...] = ()
     weight: float = 1.0
+    without: Callable[[Mapping[str, str]], Work | None] | None = None
 
     @property
     def fresh(self) -> bool:
@@ -65,6 +68,10 @@ class Outcome:
     seconds: dict[str, float] = field(default_factory=dict)
     wall_s: float = 0.0
     peak_mb: float = 0.0
+
+
+class JobFaultError(Exception):
+    """A job failed, and not by a user's mistake; only text, so that it reaches another process whatever was raised."""
 
 
 _progress: Any = None
@@ -91,12 +98,17 @@ def run_job(name: str, work: Work, content_hash: str, marker: Path) -> tuple[flo
         if _progress is not None:
             _progress.put((name, done / max(total, 1)))
 
-    work(content_hash, on_step)
+    try:
+        work(content_hash, on_step)
+    except UserError as error:
+        raise UserError(str(error)) from error
+    except Exception as error:
+        raise JobFaultError(f"{type(error).__name__}: {error}") from error
     return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outcome:
-    """Run every job that is not fresh, after the jobs it needs; a job whose need failed is failed too."""
+    """Run every job that is not fresh, after the jobs it needs; a job whose need failed fails too or does without."""
     begin = time.perf_counter()
     outcome = Outcome(fresh=[job for job in jobs if job.fresh])
     fresh = {id(job) for job in outcome.fresh}
@@ -119,10 +131,17 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
         """Start, or fail, what waited for a job that is settled."""
         for dependent in dependents.get(id(job), ()):
             awaited[id(dependent)] -= 1
-            if job.name in outcome.failed and dependent.name not in outcome.failed:
-                outcome.failed[dependent.name] = f"not done, because this failed: {job.name}"
+            if dependent.name in outcome.failed or (awaited[id(dependent)] and dependent.without):
+                continue
+            lost = [need.name for need in dependent.needs if need.name in outcome.failed]
+            instead = dependent.without(outcome.failed) if lost and dependent.without else None
+            if lost and instead is None:
+                outcome.failed[dependent.name] = f"not done, because this failed: {lost[0]}"
                 release(dependent)
-            elif not awaited[id(dependent)] and dependent.name not in outcome.failed:
+            elif instead is not None:
+                made_from = content_hash(dependent.content_hash, sorted(outcome.failed.items()))
+                start(replace(dependent, work=instead, content_hash=made_from))
+            elif not awaited[id(dependent)]:
                 start(dependent)
 
     with Bar(todo) as bar:
@@ -154,7 +173,8 @@ def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, pea
     except BrokenProcessPool:
         outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
     except Exception as error:
-        outcome.failed[job.name] = f"{type(error).__name__}: {error}"
+        kind = "" if isinstance(error, JobFaultError) else f"{type(error).__name__}: "
+        outcome.failed[job.name] = f"{kind}{error}"
         outcome.tracebacks[job.name] = "".join(traceback.format_exception(error))
     else:
         outcome.done.append(job)

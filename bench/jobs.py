@@ -8,7 +8,7 @@ DIR/index.html ...                      the report
 """
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
@@ -125,14 +125,30 @@ class Report:
 
     title: str
     folder: Path
-    scored: tuple[tuple[Path, Path], ...]
+    scored: tuple[tuple[Path, Path, str], ...]
+    unrendered: tuple[tuple[str, str], ...] = ()
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write index.html, figures, tables and scores.json."""
         from reports.report import ReportEntry, write_report
 
-        entries = [ReportEntry(sequence, results, results / "score.json") for sequence, results in self.scored]
-        write_report(self.folder, self.title, entries, content_hash=content_hash, on_step=on_step)
+        entries = [
+            ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
+        ]
+        write_report(
+            self.folder, self.title, entries, dict(self.unrendered), content_hash=content_hash, on_step=on_step
+        )
+
+    def without(self, failed: Mapping[str, str]) -> "Report | None":
+        """The report that shows what failed as failed; None where no sequence is left."""
+        unrendered, scored = {}, []
+        for sequence, results, _ in self.scored:
+            run = f"{sequence.name} {results.name}"
+            if why := failed.get(f"render {sequence.name}"):
+                unrendered[sequence.name] = why
+            else:
+                scored.append((sequence, results, failed.get(f"track {run}") or failed.get(f"score {run}", "")))
+        return replace(self, scored=tuple(scored), unrendered=tuple(unrendered.items())) if scored else None
 
 
 def _render_job(spec: SequenceSpec, folder: Path) -> Job:
@@ -176,12 +192,14 @@ def _score_job(track: Job, folder: Path) -> Job:
 
 def _report_job(suite: Suite, scores: list[Job], folder: Path) -> Job:
     works = [job.work for job in scores]
+    work = Report(suite.title, folder, tuple((w.sequence, w.results, "") for w in works if isinstance(w, Score)))
     return Job(
         verb="report",
         name="report",
-        work=Report(suite.title, folder, tuple((w.sequence, w.results) for w in works if isinstance(w, Score))),
+        work=work,
         marker=folder / "report.json",
         content_hash=content_hash(suite.title, [job.content_hash for job in scores]),
         needs=tuple(scores),
         weight=REPORT_S * (1 + len(scores)),
+        without=work.without,
     )

@@ -1,6 +1,7 @@
 """The pages of a report: an index, and one page per sequence, that open from disk without a network."""
 
 import json
+from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,8 +77,9 @@ def write_index(
     tables: ListOf[tuple[str, Table]],
     figures: ListOf[FigureOnPage],
     sequences: ListOf[SequenceOnPage],
+    unrendered: Mapping[str, str],
 ) -> Path:
-    """Write `index.html`."""
+    """Write `index.html`; unrendered: sequences that could not be made, and why."""
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
     pages = {s.name: s.page for s in sequences}
@@ -89,6 +91,7 @@ def write_index(
         trackers=", ".join(labels),
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
         sequences=sequences,
+        unrendered=unrendered,
         summary=_shown(*tables[0], runs),
         more=[_shown(name, table, runs) for name, table in tables[1:]],
         failures=[f for run in worst_first(runs) if (f := failure(run, runs, pages)) is not None],

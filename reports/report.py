@@ -11,7 +11,7 @@ report.json                  the hash of what made this report
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,28 +38,31 @@ OnStep = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ReportEntry:
-    """One scored run: its sequence's folder, its results' folder, its score.json."""
+    """One scored run: its sequence's folder, its results' folder, its score.json; or why there is no such result."""
 
     sequence: Path
     results: Path
     score: Path
+    why: str = ""
 
 
 def write_report(
     folder: Path,
     title: str,
     entries: ListOf[ReportEntry],
+    unrendered: Mapping[str, str] | None = None,
     *,
     content_hash: str = "",
     on_step: OnStep | None = None,
 ) -> Path:
     """Write the report of all entries into `folder`; the path of its index.html.
 
-    UserError when there is no entry, or files of one are missing or do not belong together.
+    unrendered: sequences that could not be made, and why. UserError when there is no entry, or files of one are missing
+    or do not belong together.
     """
     if not entries:
         raise UserError("a report needs at least one scored run")
-    runs = open_runs([(e.sequence, e.results, e.score) for e in entries])
+    runs = open_runs([(e.sequence, e.results, e.score, e.why) for e in entries])
     by_sequence = {name: [r for r in runs if r.sequence.name == name] for name in dict.fromkeys(_names(runs))}
     steps = Steps(on_step, sum(len(scrubbed(len(group[0].sequence))) for group in by_sequence.values()), len(runs))
     (folder / "figures").mkdir(parents=True, exist_ok=True)
@@ -70,23 +73,22 @@ def write_report(
     tables = [("summary", summary_table(scores)), ("details", summary_table(scores, DETAILS, details))]
     for name, table in tables:
         write_tables(table, folder / "tables" / name)
-    write_scores(folder, title, [run.score for run in runs])
-    index = write_index(
-        folder, title, runs, tables, [*overall, *(f for _, few in pages for f in few)], [p for p, _ in pages]
-    )
+    write_scores(folder, title, [run.score for run in runs], unrendered or {})
+    figures = [*overall, *(f for _, few in pages for f in few)]
+    index = write_index(folder, title, runs, tables, figures, [p for p, _ in pages], unrendered or {})
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
     return index
 
 
-def write_scores(folder: Path, title: str, scores: ListOf[Score]) -> None:
+def write_scores(folder: Path, title: str, scores: ListOf[Score], unrendered: Mapping[str, str]) -> None:
     """Write `scores.json`, the same on every run, and `latency.json`, the times, which are not."""
     timed = ("latency", "deadline_misses", "replay")
     rows = [score.to_json() for score in scores]
     accuracy = [{key: row[key] for key in row if key not in timed} for row in rows]
     times = [{key: row[key] for key in ("label", "rate_hz", "seed", "sequence", *timed)} for row in rows]
     for name, entries in (("scores", accuracy), ("latency", times)):
-        text = json.dumps({"title": title, name: entries}, indent=1, allow_nan=False)
+        text = json.dumps({"title": title, "unrendered": dict(unrendered), name: entries}, indent=1, allow_nan=False)
         write_text(folder / f"{name}.json", text + "\n")
 
 

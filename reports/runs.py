@@ -57,21 +57,22 @@ def counts(results: Results, name: str) -> Array:
     return np.array([np.nan if v is None else float(v) for v in values])
 
 
-def open_runs(entries: list[tuple[Path, Path, Path]]) -> list[ScoredRun]:
-    """Runs of (sequence folder, results folder, score.json); a sequence is opened once, a tracker has one colour.
+def open_runs(entries: list[tuple[Path, Path, Path, str]]) -> list[ScoredRun]:
+    """Runs of (sequence folder, results folder, score.json, why); a sequence is opened once, a tracker has one colour.
 
-    Where there is no results folder the run is missing: it is scored as one that located no frame.
+    Where there is no results folder, or `why` tells why what it holds does not count, the run is missing: it is scored
+    as one that located no frame.
     """
     sequences: dict[Path, Sequence] = {}
     labels: dict[str, int] = {}
     runs = []
-    for sequence_folder, results_folder, score_file in entries:
+    for sequence_folder, results_folder, score_file, why in entries:
         sequence = sequences.setdefault(sequence_folder, Sequence.load(sequence_folder))
-        if results_folder.exists():
+        if results_folder.exists() and not why:
             results, found = Results.load(results_folder), Score.load(score_file)
             _belongs(found, sequence, results, score_file)
         else:
-            results = missing_results(sequence, results_folder)
+            results = missing_results(sequence, results_folder, why)
             found = score(sequence, results)
         index = labels.setdefault(found.label, len(labels))
         runs.append(ScoredRun(sequence, results, found, index))
@@ -88,7 +89,7 @@ def _belongs(found: Score, sequence: Sequence, results: Results, path: Path) -> 
             raise UserError(f"{path}: its record says {key} = {before!r}, but here it is {now!r}; score again")
 
 
-def missing_results(sequence: Sequence, folder: Path) -> Results:
+def missing_results(sequence: Sequence, folder: Path, why: str = "") -> Results:
     """Results without a row for a run that is missing; UserError unless its folder is named `LABEL@RATEhz`."""
     label, _, rate = folder.name.partition("@")
     try:
@@ -104,6 +105,6 @@ def missing_results(sequence: Sequence, folder: Path) -> Results:
         "seed": int(sequence.info.get("seed", 0)),
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
         "cam_from_body": sequence.cam_from_body.matrix.tolist(),
-        "errors": [],
+        "errors": [why] if why else [],
     }
     return Results(record, np.empty(0, np.int64), np.empty(0, np.int64), ())

@@ -163,6 +163,30 @@ def test_a_model_out_of_the_first_view_is_named(tmp_path):
     assert not list((tmp_path / "out").glob("sequences/*"))
 
 
+def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
+    path, out = tmp_path / "mixed.toml", tmp_path / "out"
+    away = SUITE[SUITE.index("[sequences.box]") : SUITE.index("[trackers]")]
+    away = away.replace("[sequences.box]", "[sequences.away]\nmount = { yaw_deg = 180.0 }")
+    external = 'quits = { kind = "external", command = ["false"] }\n'
+    external += 'gone = { kind = "external", command = ["no-such-program-anywhere"] }\n'
+    path.write_text(
+        SUITE.replace("[trackers]", away + "[trackers]").replace("[0, 1]", "[0]").replace(", 5.0", "") + external
+    )
+    run = uavbench("run", path, "--out", out)
+    assert run.returncode == 2
+    assert f"report: {out / 'index.html'}" in run.stdout
+    told = json.loads((out / "scores.json").read_text())
+    assert set(told["unrendered"]) == {"away-s0"}
+    statuses = {(s["label"], s["status"]) for s in told["scores"]}
+    assert statuses == {("hold", "complete"), ("lsd", "complete"), ("quits", "crashed"), ("gone", "missing")}
+    page = (out / "index.html").read_text()
+    for shown in ("away-s0", "not rendered", "no-such-program-anywhere"):
+        assert shown in page
+    again = uavbench("run", path, "--out", out)
+    assert again.returncode == 2
+    assert "away-s0" in again.stderr
+
+
 def test_two_runs_do_not_share_a_folder(suite, tmp_path):
     out = tmp_path / "out"
     first = subprocess.Popen(command("render", suite, "--out", out), stderr=subprocess.DEVNULL)

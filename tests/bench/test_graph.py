@@ -1,8 +1,9 @@
 """The job graph: fresh jobs stay, failures stay local, what needs a failed job is not done."""
 
 import json
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,28 @@ def test_a_fault_that_is_no_users_mistake_keeps_its_traceback(tmp_path, pool):
     assert "Traceback" in outcome.tracebacks["bad"]
 
 
+class TwoPartError(Exception):
+    """One that pickles, and cannot be made again from what was pickled."""
+
+    def __init__(self, what, where):
+        super().__init__(f"{what} at {where}")
+
+
+class Leak:
+    """Work that raises it."""
+
+    def __call__(self, content_hash, on_step):
+        raise TwoPartError("a leak", "the roof")
+
+
+def test_an_exception_that_cannot_cross_processes_fails_its_job_alone(tmp_path):
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        bad, good = replace(job(tmp_path, "bad"), work=Leak()), job(tmp_path, "good")
+        outcome = run_graph([bad, good], pool)
+    assert outcome.failed == {"bad": "TwoPartError: a leak at the roof"}
+    assert [j.name for j in outcome.done] == ["good"]
+
+
 def test_a_stale_result_is_made_again(tmp_path, pool):
     run_graph([job(tmp_path, "a", enters=1)], pool)
     newer = job(tmp_path, "a", enters=2)
@@ -92,3 +115,36 @@ def test_an_error_leaves_the_old_folder_whole_and_nothing_beside_it(tmp_path):
         raise ZeroDivisionError
     assert [p.name for p in tmp_path.iterdir()] == ["sequence"]
     assert [p.name for p in target.iterdir()] == ["old"]
+
+
+def test_a_job_that_can_do_without_runs_last_and_is_made_again_when_all_is_there(tmp_path, pool):
+    order = []
+    bad = job(tmp_path, "bad", error=UserError("frame 3: truncated"))
+    after = job(tmp_path, "after", needs=(bad,))
+    good = job(tmp_path, "good", order=order)
+    seen = []
+
+    def without(failed):
+        seen.append(dict(failed))
+        return Note(tmp_path / "end.json", order)
+
+    end = replace(job(tmp_path, "end", needs=(after, good), order=order), without=without)
+    first = run_graph([bad, after, good, end], pool)
+    assert order == ["good", "end"]
+    assert set(first.failed) == set(seen[0]) == {"bad", "after"}
+    assert not end.fresh
+    again = run_graph([bad, after, good, end], pool)
+    assert order == ["good", "end"], "the same failures give the same output, so it is left alone"
+    assert set(again.failed) == {"bad", "after"}
+    mended = job(tmp_path, "bad", order=order)
+    after = job(tmp_path, "after", needs=(mended,), order=order)
+    end = replace(end, needs=(after, good))
+    assert not run_graph([mended, after, good, end], pool).failed
+    assert order[2:] == ["bad", "after", "end"]
+    assert end.fresh
+
+
+def test_a_job_that_cannot_do_without_what_failed_fails(tmp_path, pool):
+    bad = job(tmp_path, "bad", error=UserError("frame 3: truncated"))
+    end = replace(job(tmp_path, "end", needs=(bad,)), without=lambda failed: None)
+    assert set(run_graph([bad, end], pool).failed) == {"bad", "end"}
