@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
-from bench.content import names_a_file
+from bench.config_paths import located
 from bench.models import STRICT, Extra, build, choice, model_of, own_plugins
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
@@ -123,26 +123,14 @@ def _read(path: Path) -> tuple[dict[str, Any], Extra]:
 
 def _check(path: Path, model: type[BaseModel], data: dict[str, Any]) -> Any:
     """The config as its model; UserError with a line for each mistake."""
+    config, mistakes = located(data, path.parent)
     try:
-        return model.model_validate_json(json.dumps(_beside(data, path.parent), default=str))
+        checked = model.model_validate_json(json.dumps(config, default=str))
     except ValidationError as error:
-        raise UserError(_told(path, [_explain(model, e) for e in error.errors()])) from None
-
-
-def _beside(data: Any, folder: Path) -> Any:
-    """The config with relative file names taken from the folder of the config."""
-    if isinstance(data, dict):
-        return {key: _located(key, value, folder) for key, value in data.items()}
-    return [_beside(item, folder) for item in data] if isinstance(data, list) else data
-
-
-def _located(key: str, value: Any, folder: Path) -> Any:
-    """A key's value with file names made paths; words of a command are taken for files where there is one."""
-    if names_a_file(key) and isinstance(value, str):
-        return str(folder / value)
-    if key in {"command", "input_files"} and isinstance(value, list):
-        return [str((folder / v).resolve()) if isinstance(v, str) and (folder / v).is_file() else v for v in value]
-    return _beside(value, folder)
+        mistakes += [_explain(model, e) for e in error.errors()]
+    if mistakes:
+        raise UserError(_told(path, mistakes))
+    return checked
 
 
 def _told(path: Path, messages: list[str]) -> str:

@@ -10,6 +10,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from bench.config_paths import names_a_file
+
 PACKAGES = {"trajectories", "scenes", "tracker", "reports", "bench"}
 PLAIN = {float, int, str, bool, type(None)}
 ROOT = Path(__file__).parent.parent
@@ -56,11 +58,6 @@ def code_hash(*packages: str) -> str:
             if path.suffix in {".py", ".xml", ".html", ".css", ".js", ".toml"}:
                 digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-def names_a_file(key: str) -> bool:
-    """Whether a config key holds the path of a file, by its name."""
-    return key in {"file", "path"} or key.endswith(("_file", "_path"))
 
 
 def carried_hash(path: Path) -> str | None:

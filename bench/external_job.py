@@ -23,9 +23,8 @@ from pathlib import Path
 
 from scenes.camera import Camera
 from scenes.sequence import Sequence as Frames
-from scenes.sequence import save_structure
+from scenes.sequence import inside, save_structure
 from scenes.structure import Structure
-from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text
 from trajectories.pose import Pose
 
@@ -61,14 +60,6 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
     imu = sequence.folder / "imu.csv"
     if imu.is_file():
         shutil.copyfile(inside(sequence.folder, imu.name), folder / "imu.csv")
-
-
-def inside(folder: Path, name: str) -> Path:
-    """Path of a dataset's file; UserError when it leads out of the dataset's folder."""
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder.resolve()):
-        raise UserError(f"{folder}: its file {name!r} leads out of the folder; this dataset is not to be trusted")
-    return path
 
 
 def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:

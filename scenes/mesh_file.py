@@ -157,20 +157,27 @@ def closedness(vertices: Array, triangles: np.ndarray) -> tuple[int, float]:
 
 
 def check_textures(path: Path) -> None:
-    """UserError naming the first image or material file that a model refers to and that is not there."""
+    """UserError naming the first file that a model refers to (material, image) and that is not there, or elsewhere."""
     kind, wanted = path.suffix.lower(), []
     if kind == ".obj":
         for library in re.findall(r"^mtllib\s+(.+?)\s*$", path.read_text("utf-8", "replace"), re.MULTILINE):
             wanted.append(library)
-            if (path.parent / library).is_file():
+            if _beside(path, library) and (path.parent / library).is_file():
                 text = (path.parent / library).read_text("utf-8", "replace")
                 wanted += [line.split()[-1] for line in re.findall(r"^\s*map_K[da]\s+(.+?)\s*$", text, re.MULTILINE)]
     elif kind == ".gltf":
         uris = re.findall(r'"uri"\s*:\s*"([^"]+)"', path.read_text("utf-8", "replace"))
         wanted = [uri.replace("%20", " ") for uri in uris if not uri.startswith("data:")]
     for name in wanted:
+        if not _beside(path, name):
+            raise UserError(f"{path}: refers to {name}, which is not in the folder of the model; put it there")
         if not (path.parent / name).is_file():
             raise UserError(f"{path}: refers to {name}, which is not there; put it beside the model or export it again")
+
+
+def _beside(path: Path, name: str) -> bool:
+    """Whether a file that a model refers to lies in the model's folder, links followed."""
+    return (path.parent / name).resolve().is_relative_to(path.parent.resolve())
 
 
 def _check_stl_size(path: Path) -> None:

@@ -61,13 +61,16 @@ class Sequence:
         """Open a sequence folder; UserError naming the file that is missing or wrong."""
         info = read_json(folder / "sequence.json")
         frames = read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"])
+        files = tuple(row["file"] for row in frames)
+        for name in files:
+            inside(folder, name)
         return cls(
             folder,
             info,
             Camera.load(folder / "camera.toml"),
             load_structure(folder),
             read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0],
-            tuple(row["file"] for row in frames),
+            files,
         )
 
     def __len__(self) -> int:
@@ -122,6 +125,17 @@ class Sequence:
     def true_cam_from_world(self, frame: int) -> Pose:
         """True pose of the camera at a frame."""
         return self.cam_from_body @ self.truth.pose(frame).inverse()
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Path of a dataset's file, links followed; UserError when it leads out of the dataset's folder."""
+    try:
+        path = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UserError(f"{folder}: {name!r} is no file name: {error}") from None
+    if not path.is_relative_to(folder.resolve()):
+        raise UserError(f"{folder}: its file {name!r} leads out of the folder; this dataset is not to be trusted")
+    return path
 
 
 def read_image(path: Path, camera: Camera) -> NDArray[np.uint8]:

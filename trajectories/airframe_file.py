@@ -30,9 +30,16 @@ def read_airframe(path: Path, mount: Mount) -> str:
 
 def _from_xml(text: str, mount: Mount) -> str:
     try:
-        return with_camera(ElementTree.fromstring(text), mount)
+        root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise UserError(f"not valid XML: {error}") from None
+    for node in root.iter():
+        for key in node.attrib:
+            if key.startswith("file"):  # <include file=...>, meshes, textures, height fields
+                raise UserError(
+                    f"<{node.tag} {key}=...> names another file; an airframe is one file and needs no meshes"
+                )
+    return with_camera(root, mount)
 
 
 def _from_toml(text: str) -> Crazyflie:

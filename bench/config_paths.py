@@ -1,0 +1,68 @@
+"""Files that a config names: taken from the config's own folder, and none from elsewhere.
+
+A suite may come from anyone. It reads only what lies in its folder, links followed, or in a folder that the user names
+in the environment variable UAVBENCH_DATA (several separated by colons; workers and Slurm jobs inherit it). Programs
+that an external tracker starts (`command`) may be anywhere: they run with all the user's rights anyway.
+"""
+
+import os
+from pathlib import Path
+from typing import Any
+
+FREE = "UAVBENCH_DATA"
+
+
+def names_a_file(key: str) -> bool:
+    """Whether a config key holds the path of a file, by its name."""
+    return key in {"file", "path"} or key.endswith(("_file", "_path"))
+
+
+def located(config: Any, folder: Path, at: str = "") -> tuple[Any, list[str]]:
+    """The config with relative file names taken from its folder, and a line for each that leads out of it."""
+    if isinstance(config, list):
+        pairs = [located(item, folder, f"{at}[{i}]") for i, item in enumerate(config)]
+        return [item for item, _ in pairs], [line for _, lines in pairs for line in lines]
+    if not isinstance(config, dict):
+        return config, []
+    found: dict[str, Any] = {}
+    outside: list[str] = []
+    for key, value in config.items():
+        path = f"{at}.{key}" if at else key
+        if names_a_file(key) and isinstance(value, str):
+            found[key], lines = str(folder / value), _outside(value, folder, path)
+        elif key == "input_files" and isinstance(value, list):
+            found[key] = [_beside(word, folder) for word in value]
+            lines = [line for word in value if isinstance(word, str) for line in _outside(word, folder, path)]
+        elif key == "command" and isinstance(value, list):
+            found[key], lines = [_beside(word, folder) for word in value], []
+        else:
+            found[key], lines = located(value, folder, path)
+        outside += lines
+    return found, outside
+
+
+def _beside(word: Any, folder: Path) -> Any:
+    """A word of a command, or a file: the file beside the config where there is one."""
+    return str((folder / word).resolve()) if isinstance(word, str) and _is_file(folder / word) else word
+
+
+def _outside(name: str, folder: Path, at: str) -> list[str]:
+    """A line where the file is neither in the folder nor in one that the user has set free."""
+    free = [Path(word).resolve() for word in os.environ.get(FREE, "").split(os.pathsep) if word]
+    try:
+        real = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError) as error:
+        return [f"{at}: {name!r} is no file name: {error}"]
+    if any(real.is_relative_to(root) for root in (folder.resolve(), *free)):
+        return []
+    return [
+        f"{at}: {name} lies outside of {folder.resolve()}, the folder of this file; copy it there, or allow its own: "
+        f"{FREE}={real.parent}"
+    ]
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except ValueError:  # a null character in the name
+        return False
