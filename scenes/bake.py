@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scenes.parts import Light, Part
+from scenes.parts import Light, Part, Texture
 from trajectories.pose import Array
 from trajectories.surroundings import Surroundings
 
@@ -53,22 +53,34 @@ def _bake_texture(part: Part, occluder: Surroundings, light: Light, reach_m: flo
     direct = float(np.mean(light.lamp)) * max(float(normal @ to_lamp), 0.0)
     ratio = seen[:, 0] * (ambient + direct * seen[:, 3]) / (ambient + direct)
     shade = cv2.resize(np.sqrt(ratio).reshape(GRID, GRID).astype(np.float32)[::-1], (TEXTURE_PX, TEXTURE_PX))
-    share = (np.arange(TEXTURE_PX) + 0.5) / TEXTURE_PX
-    s, t = np.meshgrid(share, share[::-1])
-    uv = part.uv[0] + s[..., None] * (part.uv[1] - part.uv[0]) + t[..., None] * (part.uv[3] - part.uv[0])
-    h, w = part.texture.shape[:2]
-    x, y = (np.mod(uv[..., 0], 1) * w - 0.5).astype(np.float32), (np.mod(-uv[..., 1], 1) * h - 0.5).astype(np.float32)
-    paint = cv2.remap(part.texture[..., :3], x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    lit = np.clip(np.rint(paint * shade[..., None]), 0, 255).astype(np.uint8)
+    lit = np.asarray(cv2.multiply(_resampled(part), cv2.merge([shade] * 3), dtype=cv2.CV_8U), dtype=np.uint8)
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     inset = (corners * (TEXTURE_PX - 1) + 0.5) / TEXTURE_PX
     return replace(part, texture=lit, uv=inset, tint=None, normals=np.broadcast_to(normal, (4, 3)))
+
+
+def _resampled(part: Part) -> Texture:
+    """Paint (TEXTURE_PX, TEXTURE_PX, 3) of a parallelogram, its first side to the right, its last upwards."""
+    assert part.uv is not None and part.texture is not None
+    h, w = part.texture.shape[:2]
+    size = np.array([w, -h])
+    step_x, step_y = (part.uv[1] - part.uv[0]) * size / TEXTURE_PX, (part.uv[0] - part.uv[3]) * size / TEXTURE_PX
+    start = part.uv[3] * size + (step_x + step_y) / 2 - 0.5
+    matrix = np.column_stack([step_x, step_y, start])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    out = cv2.warpAffine(
+        part.texture[..., :3], matrix, (TEXTURE_PX, TEXTURE_PX), flags=flags, borderMode=cv2.BORDER_WRAP
+    )
+    return np.asarray(out, dtype=np.uint8)
 
 
 def _seen(
     points: Array, normals: Array, occluder: Surroundings, light: Light, reach_m: float, rays: int, lamp_rays: int
 ) -> Array:
     """Factors (n, 4) on ambient light, three times, and on the lamp's, at points (n, 3) of a surface."""
+    alike = np.rint(np.hstack([points / OFFSET_M, normals * 1e4])).astype(np.int64)
+    _, first, same = np.unique(alike, axis=0, return_index=True, return_inverse=True)
+    points, normals = points[first], normals[first]
     at = points + normals * max(OFFSET_M, reach_m * 1e-4)
     seen = np.ones((len(at), 4))
     open_share = _open(at, _about(normals, _hemisphere(rays)), occluder, reach_m)
@@ -80,7 +92,7 @@ def _seen(
         disc[:, 2] = 1.0
         directions = _about(np.broadcast_to(to_lamp, at.shape), disc / np.linalg.norm(disc, axis=1, keepdims=True))
         seen[:, 3] = _open(at, directions, occluder, np.inf)
-    return _from_outside(at, seen, occluder)
+    return _from_outside(at, seen, occluder)[same.reshape(-1)]
 
 
 def _from_outside(at: Array, seen: Array, occluder: Surroundings) -> Array:
@@ -115,9 +127,7 @@ def smooth_corners(part: Part) -> Part:
 
 def _open(at: Array, directions: Array, occluder: Surroundings, reach_m: float) -> Array:
     """Share (n,) of directions (n, k, 3) from points (n, 3) that meet nothing within reach_m."""
-    n, k, _ = directions.shape
-    hit = occluder.ray(np.repeat(at, k, axis=0), directions.reshape(-1, 3)).reshape(n, k)
-    return np.asarray((~(hit < reach_m)).mean(axis=1)) if n else np.zeros(0)
+    return 1 - occluder.blocked(at, directions, reach_m).mean(axis=1) if len(at) else np.zeros(0)
 
 
 def _hemisphere(count: int) -> Array:

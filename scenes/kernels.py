@@ -115,3 +115,39 @@ def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: An
                         break
             out[i, j, 0] = u
             out[i, j, 1] = v
+
+
+@compiled
+def tint(color: Any, shade: Any, out: Any) -> None:
+    """Out (h, w, 3) = color (3,) * shade (h, w)."""
+    for i in range(shade.shape[0]):
+        for j in range(shade.shape[1]):
+            for k in range(3):
+                out[i, j, k] = color[k] * shade[i, j]
+
+
+@compiled
+def lay(under: Any, over: Any, mask: Any, out: Any) -> None:
+    """Out (h, w, 3) = under + (over - under) * mask (h, w)."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            share = mask[i, j]
+            for k in range(3):
+                out[i, j, k] = under[i, j, k] + (over[i, j, k] - under[i, j, k]) * share
+
+
+@compiled
+def lay_color(under: Any, color: Any, mask: Any, out: Any) -> None:
+    """Out (h, w, 3) = under + (color (3,) - under) * mask (h, w)."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            share = mask[i, j]
+            for k in range(3):
+                out[i, j, k] = under[i, j, k] + (color[k] - under[i, j, k]) * share
+
+
+@compiled
+def round_off(values: Any, out: Any) -> None:
+    """Values rounded to 8 bits, clipped to 0..255."""
+    for i in range(values.size):
+        out[i] = np.uint8(min(max(values[i], 0.0), 255.0) + 0.5)

@@ -111,15 +111,15 @@ def asphalt(rng: np.random.Generator) -> Material:
 
 def grass(rng: np.random.Generator) -> Material:
     """Meadow, 8 m square: blades, tufts, dry and bare spots."""
-    n = 2048
-    blades = noise.tiling((n, n), (9, 2.2), rng) + noise.tiling((n, n), (3, 7), rng)
-    tufts = noise.fractal((n, n), 90, rng, octaves=5, gain=0.7)
+    n = 1536
+    blades = noise.tiling((n, n), (7, 1.7), rng) + noise.tiling((n, n), (2.3, 5.3), rng)
+    tufts = noise.fractal((n, n), 68, rng, octaves=5, gain=0.7)
     image = noise.paint((96, 112, 58), 1 + 0.16 * blades + 0.14 * tufts)
-    dry = np.clip(noise.fractal((n, n), 420, rng, octaves=5, gain=0.65) - 0.1, 0, 1.4) / 1.4
+    dry = np.clip(noise.fractal((n, n), 315, rng, octaves=5, gain=0.65) - 0.1, 0, 1.4) / 1.4
     image = noise.blend(image, noise.paint((150, 140, 88), 1 + 0.15 * blades), 0.75 * dry)
-    bare = np.clip((noise.fractal((n, n), 300, rng, octaves=6, gain=0.7) - 1.9) * 1.5, 0, 1)
+    bare = np.clip((noise.fractal((n, n), 225, rng, octaves=6, gain=0.7) - 1.9) * 1.5, 0, 1)
     image = noise.blend(image, noise.paint((132, 110, 84), 1 + 0.12 * tufts), bare)
-    flowers = np.clip(noise.tiling((n, n), 2.5, rng) - 3.6, 0, 0.5) * 2
+    flowers = np.clip(noise.tiling((n, n), 1.9, rng) - 3.6, 0, 0.5) * 2
     return Material(noise.finish(noise.blend(image, (226, 220, 170), flowers)), (8.0, 8.0), 1.0)
 
 

@@ -15,6 +15,9 @@ from trajectories.pose import Array
 
 SKY_PX = (1024, 2048)
 RIM_M = 180.0
+ZENITH, HORIZON = (88.0, 142.0, 212.0), (202.0, 220.0, 236.0)
+CLOUD, CLOUD_SHADE, GROUND = (246.0, 246.0, 244.0), (164.0, 170.0, 180.0), (132.0, 136.0, 112.0)
+"""Colours of the sky, its clouds, and the ground below the horizon."""
 
 
 @dataclass(frozen=True)
@@ -91,31 +94,31 @@ def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
 def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
     """Panorama: blue that pales towards the horizon and the sun, clouds seen in perspective."""
     h, w = SKY_PX
-    elevation = (0.5 - (np.arange(h) + 0.5) / h) * np.pi
-    azimuth = ((np.arange(w) + 0.5) / w * 2 - 1) * np.pi
-    up = np.sin(elevation)[:, None] * np.ones((1, w))
-    level = np.cos(elevation)[:, None]
-    toward = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), up], axis=-1)
-    near_sun = np.clip(toward @ to_sun, 0, 1)
-    pale = np.exp(-np.clip(up, 0, 1) * 5.0)[..., None]
-    blue = np.array([88.0, 142.0, 212.0]) * (1 - pale) + np.array([202.0, 220.0, 236.0]) * pale
-    blue = blue + np.array([60.0, 52.0, 36.0]) * (near_sun**24)[..., None] + 200.0 * (near_sun**1500)[..., None]
-    height = np.clip(up, 0.035, 1)
-    tile = 1024
+    image = np.full((h, w, 3), GROUND, dtype=np.float32)
+    rows = h // 2 + 8  # further down the ground alone is seen
+    elevation = ((0.5 - (np.arange(rows, dtype=np.float32)[:, None] + 0.5) / h) * np.pi).astype(np.float32)
+    azimuth = (((np.arange(w, dtype=np.float32) + 0.5) / w * 2 - 1) * np.pi).astype(np.float32)
+    up, level = np.sin(elevation), np.cos(elevation)
+    x, y = level * np.cos(azimuth), level * np.sin(azimuth)
+    sun = to_sun.astype(np.float32)
+    near_sun = np.clip(x * sun[0] + y * sun[1] + up * sun[2], 0, 1)
+    glow, disc = np.square(np.square(np.square(near_sun))) ** 3, np.exp(1500 * (near_sun - 1))
+    pale = np.exp(-5 * np.clip(up, 0, 1))
+    blue = noise.paint((60.0, 52.0, 36.0), glow) + noise.paint((200.0, 200.0, 200.0), disc)
+    blue += (np.array(ZENITH) * (1 - pale[..., None]) + np.array(HORIZON) * pale[..., None]).astype(np.float32)
+    tile, height = 1024, np.clip(up, 0.035, 1)
     field = noise.fractal((tile, tile), 300, rng, octaves=8, gain=0.58)
     lit = noise.blurred(field, 10)
-    x = np.mod(toward[..., 0] / height * 130 + 4000, tile).astype(np.float32)
-    y = np.mod(toward[..., 1] / height * 130 + 4000, tile).astype(np.float32)
-    cover, thick = (cv2.remap(f, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
-    edge = 1.5 - 2.9 * cloudiness
-    mask = np.clip((cover - edge) / 0.9, 0, 1)
+    u, v = (np.mod(way / height * 130 + 4000, tile).astype(np.float32) for way in (x, y))
+    cover, thick = (cv2.remap(f, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
+    edge = np.float32(1.5 - 2.9 * cloudiness)
+    mask = np.clip((cover - edge) / np.float32(0.9), 0, 1)
     mask = mask * mask * (3 - 2 * mask) * np.clip((up - 0.01) / 0.10, 0, 1)
-    body = np.clip((thick - edge) / 2.5, 0, 1)[..., None]
-    white = np.array([246.0, 246.0, 244.0]) * (1 - body) + np.array([164.0, 170.0, 180.0]) * body
-    image = blue * (1 - 0.92 * mask[..., None]) + white * 0.92 * mask[..., None]
-    ground = np.array([132.0, 136.0, 112.0])
-    below = np.clip(-up * 60, 0, 1)[..., None]
-    return np.asarray(image * (1 - below) + ground * below, dtype=np.float32)
+    body = np.clip((thick - edge) / np.float32(2.5), 0, 1)
+    white = noise.blend(np.broadcast_to(np.array(CLOUD, np.float32), (rows, w, 3)), CLOUD_SHADE, body)
+    sky = noise.blend(blue, white, 0.92 * mask)
+    image[:rows] = noise.blend(sky, GROUND, np.clip(-60 * up, 0, 1) * np.ones_like(mask))
+    return image
 
 
 def _rim(bounds: Array, rng: np.random.Generator) -> list[Part]:

@@ -15,6 +15,13 @@ def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
     return out
 
 
+def rays_blocked(tree: Tree, origins: Array, directions: Array, within: float) -> NDArray[np.bool_]:
+    """Which rays (n, k), in unit directions (n, k, 3) from origins (n, 3), meet a triangle nearer than `within`."""
+    out = np.empty(directions.shape[:2], dtype=np.bool_)
+    _blocked(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, origins, directions, within, out)
+    return out
+
+
 def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.int64]:
     """Times (k,) that a ray from each origin (k, 3) leaves the mesh, less the times it enters."""
     out = np.empty(len(origins), dtype=np.int64)
@@ -53,6 +60,46 @@ def _rays(
                 stack[top + 1] = child[node] + 1
                 top += 2
         out[i] = best
+
+
+@compiled
+def _blocked(
+    low: Array,
+    high: Array,
+    first: NDArray[np.int64],
+    count: NDArray[np.int64],
+    child: NDArray[np.int64],
+    corners: Array,
+    origins: Array,
+    directions: Array,
+    within: float,
+    out: NDArray[np.bool_],
+) -> None:
+    stack = np.empty(MAX_DEPTH, dtype=np.int64)
+    for i in range(directions.shape[0]):
+        last = 0
+        for j in range(directions.shape[1]):
+            a, b, c = corners[last, 0], corners[last, 1], corners[last, 2]
+            found = _ray_triangle(origins[i], directions[i, j], a, b, c) < within  # what hid the ray before this one
+            stack[0] = 0
+            top = 1
+            while top > 0 and not found:
+                top -= 1
+                node = stack[top]
+                if not _enters(origins[i], directions[i, j], low[node], high[node], within):
+                    continue
+                if count[node] > 0:
+                    for t in range(first[node], first[node] + count[node]):
+                        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+                        if _ray_triangle(origins[i], directions[i, j], a, b, c) < within:
+                            found = True
+                            last = t
+                            break
+                else:
+                    stack[top] = child[node]
+                    stack[top + 1] = child[node] + 1
+                    top += 2
+            out[i, j] = found
 
 
 @compiled

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trajectories.mesh_distances import mesh_distances
-from trajectories.mesh_rays import mesh_crossings, ray_distances
+from trajectories.mesh_rays import mesh_crossings, ray_distances, rays_blocked
 from trajectories.mesh_tree import Tree, build_tree
 from trajectories.pose import Array, read_only
 
@@ -58,6 +58,10 @@ class Surroundings:
     def ray(self, origins: ArrayLike, directions: ArrayLike) -> Array:
         """Distance (k,) along unit directions (k, 3) from origins (k, 3) to the first triangle, metres; inf: none."""
         return ray_distances(self.tree, read_only(origins, (-1, 3)), read_only(directions, (-1, 3)))
+
+    def blocked(self, origins: Array, directions: Array, within_m: float) -> NDArray[np.bool_]:
+        """Which rays (n, k) from origins (n, 3) along unit directions (n, k, 3) meet a triangle within within_m."""
+        return rays_blocked(self.tree, np.ascontiguousarray(origins), np.ascontiguousarray(directions), within_m)
 
     def inside(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Which points (k, 3) lie inside the mesh: where both a ray up and one down leave it more often than enter it.

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.trajectories.scene import BOX, DECK, PIER, both
 from trajectories.mesh_distances import mesh_distances
-from trajectories.mesh_rays import ray_distances
+from trajectories.mesh_rays import ray_distances, rays_blocked
 from trajectories.mesh_tree import build_tree
 from trajectories.mount import Mount
 from trajectories.surroundings import Surroundings
@@ -61,6 +61,9 @@ def test_the_tree_agrees_with_brute_force_on_a_soup_of_triangles() -> None:
         for o, d in zip(points, directions, strict=True)
     ]
     np.testing.assert_array_equal(ray_distances(tree, points, directions), alone)
+    for within in (0.5, 1.5, np.inf):
+        expected = [distance < within for distance in alone]
+        np.testing.assert_array_equal(rays_blocked(tree, points, directions[:, None], within)[:, 0], expected)
 
 
 def test_rays_hit_faces_where_they_should() -> None:
