@@ -1,27 +1,50 @@
-"""How good a tracker of edges could be: the Cramer-Rao bound of the position of the body in each frame.
+"""How good a tracker could be: the Cramer-Rao bound of the position of the body in each frame.
 
-Conventions: what can be measured at the true pose is the distance of each control point of the visible edges from its
-edge, along the normal, with independent Gaussian noise of sigma_px. For unbiased estimates from one frame, E |p - q|^2
-is at least the squared bound (Kay 1993, section 3.7). Trackers that use more than one frame, or more than edges, may
-go below.
+Conventions: for unbiased estimates from one frame, E |p - q|^2 is at least the squared bound (Kay 1993, section 3.7).
+It is that of the rendered image and its noise where the sequence has it (scenes.crlb). Otherwise it is one of edges
+alone, and rests on an assumption: what can be measured at the true pose is the distance of each control point of the
+visible edges from its edge, along the normal, with independent Gaussian noise of sigma_px. Trackers that use more than
+one frame may go below either, and those that use more than edges below the second.
 """
 
 from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
 
 import numpy as np
 
-from reports.runs import ScoredRun
+from reports.frame_errors import FrameErrors
 from scenes.sequence import Sequence
 from tracker.control_points import control_points
 from tracker.visible_edges import visible_edges
-from trajectories.pose import Array, hat
+from trajectories.pose import Array, Pose, hat
 
 SIGMA_PX = 0.3
 """Assumed noise of one edge measurement: an assumption, and written beside every ratio."""
 SINGULAR = 1e-12
 
 
-def position_bounds(sequence: Sequence, frames: ListOf[int], sigma_px: float = SIGMA_PX) -> Array:
+@dataclass(frozen=True, kw_only=True)
+class ErrorOverBound:
+    """Median ratio of the position error to the bound of its frame, over the n frames that have a pose and a bound."""
+
+    n: int
+    median: float
+
+    @classmethod
+    def of(cls, sequence: Sequence, errors: FrameErrors) -> "ErrorOverBound | None":
+        """Ratio to the bounds of the images; None where no frame with a pose has one."""
+        ratios = errors.translation_m / image_bounds(sequence, errors.frames.tolist())
+        ratios = ratios[np.isfinite(ratios)]
+        return cls(n=len(ratios), median=float(np.median(ratios))) if len(ratios) else None
+
+
+def image_bounds(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Bound (n,) in m on the RMS position error of the body from the image, NaN where the sequence has none."""
+    known, mount = sequence.pose_bounds, sequence.cam_from_body
+    return np.array([_position(known[frame], mount) if frame in known else np.nan for frame in frames])
+
+
+def edge_bounds(sequence: Sequence, frames: ListOf[int], sigma_px: float = SIGMA_PX) -> Array:
     """Bound (n,) in m on the RMS position error of the body, infinite where the edges in view do not fix the pose."""
     out = np.full(len(frames), np.inf)
     camera, mount = sequence.camera, sequence.cam_from_body
@@ -40,12 +63,19 @@ def position_bounds(sequence: Sequence, frames: ListOf[int], sigma_px: float = S
         values, vectors = np.linalg.eigh(J.T @ J)
         if values[0] <= SINGULAR * values[-1]:
             continue
-        covariance = sigma_px**2 * (vectors / values) @ vectors.T
-        M = np.hstack([-np.eye(3), hat(mount.translation)])
-        out[k] = np.sqrt(np.trace(M @ covariance @ M.T))
+        out[k] = _position(sigma_px**2 * (vectors / values) @ vectors.T, mount)
     return out
 
 
-def error_over_bound(run: ScoredRun, sigma_px: float = SIGMA_PX) -> Array:
-    """Ratio (n,) of each frame's position error to its bound; infinite where the frame is lost."""
-    return run.errors.translation_m / position_bounds(run.sequence, run.errors.frames.tolist(), sigma_px)
+def error_over_bound(sequence: Sequence, errors: FrameErrors) -> Array:
+    """Ratio of the position error to its bound of each frame (n,) that has one; infinite where the frame is lost."""
+    frames = errors.frames.tolist()
+    bounds = image_bounds(sequence, frames) if sequence.pose_bounds else edge_bounds(sequence, frames)
+    known = ~np.isnan(bounds)
+    return np.asarray(errors.translation_m[known] / bounds[known])
+
+
+def _position(covariance: Array, cam_from_body: Pose) -> float:
+    """RMS position error of the body, of a covariance of the twist of `cam_from_world`."""
+    M = np.hstack([-np.eye(3), hat(cam_from_body.translation)])
+    return float(np.sqrt(np.trace(M @ covariance @ M.T)))

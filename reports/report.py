@@ -135,13 +135,17 @@ def compare(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> list[FigureO
     steps(8)
     for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
         made += rank(folder, [run for run in runs if run.score.rate_hz == rate], colours, f"{rate:g}hz")
-    followed = {run.name: error_over_bound(run) for run in fast if run.sequence is fast[0].sequence}
+    bounded = fast[0].sequence
+    followed = {run.name: error_over_bound(bounded, run.errors) for run in fast if run.sequence is bounded}
     files = figures_statistics.error_over_bound(followed, colours, figures / "bound")
     caption = (
-        f"Position error of each frame over the Cramer-Rao bound of its edges, {SIGMA_PX} px of noise on each control "
-        "point assumed; 1 is as good as one frame's edges allow."
+        "Position error over the Cramer-Rao bound of the image's noise, of every frame that has one; 1 is as good as "
+        "one frame allows a tracker that knows how the structure looks."
+        if bounded.pose_bounds
+        else f"Position error of each frame over the Cramer-Rao bound of its edges, {SIGMA_PX} px of noise on each "
+        "control point assumed; 1 is as good as one frame's edges allow."
     )
-    made.append(on_page(folder, files, f"Error over the bound, {fast[0].sequence.name}", caption))
+    made.append(on_page(folder, files, f"Error over the bound, {bounded.name}", caption))
     if any(run.score.consistency is not None for run in runs):
         files = figures_statistics.nees_over_time(runs, figures / "nees")
         caption = "Squared error over the claimed covariance; above the band it claims too much."

@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from reports.align import Alignment, align
 from reports.ape import absolute_errors
 from reports.association import PosePairs
+from reports.bounds import ErrorOverBound
 from reports.frame_errors import SUCCESS_DEG, SUCCESS_M, FrameErrors, frame_errors
 from reports.latency import Latency, deadline_misses, stage_latencies
 from reports.model_space import ModelSpace, model_space
@@ -47,8 +48,8 @@ class Score:
     status: `complete` when every frame has a pose, `lost` when some have none, `crashed` when the tracker raised an
     error or stopped early, `missing` when there is no result at all. ate by alignment and rpe by stretch (`1 frame`,
     `1 s`) are over the frames that have a pose: read them with tracking.coverage. latency by stage, `total` first.
-    replay, model and consistency: what lateness costs, errors in the structure's space and the image, NEES; None where
-    times or covariances are missing.
+    replay, model, consistency and bound: what lateness costs, errors in the structure's space and the image, NEES,
+    errors over their Cramer-Rao bound; None where times, covariances or bounds are missing.
     """
 
     label: str
@@ -64,6 +65,7 @@ class Score:
     replay: Replay | None = None
     model: ModelSpace | None = None
     consistency: Consistency | None = None
+    bound: ErrorOverBound | None = None
     errors: tuple[str, ...]
     record: dict[str, Any]
 
@@ -132,6 +134,7 @@ def score(sequence: Sequence, results: Results) -> Score:
         replay=replay_in_real_time(sequence, results),
         model=model_space(sequence, results),
         consistency=consistency(sequence, results),
+        bound=ErrorOverBound.of(sequence, errors),
         errors=faults,
         record=how(sequence, results),
     )

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scenes import gl
 from scenes.bake import bake
 from scenes.contact_sheet import write_contact_sheet
+from scenes.crlb import FrameBounds, write_bounds
 from scenes.effects import EFFECTS
 from scenes.folders import disk_errors, refuse_foreign
 from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
@@ -52,11 +54,17 @@ def generate(
     flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
-    with disk_errors(folder), new_folder(folder) as new, scene.renderer(pinhole.width, pinhole.height) as renderer:
-        ideal = make_source(renderer, camera, pinhole, lens, camera_path(flight, spec.mount.cam_from_body))
+    path = camera_path(flight, spec.mount.cam_from_body)
+    with (
+        disk_errors(folder),
+        new_folder(folder) as new,
+        scene.renderer(pinhole.width, pinhole.height) as renderer,
+        FrameBounds(scene.renderer, camera, path, spec.effects) if spec.crlb_every else nullcontext() as limit,
+    ):
+        ideal = make_source(renderer, camera, pinhole, lens, path)
         check_first_view(spec, ideal)
         source = with_effects(ideal, spec.effects, spec.seed)
-        rows = _write_frames(new, spec, source, flight, scene.built.structure, on_frame)
+        rows = _write_frames(new, spec, source, flight, scene.built.structure, limit, on_frame)
         _write_truth(new, flight, rows)
         write_flight(flight, spec.sensors, scene.surroundings, spec.seed, new)
         write_flight(flight, spec.flight.sensors, scene.surroundings, spec.seed, new)
@@ -149,6 +157,7 @@ def _write_frames(
     source: Source,
     flight: Flight,
     structure: Structure,
+    limit: FrameBounds | None,
     on_frame: Callable[[int, int], None] | None,
 ) -> NDArray[np.int64]:
     """Write images, frames.csv and the truth of each frame; returns the flight's rows of the frames that arrived."""
@@ -156,6 +165,7 @@ def _write_frames(
     (folder / "frames").mkdir()
     arrived: list[int] = []
     row_truth: list[Array] = []
+    bounds: dict[int, Array] = {}
     lines = ["frame,stamp_ns,file"]
     for number, row in enumerate(rows.tolist()):
         stamp_ns = int(flight.stamps_ns[row])
@@ -170,11 +180,15 @@ def _write_frames(
                 _write_frame_truth(folder, spec, frame, source, structure, image, stamp_ns)
             if source.row_delay_ns:
                 row_truth.append(row_poses(source, _world_from_body(source, spec), stamp_ns))
+            if limit and frame % spec.crlb_every == 0 and (P := limit.covariance(image, stamp_ns)) is not None:
+                bounds[frame] = P
         if on_frame is not None:
             on_frame(number + 1, len(rows))
     write_text(folder / "frames.csv", "\n".join(lines) + "\n")
     if row_truth:
         np.save(folder / "row_poses.npy", np.array(row_truth))
+    if limit is not None:
+        write_bounds(folder, bounds)
     return np.array(arrived, dtype=np.int64)
 
 

@@ -7,6 +7,7 @@
     frames.csv      frame, stamp_ns, file
     truth.csv       world_from_body and its rates at each frame
     frames/*.png    the images
+    crlb.csv        Cramer-Rao bound of the camera's pose, of every n-th frame where the config asks for it
     flight.csv      the whole flight: motion, motors and wind, 100 times a second
     imu.csv ...     the readings of each body sensor, by its name
     manifest.json   sha256 of every other file
@@ -43,6 +44,9 @@ TRUTH_COLUMNS = [
     "ax_m_s2", "ay_m_s2", "az_m_s2",
 ]  # fmt: skip
 """Pose `world_from_body`, velocity and acceleration in the world, angular velocity in the body."""
+UPPER = np.triu_indices(6)
+BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
+"""A covariance in `crlb.csv`: its upper triangle by rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +125,17 @@ class Sequence:
         if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
             raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")
         return table
+
+    @cached_property
+    def pose_bounds(self) -> dict[int, Array]:
+        """Cramer-Rao bound (6, 6) of the twist of `cam_from_world`, by frame; not every frame has one (scenes.crlb)."""
+        path = self.folder / "crlb.csv"
+        if not path.is_file():
+            return {}
+        frames, table = read_integers(path, ["frame"])[:, 0], read_numbers(path, BOUND_COLUMNS)
+        bounds = np.zeros((len(table), 6, 6))
+        bounds[:, UPPER[0], UPPER[1]] = bounds[:, UPPER[1], UPPER[0]] = table
+        return dict(zip(frames.tolist(), bounds, strict=True))
 
     def true_cam_from_world(self, frame: int) -> Pose:
         """True pose of the camera at a frame."""

@@ -88,7 +88,8 @@ class SequenceSpec:
     """One sequence: what is flown around, how, and what the camera does to the images.
 
     sensors ride on the body; deviation is what the built structure differs by from the designed one; truth names the
-    extra ground truth written beside every frame, which does not change the images.
+    extra ground truth written beside every frame, crlb_every that every n-th frame gets its Cramer-Rao bound (0: none);
+    neither changes the images.
     """
 
     name: str
@@ -104,3 +105,4 @@ class SequenceSpec:
     sensors: tuple[SensorSpec, ...] = ()
     deviation: Deviation = field(default_factory=Deviation)
     truth: tuple[Literal["depth", "mask", "edges"], ...] = ()
+    crlb_every: Annotated[int, Ge(0)] = 0

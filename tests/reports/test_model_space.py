@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reports.bounds import position_bounds
+from reports.bounds import edge_bounds
 from reports.model_space import add, box_symmetries, edge_reprojection, model_space, mspd, mssd
 from reports.uncertainty import component_sigmas, consistency, euler_zyx, nees
 from scenes.camera import Camera
@@ -139,6 +139,6 @@ def test_the_position_bound_is_met_by_least_squares(sequence: Sequence) -> None:
     at = truth.inverse().translation
     estimates = [Pose.exp(solve @ rng.normal(0, sigma, len(points))) @ truth for _ in range(2000)]
     errors = [np.linalg.norm(estimate.inverse().translation - at) for estimate in estimates]
-    bound = position_bounds(sequence, [4], sigma)[0]
+    bound = edge_bounds(sequence, [4], sigma)[0]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(bound, rel=0.05)
-    assert position_bounds(sequence, [4], 2 * sigma)[0] == pytest.approx(2 * bound)
+    assert edge_bounds(sequence, [4], 2 * sigma)[0] == pytest.approx(2 * bound)

@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from reports.score import Score, score
+from scenes.crlb import write_bounds
 from scenes.sequence import Sequence
 from tests.reports.drawn import RATE_HZ, make_sequence, results_of, track, true_rows
 from tracker.base import TrackResult
@@ -119,3 +121,15 @@ def test_a_damaged_score_is_named(tmp_path) -> None:
     (tmp_path / "score.json").write_text('{"label": "lsd"}')
     with pytest.raises(UserError, match=r"score.json: not a score: rate_hz"):
         Score.load(tmp_path / "score.json")
+
+
+def test_the_error_is_told_in_bounds_of_the_image(tmp_path: Path) -> None:
+    """1 mm of bound along each axis and no rotation: an offset of 3 cm is 3 / sqrt(3) / 0.1 bounds."""
+    sequence = make_sequence(tmp_path / "bounded", 6)
+    rows = true_rows(sequence, offset_m=0.03)
+    assert score(sequence, results_of(sequence, rows)).bound is None
+    write_bounds(sequence.folder, {frame: np.diag([1e-6] * 3 + [0.0] * 3) for frame in (0, 2, 4)})
+    rows[2] = LOST
+    found = score(Sequence.load(sequence.folder), results_of(sequence, rows)).bound
+    assert found is not None and found.n == 2
+    assert found.median == pytest.approx(30 / np.sqrt(3), rel=1e-9)

@@ -1,0 +1,167 @@
+"""The limit of every tracker: the Cramer-Rao bound of the camera's pose from one image, frame by frame.
+
+The light of pixel i is y_i = f_i(xi) + n_i, with n_i independent, normal, and of variance s_i^2 by the photon-transfer
+curve of the sensor and the steps of its codes. For the twist xi of `cam_from_world_true = exp(xi) cam_from_world` an
+unbiased estimate from this image alone has a covariance of at least (J^T S^-1 J)^-1, J = df/dxi (Kay 1993, eq. 3.31
+without the term of the variance's own change). J is taken by central differences of noise-free renders.
+
+Only pixels that show the structure or its outline count: the rest of the world is in nobody's model. All that the
+structure shows counts, texture and shading too, as if its look were known: so a tracker of edges stays above the
+bound, and one that uses several frames may go below it. What a link does to the images is left out, and so is the
+aliasing of the image itself: J is that of the light that falls on a pixel, from renders FINER times as fine.
+
+    crlb.csv    frame, and the covariance's upper triangle by rows, translation first
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.camera import Camera
+from scenes.exposure import MotionBlur, RollingShutter
+from scenes.light import LIGHT, Radiance, decode, encode
+from scenes.render import Renderer
+from scenes.sensor import AutoExposure, Noise, Quantization, Vignetting
+from scenes.sequence import BOUND_COLUMNS, UPPER
+from scenes.source import Source, make_source, render_camera, sample
+from scenes.spec import EffectSpec
+from trajectories.files import write_text
+from trajectories.pose import Array, Pose
+
+FINER = 2
+"""Rendered pixels along a pixel's side: the steps in which samples see an edge move would pass for information."""
+STEP_PX = 0.25
+"""Half a difference in px; it understates a step edge by 1/6."""
+OUTLINE_PX = 2
+"""The pixels around the structure that its outline reaches."""
+SINGULAR = 1e-12
+"""Smallest over largest eigenvalue below which an image is taken to fix no pose."""
+LIGHT_STEP = np.gradient(LIGHT.astype(np.float64))
+"""Light between one code of a finished image and the next."""
+
+
+class FrameBounds:
+    """Works out the bound of any frame of a sequence from renders of its own, while its context lasts."""
+
+    def __init__(
+        self,
+        scene_renderer: Callable[[int, int], Renderer],
+        camera: Camera,
+        cam_from_world: Callable[[int], Pose],
+        effects: tuple[EffectSpec, ...],
+    ) -> None:
+        fine = finer(camera)
+        pinhole, lens = render_camera(fine, max((getattr(e, "margin_px", 0) for e in effects), default=0))
+        self._renderer = scene_renderer(pinhole.width, pinhole.height)
+        self._twist = np.zeros(6)
+        self._effects = effects
+        moved = make_source(self._renderer, fine, pinhole, lens, lambda t: Pose.exp(self._twist) @ cam_from_world(t))
+        for kind in (RollingShutter, MotionBlur, Vignetting):  # what happens to the light before the sensor counts it
+            for effect in effects:
+                if type(effect) is kind:
+                    moved = effect.start(moved, np.random.default_rng(0))
+        self._source = moved
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        self._renderer.close()
+
+    def covariance(self, image: NDArray[np.uint8], stamp_ns: int) -> Array | None:
+        """Bound (6, 6) of the frame delivered as image at a stamp, m and rad; None where it fixes no pose."""
+        clean = self._light(np.zeros(6), stamp_ns)
+        view = self._source.look(stamp_ns)
+        shown = _structure(self._source, view.instances)
+        if not shown.any():
+            return None
+        depth_m = float(np.median(view.depth[view.instances == 1]))
+        steps = np.repeat([depth_m, 1.0], 3) * STEP_PX * FINER / self._source.pinhole.fx
+        gain = _gain(clean, image) if any(isinstance(e, AutoExposure) for e in self._effects) else 1.0
+        weight = shown[..., None] / light_variance(gain * clean, self._effects)
+        J = jacobian(lambda xi: gain * self._light(xi, stamp_ns), steps)
+        return bound(information(J, weight))
+
+    def _light(self, twist: Array, stamp_ns: int) -> Radiance:
+        """Light of each pixel of the camera, moved by a twist."""
+        self._twist = twist
+        light = self._source.image(stamp_ns)
+        assert light is not None
+        return _averaged(light)
+
+
+def finer(camera: Camera) -> Camera:
+    """The camera with FINER x FINER pixels in place of each."""
+    cx, cy = (FINER * (c + 0.5) - 0.5 for c in (camera.cx, camera.cy))
+    width, height = FINER * camera.width, FINER * camera.height
+    return replace(camera, width=width, height=height, fx=FINER * camera.fx, fy=FINER * camera.fy, cx=cx, cy=cy)
+
+
+def light_variance(clean: Radiance, effects: tuple[EffectSpec, ...]) -> Array:
+    """Variance (h, w, 3) of the light told by each pixel: EMVA 1288 noise and rounding; infinite where it saturates."""
+    light = np.clip(clean.astype(np.float64), 0.0, 1.0)
+    variance = np.square(LIGHT_STEP)[encode(clean)] / 12
+    for effect in effects:
+        if isinstance(effect, Noise):
+            variance += light / effect.full_well_e + (effect.read_noise_e / effect.full_well_e) ** 2
+        if isinstance(effect, Quantization):
+            variance += 1 / (2**effect.bits - 1) ** 2 / 12
+    variance[clean >= 1.0] = np.inf
+    return variance
+
+
+def jacobian(light: Callable[[Array], Radiance], steps: Array) -> list[Radiance]:
+    """Derivatives of an image (h, w, 3) by each component of a twist, by central differences of these steps."""
+    return [(light(xi) - light(-xi)) / np.float32(2 * step) for xi, step in zip(np.diag(steps), steps, strict=True)]
+
+
+def information(J: list[Radiance], weight: Array) -> Array:
+    """Fisher information (k, k) of an image with derivatives J, each pixel weighted by its inverse variance."""
+    seen = weight > 0
+    columns = np.array([derivative[seen] for derivative in J], dtype=np.float64)
+    return np.asarray((columns * weight[seen]) @ columns.T)
+
+
+def bound(information: Array) -> Array | None:
+    """Inverse of a Fisher information in m and rad; None where it is singular."""
+    scale = np.sqrt(np.diag(information))
+    if not (scale > 0).all():
+        return None
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    if values[0] <= SINGULAR * values[-1]:
+        return None
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
+
+
+def write_bounds(folder: Path, bounds: dict[int, Array]) -> None:
+    """Write `crlb.csv`, a row for each frame that has a bound."""
+    rows = [",".join(map(repr, [frame, *P[UPPER].tolist()])) for frame, P in bounds.items()]
+    write_text(folder / "crlb.csv", "\n".join([",".join(["frame", *BOUND_COLUMNS]), *rows]) + "\n")
+
+
+def _structure(source: Source, instances: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Pixels (h, w) of the camera that show the structure or its outline."""
+    shown = (instances == 1).astype(np.float32)
+    if source.lens is not None:
+        shown = sample(shown, source.lens)
+    around = np.ones((2 * OUTLINE_PX + 1, 2 * OUTLINE_PX + 1), dtype=np.uint8)
+    return np.asarray(cv2.dilate((_averaged(shown) > 0).astype(np.uint8), around) > 0)
+
+
+def _averaged(fine: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Mean of the fine pixels in each pixel."""
+    size = fine.shape[1] // FINER, fine.shape[0] // FINER
+    return np.asarray(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _gain(clean: Radiance, image: NDArray[np.uint8]) -> np.float32:
+    """Exposure of a delivered image: its light over that of the scene, by least squares where it does not saturate."""
+    light = decode(image)
+    good = light < LIGHT[250]
+    return np.float32(np.dot(light[good], clean[good]) / max(float(np.dot(clean[good], clean[good])), 1e-12))

@@ -1,0 +1,100 @@
+"""The Cramer-Rao bound: closed forms, the noise it takes for granted, and bounds of rendered frames."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from scenes.camera import Camera
+from scenes.crlb import bound, finer, information, jacobian, light_variance
+from scenes.generate import generate
+from scenes.light import Radiance, decode, encode
+from scenes.sensor import AutoExposure, Noise, Quantization
+from scenes.sequence import Sequence, file_hash
+from scenes.source import Source
+from tests.scenes.test_generate import SPEC
+
+FX_PX, DEPTH_M, SOFTNESS_PX, CONTRAST = 500.0, 2.0, 1.3, 0.4
+
+
+def soft_edge(twist: np.ndarray) -> Radiance:
+    """A soft vertical edge on a wall across the optical axis, seen after moving by a twist."""
+    u = np.arange(-40, 41) - FX_PX * twist[0] / DEPTH_M
+    row = 0.3 + CONTRAST * (0.5 + 0.5 * erf(u / (np.sqrt(2) * SOFTNESS_PX)))
+    return np.broadcast_to(row[None, :, None], (30, 81, 3)).astype(np.float32)
+
+
+def test_the_bound_of_a_soft_edge_is_the_closed_form() -> None:
+    """The information of a Gaussian-blurred step of height a is a^2 / (2 sqrt(pi) s) for each px of its length."""
+    sigma = 0.01
+    J = jacobian(lambda xi: soft_edge(np.array([*xi, 0, 0, 0, 0, 0])), np.array([0.25 * DEPTH_M / FX_PX]))
+    found = bound(information(J, np.full((30, 81, 3), sigma**-2)))
+    per_px = CONTRAST**2 / (2 * np.sqrt(np.pi) * SOFTNESS_PX) / sigma**2
+    assert found is not None
+    assert np.sqrt(found[0, 0]) == pytest.approx(DEPTH_M / FX_PX / np.sqrt(30 * 3 * per_px), rel=0.02)
+
+
+def test_what_one_edge_does_not_show_has_no_bound() -> None:
+    J = jacobian(soft_edge, np.full(6, 1e-3))
+    assert bound(information(J, np.ones((30, 81, 3)))) is None
+
+
+@pytest.mark.parametrize("effects", [(Noise(),), (Noise(900.0, 20.0),), (Noise(), Quantization(6)), (Quantization(5),)])
+def test_the_variance_is_that_of_what_the_sensor_does(effects: tuple[Noise | Quantization, ...]) -> None:
+    """Light from dim to bright through the effects and the 8-bit codes, against the light itself."""
+    clean = np.linspace(0.05, 0.9, 600 * 400 * 3, dtype=np.float32).reshape(600, 400, 3)
+    source = Source(Camera(400, 600, 1, 1, 0, 0), *[None] * 5, image=lambda _: clean)  # type: ignore[arg-type]
+    for effect in effects:
+        source = effect.start(source, np.random.default_rng(3))
+    light = source.image(0)
+    assert light is not None
+    whitened = (decode(encode(light)) - clean) / np.sqrt(light_variance(clean, effects))
+    for part in np.array_split(whitened.reshape(-1), 4):
+        assert np.mean(np.square(part)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_light_that_saturates_tells_nothing() -> None:
+    assert np.isinf(light_variance(np.full((2, 2, 3), 1.2, dtype=np.float32), (Noise(),))).all()
+
+
+def test_a_finer_camera_sees_the_same() -> None:
+    camera = Camera(320, 240, 300.0, 310.0, 161.3, 117.8, "radtan", (-0.1, 0.02, 0.0, 0.0))
+    points = np.random.default_rng(0).uniform([-0.4, -0.3, 0.8], [0.4, 0.3, 2.0], (50, 3))
+    fine = finer(camera).project(points)
+    assert (fine + 0.5) / 2 - 0.5 == pytest.approx(camera.project(points), abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def bounded(tmp_path_factory: pytest.TempPathFactory) -> list[Sequence]:
+    """The same flight with a little and with much noise, and with an exposure that follows the light."""
+    found = []
+    for name, effects in (
+        ("calm", (Noise(full_well_e=6000.0),)),
+        ("noisy", (Noise(full_well_e=600.0, read_noise_e=0.8),)),
+        ("exposed", (Noise(full_well_e=6000.0), AutoExposure(target=0.3))),
+    ):
+        folder = tmp_path_factory.mktemp("bounded") / name
+        generate(replace(SPEC, effects=effects, crlb_every=3), folder, content_hash="abc")
+        found.append(Sequence.load(folder))
+    return found
+
+
+def test_every_third_frame_has_a_bound_and_more_noise_a_larger_one(bounded: list[Sequence]) -> None:
+    """Ten times the shot noise is at most ten times the variance: rounding stays as it is."""
+    calm, noisy, exposed = bounded
+    assert list(calm.pose_bounds) == list(noisy.pose_bounds) == [0, 3]
+    for frame, covariance in calm.pose_bounds.items():
+        assert (np.linalg.eigvalsh(covariance) > 0).all()
+        assert 1e-7 < np.sqrt(np.trace(covariance[:3, :3])) < 1e-2
+        for other, ratio in ((noisy.pose_bounds[frame], (4.0, 10.0)), (exposed.pose_bounds[frame], (0.1, 1.0))):
+            shares = np.linalg.eigvals(np.linalg.solve(covariance, other)).real
+            assert (shares > ratio[0]).all() and (shares < ratio[1]).all()
+
+
+def test_the_images_are_the_same_without_bounds(bounded: list[Sequence], tmp_path: Path) -> None:
+    generate(replace(SPEC, effects=(Noise(full_well_e=6000.0),)), tmp_path / "plain", content_hash="abc")
+    assert Sequence.load(tmp_path / "plain").pose_bounds == {}
+    for name in bounded[0].files:
+        assert file_hash(tmp_path / "plain" / name) == file_hash(bounded[0].folder / name)
