@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
@@ -15,21 +15,29 @@ from bench.config_paths import located
 from bench.models import STRICT, Extra, build, choice, model_of, own_plugins
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
+from tracker.initial_pose import Initialization, Known
+from tracker.run import KNOWN
 from trajectories.errors import UserError, unknown_name
 
 SUITES = Path(__file__).parent / "suites"
+Protocol = Literal["reset", "anchors"]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
 
 @dataclass(frozen=True)
 class Suite:
-    """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at."""
+    """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at.
+
+    start is where the first pose comes from; protocols are those that trackers run in beside the free run.
+    """
 
     name: str
     title: str
     sequences: tuple[SequenceSpec, ...]
     trackers: dict[str, Tracker]
     rates_hz: tuple[float, ...]
+    start: Initialization = KNOWN
+    protocols: tuple[Protocol, ...] = ()
 
 
 def suite_names() -> list[str]:
@@ -62,6 +70,7 @@ def load_suite(path: Path) -> Suite:
         for seed in checked.seeds
     )
     trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
+    start = build(checked.start, "start", errors)
     errors += [
         f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
         for spec in sequences
@@ -70,7 +79,8 @@ def load_suite(path: Path) -> Suite:
     ]
     if errors:
         raise UserError(_told(path, list(dict.fromkeys(errors))))
-    return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz))
+    protocols = tuple(dict.fromkeys(checked.protocols))
+    return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, protocols)
 
 
 def load_tracker(path: Path) -> Tracker:
@@ -95,6 +105,8 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
     """Model of a suite file; its `model_json_schema()` is the JSON Schema for editors."""
     sequence: Any = model_of(SequenceSpec, extra, omit=frozenset({"name", "seed"}))
     tracker: Any = choice(Tracker, extra)
+    start: Any = choice(Initialization, extra)
+    known = model_of(Known, extra, "known").model_construct
     return create_model(
         "Suite",
         __config__=STRICT,
@@ -102,6 +114,8 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         title=(str, ...),
         seeds=(Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)], [0]),
         rates_hz=(Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)], ...),
+        start=(start, Field(default_factory=known)),
+        protocols=(list[Protocol], []),
         sequences=(Annotated[dict[Name, sequence], Field(min_length=1)], ...),
         trackers=(Annotated[dict[Name, tracker], Field(min_length=1)], ...),
     )

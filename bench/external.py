@@ -24,8 +24,9 @@ from scenes.camera import Camera
 from scenes.sequence import Sequence
 from scenes.structure import Structure
 from tracker.base import Image, Run, TrackResult
+from tracker.initial_pose import Initialization
 from tracker.results import Results
-from tracker.run import make_record, stride
+from tracker.run import KNOWN, first_pose, make_record, stride
 from trajectories.errors import UserError
 from trajectories.pose import Pose
 
@@ -145,15 +146,16 @@ def track_external(
     seed: int,
     kept_folder: Path,
     on_frame: OnFrame | None = None,
+    start: Initialization = KNOWN,
 ) -> Results:
-    """Results of a program on every k-th frame of a sequence, from the true first pose.
+    """Results of a program on every k-th frame of a sequence, from the first pose of `start`.
 
     What breaks the protocol makes frames lost and is told under `errors` in the record; the job folder is then kept at
     `kept_folder`. TrackerFault when the program cannot be started at all.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
     with job_folder() as folder:
-        first = sequence.true_cam_from_world(0)
+        first = first_pose(start, sequence, 0, seed)
         write_job(folder, sequence.structure, sequence.camera, first, mode=tracker.mode, rate_hz=rate_hz, seed=seed)
         way = _by_stream if tracker.mode == "stream" else _by_folder
         rows, faults = way(tracker, sequence, frames, folder, on_frame)
@@ -164,7 +166,7 @@ def track_external(
     told = [str(fault) for fault in faults[:MAX_FAULTS_TOLD]]
     if len(faults) > MAX_FAULTS_TOLD:
         told.append(f"and {len(faults) - MAX_FAULTS_TOLD} more faults")
-    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=told)
+    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=told, start=start)
     record["tracker"]["kind"] = "external"
     return Results(record, np.array(frames), sequence.stamps_ns[frames], tuple(rows))
 

@@ -3,6 +3,7 @@
 DIR/suite.json                          what this folder is
 DIR/sequences/SEQUENCE/                 rendered sequences
 DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
+DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that gives true poses on the way
 DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
 DIR/index.html ...                      the report
 """
@@ -12,12 +13,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
+from typing import Any
 
-from bench.config import Suite
+from bench.config import Protocol, Suite
 from bench.content import code_hash, content_hash
 from bench.graph import Job, OnStep
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
+from tracker.initial_pose import Initialization
+from tracker.run import KNOWN
 
 VERBS = ("render", "track", "score", "report")
 START_S, RENDER_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 0.02, 0.05, 1.0
@@ -28,13 +32,14 @@ def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
     """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`."""
     renders = {spec.name: _render_job(spec, folder) for spec in suite.sequences}
     tracks = [
-        _track_job(label, tracker, rate, spec, renders[spec.name], folder)
+        _track_job(suite.start, label, tracker, rate, spec, renders[spec.name], folder)
         for spec in suite.sequences
         for label, tracker in suite.trackers.items()
         for rate in suite.rates_hz
     ]
     scores = [_score_job(track, folder) for track in tracks]
-    jobs = [*renders.values(), *tracks, *scores, _report_job(suite, scores, folder)]
+    restarts = [_restart_job(track, protocol, folder) for track in tracks for protocol in suite.protocols]
+    jobs = [*renders.values(), *tracks, *restarts, *scores, _report_job(suite, scores, restarts, folder)]
     return [job for job in jobs if VERBS.index(job.verb) <= VERBS.index(last)]
 
 
@@ -45,7 +50,7 @@ def frames(spec: SequenceSpec) -> float:
 
 def clean_leftovers(folder: Path, sequences: Iterable[str] = ("*",)) -> None:
     """Remove what a killed process had begun to write of these sequences (temporary names start with a dot)."""
-    of_one = ("sequences/.{}-*", "results/.{}-*", "results/{}/.*-*", "results/{}/*/.*-*")
+    of_one = ("sequences/.{}-*", "results/.{}-*", "results/{}/.*-*", "results/{}/*/.*-*", "restarts/{}/*/.*-*")
     for pattern in (".*-*", *(p.format(escape(name) if name != "*" else name) for name in sequences for p in of_one)):
         for path in folder.glob(pattern):
             if path.is_dir():
@@ -78,6 +83,7 @@ class Track:
     seed: int
     sequence: Path
     folder: Path
+    start: Initialization = KNOWN
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the results folder."""
@@ -91,14 +97,36 @@ class Track:
         def on_frame(frame: int, _: TrackResult) -> None:
             on_step(frame + 1, len(sequence))
 
+        given: dict[str, Any] = {
+            "rate_hz": self.rate_hz, "seed": self.seed, "on_frame": on_frame, "start": self.start,
+        }  # fmt: skip
         if isinstance(self.tracker, External):
             kept = self.folder.parents[2] / "failed" / self.folder.parent.name / self.folder.name
-            results = track_external(
-                self.tracker, sequence, rate_hz=self.rate_hz, seed=self.seed, kept_folder=kept, on_frame=on_frame
-            )
+            results = track_external(self.tracker, sequence, kept_folder=kept, **given)
         else:
-            results = track_sequence(self.tracker, sequence, rate_hz=self.rate_hz, seed=self.seed, on_frame=on_frame)
+            results = track_sequence(self.tracker, sequence, **given)
         record = {**results.record, "label": self.label, "content_hash": content_hash}
+        replace(results, record=record).save(self.folder)
+
+
+@dataclass(frozen=True)
+class Restart:
+    """Run one tracker over one sequence under a protocol that gives it true poses on the way."""
+
+    track: Track
+    protocol: Protocol
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the results folder."""
+        from reports.protocols import PROTOCOLS
+        from scenes.sequence import Sequence
+
+        track = self.track
+        run = PROTOCOLS[self.protocol]
+        restarted = run(track.tracker, Sequence.load(track.sequence), rate_hz=track.rate_hz, seed=track.seed)
+        results = restarted.results
+        record = {**results.record, "label": track.label, "content_hash": content_hash}
         replace(results, record=record).save(self.folder)
 
 
@@ -126,6 +154,7 @@ class Report:
     title: str
     folder: Path
     scored: tuple[tuple[Path, Path, str], ...]
+    restarts: tuple[Path, ...] = ()
     unrendered: tuple[tuple[str, str], ...] = ()
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
@@ -135,9 +164,8 @@ class Report:
         entries = [
             ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
         ]
-        write_report(
-            self.folder, self.title, entries, dict(self.unrendered), content_hash=content_hash, on_step=on_step
-        )
+        given: dict[str, Any] = {"restarts": self.restarts, "content_hash": content_hash, "on_step": on_step}
+        write_report(self.folder, self.title, entries, dict(self.unrendered), **given)
 
     def without(self, failed: Mapping[str, str]) -> "Report | None":
         """The report that shows what failed as failed; None where no sequence is left."""
@@ -148,7 +176,9 @@ class Report:
                 unrendered[sequence.name] = why
             else:
                 scored.append((sequence, results, failed.get(f"track {run}") or failed.get(f"score {run}", "")))
-        return replace(self, scored=tuple(scored), unrendered=tuple(unrendered.items())) if scored else None
+        restarts = tuple(path for path in self.restarts if " ".join(["track", *path.parts[-3:]]) not in failed)
+        kept = replace(self, scored=tuple(scored), restarts=restarts, unrendered=tuple(unrendered.items()))
+        return kept if scored else None
 
 
 def _render_job(spec: SequenceSpec, folder: Path) -> Job:
@@ -163,17 +193,37 @@ def _render_job(spec: SequenceSpec, folder: Path) -> Job:
     )
 
 
-def _track_job(label: str, tracker: Tracker, rate_hz: float, spec: SequenceSpec, render: Job, folder: Path) -> Job:
+def _track_job(
+    start: Initialization,
+    label: str,
+    tracker: Tracker,
+    rate_hz: float,
+    spec: SequenceSpec,
+    render: Job,
+    folder: Path,
+) -> Job:
     run = f"{label}@{rate_hz:g}hz"
     output = folder / "results" / spec.name / run
     return Job(
         verb="track",
         name=f"track {spec.name} {run}",
-        work=Track(label, tracker, rate_hz, spec.seed, folder / "sequences" / spec.name, output),
+        work=Track(label, tracker, rate_hz, spec.seed, folder / "sequences" / spec.name, output, start),
         marker=output / "record.json",
-        content_hash=content_hash(label, tracker, rate_hz, spec.seed, render.content_hash, code_hash("tracker")),
+        content_hash=content_hash(label, tracker, rate_hz, spec.seed, start, render.content_hash, code_hash("tracker")),
         needs=(render,),
         weight=TRACK_S * frames(spec) * rate_hz / spec.rate_hz,
+    )
+
+
+def _restart_job(track: Job, protocol: Protocol, folder: Path) -> Job:
+    assert isinstance(track.work, Track)
+    output = folder / "restarts" / track.work.sequence.name / track.work.folder.name / protocol
+    return replace(
+        track,
+        name=f"{track.name} {protocol}",
+        work=Restart(track.work, protocol, output),
+        marker=output / "record.json",
+        content_hash=content_hash(track.content_hash, protocol, code_hash("reports")),
     )
 
 
@@ -190,16 +240,17 @@ def _score_job(track: Job, folder: Path) -> Job:
     )
 
 
-def _report_job(suite: Suite, scores: list[Job], folder: Path) -> Job:
-    works = [job.work for job in scores]
-    work = Report(suite.title, folder, tuple((w.sequence, w.results, "") for w in works if isinstance(w, Score)))
+def _report_job(suite: Suite, scores: list[Job], restarts: list[Job], folder: Path) -> Job:
+    scored = tuple((job.work.sequence, job.work.results, "") for job in scores if isinstance(job.work, Score))
+    needs = (*scores, *restarts)
+    work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts))
     return Job(
         verb="report",
         name="report",
         work=work,
         marker=folder / "report.json",
-        content_hash=content_hash(suite.title, [job.content_hash for job in scores]),
-        needs=tuple(scores),
+        content_hash=content_hash(suite.title, [job.content_hash for job in needs]),
+        needs=needs,
         weight=REPORT_S * (1 + len(scores)),
         without=work.without,
     )

@@ -9,6 +9,7 @@ from scenes.environments import ENVIRONMENTS
 from scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, StructureSpec
 from scenes.structures import STRUCTURES
 from tracker.base import Tracker
+from tracker.initial_pose import INITIALIZATIONS, Initialization
 from tracker.variants import TRACKERS
 from trajectories.airframes import AIRFRAMES, AirframeSpec
 from trajectories.paths import PATHS, PathSpec
@@ -24,6 +25,7 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     AirframeSpec: (AIRFRAMES, "build"),
     WindSpec: (WINDS, "start"),
     SensorSpec: (SENSORS, "measure"),
+    Initialization: (INITIALIZATIONS, "first_pose"),
     Tracker: ({**TRACKERS, "external": External}, "start"),
 }
 """Protocol -> (name -> class, verb)."""

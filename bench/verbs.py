@@ -113,6 +113,7 @@ TITLES = {
     "AirframeSpec": "airframes",
     "WindSpec": "winds",
     "SensorSpec": "body sensors",
+    "Initialization": "first poses",
     "Tracker": "trackers",
 }
 

@@ -24,6 +24,7 @@ from trajectories.files import write_text
 from trajectories.pose import Array
 
 HERE = Path(__file__).parent
+TABLE_TITLES = {"details": "Details", "protocols": "With true poses on the way"}
 MAX_EDGES = 150
 """The page draws this many model edges per frame at most, the longest."""
 
@@ -198,6 +199,7 @@ def failure(run: ScoredRun, runs: ListOf[ScoredRun], pages: dict[str, str]) -> d
 def _shown(name: str, table: Table, runs: ListOf[ScoredRun]) -> dict[str, Any]:
     return {
         "name": name,
+        "title": TABLE_TITLES.get(name, name),
         "heads": [
             {"name": "tracker", "unit": "", "best": "min"},
             *({"name": c.head, "unit": c.unit, "best": c.best} for c in table.columns),

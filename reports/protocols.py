@@ -5,7 +5,9 @@ results. Frames near a reset are burn-in: they follow a pose that was given, so 
 accuracy.
 """
 
+from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
 from trajectories.streams import stream
 
+FLAGS = ("given", "counted", "failed")
 BURN_IN_FRAMES = 5
 """Frames after a given pose that do not count for accuracy (as the VOT reset protocol leaves out ten)."""
 
@@ -33,13 +36,25 @@ class Restarted:
     """Results of a run that was given true poses on the way.
 
     given (n,) the row started from a true pose; counted (n,) it counts for accuracy; failed (n,) it was lost or beyond
-    5 cm or 5 deg.
+    5 cm or 5 deg. The record of the results tells them all.
     """
 
     results: Results
     given: NDArray[np.bool_]
     counted: NDArray[np.bool_]
     failed: NDArray[np.bool_]
+
+    @classmethod
+    def load(cls, folder: Path) -> "Restarted":
+        """Read what was saved of `results`; UserError when it was no run under such a protocol."""
+        results = Results.load(folder)
+        flags = []
+        for name in FLAGS:
+            rows = results.record.get(f"{name}_rows")
+            if not isinstance(rows, list) or not all(isinstance(k, int) and 0 <= k < len(results) for k in rows):
+                raise UserError(f"{folder / 'record.json'}: {name}_rows: not rows of frames.csv; track again")
+            flags.append(np.isin(np.arange(len(results)), rows))
+        return cls(results, *flags)
 
     @property
     def failures_per_minute(self) -> float:
@@ -67,17 +82,30 @@ def run_from_anchors(
     return _drive(tracker, sequence, rate_hz, seed, burn_in, anchors=frozenset(anchors.tolist()), on_failure=False)
 
 
-def expected_error(restarted: Restarted, sequence: Sequence) -> tuple[Array, Array, Array]:
-    """Time since the last given pose (k,) in s, the median error so long after it (k,) in m, the share lost (k,)."""
-    errors = frame_errors(sequence, restarted.results)
-    starts = np.flatnonzero(restarted.given)
-    since = np.arange(len(errors)) - starts[np.searchsorted(starts, np.arange(len(errors)), side="right") - 1]
+def expected_error(runs: ListOf[tuple[Restarted, Sequence]]) -> tuple[Array, Array, Array]:
+    """Time since the last given pose (k,) in s, the median error so long after it (k,) in m, the share failed (k,).
+
+    Over all runs of one tracker at one rate; the median is infinite where more than half of the frames have no pose.
+    """
+    since, metres, failed = [], [], []
+    for restarted, sequence in runs:
+        errors = frame_errors(sequence, restarted.results)
+        starts = np.flatnonzero(restarted.given)
+        rows = np.arange(len(errors))
+        since.append(rows - starts[np.searchsorted(starts, rows, side="right") - 1])
+        metres.append(errors.translation_m)
+        failed.append(restarted.failed)
     step_s = float(np.median(np.diff(errors.seconds))) if len(errors) > 1 else 0.0
-    steps = np.arange(int(since.max()) + 1)
-    median = np.array([float(np.median(errors.translation_m[since == k])) for k in steps])
-    lost = np.array([float(1 - errors.success[since == k].mean()) for k in steps])
+    steps, which = np.unique(np.concatenate(since), return_inverse=True)
+    of_step = [(np.concatenate(metres)[which == k], np.concatenate(failed)[which == k]) for k in range(len(steps))]
+    median = np.array([float(np.median(m)) for m, _ in of_step])
+    share = np.array([float(f.mean()) for _, f in of_step])
     since_s: Array = step_s * steps.astype(np.float64)
-    return since_s, median, lost
+    return since_s, median, share
+
+
+PROTOCOLS = {"reset": run_with_resets, "anchors": run_from_anchors}
+"""Every protocol that gives true poses on the way, by its name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +189,8 @@ def _drive(
         since += 1
     record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=errors)
     record = {**record, "protocol": "reset" if on_failure else "anchors", "burn_in_frames": burn_in}
+    for name, flags in zip(FLAGS, (given, counted, failed), strict=True):
+        record[f"{name}_rows"] = np.flatnonzero(flags).tolist()
     return Restarted(Results(record, frames, sequence.stamps_ns[frames], tuple(rows)), given, counted, failed)
 
 

@@ -23,6 +23,8 @@ from reports.attributes import breakdowns
 from reports.bounds import SIGMA_PX, error_over_bound
 from reports.overlay import scrubbed, write_frames
 from reports.page import FigureOnPage, SequenceOnPage, write_index, write_sequence_page
+from reports.restarts import COLUMNS as RESTARTS
+from reports.restarts import RestartedRun, error_after_anchors, numbers_of, open_restarts
 from reports.runs import ScoredRun, open_runs
 from reports.score import Score
 from reports.statistics import compare_pairs, ranks
@@ -52,13 +54,14 @@ def write_report(
     entries: ListOf[ReportEntry],
     unrendered: Mapping[str, str] | None = None,
     *,
+    restarts: ListOf[Path] = (),
     content_hash: str = "",
     on_step: OnStep | None = None,
 ) -> Path:
     """Write the report of all entries into `folder`; the path of its index.html.
 
-    unrendered: sequences that could not be made, and why. UserError when there is no entry, or files of one are missing
-    or do not belong together.
+    unrendered: sequences that could not be made, and why; restarts: results of runs that were given true poses on the
+    way. UserError when there is no entry, or files of one are missing or do not belong together.
     """
     if not entries:
         raise UserError("a report needs at least one scored run")
@@ -67,10 +70,13 @@ def write_report(
     steps = Steps(on_step, sum(len(scrubbed(len(group[0].sequence))) for group in by_sequence.values()), len(runs))
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     with house_style():
-        overall = compare(folder, runs, steps)
+        restarted = open_restarts(restarts, [run.sequence for run in runs])
+        overall = [*compare(folder, runs, steps), *compare_restarts(folder, runs, restarted)]
         pages = [write_sequence(folder, title, group, steps) for group in by_sequence.values()]
     scores = [run.score for run in runs]
     tables = [("summary", summary_table(scores)), ("details", summary_table(scores, DETAILS, details))]
+    if restarted:
+        tables.append(("protocols", summary_table(scores, RESTARTS, numbers_of(restarted))))
     for name, table in tables:
         write_tables(table, folder / "tables" / name)
     write_scores(folder, title, [run.score for run in runs], unrendered or {})
@@ -151,6 +157,15 @@ def compare(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> list[FigureO
         caption = "Squared error over the claimed covariance; above the band it claims too much."
         made.append(on_page(folder, files, "NEES", caption))
     return made
+
+
+def compare_restarts(folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun]) -> list[FigureOnPage]:
+    """The figure over all runs from anchors; none without such runs."""
+    if not any(run.protocol == "anchors" for run in restarted):
+        return []
+    files = error_after_anchors(restarted, {run.name: run.colour for run in runs}, folder / "figures" / "anchors")
+    caption = "Every run starts from the true pose every 5 s: what became of it since, over all sequences."
+    return [on_page(folder, files, "Error after an anchor", caption)]
 
 
 def rank(folder: Path, runs: ListOf[ScoredRun], colours: dict[str, int], suffix: str) -> list[FigureOnPage]:

@@ -18,6 +18,7 @@ from tracker.initial_pose import Initialization, Known
 from tracker.results import Results
 from tracker.variants import tracker_kind
 from trajectories.errors import UserError
+from trajectories.pose import Pose
 from trajectories.streams import stream
 
 KNOWN = Known()
@@ -40,15 +41,8 @@ def track_sequence(
     or an image cannot be read.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
-    kind = tracker_kind(tracker)
-    first = start.first_pose(
-        sequence.structure,
-        sequence.camera,
-        sequence.true_cam_from_world(0),
-        sequence.image(0),
-        stream(seed, "initialization"),
-    )
-    run = tracker.start(sequence.structure, sequence.camera, first, stream(seed, "tracker", kind))
+    first = first_pose(start, sequence, 0, seed)
+    run = tracker.start(sequence.structure, sequence.camera, first, stream(seed, "tracker", tracker_kind(tracker)))
     errors: list[str] = []
     rows: list[TrackResult] = []
     for frame in frames.tolist():
@@ -61,6 +55,13 @@ def track_sequence(
             on_frame(frame, result)
     record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=errors, start=start)
     return Results(record, frames, sequence.stamps_ns[frames], tuple(rows))
+
+
+def first_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
+    """cam_from_world that a tracker is started with at a frame of a sequence."""
+    names = ("initialization",) if frame == 0 else ("initialization", str(frame))
+    truth, image = sequence.true_cam_from_world(frame), sequence.image(frame)
+    return start.first_pose(sequence.structure, sequence.camera, truth, image, stream(seed, *names))
 
 
 def track_frame(run: Run, image: Image, stamp_ns: int) -> tuple[TrackResult, str]:

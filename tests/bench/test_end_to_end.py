@@ -167,11 +167,11 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     path, out = tmp_path / "mixed.toml", tmp_path / "out"
     away = SUITE[SUITE.index("[sequences.box]") : SUITE.index("[trackers]")]
     away = away.replace("[sequences.box]", "[sequences.away]\nmount = { yaw_deg = 180.0 }")
-    external = 'quits = { kind = "external", command = ["false"] }\n'
-    external += 'gone = { kind = "external", command = ["no-such-program-anywhere"] }\n'
-    path.write_text(
-        SUITE.replace("[trackers]", away + "[trackers]").replace("[0, 1]", "[0]").replace(", 5.0", "") + external
-    )
+    text = SUITE.replace("[trackers]", away + "[trackers]").replace("[0, 1]", "[0]").replace(", 5.0", "")
+    text = 'protocols = ["reset", "anchors"]\nstart = { kind = "picked-points", click_sigma_px = 0.5 }\n' + text
+    text += 'quits = { kind = "external", command = ["false"] }\n'
+    text += 'gone = { kind = "external", command = ["no-such-program-anywhere"] }\n'
+    path.write_text(text)
     run = uavbench("run", path, "--out", out)
     assert run.returncode == 2
     assert f"report: {out / 'index.html'}" in run.stdout
@@ -182,9 +182,18 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     page = (out / "index.html").read_text()
     for shown in ("away-s0", "not rendered", "no-such-program-anywhere"):
         assert shown in page
-    again = uavbench("run", path, "--out", out)
-    assert again.returncode == 2
-    assert "away-s0" in again.stderr
+    protocols = (out / "tables" / "protocols.csv").read_text().splitlines()
+    rows = {line.split(",")[0]: line.split(",")[1:] for line in protocols[1:]}
+    assert rows["gone@15hz"] == [""] * 12
+    assert all(float(value) >= 0 for value in rows["hold@15hz"][::3])
+    restarts = out / "restarts" / "box-s0" / "hold@15hz"
+    records = {p: json.loads((restarts / p / "record.json").read_text()) for p in ("reset", "anchors")}
+    assert records["anchors"]["given_rows"] == [0]
+    failed = records["reset"]["failed_rows"]
+    assert records["reset"]["given_rows"] == [0, *(k + 1 for k in failed if k < 9)]
+    assert (out / "figures" / "anchors.pdf").exists()
+    started = json.loads((out / "results" / "box-s0" / "hold@15hz" / "record.json").read_text())["start"]
+    assert started["parameters"]["click_sigma_px"] == 0.5
 
 
 def test_two_runs_do_not_share_a_folder(suite, tmp_path):

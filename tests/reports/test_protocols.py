@@ -6,7 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.protocols import accuracy, expected_error, replay_in_real_time, run_from_anchors, run_with_resets
+from reports.protocols import (
+    Restarted,
+    accuracy,
+    expected_error,
+    replay_in_real_time,
+    run_from_anchors,
+    run_with_resets,
+)
 from reports.score import Score, score
 from scenes.camera import Camera
 from scenes.sequence import Sequence
@@ -48,6 +55,18 @@ def test_a_reset_follows_every_failure(sequence: Sequence) -> None:
     assert found is not None and found.n == (run.counted & run.results.ok).sum()
 
 
+def test_a_run_with_resets_survives_its_folder(sequence: Sequence, tmp_path: Path) -> None:
+    run = run_with_resets(DropsOut(), sequence, rate_hz=RATE_HZ, seed=0, burn_in=1)
+    run.results.save(tmp_path / "reset")
+    again = Restarted.load(tmp_path / "reset")
+    for name in ("given", "counted", "failed"):
+        assert (getattr(again, name) == getattr(run, name)).all()
+    free = results_of(sequence, true_rows(sequence))
+    free.save(tmp_path / "free")
+    with pytest.raises(UserError, match="given_rows"):
+        Restarted.load(tmp_path / "free")
+
+
 def test_no_failure_no_reset(sequence: Sequence) -> None:
     run = run_from_anchors(Hold(), sequence, rate_hz=RATE_HZ, seed=0, every_s=1.0)
     assert np.flatnonzero(run.given).tolist() == [0, 15, 30]
@@ -55,7 +74,7 @@ def test_no_failure_no_reset(sequence: Sequence) -> None:
 
 def test_expected_error_grows_from_zero_after_an_anchor(sequence: Sequence) -> None:
     run = run_from_anchors(Hold(), sequence, rate_hz=RATE_HZ, seed=0, every_s=1.0)
-    since, median, lost = expected_error(run, sequence)
+    since, median, lost = expected_error([(run, sequence), (run, sequence)])
     assert len(since) == 15
     assert median[0] == pytest.approx(0, abs=1e-12)
     assert (np.diff(median) > 0).all()

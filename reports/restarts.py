@@ -1,0 +1,112 @@
+"""What runs that are given true poses on the way add to a report: how often they fail, and how soon.
+
+Conventions: with resets, a frame beyond 5 cm or 5 deg, or without a pose, is a failure and the next starts from the
+truth; with anchors, every run starts from the truth every 5 s, whatever happened before.
+"""
+
+from collections.abc import Mapping
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from reports.frame_errors import frame_errors
+from reports.protocols import Restarted, accuracy, expected_error
+from reports.score import Score
+from reports.style import TRUTH, line, new_figure, panel_letter, save_figure
+from reports.tables import Column, Numbers
+from scenes.sequence import Sequence
+from trajectories.errors import UserError
+
+COLUMNS: tuple[Column, ...] = (
+    Column(head="failures, with resets", unit="1/min", best="min", decimals=1),
+    Column(head="ATE between resets", unit="cm", best="min", decimals=2),
+    Column(head="median error after an anchor", unit="cm", best="min", decimals=2),
+    Column(head="failed after an anchor", unit="%", best="min", decimals=1),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class RestartedRun:
+    """One tracker on one sequence under such a protocol."""
+
+    sequence: Sequence
+    restarted: Restarted
+
+    @property
+    def protocol(self) -> str:
+        """`reset` or `anchors`."""
+        return str(self.restarted.results.record["protocol"])
+
+    @property
+    def name(self) -> str:
+        """Name of tracker and rate, `lsd@15hz`."""
+        record = self.restarted.results.record
+        return f"{record['label']}@{record['rate_hz']:g}hz"
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """What it shares with the score of the free run."""
+        return self.name, self.sequence.name, int(self.restarted.results.record["seed"])
+
+
+def open_restarts(folders: ListOf[Path], sequences: ListOf[Sequence]) -> list[RestartedRun]:
+    """Runs of these folders on these sequences; UserError where they do not belong together."""
+    by_name = {sequence.name: sequence for sequence in sequences}
+    runs = []
+    for folder in folders:
+        restarted = Restarted.load(folder)
+        about = restarted.results.record["sequence"]
+        sequence = by_name.get(about["name"])
+        if sequence is None or sequence.content_hash != about["content_hash"]:
+            raise UserError(f"{folder}: is of another version of sequence {about['name']}; track again")
+        runs.append(RestartedRun(sequence, restarted))
+    return runs
+
+
+def numbers_of(runs: ListOf[RestartedRun]) -> Numbers:
+    """The numbers of COLUMNS for the score of each free run; None where a protocol was not run."""
+    resets = {run.key: run for run in runs if run.protocol == "reset"}
+    anchored = {run.key: run for run in runs if run.protocol == "anchors"}
+
+    def numbers(score: Score) -> tuple[float | None, ...]:
+        key = (score.run, score.sequence, score.seed)
+        reset, anchor = resets.get(key), anchored.get(key)
+        between = accuracy(reset.restarted, reset.sequence) if reset else None
+        after = frame_errors(anchor.sequence, anchor.restarted.results).translation_m if anchor else np.array([np.inf])
+        median = float(np.median(after))
+        return (
+            reset.restarted.failures_per_minute if reset else None,
+            100 * between.rmse if between else None,
+            100 * median if np.isfinite(median) else None,
+            100 * float(anchor.restarted.failed.mean()) if anchor else None,
+        )
+
+    return numbers
+
+
+def error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, int], stem: Path) -> list[Path]:
+    """Median error and share of failed frames against the time since the last true pose, over all sequences."""
+    anchored = [run for run in runs if run.protocol == "anchors"]
+    figure = new_figure(2.0)
+    error, failed = figure.subplots(1, 2)
+    rows: list[list[object]] = []
+    for name in dict.fromkeys(run.name for run in anchored):
+        group = [(run.restarted, run.sequence) for run in anchored if run.name == name]
+        since_s, median_m, share = expected_error(group)
+        shown = np.where(np.isfinite(median_m), 100 * median_m, np.nan)
+        error.plot(since_s, shown, label=name, **line(colours.get(name, 0)))
+        failed.plot(since_s, 100 * share, **line(colours.get(name, 0)))
+        known = [None if np.isnan(cm) else cm / 100 for cm in shown.tolist()]
+        rows += [[name, *row] for row in zip(since_s.tolist(), known, share.tolist(), strict=True)]
+    error.set_ylabel("median error (cm)")
+    error.axhline(5, color=TRUTH, lw=0.6, ls=":")
+    error.set_ylim(bottom=0)
+    failed.set_ylabel("frames failed (%)")
+    failed.set_ylim(-3, 103)
+    for letter, panel in zip("ab", (error, failed), strict=True):
+        panel.set_xlabel("time since the last true pose (s)")
+        panel_letter(panel, letter)
+    figure.legend(*error.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    return save_figure(figure, stem, ["run", "since_s", "median_error_m", "share_failed"], rows)
