@@ -18,7 +18,8 @@ from scenes.structure import Structure
 from tracker.base import Image, Run, TrackResult
 from tracker.clock import StageClock
 from tracker.segments import grey
-from tracker.texture_kernels import first_hit
+from trajectories.mesh_rays import ray_distances
+from trajectories.mesh_tree import build_tree
 from trajectories.pose import Array, Pose
 
 MIN_CORNERS = 12
@@ -149,10 +150,10 @@ class VoRun:
             return
         pixels = found.reshape(-1, 2).astype(np.float64)
         rays, eye = self._rays(pixels), self.pose.inverse().translation
-        corners = self.structure.vertices[self.structure.triangles]
         distance = np.full(len(pixels), np.inf)
         if self.last is None:
-            _, distance = first_hit(eye, rays, np.ascontiguousarray(corners), self.structure.triangle_face)
+            tree = build_tree(self.structure.vertices[self.structure.triangles])
+            distance = ray_distances(tree, np.broadcast_to(eye, rays.shape), rays)
         placed = np.isfinite(distance)
         self.pixels = np.concatenate([self.pixels, pixels])
         self.points = np.concatenate([self.points, eye + np.where(placed, distance, 1.0)[:, None] * rays])
