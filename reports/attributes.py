@@ -13,6 +13,7 @@ import numpy as np
 
 from reports.quaternions import norm
 from reports.runs import ScoredRun
+from scenes.frame_truth import edges_file, load_edges
 from scenes.sequence import Sequence
 from tracker.base import Image
 from tracker.segments import grey
@@ -42,22 +43,48 @@ def speed_m_s(sequence: Sequence, frames: ListOf[int]) -> Array:
     return norm(sequence.truth_table[list(frames), 9:12])
 
 
-def image_motion_px(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Median way (n,) in px that points of the true edges move until the next frame: what blurs the image.
+def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Median way (n,) in px that points of the true edges move while the shutter is open.
 
-    From the true poses, so it holds whatever the exposure was; the last frame has none.
+    From the true poses and the exposure of the sequence's config, 0 without motion blur; NaN where the config is not
+    known, and for the last frame.
     """
+    config = sequence.info.get("config")
+    if not config:
+        return np.full(len(frames), np.nan)
+    exposure_ms = sum(e.get("exposure_ms", 0.0) for e in config.get("effects", []) if e.get("kind") == "motion-blur")
     out = np.full(len(frames), np.nan)
     for k, frame in enumerate(frames):
         if frame + 1 >= len(sequence):
             continue
         now, later = sequence.true_cam_from_world(frame), sequence.true_cam_from_world(frame + 1)
+        step_ms = (int(sequence.stamps_ns[frame + 1]) - int(sequence.stamps_ns[frame])) / 1e6
         ends = visible_edges(sequence.structure, sequence.camera, now).segments_m.reshape(-1, 3)
         here, there = now.transform(ends), later.transform(ends)
         seen = (here[:, 2] > 0.01) & (there[:, 2] > 0.01)
         if seen.any():
             camera = sequence.camera.without_distortion
-            out[k] = np.median(np.linalg.norm(camera.project(there[seen]) - camera.project(here[seen]), axis=1))
+            moved = np.linalg.norm(camera.project(there[seen]) - camera.project(here[seen]), axis=1)
+            out[k] = np.median(moved) * exposure_ms / step_ms
+    return out
+
+
+def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Share (n,) of the length in px of the visible model edges that something else hides.
+
+    The structure's own edges at the true pose against those that the renderer saw; NaN where the dataset has no truth
+    of edges (`truth = ["edges"]`).
+    """
+    out = np.full(len(frames), np.nan)
+    for k, frame in enumerate(frames):
+        if not edges_file(sequence, frame).is_file():
+            continue
+        rows = load_edges(sequence, frame)
+        seen_px = float(np.hypot(rows[:, 3] - rows[:, 1], rows[:, 4] - rows[:, 2]).sum())
+        ends = to_image(_edges(sequence, frame).segments_px.reshape(-1, 2), sequence.camera).reshape(-1, 2, 2)
+        all_px = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+        if all_px > 0:
+            out[k] = np.clip(1 - seen_px / all_px, 0, 1)
     return out
 
 
@@ -93,8 +120,9 @@ def contrast(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 ATTRIBUTES: dict[str, tuple[str, Callable[[Sequence, ListOf[int]], Array]]] = {
     "speed": ("m/s", speed_m_s),
-    "image motion": ("px", image_motion_px),
+    "blur": ("px", blur_px),
     "visible edges": ("", visible_edge_count),
+    "occlusion": ("share", occlusion),
     "distance": ("m", distance_m),
     "contrast": ("of 255", contrast),
 }
@@ -121,7 +149,7 @@ def breakdown(values: Array, success: Array, translation_m: Array, parts: int = 
 
 
 def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
-    """Parts by attribute and run name, over all sequences of runs at one rate; found once per sequence."""
+    """Parts by attribute and run name, over all sequences of runs at one rate; attributes that are known only."""
     names = list(dict.fromkeys(run.name for run in runs))
     found: dict[str, dict[str, list[Part]]] = {}
     for attribute, (_, function) in ATTRIBUTES.items():
@@ -137,7 +165,7 @@ def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
             success = np.concatenate([run.errors.success[k].astype(float) for run, k in zip(group, rows, strict=True)])
             metres = np.concatenate([run.errors.translation_m[k] for run, k in zip(group, rows, strict=True)])
             found[attribute][name] = breakdown(values, success, metres)
-    return found
+    return {attribute: of_run for attribute, of_run in found.items() if any(of_run.values())}
 
 
 def looked_at(run: ScoredRun) -> list[int]:

@@ -59,6 +59,11 @@ class FigureOnPage:
         }  # fmt: skip
 
 
+def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> FigureOnPage:
+    """A figure with its files relative to the report."""
+    return FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption)
+
+
 @dataclass(frozen=True)
 class SequenceOnPage:
     """What the index and a sequence's own page show of it."""
@@ -79,8 +84,9 @@ def write_index(
     figures: ListOf[FigureOnPage],
     sequences: ListOf[SequenceOnPage],
     unrendered: Mapping[str, str],
+    absent: Mapping[str, str],
 ) -> Path:
-    """Write `index.html`; unrendered: sequences that could not be made, and why."""
+    """Write `index.html`; unrendered and absent: sequences that could not be made and trackers not here, and why."""
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
     pages = {s.name: s.page for s in sequences}
@@ -93,6 +99,7 @@ def write_index(
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
         sequences=sequences,
         unrendered=unrendered,
+        absent=absent,
         summary=_shown(*tables[0], runs),
         more=[_shown(name, table, runs) for name, table in tables[1:]],
         failures=[f for run in worst_first(runs) if (f := failure(run, runs, pages)) is not None],
@@ -205,6 +212,7 @@ def _shown(name: str, table: Table, runs: ListOf[ScoredRun]) -> dict[str, Any]:
             *({"name": c.head, "unit": c.unit, "best": c.best} for c in table.columns),
         ],
         "rows": [_row(run, cells, runs) for run, cells in table.rows],
+        "absent": table.absent,
         "caption": table.caption,
         "files": [f"tables/{name}{suffix}" for suffix in (".md", ".csv", ".tex")],
         "shares": name == "summary",

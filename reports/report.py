@@ -11,31 +11,25 @@ report.json                  the hash of what made this report
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
-from reports import figures_compare, figures_pictures, figures_space, figures_statistics, figures_time, flight_figure
-from reports.attributes import breakdowns
-from reports.bounds import SIGMA_PX, error_over_bound
+from reports import figures_pictures, figures_space, figures_time, flight_figure
 from reports.overlay import scrubbed, write_frames
-from reports.page import FigureOnPage, SequenceOnPage, write_index, write_sequence_page
+from reports.page import FigureOnPage, SequenceOnPage, on_page, write_index, write_sequence_page
+from reports.report_compare import compare, compare_along, compare_restarts
 from reports.restarts import COLUMNS as RESTARTS
-from reports.restarts import RestartedRun, error_after_anchors, numbers_of, open_restarts
+from reports.restarts import numbers_of, open_restarts
 from reports.runs import ScoredRun, open_runs
 from reports.score import Score
-from reports.statistics import compare_pairs, ranks
+from reports.steps import OnStep, Steps
 from reports.style import house_style
 from reports.tables import DETAILS, details, summary_table
 from reports.tables_write import write_tables
 from trajectories.errors import UserError
 from trajectories.files import write_text
-from trajectories.pose import Array
-
-OnStep = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -55,13 +49,15 @@ def write_report(
     unrendered: Mapping[str, str] | None = None,
     *,
     restarts: ListOf[Path] = (),
+    absent: Mapping[str, str] | None = None,
     content_hash: str = "",
     on_step: OnStep | None = None,
 ) -> Path:
     """Write the report of all entries into `folder`; the path of its index.html.
 
     unrendered: sequences that could not be made, and why; restarts: results of runs that were given true poses on the
-    way. UserError when there is no entry, or files of one are missing or do not belong together.
+    way; absent: trackers that are not on this machine, and why. UserError when there is no entry, or files of one are
+    missing or do not belong together.
     """
     if not entries:
         raise UserError("a report needs at least one scored run")
@@ -71,124 +67,37 @@ def write_report(
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     with house_style():
         restarted = open_restarts(restarts, [run.sequence for run in runs])
-        overall = [*compare(folder, runs, steps), *compare_restarts(folder, runs, restarted)]
+        overall = [
+            *compare(folder, runs, steps), *compare_restarts(folder, runs, restarted), *compare_along(folder, runs)
+        ]  # fmt: skip
         pages = [write_sequence(folder, title, group, steps) for group in by_sequence.values()]
     scores = [run.score for run in runs]
-    tables = [("summary", summary_table(scores)), ("details", summary_table(scores, DETAILS, details))]
+    summary = replace(summary_table(scores), absent=tuple(absent or {}))
+    tables = [("summary", summary), ("details", summary_table(scores, DETAILS, details))]
     if restarted:
         tables.append(("protocols", summary_table(scores, RESTARTS, numbers_of(restarted))))
     for name, table in tables:
         write_tables(table, folder / "tables" / name)
-    write_scores(folder, title, [run.score for run in runs], unrendered or {})
+    write_scores(folder, title, [run.score for run in runs], unrendered or {}, absent or {})
     figures = [*overall, *(f for _, few in pages for f in few)]
-    index = write_index(folder, title, runs, tables, figures, [p for p, _ in pages], unrendered or {})
+    index = write_index(folder, title, runs, tables, figures, [p for p, _ in pages], unrendered or {}, absent or {})
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
     return index
 
 
-def write_scores(folder: Path, title: str, scores: ListOf[Score], unrendered: Mapping[str, str]) -> None:
+def write_scores(
+    folder: Path, title: str, scores: ListOf[Score], unrendered: Mapping[str, str], absent: Mapping[str, str]
+) -> None:
     """Write `scores.json`, the same on every run, and `latency.json`, the times, which are not."""
     timed = ("latency", "deadline_misses", "replay")
     rows = [score.to_json() for score in scores]
     accuracy = [{key: row[key] for key in row if key not in timed} for row in rows]
     times = [{key: row[key] for key in ("label", "rate_hz", "seed", "sequence", *timed)} for row in rows]
+    head = {"title": title, "unrendered": dict(unrendered), "absent": dict(absent)}
     for name, entries in (("scores", accuracy), ("latency", times)):
-        text = json.dumps({"title": title, "unrendered": dict(unrendered), name: entries}, indent=1, allow_nan=False)
+        text = json.dumps({**head, name: entries}, indent=1, allow_nan=False)
         write_text(folder / f"{name}.json", text + "\n")
-
-
-class Steps:
-    """Progress: a figure weighs as much as eight frames."""
-
-    def __init__(self, on_step: OnStep | None, frames: int, runs: int) -> None:
-        self._on_step = on_step
-        self._total = frames + 8 * (3 + 4 * runs)
-        self._done = 0
-
-    def __call__(self, weight: int = 1) -> None:
-        """Tell that so much more is done."""
-        self._tell(min(self._done + weight, self._total))
-
-    def finish(self) -> None:
-        """Tell that all is done."""
-        self._tell(self._total)
-
-    def _tell(self, done: int) -> None:
-        self._done = done
-        if self._on_step is not None:
-            self._on_step(self._done, self._total)
-
-
-def compare(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> list[FigureOnPage]:
-    """Figures over all runs."""
-    figures = folder / "figures"
-    colours = {run.name: run.colour for run in runs}
-    made = [
-        on_page(folder, figures_compare.accuracy_and_coverage(runs, figures / "accuracy"), "Error and coverage",
-                "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and "
-                "that are within 5 cm and 5\N{DEGREE SIGN} (dotted). An error means little without its coverage."),
-        on_page(folder, figures_compare.success_curves(runs, figures / "success"), "Success curves",
-                "Share of all frames within a distance of the truth; lost frames are within none."),
-        on_page(folder, figures_compare.accuracy_against_latency(runs, figures / "latency"), "Accuracy against latency",
-                "Median time of a frame with a line to the 95th percentile; hollow at the lower rates."),
-    ]  # fmt: skip
-    steps(16)
-    fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
-    parts = figures_statistics.by_attribute(breakdowns(fast), colours, figures / "attributes")
-    made.append(on_page(folder, parts, f"Why they fail, {fast[0].score.rate_hz:g} Hz",
-                        "Success in the quarters of the frames by what the renderer knows of them."))  # fmt: skip
-    steps(8)
-    for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
-        made += rank(folder, [run for run in runs if run.score.rate_hz == rate], colours, f"{rate:g}hz")
-    bounded = fast[0].sequence
-    followed = {run.name: error_over_bound(bounded, run.errors) for run in fast if run.sequence is bounded}
-    files = figures_statistics.error_over_bound(followed, colours, figures / "bound")
-    caption = (
-        "Position error over the Cramer-Rao bound of the image's noise, of every frame that has one; 1 is as good as "
-        "one frame allows a tracker that knows how the structure looks."
-        if bounded.pose_bounds
-        else f"Position error of each frame over the Cramer-Rao bound of its edges, {SIGMA_PX} px of noise on each "
-        "control point assumed; 1 is as good as one frame's edges allow."
-    )
-    made.append(on_page(folder, files, f"Error over the bound, {bounded.name}", caption))
-    if any(run.score.consistency is not None for run in runs):
-        files = figures_statistics.nees_over_time(runs, figures / "nees")
-        caption = "Squared error over the claimed covariance; above the band it claims too much."
-        made.append(on_page(folder, files, "NEES", caption))
-    return made
-
-
-def compare_restarts(folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun]) -> list[FigureOnPage]:
-    """The figure over all runs from anchors; none without such runs."""
-    if not any(run.protocol == "anchors" for run in restarted):
-        return []
-    files = error_after_anchors(restarted, {run.name: run.colour for run in runs}, folder / "figures" / "anchors")
-    caption = "Every run starts from the true pose every 5 s: what became of it since, over all sequences."
-    return [on_page(folder, files, "Error after an anchor", caption)]
-
-
-def rank(folder: Path, runs: ListOf[ScoredRun], colours: dict[str, int], suffix: str) -> list[FigureOnPage]:
-    """Mean ranks and wins at one rate, by the area over the success curve; none with one run or one tracker."""
-    names = list(dict.fromkeys(run.name for run in runs))
-    keys = [sorted((r.sequence.name, r.score.seed) for r in runs if r.name == name) for name in names]
-    if len(names) < 2 or len(keys[0]) < 2 or any(key != keys[0] for key in keys):
-        return []
-    values: dict[str, list[Array]] = {}
-    for name in names:
-        group = sorted((r for r in runs if r.name == name), key=lambda r: (r.sequence.name, r.score.seed))
-        values[name] = [
-            np.array([1 - r.score.tracking.success_auc for r in group if r.sequence.name == sequence])
-            for sequence in dict.fromkeys(r.sequence.name for r in group)
-        ]
-    figures, what = folder / "figures", "area over the success curve"
-    found = ranks({name: np.concatenate(v) for name, v in values.items()})
-    return [
-        on_page(folder, figures_statistics.critical_difference(found, colours, figures / f"ranks_{suffix}", what),
-                "Mean ranks", "Best at the left; bars join trackers that Nemenyi's test does not tell apart."),
-        on_page(folder, figures_statistics.win_table(names, compare_pairs(values), figures / f"wins_{suffix}", what),
-                "Wins", "Paired by sequence and seed; *: the mean difference stands at the 5 % level."),
-    ]  # fmt: skip
 
 
 def write_sequence(
@@ -268,11 +177,6 @@ def main_run(runs: ListOf[ScoredRun]) -> ScoredRun:
         return explains, run.score.rate_hz, any(n is not None for n in found), run.score.tracking.success
 
     return max(runs, key=rank)
-
-
-def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> FigureOnPage:
-    """A figure with its files relative to the report."""
-    return FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption)
 
 
 def _names(runs: ListOf[ScoredRun]) -> list[str]:

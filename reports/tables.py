@@ -90,11 +90,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of named cells under columns, with what a reader must know."""
+    """Rows of named cells under columns, with what a reader must know; absent trackers have no numbers."""
 
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
+    absent: tuple[str, ...] = ()
 
 
 def numbers(score: Score) -> tuple[float | None, ...]:

@@ -39,6 +39,7 @@ def markdown(table: Table) -> str:
             for c in cells
         ]
         lines.append("| " + " | ".join([name, *(s.strip() for s in shown)]) + " |")
+    lines += ["| " + " | ".join([name, *["absent"] * len(table.columns)]) + " |" for name in table.absent]
     return "\n".join([*lines, "", table.caption, ""])
 
 
@@ -57,6 +58,7 @@ def latex(table: Table) -> str:
             star = r"$^{*}$" if cell.significant else ""
             shown.append(text + star + (rf" {{\scriptsize {tex(cell.bounds)}}}" if cell.bounds else ""))
         lines.append(" & ".join([tex(name), *shown]) + r" \\")
+    lines += [rf"{tex(name)} & \multicolumn{{{len(table.columns)}}}{{c}}{{absent}} \\" for name in table.absent]
     needs = "% needs \\usepackage{booktabs}"
     return "\n".join([f"% {table.caption}", needs, *lines, r"\bottomrule", r"\end{tabular}", ""])
 

@@ -17,6 +17,9 @@ from trajectories.pose import Array, Pose
 DEPTH_M_PER_UNIT = 0.001
 """Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
 EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
+PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
+"""For smooth images, whose rows are alike."""
 STEP_PX = 2.0
 MOST_SAMPLES = 400
 SIDE_PX = 2.5
@@ -132,10 +135,14 @@ def row_poses(source: Source, world_from_body: Callable[[int], Pose], stamp_ns: 
     return np.column_stack([share @ np.array([pose.translation for pose in poses]), turned])
 
 
+def edges_file(sequence: Sequence, frame: int) -> Path:
+    """Where `write_edges` writes the edges of a frame."""
+    return sequence.folder / "edges" / f"{frame:06d}.csv"
+
+
 def load_edges(sequence: Sequence, frame: int) -> Array:
     """What `write_edges` wrote of a frame (n, 7)."""
-    path = sequence.folder / "edges" / f"{frame:06d}.csv"
-    return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).reshape(-1, len(EDGE_COLUMNS))
+    return np.loadtxt(edges_file(sequence, frame), delimiter=",", skiprows=1, ndmin=2).reshape(-1, len(EDGE_COLUMNS))
 
 
 def _as_camera(source: Source, image: NDArray[Any]) -> NDArray[Any]:
@@ -148,4 +155,4 @@ def _as_camera(source: Source, image: NDArray[Any]) -> NDArray[Any]:
 
 def _write(path: Path, image: NDArray[Any]) -> None:
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes())
+    path.write_bytes(cv2.imencode(".png", image, PNG)[1].tobytes())

@@ -7,6 +7,7 @@ import pytest
 
 from bench.config import load_suite, suite_file, suite_model, suite_names
 from bench.content import content_hash
+from scenes.described import described
 from trajectories.errors import UserError
 
 GOOD = """
@@ -43,6 +44,25 @@ def test_every_suite_that_comes_along_is_valid(name):
     loaded = load_suite(suite_file(name))
     assert loaded.sequences
     assert loaded.trackers
+
+
+def toml(value):
+    """A value as TOML has it inline; a key without a value is left out."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items() if item is not None) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(toml(item) for item in value) + "]"
+    return json.dumps(value)
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_what_a_dataset_says_of_its_config_makes_it_again(tmp_path, name):
+    for spec in load_suite(suite_file(name)).sequences[:: len(load_suite(suite_file(name)).sequences) // 3 or 1]:
+        table = described(spec)
+        told = {"title": "again", "seeds": [table.pop("seed")], "rates_hz": [1.0]}
+        told |= {"sequences": {table.pop("name").rpartition("-s")[0]: table}, "trackers": {"hold": {"kind": "hold"}}}
+        text = "\n".join(f"{key} = {toml(value)}" for key, value in told.items())
+        assert load_suite(suite(tmp_path, text)).sequences == (spec,)
 
 
 def test_a_suite_becomes_specs(tmp_path):

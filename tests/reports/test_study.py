@@ -8,14 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reports.attributes import blur_px, occlusion
 from reports.report import ReportEntry, write_report
+from reports.runs import ScoredRun
 from reports.score import Score, score
+from reports.style import house_style
+from reports.sweeps import sweep_figures, swept
 from reports.tables import COLUMNS, summary_table
 from reports.tables_write import latex, markdown
+from scenes.frame_truth import EDGE_COLUMNS, edges_file
 from scenes.sequence import Sequence
 from tests.reports.drawn import make_sequence, results_of, true_rows
 from tracker.base import TrackResult
 from tracker.results import Results
+from tracker.visible_edges import visible_edges
 from trajectories.errors import UserError
 
 LOST = TrackResult(status="lost")
@@ -115,3 +121,71 @@ def test_a_lost_tracker_wins_no_error_column(base_score: Score) -> None:
 def test_a_missing_run_must_tell_what_it_was(sequence: Sequence, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="LABEL@RATEhz"):
         write_report(tmp_path, "x", [ReportEntry(sequence.folder, tmp_path / "nothing", tmp_path / "nothing.json")])
+
+
+def with_config(sequence: Sequence, config: dict[str, object]) -> Sequence:
+    return replace(sequence, info={**sequence.info, "config": config})
+
+
+def noise(well: float, **more: object) -> dict[str, object]:
+    return {"name": "x", "seed": 3, "effects": [{"kind": "noise", "full_well_e": well}], **more}
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> list[Sequence]:
+    base = tmp_path_factory.mktemp("three")
+    return [make_sequence(base / name, 12, name=name, seed=0) for name in ("a", "b", "c")]
+
+
+def test_a_sweep_is_a_suite_whose_configs_differ_in_one_number(three: list[Sequence]) -> None:
+    wells = [with_config(s, noise(w)) for s, w in zip(three, (1e3, 2e3, 4e3), strict=True)]
+    found = swept(wells)
+    assert found is not None
+    assert found.key == "effects[0].full_well_e"
+    assert found.values == {"a": 1e3, "b": 2e3, "c": 4e3}
+    assert swept(three) is None
+    assert swept(wells[:2]) is None
+    assert swept([*wells[:2], with_config(three[2], noise(4e3, rate_hz=30.0))]) is None
+    words = [with_config(s, noise(1e3, floor=f)) for s, f in zip(three, ("wood", "carpet", "stone"), strict=True)]
+    assert swept(words) is None
+
+
+@pytest.mark.slow
+def test_the_curves_of_a_sweep_hold_the_scores(three: list[Sequence], tmp_path: Path) -> None:
+    runs = []
+    for sequence, offset_m in zip(three, (0.01, 0.02, 0.04), strict=True):
+        swept_over = with_config(sequence, noise(100 * offset_m))
+        results = results_of(swept_over, true_rows(swept_over, offset_m))
+        runs.append(ScoredRun(swept_over, results, score(swept_over, results), 0))
+    found = swept([run.sequence for run in runs])
+    assert found is not None
+    with house_style():
+        ate, success = sweep_figures(runs, found, tmp_path)
+    rows = list(csv.DictReader(next(p for p in ate if p.suffix == ".csv").open()))
+    assert [float(row["value"]) for row in rows] == [1, 2, 4]
+    assert [float(row["mean"]) for row in rows] == pytest.approx([1, 2, 4], rel=1e-6)
+    assert all(float(row["mean"]) == 100 for row in csv.DictReader(success[-1].with_suffix(".csv").open()))
+
+
+def test_blur_is_the_motion_while_the_shutter_is_open(three: list[Sequence]) -> None:
+    frames = list(range(5))
+    by_ms = {ms: blur_px(with_config(three[0], {"effects": [{"kind": "motion-blur", "exposure_ms": ms}]}), frames)
+             for ms in (5.0, 10.0)}  # fmt: skip
+    assert (by_ms[5.0] > 0).all()
+    assert by_ms[10.0] == pytest.approx(2 * by_ms[5.0])
+    assert (blur_px(with_config(three[0], noise(1e3)), frames) == 0).all()
+    assert np.isnan(blur_px(three[0], frames)).all()
+
+
+def test_occlusion_is_what_the_renderer_did_not_see_of_the_edges(three: list[Sequence]) -> None:
+    sequence = three[1]
+    assert np.isnan(occlusion(sequence, [0, 1])).all()
+    edges = visible_edges(sequence.structure, sequence.camera, sequence.true_cam_from_world(0)).segments_px
+    for frame, share in ((0, 1.0), (1, 0.25)):
+        edges_file(sequence, frame).parent.mkdir(exist_ok=True)
+        lines = [f"0,{a[0]},{a[1]},{a[0] + share * (b - a)[0]},{a[1] + share * (b - a)[1]},{share},9" for a, b in edges]
+        edges_file(sequence, frame).write_text("\n".join([",".join(EDGE_COLUMNS), *lines]) + "\n")
+    hidden = occlusion(sequence, [0, 1, 2])
+    assert hidden[0] == pytest.approx(0, abs=1e-9)
+    assert 0.6 < hidden[1] < 0.9
+    assert np.isnan(hidden[2])

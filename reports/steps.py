@@ -1,0 +1,27 @@
+"""Progress of a report."""
+
+from collections.abc import Callable
+
+OnStep = Callable[[int, int], None]
+
+
+class Steps:
+    """Progress: a figure weighs as much as eight frames."""
+
+    def __init__(self, on_step: OnStep | None, frames: int, runs: int) -> None:
+        self._on_step = on_step
+        self._total = frames + 8 * (3 + 4 * runs)
+        self._done = 0
+
+    def __call__(self, weight: int = 1) -> None:
+        """Tell that so much more is done."""
+        self._tell(min(self._done + weight, self._total))
+
+    def finish(self) -> None:
+        """Tell that all is done."""
+        self._tell(self._total)
+
+    def _tell(self, done: int) -> None:
+        self._done = done
+        if self._on_step is not None:
+            self._on_step(self._done, self._total)

@@ -1,0 +1,79 @@
+"""Suites that change one thing: what it is, and how trackers do along it.
+
+Conventions: the sequences of a suite are a sweep when their configs differ in one number only, seeds and names aside.
+"""
+
+from collections.abc import Iterator, Mapping
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from reports.figures_statistics import sweep
+from reports.runs import ScoredRun
+from scenes.sequence import Sequence
+from trajectories.pose import Array
+
+LEAST_VALUES = 3
+"""Two sequences that differ in one number are a comparison, no curve."""
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a suite sweeps: the key's path in the config, and its value in each sequence by name."""
+
+    key: str
+    values: Mapping[str, float]
+
+
+def swept(sequences: ListOf[Sequence]) -> Swept | None:
+    """The one number in which the configs of the sequences differ; None where there is no such number."""
+    configs = {s.name: dict(_leaves(s.info.get("config") or {})) for s in sequences}
+    for config in configs.values():
+        for own in ("name", "seed"):
+            config.pop(own, None)
+    keys = {key for config in configs.values() for key in config}
+    differing = [key for key in keys if len({repr(config.get(key)) for config in configs.values()}) > 1]
+    if len(differing) != 1:
+        return None
+    found = {name: config.get(differing[0]) for name, config in configs.items()}
+    values = {name: float(v) for name, v in found.items() if isinstance(v, int | float) and not isinstance(v, bool)}
+    if len(values) < len(configs) or len(set(values.values())) < LEAST_VALUES:
+        return None
+    return Swept(differing[0], values)
+
+
+def sweep_figures(runs: ListOf[ScoredRun], found: Swept, figures: Path) -> list[list[Path]]:
+    """ATE where there is a pose, and success, against what is swept, per tracker at the highest rate."""
+    fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
+    colours = {run.score.label: run.colour for run in fast}
+    ate: dict[str, dict[float, list[Array]]] = {}
+    success: dict[str, dict[float, list[Array]]] = {}
+    for label in colours:
+        group = [run for run in fast if run.score.label == label]
+        for value in sorted(set(found.values.values())):
+            here = [run for run in group if found.values[run.sequence.name] == value]
+            errors = [run.score.ate["none"].translation_m for run in here]
+            known = np.array([100 * e.rmse for e in errors if e is not None])
+            if len(known):
+                ate.setdefault(label, {})[value] = [known]
+            success.setdefault(label, {})[value] = [np.array([100 * run.score.tracking.success for run in here])]
+    name = found.key.rpartition(".")[2]
+    return [
+        sweep(ate, colours, figures / "sweep_ate", swept=name, metric="ATE position (cm)", log=True),
+        sweep(success, colours, figures / "sweep_success", swept=name, metric="within 5 cm, 5 deg (%)"),
+    ]
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every plain value of a config with the path of its key."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(item, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list):
+        for k, item in enumerate(value):
+            yield from _leaves(item, f"{path}[{k}]")
+    else:
+        yield path, value

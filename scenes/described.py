@@ -1,0 +1,39 @@
+"""A spec as its TOML table would say it, for the record of a dataset."""
+
+from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Any
+
+from scenes.clutter import CLUTTER
+from scenes.effects import EFFECTS
+from scenes.environments import ENVIRONMENTS
+from scenes.structures import STRUCTURES
+from trajectories.airframes import AIRFRAMES
+from trajectories.paths import PATHS
+from trajectories.sensors import SENSORS
+from trajectories.wind import WINDS
+
+PLAIN = (bool, int, float, str, type(None))
+
+
+def described(value: Any) -> Any:
+    """JSON value of a spec: tables by key, plug-ins with their `kind`, a plug-in of the user's own by its class."""
+    if isinstance(value, PLAIN):
+        return value
+    if is_dataclass(value) and not isinstance(value, type):
+        table = {f.name: described(getattr(value, f.name)) for f in fields(value) if f.init}
+        kind = _kinds().get(type(value))
+        if kind is None and type(value).__module__.split(".")[0] not in ("scenes", "trajectories"):
+            kind = f"{type(value).__module__}:{type(value).__qualname__}"
+        return table if kind is None else {"kind": kind, **table}
+    if isinstance(value, list | tuple):
+        return [described(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): described(item) for key, item in value.items()}
+    return str(value)
+
+
+@cache
+def _kinds() -> dict[type, str]:
+    registries = (STRUCTURES, ENVIRONMENTS, CLUTTER, EFFECTS, PATHS, AIRFRAMES, WINDS, SENSORS)
+    return {cls: kind for registry in registries for kind, cls in registry.items()}
