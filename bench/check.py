@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.external import External, track_external
+from bench.peers.peer import Peer
 from scenes.sequence import Sequence
 from tracker.base import Tracker
 from tracker.results import Results
@@ -26,7 +27,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
     first = _run(tracker, sequence, rate_hz, kept_folder)
     faults = list(first.record["errors"])
     yield from faults
-    if faults and isinstance(tracker, External):
+    if faults and isinstance(tracker, External | Peer):
         yield f"its job folder: {kept_folder}"
     yield f"frames with a pose: {int(first.ok.sum())} of {len(first)}"
     yield from _accuracy(first, sequence)
@@ -43,6 +44,8 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
 
 
 def _run(tracker: Tracker, sequence: Sequence, rate_hz: float, kept_folder: Path) -> Results:
+    if isinstance(tracker, Peer):
+        return _run(tracker.present(), sequence, rate_hz, kept_folder)
     if isinstance(tracker, External):
         return track_external(tracker, sequence, rate_hz=rate_hz, seed=0, kept_folder=kept_folder)
     return track_sequence(tracker, sequence, rate_hz=rate_hz, seed=0)

@@ -252,6 +252,28 @@ def compare_command(
     sys.exit(compare((base_ref, head_ref), suite, out, repeats, margins, jobs))
 
 
+@main.group("peers")
+def peers_group() -> None:
+    """Trackers of others to compare with: ViSP's, and OpenCV contrib's."""
+
+
+@peers_group.command("list")
+def peers_list_command() -> None:
+    """Show which peers are set up."""
+    from bench.peers.registry import status
+
+    click.echo("\n".join(status()))
+
+
+@peers_group.command("setup")
+@click.argument("name")
+def peers_setup_command(name: str) -> None:
+    """Set up the peer NAME, with what it needs, for this user."""
+    from bench.peers.registry import setup
+
+    click.echo(setup(name))
+
+
 @main.command("check")
 @click.argument("tracker", type=click.Path(path_type=Path))
 @click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")

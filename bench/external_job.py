@@ -3,6 +3,7 @@
     job.toml       mode, rate_hz, seed
     camera.toml    width height fx fy cx cy distortion_model distortion
     model.obj      the structure: vertices, triangles, one group for each planar face
+    model.cao      the same as polygons, one for each planar face, as ViSP reads it
     edges.csv      its true edges: vertex_0, vertex_1, face_0, face_1 (from 0; -1: no face)
     init.toml      cam_from_model at the first frame, a 4x4 matrix
 
@@ -22,6 +23,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from scenes.camera import Camera
+from scenes.cao import write_cao
 from scenes.sequence import Sequence as Frames
 from scenes.sequence import inside, save_structure
 from scenes.structure import Structure
@@ -43,6 +45,7 @@ def write_job(
     write_text(folder / "job.toml", f'mode = "{mode}"\nrate_hz = {rate_hz!r}\nseed = {seed}\n')
     camera.save(folder / "camera.toml")
     save_structure(structure, folder)
+    write_cao(structure, folder / "model.cao")
     rows = ",\n".join(f"    {row!r}" for row in cam_from_world.matrix.tolist())
     write_text(folder / "init.toml", f"cam_from_model = [\n{rows},\n]\n")
 

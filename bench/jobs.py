@@ -17,7 +17,10 @@ from typing import Any
 
 from bench.config import Protocol, Suite
 from bench.content import code_hash, content_hash
+from bench.external import External
 from bench.graph import Job, OnStep
+from bench.peers.peer import Peer
+from bench.peers.registry import absent
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization
@@ -31,15 +34,17 @@ START_S, RENDER_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 0.02, 0.05, 1.0
 def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
     """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`."""
     renders = {spec.name: _render_job(spec, folder) for spec in suite.sequences}
+    away = absent(suite.trackers)
     tracks = [
         _track_job(suite.start, label, tracker, rate, spec, renders[spec.name], folder)
         for spec in suite.sequences
         for label, tracker in suite.trackers.items()
+        if label not in away
         for rate in suite.rates_hz
     ]
     scores = [_score_job(track, folder) for track in tracks]
     restarts = [_restart_job(track, protocol, folder) for track in tracks for protocol in suite.protocols]
-    jobs = [*renders.values(), *tracks, *restarts, *scores, _report_job(suite, scores, restarts, folder)]
+    jobs = [*renders.values(), *tracks, *restarts, *scores, _report_job(suite, scores, restarts, away, folder)]
     return [job for job in jobs if VERBS.index(job.verb) <= VERBS.index(last)]
 
 
@@ -87,7 +92,7 @@ class Track:
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the results folder."""
-        from bench.external import External, track_external
+        from bench.external import track_external
         from scenes.sequence import Sequence
         from tracker.base import TrackResult
         from tracker.run import track_sequence
@@ -100,12 +105,15 @@ class Track:
         given: dict[str, Any] = {
             "rate_hz": self.rate_hz, "seed": self.seed, "on_frame": on_frame, "start": self.start,
         }  # fmt: skip
-        if isinstance(self.tracker, External):
+        if isinstance(self.tracker, External | Peer):
             kept = self.folder.parents[2] / "failed" / self.folder.parent.name / self.folder.name
-            results = track_external(self.tracker, sequence, kept_folder=kept, **given)
+            program = self.tracker.present() if isinstance(self.tracker, Peer) else self.tracker
+            results = track_external(program, sequence, kept_folder=kept, **given)
         else:
             results = track_sequence(self.tracker, sequence, **given)
         record = {**results.record, "label": self.label, "content_hash": content_hash}
+        if isinstance(self.tracker, Peer):
+            record["tracker"] = self.tracker.record
         replace(results, record=record).save(self.folder)
 
 
@@ -155,6 +163,7 @@ class Report:
     folder: Path
     scored: tuple[tuple[Path, Path, str], ...]
     restarts: tuple[Path, ...] = ()
+    absent: tuple[tuple[str, str], ...] = ()
     unrendered: tuple[tuple[str, str], ...] = ()
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
@@ -165,7 +174,7 @@ class Report:
             ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
         ]
         given: dict[str, Any] = {"restarts": self.restarts, "content_hash": content_hash, "on_step": on_step}
-        write_report(self.folder, self.title, entries, dict(self.unrendered), **given)
+        write_report(self.folder, self.title, entries, dict(self.unrendered), absent=dict(self.absent), **given)
 
     def without(self, failed: Mapping[str, str]) -> "Report | None":
         """The report that shows what failed as failed; None where no sequence is left."""
@@ -240,16 +249,16 @@ def _score_job(track: Job, folder: Path) -> Job:
     )
 
 
-def _report_job(suite: Suite, scores: list[Job], restarts: list[Job], folder: Path) -> Job:
+def _report_job(suite: Suite, scores: list[Job], restarts: list[Job], away: Mapping[str, str], folder: Path) -> Job:
     scored = tuple((job.work.sequence, job.work.results, "") for job in scores if isinstance(job.work, Score))
     needs = (*scores, *restarts)
-    work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts))
+    work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts), tuple(away.items()))
     return Job(
         verb="report",
         name="report",
         work=work,
         marker=folder / "report.json",
-        content_hash=content_hash(suite.title, [job.content_hash for job in needs]),
+        content_hash=content_hash(suite.title, [job.content_hash for job in needs], away),
         needs=needs,
         weight=REPORT_S * (1 + len(scores)),
         without=work.without,

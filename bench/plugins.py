@@ -3,6 +3,7 @@
 from typing import Any
 
 from bench.external import External
+from bench.peers.registry import PEERS
 from scenes.clutter import CLUTTER
 from scenes.effects import EFFECTS
 from scenes.environments import ENVIRONMENTS
@@ -26,6 +27,6 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     WindSpec: (WINDS, "start"),
     SensorSpec: (SENSORS, "measure"),
     Initialization: (INITIALIZATIONS, "first_pose"),
-    Tracker: ({**TRACKERS, "external": External}, "start"),
+    Tracker: ({**TRACKERS, **PEERS, "external": External}, "start"),
 }
 """Protocol -> (name -> class, verb)."""

@@ -17,6 +17,7 @@ from bench.executors import dask_pool, local_pool
 from bench.folder import suite_folder
 from bench.graph import Outcome, run_graph
 from bench.jobs import plan
+from bench.peers.registry import absent
 from bench.plugins import PLUGINS
 from bench.shard import Shard
 from bench.slurm import run_shards
@@ -57,6 +58,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
         if shard is None:
             remember(outcome, folder)
         tell(outcome, folder)
+        for label, why in absent(suite.trackers).items():
+            click.echo(f"absent: {label}: {why}", err=True)
         if last == "report" and "report" not in outcome.failed:
             click.echo((folder / "tables" / "summary.md").read_text(encoding="utf-8"))
             click.echo(f"report: {folder / 'index.html'}")

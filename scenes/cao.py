@@ -1,4 +1,7 @@
-"""ViSP's CAO models: points, and faces made of points or of lines (ViSP's "markerless model-based tracking")."""
+"""ViSP's CAO models: points, and faces made of points or of lines (ViSP's "markerless model-based tracking").
+
+Read as what they are; written with one polygon for each planar face of a structure, and no diagonal of a triangle.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,8 +10,13 @@ import numpy as np
 
 from scenes.loaded import Loaded
 from scenes.solids import ear_clip
+from scenes.structure import Structure
 from trajectories.errors import UserError
+from trajectories.files import write_text
 from trajectories.pose import Array
+
+STRAIGHT = 1e-6
+"""Sine of the angle below which two sides of a polygon are one."""
 
 
 def read_cao(path: Path) -> Loaded:
@@ -44,6 +52,51 @@ def read_cao(path: Path) -> Loaded:
     except (IndexError, ValueError) as error:
         raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
     return Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64), name=path.stem)
+
+
+def write_cao(structure: Structure, path: Path) -> None:
+    """Write the faces as polygons, counter-clockwise from outside; the border of a hole is that of the faces in it."""
+    polygons = [p for face in range(len(structure.face_normals)) if (p := face_polygon(structure, face))]
+    used = sorted({corner for polygon in polygons for corner in polygon})
+    number = {corner: k for k, corner in enumerate(used)}
+    lines = ["V1", str(len(used)), *(" ".join(map(repr, structure.vertices[k].tolist())) for k in used), "0", "0"]
+    lines.append(str(len(polygons)))
+    lines += [" ".join(map(str, [len(polygon), *(number[k] for k in polygon)])) for polygon in polygons]
+    write_text(path, "\n".join([*lines, "0", "0"]) + "\n")
+
+
+def face_polygon(structure: Structure, face: int) -> list[int]:
+    """Vertices of a planar face's outer border, corners only, counter-clockwise from outside."""
+    triangles = structure.triangles[structure.triangle_face == face].tolist()
+    sides = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
+    follows: dict[int, list[int]] = {}
+    for a, b in sorted(sides):
+        if (b, a) not in sides:
+            follows.setdefault(a, []).append(b)
+    borders: list[list[int]] = []
+    while follows:
+        border = [min(follows)]
+        while border[-1] in follows:
+            ends = follows[border[-1]]
+            border.append(ends.pop())
+            if not ends:
+                del follows[border[-2]]
+        borders.append(border[:-1])
+    at, normal = structure.vertices, structure.face_normals[face]
+    return _corners(at, max(borders, key=lambda border: _area(at[border], normal), default=[]))
+
+
+def _area(polygon: Array, normal: Array) -> float:
+    """Area of a planar polygon (n, 3); negative where it turns the other way, as a hole does."""
+    return float(np.cross(polygon, np.roll(polygon, -1, axis=0)).sum(axis=0) @ normal / 2)
+
+
+def _corners(at: Array, polygon: list[int]) -> list[int]:
+    """The polygon without the vertices that lie on a straight side."""
+    side = at[np.roll(polygon, -1)] - at[polygon] if polygon else np.zeros((0, 3))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    turn = np.linalg.norm(np.cross(np.roll(side, 1, axis=0), side), axis=1)
+    return [vertex for vertex, sine in zip(polygon, turn.tolist(), strict=True) if sine > STRAIGHT]
 
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:

@@ -1,0 +1,95 @@
+"""Peers: absent ones are told and counted nowhere; those that are set up on this machine keep the protocol."""
+
+import json
+import re
+
+import pytest
+
+from bench.check import check
+from bench.config import load_suite
+from bench.jobs import plan
+from bench.peers import visp
+from bench.peers.opencv_rapid import OpencvRapid
+from bench.peers.registry import PEERS, absent, setup, status
+from bench.peers.visp import Visp
+from tests.bench.test_end_to_end import uavbench
+from trajectories.errors import UserError
+
+SUITE = """
+title = "With peers"
+rates_hz = [15.0]
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 0.2 }
+camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
+[trackers]
+hold = { kind = "hold" }
+visp-klt = { kind = "visp", features = "klt" }
+opencv-rapid = { kind = "opencv-rapid" }
+"""
+
+
+@pytest.fixture
+def nowhere(tmp_path, monkeypatch):
+    monkeypatch.setenv("UAVBENCH_PEERS", str(tmp_path / "peers"))
+    return tmp_path
+
+
+def test_absent_peers_are_told_and_the_rest_runs(nowhere):
+    (nowhere / "suite.toml").write_text(SUITE)
+    done = uavbench("run", nowhere / "suite.toml", "--out", nowhere / "out", "--jobs", "1")
+    assert done.returncode == 0, done.stderr
+    assert "absent: visp-klt: not set up on this machine; `uavbench peers setup visp` does it" in done.stderr
+    assert re.search(r"^\| opencv-rapid \|( absent \|)+$", done.stdout, re.MULTILINE)
+    scores = json.loads((nowhere / "out" / "scores.json").read_text())
+    assert {score["label"] for score in scores["scores"]} == {"hold"}
+    assert set(scores["absent"]) == {"visp-klt", "opencv-rapid"}
+    page = (nowhere / "out" / "index.html").read_text()
+    assert re.search(r"<strong>visp-klt</strong> <span class=\"chip absent\">absent</span>", page)
+    assert not list((nowhere / "out" / "results").glob("*/visp*"))
+    assert not (nowhere / "out" / "failed").exists()
+
+
+def test_a_peer_that_comes_makes_the_report_stale_and_its_version_the_results(nowhere):
+    (nowhere / "suite.toml").write_text(SUITE)
+    suite = load_suite(nowhere / "suite.toml")
+
+    def hashes():
+        return {job.name: job.content_hash for job in plan(suite, nowhere / "out")}
+
+    before = hashes()
+    OpencvRapid.mark({"opencv": "4.1"})
+    first = hashes()
+    assert set(first) - set(before) == {f"{verb} box-s0 opencv-rapid@15hz" for verb in ("track", "score")}
+    assert [name for name in before if before[name] != first[name]] == ["report"]
+    OpencvRapid.mark({"opencv": "4.2"})
+    assert {name.split()[-1] for name, made in hashes().items() if first[name] != made} == {
+        "opencv-rapid@15hz",
+        "report",
+    }
+
+
+@pytest.mark.parametrize("name", list(PEERS))
+def test_a_peer_keeps_the_protocol_or_says_how_to_get_it(name, tmp_path):
+    peer = PEERS[name]()
+    if why := absent({"it": peer}).get("it"):
+        with pytest.raises(UserError, match=f"{name}: .*uavbench peers setup {name}"):
+            list(check(peer, tmp_path / "kept"))
+        assert any(line.startswith(name) and line.endswith(why) for line in status())
+    else:
+        assert list(check(peer, tmp_path / "kept"))[-1] == "good: the protocol is kept"
+        assert peer.record["versions"]
+
+
+def test_visp_says_what_to_install(nowhere, monkeypatch):
+    monkeypatch.setattr(visp, "_headers", lambda: None)
+    monkeypatch.setattr("os.geteuid", lambda: 1000)
+    with pytest.raises(UserError, match=r"sudo apt-get install .* libvisp-dev"):
+        setup("visp")
+    assert Visp.absence()
+
+
+def test_an_unknown_peer_is_named(nowhere):
+    with pytest.raises(UserError, match=r"unknown peer 'vips'.*visp"):
+        setup("vips")
