@@ -192,12 +192,19 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
 
 @main.command("gate")
 @click.argument("results", type=click.Path(path_type=Path))
-@click.option("--baseline", type=click.Path(path_type=Path), required=True, help="Folder of a run on the same frames.")
+@click.option(
+    "--baseline",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder of a run on the same frames, or a file made by --update.",
+)
+@click.option("--update", is_flag=True, help="Make the baseline, a file, anew from RESULTS; compare nothing.")
 @margin_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
 def gate_command(
     results: Path,
     baseline: Path,
+    update: bool,
     margin: float,
     latency_margin: float,
     coverage_margin: float,
@@ -205,6 +212,13 @@ def gate_command(
     out: Path | None,
 ) -> None:
     """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive."""
+    if update:
+        from bench.gate_baseline import write_baseline
+        from bench.gate_scores import read_side
+
+        write_baseline(read_side(results), baseline)
+        click.echo(baseline)
+        return
     from bench.gate import Margins
     from bench.gate_reports import pronounce
 

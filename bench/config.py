@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel, Field, ValidationError, create_model
 
 from bench.config_paths import located
+from bench.content import content_hash
 from bench.models import STRICT, Extra, build, choice, model_of, own_plugins
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
@@ -28,7 +29,8 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 class Suite:
     """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at.
 
-    start is where the first pose comes from; protocols are those that trackers run in beside the free run.
+    start is where the first pose comes from; protocols are those that trackers run in beside the free run; flights is
+    the hash of what the file says of its sequences.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Suite:
     rates_hz: tuple[float, ...]
     start: Initialization = KNOWN
     protocols: tuple[Protocol, ...] = ()
+    flights: str = ""
 
 
 def suite_names() -> list[str]:
@@ -80,7 +83,8 @@ def load_suite(path: Path) -> Suite:
     if errors:
         raise UserError(_told(path, list(dict.fromkeys(errors))))
     protocols = tuple(dict.fromkeys(checked.protocols))
-    return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, protocols)
+    flights = content_hash(data["sequences"], checked.seeds, data.get("start"))
+    return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, protocols, flights)
 
 
 def load_tracker(path: Path) -> Tracker:

@@ -50,6 +50,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iter
             "sequences": [spec.name for spec in suite.sequences],
             "trackers": list(suite.trackers),
             "rates_hz": list(suite.rates_hz),
+            "flights": suite.flights,
         }
         write_text(marker, json.dumps(about, indent=1) + "\n")
         yield folder

@@ -14,9 +14,9 @@ from typing import Literal
 
 import numpy as np
 
-from bench.gate_scores import Key, PairedValues, Side, expect_comparable, read_side, read_timing
+from bench.gate_baseline import read_baseline
+from bench.gate_scores import ERRORS, Key, Measured, PairedValues, Side, expect_comparable, read_side, read_timing
 from bench.gate_statistics import hierarchical_bootstrap, sign_flip_p
-from reports.score import PoseErrors, Score
 from reports.statistics import holm
 from trajectories.errors import UserError
 
@@ -64,18 +64,19 @@ class Finding:
 
 
 def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Finding]:
-    """Findings on all trackers that the baseline has; UserError when the two cannot be compared."""
-    base = read_side(baseline)
-    if not base.scores:
+    """Findings on all trackers of the baseline, a folder or a file; UserError when the two cannot be compared."""
+    head = read_side(results)
+    base = read_baseline(baseline, head.flights) if baseline.is_file() else read_side(baseline)
+    if not base.runs:
         raise UserError(f"{baseline}: no scores in it; `uavbench run` a suite there first")
-    return compare_sides(base, read_side(results), read_timing(results), margins)
+    return compare_sides(base, head, read_timing(results), margins)
 
 
 def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], margins: Margins) -> list[Finding]:
     """Findings on all trackers of one side against the other, and on the latencies of interleaved runs."""
-    for key in base.scores.keys() & head.scores.keys():
-        expect_comparable(base.scores[key], head.scores[key], key)
-    runs = sorted({key[0] for key in (*base.scores, *base.faults)})
+    for key in base.runs.keys() & head.runs.keys():
+        expect_comparable(base.runs[key], head.runs[key], key)
+    runs = sorted({key[0] for key in (*base.runs, *base.faults)})
     findings = [finding for run in runs for finding in _of_run(run, base, head, margins)]
     findings += [
         ratio_finding(run, "latency", "ms", times, margins.latency, margins.resolution)
@@ -112,26 +113,28 @@ def _decided(finding: Finding) -> Finding:
 
 def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]:
     """Findings on one tracker at one rate."""
-    keys = [key for key in (*base.scores, *base.faults, *head.scores, *head.faults) if key[0] == run]
-    crashed = sorted({k for k in keys if _crashed(head, k) and not _crashed(base, k)})
-    coverage = paired(keys, base, head, lambda score: score.tracking.coverage)
-    found = [coverage_finding(run, coverage, margins.coverage)]
+    keys = [key for key in (*base.runs, *base.faults, *head.runs, *head.faults) if key[0] == run]
+    crashed = sorted({k for k in keys if crash(head, k) and not crash(base, k)})
+    found = [coverage_finding(run, paired(keys, base, head, lambda one: one.coverage), margins.coverage)]
     if crashed:
         _, sequence, seed = crashed[0]
-        why = f"{len(crashed)} runs crash that did not, first {sequence}, seed {seed}: {_why(head, crashed[0])}"
+        why = f"{len(crashed)} runs crash that did not, first {sequence}, seed {seed}: {crash(head, crashed[0])}"
         found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
-    for metric, (unit, value) in ERRORS.items():
-        values = paired(keys, base, head, value)
+    for metric, (unit, _) in ERRORS.items():
+        values = paired(keys, base, head, lambda one, metric=metric: one.errors[metric])  # type: ignore[misc]
         found.append(ratio_finding(run, metric, unit, values, margins.error, margins.resolution))
     return found
 
 
-def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Score], float]) -> PairedValues:
+def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Measured], float]) -> PairedValues:
     """One value of each run on both sides, NaN where there is no score."""
-    sides = [
-        {(k[1], k[2]): value(side.scores[k]) if k in side.scores else math.nan for k in keys} for side in (base, head)
-    ]
+    sides = [{(k[1], k[2]): value(side.runs[k]) if k in side.runs else math.nan for k in keys} for side in (base, head)]
     return PairedValues(*sides)
+
+
+def crash(side: Side, key: Key) -> str:
+    """What made a run crash, "" if nothing did."""
+    return side.runs[key].crash if key in side.runs else ""
 
 
 def ratio_finding(run: str, metric: str, unit: str, values: PairedValues, margin: float, resolution: float) -> Finding:
@@ -194,24 +197,3 @@ def _described(run: str, metric: str, unit: str, values: PairedValues, margin: f
 def _too_few(finding: Finding) -> Finding:
     why = f"{finding.seeds} seeds are too few, {MIN_SEEDS} are needed"
     return replace(finding, verdict="inconclusive", p=math.nan, reason=why)
-
-
-def _crashed(side: Side, key: Key) -> bool:
-    return key in side.scores and side.scores[key].status == "crashed"
-
-
-def _why(side: Side, key: Key) -> str:
-    return (side.scores[key].errors or ("no word of why",))[0]
-
-
-def _rmse(errors: PoseErrors | None, kind: Literal["translation_m", "rotation_deg"]) -> float:
-    summary = getattr(errors, kind) if errors is not None else None
-    return math.nan if summary is None else float(summary.rmse)
-
-
-ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
-    "ATE": ("m", lambda score: _rmse(score.ate.get("none"), "translation_m")),
-    "ATE rotation": ("deg", lambda score: _rmse(score.ate.get("none"), "rotation_deg")),
-    "RPE 1 s": ("m", lambda score: _rmse(score.rpe.get("1 s"), "translation_m")),
-}
-"""Metrics that are compared as ratios: unit and value of a score."""

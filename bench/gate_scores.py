@@ -1,14 +1,15 @@
 """The scores of two suites' folders, paired run by run: same tracker, same rate, same frames."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from reports.score import Score
+from reports.score import PoseErrors, Score
 from scenes.sequence import read_json
 from trajectories.errors import UserError
 from trajectories.pose import Array
@@ -19,18 +20,61 @@ HOW = ("compared", "association", "rpe_pairs", "success", "std_ddof")
 """Parts of a score's record that must agree before two numbers are compared."""
 
 
+def _rmse(errors: PoseErrors | None, kind: Literal["translation_m", "rotation_deg"]) -> float:
+    summary = getattr(errors, kind) if errors is not None else None
+    return math.nan if summary is None else float(summary.rmse)
+
+
+ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
+    "ATE": ("m", lambda score: _rmse(score.ate.get("none"), "translation_m")),
+    "ATE rotation": ("deg", lambda score: _rmse(score.ate.get("none"), "rotation_deg")),
+    "RPE 1 s": ("m", lambda score: _rmse(score.rpe.get("1 s"), "translation_m")),
+}
+"""Metrics that are compared as ratios: unit and value of a score."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What the gate compares of one run: its coverage, and its errors by metric, NaN where one is undefined.
+
+    crash: what went wrong, "" if nothing did; frames: hash of what made the frames, "" if any will do; how: the parts
+    of the score's record that must agree.
+    """
+
+    coverage: float
+    errors: Mapping[str, float]
+    crash: str = ""
+    frames: str = ""
+    how: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, score: Score) -> "Measured":
+        """The numbers of a score."""
+        return cls(
+            coverage=score.tracking.coverage,
+            errors={metric: value(score) for metric, (_, value) in ERRORS.items()},
+            crash=(score.errors or ("no word of why",))[0] if score.status == "crashed" else "",
+            frames=str(score.record.get("sequence", {}).get("content_hash", "")),
+            how={part: score.record.get(part) for part in HOW},
+        )
+
+
 @dataclass(frozen=True)
 class Side:
-    """The scores of one folder, and what is wrong with those that are not there."""
+    """What was measured in one folder, and what is wrong with the runs that have no score.
 
-    scores: Mapping[Key, Score]
-    faults: Mapping[Key, str]
+    flights: hash of the suite's sequences, as they are asked for.
+    """
+
+    runs: Mapping[Key, Measured]
+    faults: Mapping[Key, str] = field(default_factory=dict)
+    flights: str = ""
 
 
 def read_side(folder: Path) -> Side:
-    """Scores of a suite's folder; UserError when it is none."""
+    """What was measured in a suite's folder; UserError when it is none."""
     about = read_json(folder / "suite.json")
-    scores: dict[Key, Score] = {}
+    found: dict[Key, Measured] = {}
     faults: dict[Key, str] = {}
     try:
         names = [str(name) for name in about["sequences"]]
@@ -42,23 +86,23 @@ def read_side(folder: Path) -> Side:
         for run in runs:
             key = (run, sequence or name, int(seed) if sequence and seed.isdecimal() else 0)
             try:
-                scores[key] = Score.load(folder / "results" / name / run / "score.json")
+                found[key] = Measured.of(Score.load(folder / "results" / name / run / "score.json"))
             except UserError as error:
                 faults[key] = str(error)
-    return Side(scores, faults)
+    return Side(found, faults, str(about.get("flights", "")))
 
 
-def expect_comparable(base: Score, head: Score, key: Key) -> None:
-    """UserError unless both scores are of the same frames and were computed the same way."""
+def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
+    """UserError unless both are of the same frames and were computed the same way."""
     what = f"{key[0]} on {key[1]}, seed {key[2]}"
-    if base.record.get("sequence", {}).get("content_hash") != head.record.get("sequence", {}).get("content_hash"):
+    if base.frames and base.frames != head.frames:
         raise UserError(
             f"{what}: baseline and results are of different frames; use `uavbench compare`, or make the baseline anew"
         )
     for part in HOW:
-        if base.record.get(part) != head.record.get(part):
+        if base.how.get(part) != head.how.get(part):
             raise UserError(
-                f"{what}: `{part}` of the scores differs ({base.record.get(part)!r}, {head.record.get(part)!r}); "
+                f"{what}: `{part}` of the scores differs ({base.how.get(part)!r}, {head.how.get(part)!r}); "
                 "score both again with the same uavbench"
             )
 

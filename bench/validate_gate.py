@@ -1,47 +1,96 @@
 """How often the gate is wrong, from real reruns: `python -m bench.validate_gate SUITE_FOLDER --out DIR`.
 
-SUITE_FOLDER holds rendered sequences (`uavbench render gate`). A tracker runs on each of them `--reruns` times, each
-time with another stream of random numbers. A comparison takes two different reruns of every sequence and seed: one for
-the baseline, one for the results. Both are of the same code, so whatever the gate calls worse is a false alarm. A
-regression is injected by moving every estimate of the results away from the truth: its error, as a twist, times a
-factor. All scores go through the same scoring and the same gate as anyone's.
+SUITE_FOLDER holds rendered sequences (`uavbench render gate`). Every tracker of the suite runs on each of them
+`--reruns` times, each time with another stream of random numbers and, with --new-noise, other camera noise added to
+each frame. A comparison takes two different reruns of every tracker, sequence and seed: one for the baseline, one for
+the results. Both are of the same code, so whatever the gate calls worse is a false alarm. Then one tracker's results
+are of a regression: every estimate moved away from the truth, its error, as a twist, times a factor; or, with --worse
+LABEL.PARAMETER=VALUE, real runs with a worse setting, whose true effect is measured over all reruns. All scores go
+through the same scoring and the same gate as anyone's.
 """
 
 import json
+import math
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
 import click
 import numpy as np
 
-from bench.config import load_suite, suite_file
+from bench.config import Suite, load_suite, suite_file
 from bench.gate import Finding, Margins, compare_sides, overall
-from bench.gate_scores import Key, Side
+from bench.gate_scores import ERRORS, Key, Measured, Side
 from reports.score import Score, score
 from scenes.sequence import Sequence
-from tracker.base import Tracker
+from tracker.base import Image, Tracker
 from tracker.results import Results
 from tracker.run import track_sequence
+from trajectories.errors import UserError
 from trajectories.files import write_text
 from trajectories.pose import Pose
 from trajectories.streams import stream
 
-FACTORS = (1.0, 1.05, 1.10)
+FACTORS = (1.05, 1.10)
+Scores = dict[str, dict[Key, list[Measured]]]
+"""By the name of a variant: what was measured in the reruns of each tracker, sequence and seed."""
 
 
-def rerun(tracker: Tracker, label: str, folder: Path, rate_hz: float, seed: int, reruns: int, out: Path) -> None:
+@dataclass(frozen=True)
+class Variant:
+    """A tracker of the suite as it runs, or with one parameter worse (`setting`, "" if none)."""
+
+    label: str
+    tracker: Tracker
+    reruns: int
+    setting: str = ""
+
+    @property
+    def name(self) -> str:
+        """`lsd`, `lsd inlier_px=2`."""
+        return f"{self.label} {self.setting}".strip()
+
+
+@dataclass(frozen=True, eq=False)
+class NewNoise(Sequence):
+    """A sequence with Gaussian noise of sigma grey levels added to each frame, another draw for each rerun."""
+
+    rerun: int = 0
+    sigma: float = 0.0
+
+    def image(self, frame: int) -> Image:
+        """BGR image (h, w, 3) with its new noise."""
+        image = super().image(frame)
+        noise = stream(self.rerun, "validate-gate", "noise", str(frame)).normal(0.0, self.sigma, image.shape)
+        return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+
+
+def rerun(variant: Variant, folder: Path, rate_hz: float, seed: int, sigma: float, out: Path) -> None:
     """Write the scores of the reruns of one sequence, plain and with each regression injected; what is there stays."""
     sequence = Sequence.load(folder)
-    for number in range(reruns):
-        paths = [out / folder.name / f"{number}-{factor}.json" for factor in FACTORS]
+    parts = (sequence.folder, sequence.info, sequence.camera, sequence.structure, sequence.stamps_ns, sequence.files)
+    for number in range(variant.reruns):
+        factors = (1.0,) if variant.setting else (1.0, *FACTORS)
+        paths = [score_path(out, folder.name, worse_by(variant.name, factor), number) for factor in factors]
         if all(path.exists() for path in paths):
             continue
-        results = track_sequence(tracker, sequence, rate_hz=rate_hz, seed=1000 * seed + number)
-        results = replace(results, record={**results.record, "seed": seed, "label": label})
-        for factor, path in zip(FACTORS, paths, strict=True):
+        seen = NewNoise(*parts, number, sigma) if sigma else sequence
+        results = track_sequence(variant.tracker, seen, rate_hz=rate_hz, seed=1000 * seed + number)
+        results = replace(results, record={**results.record, "seed": seed, "label": variant.label})
+        for factor, path in zip(factors, paths, strict=True):
             score(sequence, worsened(results, sequence, factor)).save(path)
+
+
+def worse_by(name: str, factor: float) -> str:
+    """Name of a variant whose errors were multiplied."""
+    return name if factor == 1.0 else f"{name} +{factor - 1:.0%}"
+
+
+def score_path(out: Path, sequence: str, name: str, number: int) -> Path:
+    """File of the score of one rerun."""
+    return out / "scores" / sequence / name / f"{number}.json"
 
 
 def worsened(results: Results, sequence: Sequence, factor: float) -> Results:
@@ -58,59 +107,133 @@ def worsened(results: Results, sequence: Sequence, factor: float) -> Results:
     return replace(results, rows=tuple(rows))
 
 
-def comparison(
-    scores: dict[Key, list[dict[float, Score]]], factor: float, rng: np.random.Generator, margins: Margins
-) -> list[Finding]:
-    """Findings of one comparison of two different reruns of everything."""
-    base: dict[Key, Score] = {}
-    head: dict[Key, Score] = {}
-    for key, reruns in scores.items():
-        one, other = rng.choice(len(reruns), size=2, replace=False)
-        base[key], head[key] = reruns[one][1.0], reruns[other][factor]
-    return compare_sides(Side(base, {}), Side(head, {}), {}, margins)
+def variants(suite: Suite, reruns: int, worse: tuple[str, ...]) -> list[Variant]:
+    """The suite's trackers, and those with a worse setting, which run half as often; UserError on a wrong setting."""
+    found = [Variant(label, tracker, reruns) for label, tracker in suite.trackers.items()]
+    for word in worse:
+        label, _, setting = word.partition(".")
+        parameter, _, value = setting.partition("=")
+        try:
+            tracker = suite.trackers[label]
+            changed = {parameter: type(getattr(tracker, parameter))(value)}
+        except (KeyError, AttributeError, ValueError) as error:
+            raise UserError(
+                f"--worse {word}: write LABEL.PARAMETER=VALUE of a tracker of the suite ({error})"
+            ) from None
+        found.append(Variant(label, replace(tracker, **changed), -(-reruns // 2), setting))  # type: ignore[type-var]
+    return found
+
+
+def run_all(suite: Suite, folder: Path, every: list[Variant], sigma: float, jobs: int, out: Path) -> None:
+    """Run whatever has no score yet."""
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        tasks = [
+            pool.submit(rerun, v, folder / "sequences" / s.name, suite.rates_hz[0], s.seed, sigma, out)
+            for s in suite.sequences
+            for v in every
+        ]
+        for task in tasks:
+            task.result()
+
+
+def read_all(suite: Suite, every: list[Variant], out: Path) -> Scores:
+    """All scores, by variant."""
+    found: Scores = {}
+    for variant in every:
+        for name in [variant.name] + [worse_by(variant.name, f) for f in FACTORS if not variant.setting]:
+            found[name] = {
+                (f"{variant.label}@{suite.rates_hz[0]:g}hz", spec.name.rpartition("-s")[0], spec.seed): [
+                    Measured.of(Score.load(score_path(out, spec.name, name, number)))
+                    for number in range(variant.reruns)
+                ]
+                for spec in suite.sequences
+            }
+    return found
+
+
+def comparison(scores: Scores, labels: list[str], changed: str, rng: np.random.Generator, m: Margins) -> list[Finding]:
+    """Findings of one comparison of different reruns of everything, with one tracker's results of the variant changed.
+
+    With "" nothing is changed.
+    """
+    base: dict[Key, Measured] = {}
+    head: dict[Key, Measured] = {}
+    for label in labels:
+        others = scores[changed] if changed.split(" ")[0] == label else scores[label]
+        for key, reruns in scores[label].items():
+            one = int(rng.integers(len(reruns)))
+            free = [k for k in range(len(others[key])) if k != one]
+            base[key], head[key] = reruns[one], others[key][free[int(rng.integers(len(free)))]]
+    return compare_sides(Side(base), Side(head), {}, m)
+
+
+def true_changes(scores: Scores, label: str, changed: str) -> dict[str, float]:
+    """By metric: the change of its geometric mean over all sequences, from all reruns."""
+    found = {}
+    for metric in ERRORS:
+        logs = [
+            np.mean([math.log(one.errors[metric]) for one in scores[changed][key]])
+            - np.mean([math.log(one.errors[metric]) for one in scores[label][key]])
+            for key in scores[label]
+        ]
+        found[metric] = math.expm1(float(np.mean(logs)))
+    return found
+
+
+def measured(scores: Scores, labels: list[str], changed: str, comparisons: int, margins: Margins) -> dict[str, float]:
+    """Shares of the verdicts over many comparisons, and the true changes."""
+    rng = stream(0, "validate-gate", changed)
+    verdicts = [overall(comparison(scores, labels, changed, rng, margins)) for _ in range(comparisons)]
+    shares = {verdict: verdicts.count(verdict) / comparisons for verdict in ("pass", "inconclusive", "fail")}
+    return {
+        **shares,
+        **(true_changes(scores, changed.split(" ")[0], changed) if changed else dict.fromkeys(ERRORS, 0.0)),
+    }
+
+
+def table(rows: Mapping[str, Mapping[str, float]]) -> str:
+    """Markdown table of what was measured."""
+    lines = ["| changed | " + " | ".join(f"true change of {m}" for m in ERRORS) + " | pass | inconclusive | fail |"]
+    lines.append("|---" * (len(ERRORS) + 4) + "|")
+    for name, row in rows.items():
+        cells = [f"{row[m]:+.1%}" for m in ERRORS] + [f"{row[v]:.1%}" for v in ("pass", "inconclusive", "fail")]
+        lines.append(f"| {name or 'nothing'} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True))
 @click.option("--suite", default="gate", show_default=True)
-@click.option("--tracker", "label", default="lsd", show_default=True, help="Label in the suite.")
-@click.option("--reruns", default=12, show_default=True, help="Runs of the tracker on each sequence.")
-@click.option("--comparisons", default=400, show_default=True, help="For each factor.")
+@click.option("--reruns", default=6, show_default=True, help="Runs of each tracker on each sequence.")
+@click.option("--worse", multiple=True, metavar="LABEL.PARAMETER=VALUE", help="A setting that should be told apart.")
+@click.option("--new-noise", "sigma", default=0.0, show_default=True, help="Camera noise added anew, in grey levels.")
+@click.option("--comparisons", default=1000, show_default=True, help="For each change.")
 @click.option("--margin", default=0.01, show_default=True)
 @click.option("--jobs", default=2, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), required=True)
 def main(
-    folder: Path, suite: str, label: str, reruns: int, comparisons: int, margin: float, jobs: int, out: Path
+    folder: Path,
+    suite: str,
+    reruns: int,
+    worse: tuple[str, ...],
+    sigma: float,
+    comparisons: int,
+    margin: float,
+    jobs: int,
+    out: Path,
 ) -> None:
-    """Run the tracker as often as needed, then say how often the gate calls what."""
+    """Run the trackers as often as needed, then say how often the gate calls what."""
     loaded = load_suite(suite_file(suite))
-    tracker, rate_hz = loaded.trackers[label], loaded.rates_hz[0]
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        tasks = [
-            pool.submit(rerun, tracker, label, folder / "sequences" / s.name, rate_hz, s.seed, reruns, out)
-            for s in loaded.sequences
-        ]
-        for task in tasks:
-            task.result()
-    scores: dict[Key, list[dict[float, Score]]] = {}
-    for spec in loaded.sequences:
-        read = [{f: Score.load(out / spec.name / f"{n}-{f}.json") for f in FACTORS} for n in range(reruns)]
-        scores[read[0][1.0].run, spec.name.rpartition("-s")[0], spec.seed] = read
-    margins = Margins(error=margin)
-    shares: dict[str, dict[str, float]] = {}
-    for factor in FACTORS:
-        rng = stream(0, "validate-gate", str(factor))
-        made = [comparison(scores, factor, rng, margins) for _ in range(comparisons)]
-        verdicts = [overall(findings) for findings in made]
-        share = {verdict: verdicts.count(verdict) / comparisons for verdict in ("pass", "fail", "inconclusive")}
-        for metric in dict.fromkeys(finding.metric for finding in made[0]):
-            changes = [f.change for findings in made for f in findings if f.metric == metric]
-            share[f"std of the change, {metric}"] = float(np.std(changes))
-            failed = sum(f.verdict == "fail" for findings in made for f in findings if f.metric == metric)
-            share[f"fail, {metric}"] = failed / comparisons
-        shares[str(factor)] = share
-        click.echo(f"x {factor:.2f}: " + ", ".join(f"{name} {value:.4g}" for name, value in share.items()))
-    about = {"reruns": reruns * len(scores), "comparisons": comparisons, "margin": margin, "share": shares}
+    every = variants(loaded, reruns, worse)
+    run_all(loaded, folder, every, sigma, jobs, out)
+    scores = read_all(loaded, every, out)
+    labels = list(loaded.trackers)
+    rows = {}
+    for changed in ["", *(name for name in scores if name not in labels)]:
+        rows[changed] = measured(scores, labels, changed, comparisons, Margins(error=margin))
+        click.echo(table({changed: rows[changed]}).splitlines()[-1])
+    write_text(out / "validation.md", table(rows))
+    about = {"reruns": reruns, "new_noise": sigma, "comparisons": comparisons, "margin": margin, "measured": rows}
     write_text(out / "validation.json", json.dumps(about, indent=1) + "\n")
 
 

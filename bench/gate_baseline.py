@@ -1,0 +1,61 @@
+"""A baseline as one file that can be committed: `uavbench gate RESULTS --baseline FILE --update` makes it.
+
+It holds the few numbers that the gate compares, so it needs no frames and no results, and stands for one suite's
+flights. It is compared with frames that were rendered anew, perhaps on another machine or by newer code: what that
+changes by chance is in the spread that the gate measures, so its margins are wider. Nobody edits it: it carries the
+hash of its content.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from bench.gate_scores import Key, Measured, Side
+from scenes.sequence import read_json
+from trajectories.errors import UserError
+from trajectories.files import write_text
+
+DIGITS = 6
+"""Significant digits of the numbers: less than any margin, more than a reader needs."""
+
+
+def write_baseline(side: Side, path: Path) -> None:
+    """Write what was measured in a suite's folder; UserError when a run of it is missing or crashed."""
+    for key, why in (*side.faults.items(), *((key, run.crash) for key, run in side.runs.items() if run.crash)):
+        raise UserError(f"no baseline of {key[0]} on {key[1]}, seed {key[2]}: {why}")
+    rows = [
+        [*key, _rounded(run.coverage), {metric: _rounded(value) for metric, value in run.errors.items()}]
+        for key, run in sorted(side.runs.items())
+    ]
+    how = next((dict(run.how) for run in side.runs.values()), {})
+    body = {"flights": side.flights, "how": how, "runs": rows}
+    lines = ",\n".join(f"  {json.dumps(row)}" for row in rows)
+    text = (
+        f'{{\n "sha256": "{_digest(body)}",\n "flights": {json.dumps(side.flights)},\n "how": {json.dumps(how)},\n'
+        f' "runs": [\n{lines}\n ]\n}}\n'
+    )
+    write_text(path, text)
+
+
+def read_baseline(path: Path, flights: str) -> Side:
+    """The baseline of a file; UserError when it was edited, or is of other flights than these."""
+    body = read_json(path)
+    anew = f"make it anew with `uavbench gate RESULTS --baseline {path} --update`"
+    if body.pop("sha256", None) != _digest(body):
+        raise UserError(f"{path}: this is no baseline as it was written; {anew}, never by hand")
+    if not flights or body["flights"] != flights:
+        raise UserError(f"{path}: the suite's flights have changed since it was made; {anew}")
+    runs: dict[Key, Measured] = {
+        (run, sequence, seed): Measured(coverage=coverage, errors=errors, how=body["how"])
+        for run, sequence, seed, coverage, errors in body["runs"]
+    }
+    return Side(runs, {}, flights)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _digest(body: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()

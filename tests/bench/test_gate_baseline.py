@@ -1,0 +1,81 @@
+"""A baseline in one file: made by the command, never by hand, of the same flights, on frames rendered anew."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main
+from bench.config import load_suite, suite_file
+from bench.gate import Margins, gate, overall
+from bench.gate_baseline import read_baseline, write_baseline
+from bench.gate_scores import read_side
+from tests.bench.drawn_scores import drawn, make_score, write
+from trajectories.errors import UserError
+
+WIDE = Margins(error=0.2, resolution=1.0)
+COMMITTED = suite_file("gate-small").parents[1] / "baselines" / "gate-small.json"
+
+
+@pytest.fixture
+def baseline(tmp_path):
+    """A file made from a folder of scores, through the command."""
+    write(tmp_path / "base", drawn(np.random.default_rng(0)))
+    file = tmp_path / "baseline.json"
+    result = CliRunner().invoke(main, ["gate", str(tmp_path / "base"), "--baseline", str(file), "--update"])
+    assert result.exit_code == 0, result.output
+    return file
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "pass"), (0.5, "pass"), (1.5, "fail")])
+def test_it_is_compared_with_other_frames_of_the_same_flights(tmp_path, baseline, factor, verdict):
+    scores = drawn(np.random.default_rng(1), factor=factor, spread=0.1, frames="rendered elsewhere")
+    assert overall(gate(write(tmp_path / "head", scores), baseline, WIDE)) == verdict
+
+
+def test_it_holds_what_the_folder_holds(tmp_path, baseline):
+    of_file, of_folder = read_baseline(baseline, "these"), read_side(tmp_path / "base")
+    assert of_file.runs.keys() == of_folder.runs.keys()
+    for key, run in of_file.runs.items():
+        assert run.errors == pytest.approx(of_folder.runs[key].errors, rel=1e-5)
+        assert (run.coverage, run.how) == (of_folder.runs[key].coverage, of_folder.runs[key].how)
+
+
+def test_made_again_it_is_the_same_to_the_byte(tmp_path, baseline):
+    write_baseline(read_side(tmp_path / "base"), tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == baseline.read_bytes()
+
+
+def test_an_edited_file_is_refused(tmp_path, baseline):
+    about = json.loads(baseline.read_text())
+    about["runs"][0][4]["ATE"] *= 2
+    baseline.write_text(json.dumps(about))
+    with pytest.raises(UserError, match=r"make it anew with .*--update`, never by hand"):
+        gate(tmp_path / "base", baseline)
+    baseline.write_text("{}")
+    with pytest.raises(UserError, match="never by hand"):
+        gate(tmp_path / "base", baseline)
+
+
+def test_other_flights_are_refused(tmp_path, baseline):
+    head = write(tmp_path / "head", drawn(np.random.default_rng(1)), flights="others")
+    with pytest.raises(UserError, match="flights have changed"):
+        gate(head, baseline)
+
+
+def test_no_baseline_is_made_of_a_run_that_is_missing_or_crashed(tmp_path):
+    scores = drawn(np.random.default_rng(0))
+    folder = write(tmp_path / "base", [make_score("s0", 0, 0.01, status="crashed", errors=("boom",)), *scores[1:]])
+    with pytest.raises(UserError, match="s0, seed 0: boom"):
+        write_baseline(read_side(folder), tmp_path / "baseline.json")
+    (folder / "results" / "s0-s0" / "lsd@15hz" / "score.json").unlink()
+    with pytest.raises(UserError, match="s0, seed 0"):
+        write_baseline(read_side(folder), tmp_path / "baseline.json")
+
+
+def test_the_committed_baseline_is_of_the_suite_as_it_stands():
+    suite = load_suite(suite_file("gate-small"))
+    side = read_baseline(COMMITTED, suite.flights)
+    assert {key[0] for key in side.runs} == {f"{label}@15hz" for label in suite.trackers}
+    assert {f"{sequence}-s{seed}" for _, sequence, seed in side.runs} == {spec.name for spec in suite.sequences}
