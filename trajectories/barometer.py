@@ -17,14 +17,14 @@ from trajectories.surroundings import Surroundings
 class Barometer:
     """Air pressure with white noise and a slow drift, and the height that the standard atmosphere makes of it.
 
-    noise_pa is the standard deviation of a reading, by default 10 cm of height; the drift is a first-order process of
-    drift_pa and drift_s, for what doors, warmth and weather do. The defaults are round numbers: take your own sensor's
-    from its data sheet and a record of it at rest.
+    noise_pa is the standard deviation of a reading, 1 Pa as in PX4's simulated barometer (sitl_gazebo, about 8 cm of
+    height). The drift is a first-order process of drift_pa and drift_s, for what doors, warmth and weather do; there is
+    none by default, as it is the place's and not the sensor's: take it from a record of your own sensor at rest.
     """
 
     rate_hz: Annotated[float, Gt(0)] = 50.0
-    noise_pa: Annotated[float, Ge(0)] = 1.2
-    drift_pa: Annotated[float, Ge(0)] = 3.0
+    noise_pa: Annotated[float, Ge(0)] = 1.0
+    drift_pa: Annotated[float, Ge(0)] = 0.0
     drift_s: Annotated[float, Gt(0)] = 120.0
     floor_pressure_pa: Annotated[float, Gt(0)] = 101325.0
 

@@ -18,9 +18,10 @@ class FlowDeck:
 
     Flow follows the measurement model of the Crazyflie's firmware (mm_flow.c): pixels / aperture_rad per radian of
     flow, v_x / range - w_y along x and v_y / range + w_x along y, where its two constants are 35 px and 0.71674 rad.
-    Counts are whole, as from the chip, and what is left over counts next time; flow_noise_px is their noise. Range
-    noise follows zranger2.c: 2.5 mm, growing exponentially beyond 2.5 m to 0.2 m at 4 m, where the range ends. Below
-    least_range_m the chip sees no flow (PMW3901 data sheet: from 80 mm).
+    Counts are whole, as from the chip, and what is left over counts next time; flow_noise_px is their noise, 0.25 px as
+    the firmware's filter first assumed (flowdeck_v1v2.c). Range noise follows zranger2.c: 2.5 mm, growing exponentially
+    beyond 2.5 m to 0.2 m at 4 m, where the range ends. Below least_range_m the chip sees no flow (PMW3901 data sheet:
+    from 80 mm).
     """
 
     rate_hz: Annotated[float, Gt(0)] = 50.0
