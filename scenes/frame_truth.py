@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from scenes.camera import Camera
 from scenes.exposure import row_knots
 from scenes.sequence import Sequence
 from scenes.source import Source, View, sample
@@ -21,7 +22,8 @@ PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG
 PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
 """For smooth images, whose rows are alike."""
 STEP_PX = 2.0
-MOST_SAMPLES = 400
+NEAR_M = 0.02
+"""Nearer parts of an edge are not looked for."""
 SIDE_PX = 2.5
 """How far to either side of an edge its contrast is taken."""
 
@@ -57,36 +59,54 @@ def visible_edges(structure: Structure, source: Source, view: View, image: NDArr
     it is inside the image. visible_share is the stretch's share of the whole edge, in metres; contrast the mean
     difference of grey codes SIDE_PX to its left and right.
     """
-    ends = view.cam_from_world.transform(structure.edge_segments.reshape(-1, 3)).reshape(-1, 2, 3)
-    which, share, points = _samples(ends, source.pinhole.fx)
-    front = points[:, 2] > 0.02
     pinhole = source.pinhole
-    safe = np.where(front, points[:, 2], 1.0)
-    at = points[:, :2] / safe[:, None] * [pinhole.fx, pinhole.fy] + [pinhole.cx, pinhole.cy]
+    ends = view.cam_from_world.transform(structure.edge_segments.reshape(-1, 3)).reshape(-1, 2, 3)
+    which, share, points = _samples(ends, pinhole)
+    column, row = np.rint(_projected(points, pinhole)).astype(int).T
     h, w = view.depth.shape
-    column, row = (np.clip(np.rint(at[:, k]).astype(int), 0, n - 1) for k, n in ((0, w), (1, h)))
-    inside = front & (np.abs(at[:, 0] - column) <= 0.5) & (np.abs(at[:, 1] - row) <= 0.5)
+    column, row = column.clip(0, w - 1), row.clip(0, h - 1)
     behind = np.where(view.depth > 0, view.depth, np.float32(1e9))
     furthest = np.asarray(cv2.dilate(behind, np.ones((3, 3), dtype=np.uint8)))
-    seen = inside & (points[:, 2] <= 1.01 * furthest[row, column] + 1e-3)
-    pixels = np.full((len(points), 2), np.nan)
-    pixels[front] = source.camera.project(points[front]) if front.any() else 0.0
-    size = np.array([source.camera.width, source.camera.height])
-    with np.errstate(invalid="ignore"):
-        seen &= ((pixels >= -0.5) & (pixels <= size - 0.5)).all(axis=1)
-    contrast = _contrast(pixels, which, seen, image)
-    return _stretches(which, share, pixels, seen, contrast)
+    seen = points[:, 2] <= 1.01 * furthest[row, column] + 1e-3
+    pixels = source.camera.project(points) if len(points) else np.zeros((0, 2))
+    seen &= ((pixels >= -0.5) & (pixels <= [source.camera.width - 0.5, source.camera.height - 0.5])).all(axis=1)
+    return _stretches(which, share, pixels, seen, _contrast(pixels, which, seen, image))
 
 
-def _samples(ends: Array, focal_px: float) -> tuple[NDArray[np.int64], Array, Array]:
-    """Edge, place along it (0..1) and point (n, 3) of samples about STEP_PX apart."""
-    near = np.maximum(ends[..., 2].min(axis=1), 0.2)
-    length_px = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / near * focal_px
-    count = np.clip(np.ceil(length_px / STEP_PX).astype(int) + 1, 3, MOST_SAMPLES)
-    which = np.repeat(np.arange(len(ends)), count)
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    share = (np.arange(len(which)) - first[which]) / (count[which] - 1)
-    return which, share, ends[which, 0] + share[:, None] * (ends[which, 1] - ends[which, 0])
+def _samples(ends: Array, pinhole: Camera) -> tuple[NDArray[np.int64], Array, Array]:
+    """Edge, place along it (0..1) and point (n, 3) of samples STEP_PX apart in the image, of what may be seen there."""
+    begin, end = _within(ends, pinhole)
+    kept = np.flatnonzero(begin < end)
+    from_end = [ends[kept, 0] + t[kept, None] * (ends[kept, 1] - ends[kept, 0]) for t in (begin, end)]
+    a, b = (_projected(points, pinhole) for points in from_end)
+    count = np.maximum(np.ceil(np.linalg.norm(b - a, axis=1) / STEP_PX).astype(int) + 1, 3)
+    row = np.repeat(np.arange(len(kept)), count)
+    first = np.cumsum(count) - count
+    even = (np.arange(len(row)) - first[row]) / (count[row] - 1)
+    near, far = (points[row, 2] for points in from_end)
+    along = even * near / (even * near + (1 - even) * far)  # even steps in the image are uneven ones in space
+    points = from_end[0][row] + along[:, None] * (from_end[1] - from_end[0])[row]
+    return kept[row], begin[kept][row] + along * (end - begin)[kept][row], points
+
+
+def _within(ends: Array, pinhole: Camera) -> tuple[Array, Array]:
+    """Share of each edge (n, 2, 3) at which it enters and leaves what the camera sees (Liang & Barsky 1984)."""
+    x, y, z = (ends[..., k] for k in range(3))
+    u, v = x * pinhole.fx + z * pinhole.cx, y * pinhole.fy + z * pinhole.cy
+    inward = [z - NEAR_M, u + 0.5 * z, (pinhole.width - 0.5) * z - u, v + 0.5 * z, (pinhole.height - 0.5) * z - v]
+    begin, end = np.zeros(len(ends)), np.ones(len(ends))
+    for side in inward:
+        start, stop = side.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = start / (start - stop)
+        begin = np.where((start < 0) & (stop >= 0), np.maximum(begin, crossing), begin)
+        end = np.where((start >= 0) & (stop < 0), np.minimum(end, crossing), end)
+        end = np.where((start < 0) & (stop < 0), 0.0, end)
+    return begin, end
+
+
+def _projected(points: Array, pinhole: Camera) -> Array:
+    return np.asarray(points[:, :2] / points[:, 2:] * [pinhole.fx, pinhole.fy] + [pinhole.cx, pinhole.cy])
 
 
 def _contrast(pixels: Array, which: NDArray[np.int64], seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> Array:

@@ -56,12 +56,12 @@ class Program:
 
 
 class Mesh:
-    """A part's vertices on the GPU (as a pyrender primitive), ready to draw."""
+    """A part's vertices on the GPU (as a pyrender primitive), ready to draw; lit when some of it may face the lamp."""
 
-    def __init__(self, GL: Any, part: Part, texture: int) -> None:
+    def __init__(self, GL: Any, part: Part, texture: int, lit: bool) -> None:
         from pyrender import Primitive
 
-        self._gl, self.part, self.texture = GL, part, texture
+        self._gl, self.part, self.texture, self.lit = GL, part, texture, lit
         positions, normals, uv, tint, indices = _corners(part)
         self.primitive = Primitive(
             positions=positions, normals=normals, texcoord_0=uv, color_0=tint, indices=indices, mode=GL.GL_TRIANGLES

@@ -4,9 +4,11 @@ The only module that knows OpenGL's axes (camera looks along -z, y up). Pixel ce
 """
 
 import ctypes
+from itertools import chain
 from types import TracebackType
 from typing import Any, Self
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,11 +16,11 @@ from scenes import gl, shaders
 from scenes.camera import Camera
 from scenes.gpu import Mesh, Program, Target, upload
 from scenes.parts import Light, Mover, Part, Texture
+from scenes.shadow import ShadowMap, split_by_lamp
 from trajectories.pose import Array, Pose
 
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 SAMPLES = 4
-SHADOW_SIZE = 2048
 NEAR_M, FAR_M = 0.05, 2000.0
 WHITE: Texture = np.full((1, 1, 3), 255, dtype=np.uint8)
 
@@ -42,8 +44,10 @@ class Renderer:
         self.width, self.height = width, height
         self._textures: dict[int, int] = {}
         self._kept: list[Texture] = []
-        self._meshes: list[tuple[Mesh, Mover | None]] = [(self._mesh(part), None) for part in parts]
-        self._meshes += [(self._mesh(mover.part), mover) for mover in movers]
+        self._meshes: list[tuple[Mesh, Mover | None]] = [
+            (self._mesh(p, lit), None) for part in parts for p, lit in split_by_lamp(part, light)
+        ]
+        self._meshes += [(self._mesh(mover.part, True), mover) for mover in movers]
         self._meshes.sort(key=lambda item: item[0].cutout)
         boxes = [(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in parts]
         self._boxes = np.array(boxes).reshape(-1, 2, 3)
@@ -53,14 +57,18 @@ class Renderer:
         self._plain = Target(GL, width, height, 0, GL.GL_RGBA8)
         self._floats = Target(GL, width, height, 0, GL.GL_RG32F)
         self._no_vertices = GL.glGenVertexArrays(1)
-        common = ["SHADOW_MAP"] * light.shadow_map + ["HAZE"] * (light.haze_per_m > 0)
-        self._surface = self._programs(shaders.SURFACE, *common)
+        haze, shadow = ["HAZE"] * (light.haze_per_m > 0), ["SHADOW_MAP"] * light.shadow_map
+        self._surface = {
+            True: self._programs(shaders.SURFACE, "LAMP", *shadow, *haze),
+            False: self._programs(shaders.SURFACE, *haze),
+        }
         self._geometry = self._programs(shaders.GEOMETRY)
         self._depth = self._programs(shaders.DEPTH)
         self._sky_program = Program(GL, shaders.SKY_VERTEX, shaders.SKY)
         self._resolve = Program(GL, shaders.WHOLE_IMAGE, shaders.RESOLVE)
-        self._shadow = _ShadowMap(GL, light, self._meshes, self._depth) if light.shadow_map else None
-        for program in self._surface:
+        still = [mesh for mesh, mover in self._meshes if mover is None]
+        self._shadow = ShadowMap(GL, light, still, self._depth) if light.shadow_map else None
+        for program in (*self._surface[True], *self._surface[False]):
             self._set_light(program)
 
     def __enter__(self) -> Self:
@@ -75,7 +83,7 @@ class Renderer:
         view_projection = _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix
         self._begin(self._samples)
         GL.glEnable(GL.GL_MULTISAMPLE)
-        for program in self._surface:
+        for program in (*self._surface[True], *self._surface[False]):
             program.use()
             program.matrix("view_projection", view_projection)
             program.vector("eye", cam_from_world.inverse().translation)
@@ -84,7 +92,7 @@ class Renderer:
             GL.glBindTexture(GL.GL_TEXTURE_2D, self._shadow.texture)
             GL.glActiveTexture(GL.GL_TEXTURE0)
         for mesh, mover in self._meshes:
-            program = self._surface[mesh.cutout]
+            program = self._surface[mesh.lit][mesh.cutout]
             program.use()
             program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
             program.number("roughness", mesh.part.roughness)
@@ -103,8 +111,8 @@ class Renderer:
         GL.glBindTexture(GL.GL_TEXTURE_2D_MULTISAMPLE, self._samples.texture)
         GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
         image = np.empty((self.height, self.width, 4), dtype=np.uint8)
-        self._read(GL.GL_BGRA, GL.GL_UNSIGNED_BYTE, image)
-        return np.ascontiguousarray(image[::-1, :, :3])
+        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, image)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
 
     def geometry(
         self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
@@ -125,8 +133,8 @@ class Renderer:
             mesh.draw()
         both = np.empty((self.height, self.width, 2), dtype=np.float32)
         self._read(GL.GL_RG, GL.GL_FLOAT, both)
-        both = both[::-1]
-        return np.ascontiguousarray(both[..., 0]), both[..., 1].astype(np.uint8)
+        depth, instances = cv2.split(cv2.flip(both, 0))
+        return np.asarray(depth, dtype=np.float32), instances.astype(np.uint8)
 
     def nearest_m(self, eye: Array) -> float:
         """Lower bound of the distance from a point to what is drawn and does not move."""
@@ -147,7 +155,8 @@ class Renderer:
         if self._textures:
             GL.glDeleteTextures(list(self._textures.values()))
         GL.glDeleteVertexArrays(1, [self._no_vertices])
-        for program in (*self._surface, *self._geometry, *self._depth, self._sky_program, self._resolve):
+        pairs = (*self._surface.values(), self._geometry, self._depth, (self._sky_program, self._resolve))
+        for program in chain.from_iterable(pairs):
             GL.glDeleteProgram(program.id)
         self._meshes, self._textures = [], {}
 
@@ -166,8 +175,9 @@ class Renderer:
 
     def _programs(self, fragment: str, *switches: str) -> tuple[Program, Program]:
         """The program of solid parts, and that of parts with holes."""
-        solid = Program(self._gl, shaders.VERTEX, shaders.with_switches(fragment, *switches))
-        return solid, Program(self._gl, shaders.VERTEX, shaders.with_switches(fragment, *switches, "CUTOUT"))
+        vertex = shaders.with_switches(shaders.VERTEX, *switches)
+        solid = Program(self._gl, vertex, shaders.with_switches(fragment, *switches))
+        return solid, Program(self._gl, vertex, shaders.with_switches(fragment, *switches, "CUTOUT"))
 
     def _set_light(self, program: Program) -> None:
         light = self._light
@@ -183,8 +193,8 @@ class Renderer:
             program.number("shadow_texel", self._shadow.texel_m)
             program.number("shadow_spread", self._shadow.spread)
 
-    def _mesh(self, part: Part) -> Mesh:
-        return Mesh(self._gl, part, self._texture(part.texture))
+    def _mesh(self, part: Part, lit: bool) -> Mesh:
+        return Mesh(self._gl, part, self._texture(part.texture), lit)
 
     def _texture(self, source: Texture | None, mipmap: bool = True) -> int:
         image = WHITE if source is None else source
@@ -192,66 +202,6 @@ class Renderer:
             self._kept.append(image)
             self._textures[id(image)] = upload(self._gl, image, mipmap)
         return self._textures[id(image)]
-
-
-class _ShadowMap:
-    """What the lamp sees of the still parts that cast shadows, drawn once."""
-
-    def __init__(
-        self, GL: Any, light: Light, meshes: list[tuple[Mesh, Mover | None]], programs: tuple[Program, Program]
-    ) -> None:
-        self._gl = GL
-        casting = [mesh for mesh, mover in meshes if mover is None and mesh.part.casts_shadow]
-        points = np.concatenate([mesh.part.vertices for mesh in casting]) if casting else np.zeros((1, 3))
-        self.matrix, half = _lamp_view(points, np.array(light.to_lamp))
-        self.texel_m = float(2 * max(half[:2]) / SHADOW_SIZE)
-        self.spread = max(light.softness_m / float(2 * max(half[:2])), 0.7 / SHADOW_SIZE)
-        self.texture = GL.glGenTextures(1)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self.texture)
-        size = (SHADOW_SIZE, SHADOW_SIZE)
-        GL.glTexImage2D(
-            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, *size, 0, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, None
-        )
-        for key, value in (
-            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
-            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
-            (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
-            (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
-        ):
-            GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
-        self._target = GL.glGenFramebuffers(1)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._target)
-        GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, self.texture, 0)
-        GL.glDrawBuffer(GL.GL_NONE)
-        GL.glViewport(0, 0, *size)
-        GL.glEnable(GL.GL_DEPTH_TEST)
-        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
-        for mesh in casting:
-            program = programs[mesh.cutout]
-            program.use()
-            program.matrix("view_projection", self.matrix)
-            program.matrix("model", np.eye(4))
-            mesh.draw()
-
-    def delete(self) -> None:
-        """Free it."""
-        self._gl.glDeleteTextures([self.texture])
-        self._gl.glDeleteFramebuffers(1, [self._target])
-
-
-def _lamp_view(points: Array, to_lamp: Array) -> tuple[Array, Array]:
-    """Orthographic clip_from_world (4, 4) of a far lamp that sees all points, and its half extents (3,) in metres."""
-    forward = -to_lamp / np.linalg.norm(to_lamp)
-    side = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.99 else [1.0, 0.0, 0.0])
-    side /= np.linalg.norm(side)
-    axes = np.array([side, np.cross(side, forward), -forward])
-    local = points @ axes.T
-    low, high = local.min(axis=0), local.max(axis=0)
-    half = (high - low) / 2 * 1.02 + 0.01
-    matrix = np.eye(4)
-    matrix[:3, :3] = axes / half[:, None] * [[1.0], [1.0], [-1.0]]
-    matrix[:3, 3] = -(low + high) / 2 / half * [1.0, 1.0, -1.0]
-    return matrix, half
 
 
 def _projection(camera: Camera) -> Array:

@@ -1,9 +1,11 @@
 """GLSL of the renderer: lit surfaces, the sky behind them, shadow depth, the resolve of samples, and geometry.
 
-Light is linear; images are coded as its square root, so that 8 bits hold it. Samples are averaged as light.
+Light is linear; images are coded as its square root, so that 8 bits hold it. Samples are averaged as light, and turned
+to rows from the top and to BGR, so that what is read needs no more work.
 """
 
 VERTEX = """#version 330 core
+SWITCHES
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 uv;
@@ -12,12 +14,22 @@ uniform mat4 model, view_projection;
 out vec3 at, facing;
 out vec4 shade;
 out vec2 st;
+#ifdef SHADOW_MAP
+out vec3 in_shadow_map;
+uniform mat4 shadow_from_world;
+uniform vec3 to_lamp;
+uniform float shadow_texel;
+#endif
 void main() {
     vec4 world = model * vec4(position, 1.0);
     at = world.xyz;
     facing = mat3(model) * normal;
     shade = tint;
     st = uv;
+#ifdef SHADOW_MAP
+    vec3 off = normalize(facing) * sign(dot(facing, to_lamp)) * 3.0 * shadow_texel;  // to the side that the lamp sees
+    in_shadow_map = (shadow_from_world * vec4(at + off, 1.0)).xyz * 0.5 + 0.5;
+#endif
     gl_Position = view_projection * world;
 }
 """
@@ -29,25 +41,24 @@ in vec4 shade;
 in vec2 st;
 out vec4 color;
 uniform sampler2D surface;
-uniform sampler2DShadow shadow_map;
-uniform mat4 shadow_from_world;
 uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
-uniform float roughness, haze, shadow_texel, shadow_spread;
-
-float lit(vec3 n) {
+uniform float roughness, haze;
 #ifdef SHADOW_MAP
-    vec4 p = shadow_from_world * vec4(at + n * 3.0 * shadow_texel, 1.0);
-    vec3 q = p.xyz * 0.5 + 0.5;
+in vec3 in_shadow_map;
+uniform sampler2DShadow shadow_map;
+uniform float shadow_spread;
+#endif
+
+#ifdef SHADOW_MAP
+float lit() {
+    vec3 q = in_shadow_map;
     if (any(lessThan(q, vec3(0.0))) || any(greaterThan(q, vec3(1.0)))) return 1.0;
     vec2 s = vec2(shadow_spread, 0.4 * shadow_spread);
-    vec2 across = vec2(-s.y, s.x);
-    float sum = texture(shadow_map, vec3(q.xy + s, q.z)) + texture(shadow_map, vec3(q.xy - s, q.z));
-    sum += texture(shadow_map, vec3(q.xy + across, q.z)) + texture(shadow_map, vec3(q.xy - across, q.z));
-    return 0.25 * sum;
-#else
-    return 1.0;
-#endif
+    return 0.5 * (texture(shadow_map, vec3(q.xy + s, q.z)) + texture(shadow_map, vec3(q.xy - s, q.z)));
 }
+#else
+float lit() { return 1.0; }
+#endif
 
 void main() {
     vec4 texel = texture(surface, st);
@@ -62,9 +73,10 @@ void main() {
     float aside = 0.25 * dot(n.xy, to_lamp.xy) + 0.10 * dot(n.xy, vec2(-to_lamp.y, to_lamp.x));
     vec3 light = mix(below, above, 0.5 + 0.5 * n.z) * (1.0 + aside);  // the sky is brighter about the lamp
     vec3 seen = texel.rgb * texel.rgb * shade.rgb;
+#ifdef LAMP
     float slope = dot(n, to_lamp);
     if (slope > 0.0) {
-        vec3 sun = lamp * (slope * shade.a * lit(n));
+        vec3 sun = lamp * (slope * shade.a * lit());
         float width = roughness * roughness * roughness * roughness;
         float h = max(dot(n, normalize(to_lamp + to_eye)), 0.0);
         float d = h * h * (width - 1.0) + 1.0;
@@ -72,6 +84,9 @@ void main() {
     } else {
         seen *= light;
     }
+#else
+    seen *= light;
+#endif
 #ifdef HAZE
     seen = mix(haze_color, seen, exp(-haze * away));
 #endif
@@ -121,12 +136,13 @@ out vec4 color;
 uniform sampler2DMS samples;
 void main() {
     ivec2 p = ivec2(gl_FragCoord.xy);
+    p.y = textureSize(samples).y - 1 - p.y;
     vec3 sum = vec3(0.0);
     for (int i = 0; i < 4; i++) {
         vec3 c = texelFetch(samples, p, i).rgb;
         sum += c * c;
     }
-    color = vec4(sqrt(sum * 0.25), 1.0);
+    color = vec4(sqrt(sum.bgr * 0.25), 1.0);
 }
 """
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -60,14 +61,17 @@ def make_source(
 ) -> Source:
     """An ideal camera: sharp, global shutter, no noise."""
 
+    @lru_cache(maxsize=2)
+    def color(stamp_ns: int) -> NDArray[np.uint8]:
+        return renderer.color(cam_from_world(stamp_ns), pinhole, stamp_ns * 1e-9)
+
+    @lru_cache(maxsize=2)
     def look(stamp_ns: int) -> View:
         pose = cam_from_world(stamp_ns)
-        color = renderer.color(pose, pinhole, stamp_ns * 1e-9)
-        return View(color, *renderer.geometry(pose, pinhole, stamp_ns * 1e-9), pose)
+        return View(color(stamp_ns), *renderer.geometry(pose, pinhole, stamp_ns * 1e-9), pose)
 
     def sharp(stamp_ns: int) -> Radiance:
-        color = renderer.color(cam_from_world(stamp_ns), pinhole, stamp_ns * 1e-9)
-        light = light_of(color)
+        light = light_of(color(stamp_ns))
         return light if lens is None else sample(light, lens)
 
     def expose(start_ns: int, end_ns: int) -> Radiance:
