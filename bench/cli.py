@@ -162,7 +162,7 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
 @main.command("list")
 def list_command() -> None:
     """Show the suites and every plug-in by kind."""
-    from bench.verbs import inventory
+    from bench.inventory import inventory
 
     click.echo(inventory())
 

@@ -22,10 +22,11 @@ from typing import Any
 import click
 import numpy as np
 
-from bench.config import Suite, load_suite, suite_file
+from bench.config import Suite, load_suite
 from bench.content import content_hash
 from bench.gate import Margins
 from bench.gate_reports import pronounce
+from bench.suite_files import suite_file
 from bench.verbs import Where, bring_up_to
 from reports.score import score
 from scenes.sequence import Sequence

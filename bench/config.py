@@ -18,9 +18,8 @@ from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization, Known
 from tracker.run import KNOWN
-from trajectories.errors import UserError, unknown_name
+from trajectories.errors import UserError
 
-SUITES = Path(__file__).parent / "suites"
 Protocol = Literal["reset", "anchors"]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
@@ -41,25 +40,6 @@ class Suite:
     start: Initialization = KNOWN
     protocols: tuple[Protocol, ...] = ()
     flights: str = ""
-
-
-def suite_names() -> list[str]:
-    """Names of the suites that come with uavbench."""
-    return sorted(path.stem for path in SUITES.glob("*.toml"))
-
-
-def suite_title(name: str) -> str:
-    """Title of a suite that comes with uavbench."""
-    return str(tomllib.loads((SUITES / f"{name}.toml").read_text(encoding="utf-8"))["title"])
-
-
-def suite_file(suite: str) -> Path:
-    """File of a suite given by its name or by the path of a TOML file; UserError when there is none."""
-    if suite.endswith(".toml") or "/" in suite:
-        return Path(suite)
-    if suite not in suite_names():
-        raise UserError(f"{unknown_name('suite', suite, suite_names())}; a file of your own ends in .toml")
-    return SUITES / f"{suite}.toml"
 
 
 def load_suite(path: Path) -> Suite:

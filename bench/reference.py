@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import click
 
 from bench.cli import main as command_line
+from bench.inventory import TITLES
 from bench.plugins import PLUGINS
-from bench.verbs import TITLES, schema
+from bench.verbs import schema
 from scenes.spec import SequenceSpec
 from trajectories.files import write_text
 

@@ -20,9 +20,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from bench.config import Suite, load_suite, suite_file
+from bench.config import Suite, load_suite
 from bench.gate import Finding, Margins, compare_sides, overall
 from bench.gate_scores import ERRORS, Key, Measured, Side
+from bench.suite_files import suite_file
 from reports.score import Score, score
 from scenes.sequence import Sequence
 from tracker.base import Image, Tracker

@@ -2,7 +2,6 @@
 
 import json
 import signal
-import textwrap
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -11,16 +10,16 @@ from typing import Any
 
 import click
 
-from bench.config import load_suite, suite_file, suite_model, suite_names, suite_title
+from bench.config import load_suite, suite_model
 from bench.estimate import dry_run, remember
 from bench.executors import dask_pool, local_pool
 from bench.folder import suite_folder
 from bench.graph import Outcome, run_graph
 from bench.jobs import plan
 from bench.peers.registry import absent
-from bench.plugins import PLUGINS
 from bench.shard import Shard
 from bench.slurm import run_shards
+from bench.suite_files import suite_file
 from trajectories.errors import unknown_name
 
 
@@ -92,33 +91,6 @@ def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, o
         raise unknown_name("tracker", kind, list(TRACKERS))
     results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
     click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / 'estimate.tum'}")
-
-
-def inventory() -> str:
-    """Suites and plug-ins by kind, each with the first sentence of what it is."""
-    lines = ["suites"]
-    for name in suite_names():
-        lines.append(f"  {name:<22} {suite_title(name)}")
-    for protocol, (registry, _) in PLUGINS.items():
-        lines.append(f"\n{TITLES.get(protocol.__name__, protocol.__name__)}")
-        for kind, cls in registry.items():
-            about = textwrap.shorten((cls.__doc__ or "").split("\n\n")[0], 90, placeholder=" ...")
-            lines.append(f"  {kind:<22} {about}")
-    return "\n".join(lines)
-
-
-TITLES = {
-    "StructureSpec": "structures",
-    "EnvironmentSpec": "environments",
-    "ClutterSpec": "clutter",
-    "EffectSpec": "effects",
-    "PathSpec": "paths",
-    "AirframeSpec": "airframes",
-    "WindSpec": "winds",
-    "SensorSpec": "body sensors",
-    "Initialization": "first poses",
-    "Tracker": "trackers",
-}
 
 
 def schema() -> str:

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
-from scipy.signal import lfilter
 from scipy.special import gammainc
 
 from trajectories.air import Air, downwind
@@ -81,7 +80,7 @@ def first_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generato
     white = rng.standard_normal(steps)
     noise = white * np.sqrt(-np.expm1(-2 * step_s / lag_s))
     noise[0] = white[0]
-    return np.asarray(lfilter([1.0], [1.0, -decay], noise))
+    return _filtered(noise, decay)
 
 
 def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generator) -> Array:
@@ -98,7 +97,14 @@ def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generat
     n2 = q12 / np.sqrt(q11) * white[0] + np.sqrt(q22 - q12**2 / q11) * white[1]
     n1[0], n2[0] = np.sqrt(0.5) * white[0, 0], np.sqrt(0.125) * (white[0, 0] + white[1, 0])
     decay = np.exp(-step_s / lag_s)
-    z1 = lfilter([1.0], [1.0, -decay], n1)
+    z1 = _filtered(n1, decay)
     n2[1:] += step_s / lag_s * decay * z1[:-1]
-    z2 = lfilter([1.0], [1.0, -decay], n2)
+    z2 = _filtered(n2, decay)
     return np.asarray(np.sqrt(3.0) * z1 + (1.0 - np.sqrt(3.0)) * z2)
+
+
+def _filtered(noise: Array, decay: float) -> Array:
+    """y[k] = noise[k] + decay * y[k - 1]."""
+    from scipy.signal import lfilter  # here, for it takes longer to load than all else of this package
+
+    return np.asarray(lfilter([1.0], [1.0, -decay], noise))

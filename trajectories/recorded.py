@@ -5,8 +5,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from trajectories.errors import UserError
 from trajectories.formats import read_trajectory
@@ -58,6 +56,9 @@ class Recorded:
 
 def resampled(given: Trajectory) -> Array:
     """Record (n, 30) of a trajectory at the steps from its first stamp to its last; its motors stand still."""
+    from scipy.interpolate import CubicSpline  # here, for they are slow to load and rarely needed
+    from scipy.spatial.transform import Rotation, RotationSpline
+
     offsets = given.stamps_ns - given.stamps_ns[0]
     times = offsets / 1e9
     steps = np.arange(int(offsets[-1]) // STEP_NS + 1)

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from bench.config import load_suite, suite_file
+from bench.config import load_suite
+from bench.suite_files import suite_file
 from scenes import generate as g
 from scenes.light import encode
 from scenes.source import make_source, render_camera
@@ -53,7 +54,8 @@ def test_final_frames(benchmark: Any, tmp_path: Path, suite: str) -> None:
 def test_a_process_of_its_own(benchmark: Any, platform: str) -> None:
     """The whole smallest suite's first sequence in a fresh process, by the GL platform."""
     code = (
-        "import tempfile; from pathlib import Path; from bench.config import load_suite, suite_file;"
+        "import tempfile; from pathlib import Path; from bench.config import load_suite;"
+        "from bench.suite_files import suite_file;"
         "from scenes.generate import generate;"
         "generate(load_suite(suite_file('tiny')).sequences[0], Path(tempfile.mkdtemp()) / 's', content_hash='x')"
     )

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.config import load_suite, suite_file, suite_model, suite_names
+from bench.config import load_suite, suite_model
 from bench.content import content_hash
+from bench.suite_files import suite_file, suite_names
 from scenes.described import described
 from trajectories.errors import UserError
 

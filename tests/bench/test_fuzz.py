@@ -12,9 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.check import TRIAL
-from bench.config import load_suite, load_tracker, suite_file
+from bench.config import load_suite, load_tracker
 from bench.external_rows import POSE_HEADER, read_estimates
 from bench.gate_scores import read_side, read_timing
+from bench.suite_files import suite_file
 from scenes.camera import Camera
 from scenes.mesh_file import read as read_mesh
 from scenes.sequence import Sequence, load_structure, read_table

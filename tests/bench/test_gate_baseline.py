@@ -7,10 +7,11 @@ import pytest
 from click.testing import CliRunner
 
 from bench.cli import main
-from bench.config import load_suite, suite_file
+from bench.config import load_suite
 from bench.gate import Margins, gate, overall
 from bench.gate_baseline import read_baseline, write_baseline
 from bench.gate_scores import read_side
+from bench.suite_files import suite_file
 from tests.bench.drawn_scores import drawn, make_score, write
 from trajectories.errors import UserError
 
