@@ -1,6 +1,7 @@
 """The structure as the compiled kernels take it: edges, faces, and a tree of triangles for hidden-line removal."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,8 @@ class EdgeMap:
 
     ends (e, 2, 3); faces (e, 2), -1 where there is none; inward (e, 2, 3) unit vectors from an edge into each of its
     faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
-    corners (m, 3, 3) and owner (m,) of the triangles in the order of the tree (boxes, nodes); size_m the diagonal.
+    corners (m, 3, 3) and owner (m,) of the triangles in the order of the tree (boxes, nodes); extent (8, 3) the
+    corners of the box around it all; stands (e,) whether an edge lies at the bottom of it.
     """
 
     ends: Array
@@ -29,7 +31,8 @@ class EdgeMap:
     owner: Indices
     boxes: Array
     nodes: Indices
-    size_m: float
+    extent: Array
+    stands: NDArray[np.bool_]
 
     @classmethod
     def of(cls, structure: Structure) -> "EdgeMap":
@@ -47,7 +50,8 @@ class EdgeMap:
             np.ascontiguousarray(structure.triangle_face[order]),
             boxes,
             nodes,
-            float(np.linalg.norm(np.ptp(structure.vertices, axis=0))),
+            np.array(list(product(*structure.bounds.T))),
+            (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + 1e-6).all(axis=1),
         )
 
 

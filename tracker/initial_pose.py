@@ -12,17 +12,14 @@ from annotated_types import Ge, Interval
 from scenes.camera import Camera
 from scenes.structure import Structure
 from tracker.base import Image
-from tracker.clock import StageClock
 from tracker.edge_fit import EdgeFitter
-from tracker.pose_search import PoseSearch, spread
+from tracker.relocate import AWAY_SIGMA, Relocator, sigmas
 from tracker.visible_edges import visible_edges
 from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
 
 PICKED_POINTS = 5
 """Control points that are picked on the first image (Shang & Shen)."""
-SEARCH_FITS = 16
-"""Poses of a search that are fitted."""
 
 
 class Initialization(Protocol):
@@ -92,14 +89,10 @@ class CoarseGuess:
             ]
         )
         guess = Pose.exp(twist) @ true_cam_from_world
-        angle = float(np.radians(self.angle_deg))
-        around = spread(view_rad=angle, roll_rad=angle, range_part=max(self.range_part, 0.02), shift_part=0.3)
+        spread = max(self.range_part, float(np.radians(self.angle_deg)), AWAY_SIGMA) / 2
         fitter = EdgeFitter(structure, camera, rng)
-        found = [pose for _, pose in PoseSearch(fitter.map, camera).best_poses(image, [guess], around, SEARCH_FITS)]
-        sigma = 0.06
-        covariance = np.diag([(sigma * range_m) ** 2] * 3 + [sigma**2] * 3)
-        fits = [fitter.fit(image, pose, covariance, StageClock(), 28.0) for pose in [guess, *found]]
-        return max(fits, key=lambda fit: fit.support if fit.finite else -1.0).cam_from_world
+        fit, _ = Relocator.of(fitter, camera).best(image, [guess], sigmas(spread, range_m), range_m)
+        return fit.cam_from_world if fit.finite else guess
 
 
 INITIALIZATIONS: dict[str, type[Initialization]] = {

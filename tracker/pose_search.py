@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scenes.camera import Camera
 from tracker.base import Image
 from tracker.edge_map import EdgeMap
-from tracker.pose_search_kernels import edge_channels, score_poses
+from tracker.pose_search_kernels import edge_channels, score_poses, search_about, turned_about
 from trajectories.pose import Array, Pose, rotation_exp
 
 SMALL_WIDTH = 160
@@ -27,6 +27,8 @@ SHIFT_STEP_PX = 5
 MIN_GRADIENT = 14.0
 """Weakest edge pixel of the small image, grey levels over two px."""
 LEAST_POINTS = 12
+NEAR_SHIFT_PX, NEAR_TURN_RAD = 3.0, 0.06
+"""Steps of the search near a guess: px of the small image; roll in rad and range as a part."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ class PoseSearch:
         small = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
         if self.maps is not None:
             small = cv2.remap(small, self.maps[0], self.maps[1], cv2.INTER_LINEAR)
-        channels = edge_channels(np.asarray(small, dtype=np.uint8), MIN_GRADIENT)
+        small = small[..., None] if small.ndim == 2 else small
+        channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), MIN_GRADIENT)
         far = [cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels]
         return np.asarray(np.minimum(np.array(far) / REACH_PX, 1.0), dtype=np.float32)
 
@@ -111,6 +114,29 @@ class PoseSearch:
         )
         order = np.argsort(-scores, kind="stable")[:most]
         return [(float(scores[k]), self._shifted(poses[k], shifts[best[k]])) for k in order if scores[k] > 0]
+
+    def near_poses(
+        self, image: Image, guess: Pose, points: Array, direction: Array, reach_rad: float, shift_rad: float, most: int
+    ) -> list[tuple[float, Pose]]:
+        """The best poses within reach_rad, that part of the range and shift_rad of a guess, with scores in [0, 1].
+
+        points (n, 3) with their edges' directions (n, 3) are what the guess sees.
+        """
+        if len(points) < LEAST_POINTS:
+            return []
+        focus = guess.transform(points).mean(axis=0)
+        shift = grid(shift_rad, NEAR_SHIFT_PX / self.f[0])
+        turn, ratio = grid(reach_rad, NEAR_TURN_RAD), grid(reach_rad, NEAR_TURN_RAD)
+        changes = np.array(list(product((0.0,), (0.0,), turn, ratio, shift, shift)))
+        steps = np.array([0.06, 0.06, NEAR_TURN_RAD, NEAR_TURN_RAD, *[NEAR_SHIFT_PX / self.f[0]] * 2])
+        found, scores = search_about(
+            points, direction, guess.rotation, guess.translation, focus, self.f, self.edge_distance(image), changes,
+            steps, most,
+        )  # fmt: skip
+        order = np.argsort(-scores, kind="stable")
+        return [
+            (float(scores[k]), Pose(*turned_about(guess.rotation, guess.translation, focus, found[k]))) for k in order
+        ]
 
     def _around(self, guess: Pose, around: Spread) -> list[Pose]:
         """Poses on the grid about what the guess looks at."""

@@ -6,11 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.compiled import compiled
+from tracker.geometry_kernels import move
 from trajectories.pose import Array
 
 ORIENTATIONS = 8
 """Edge pixels are kept apart by their direction, in so many bins of half a turn."""
 WORSE = 0.12
+PATTERN_LEVELS, PATTERN_SWEEPS = 4, 3
+"""Halvings of the steps of a pattern search (Hooke & Jeeves 1961), and most sweeps with each."""
 
 Indices = NDArray[np.int64]
 
@@ -26,7 +29,7 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     gx, gy, power = np.zeros((h, w)), np.zeros((h, w)), np.zeros((h, w))
     for i in range(1, h - 1):
         for j in range(1, w - 1):
-            for c in range(3):
+            for c in range(image.shape[2]):
                 x = float(image[i, j + 1, c]) - float(image[i, j - 1, c])
                 y = float(image[i + 1, j, c]) - float(image[i - 1, j, c])
                 p = x * x + y * y
@@ -137,3 +140,102 @@ def score_poses(
                 best[k] = s
                 top = max(top, scores[k])
     return scores, best
+
+
+@compiled
+def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Array]:
+    """Pose (R, t) changed by a (6,).
+
+    The object turns by a[:3] about the focus (3,) in the camera, its range grows by the part a[3], and the image moves
+    by the angles a[4] to the right and a[5] down.
+    """
+    still, shift = np.zeros(6), np.zeros(6)
+    still[3:] = a[:3]
+    shift[3], shift[4] = -a[5], a[4]
+    R1, t1 = move(R, t - focus, still)
+    for i in range(3):
+        t1[i] += (1.0 + a[3]) * focus[i]
+    return move(R1, t1, shift)
+
+
+@compiled
+def chamfer(points: Array, direction: Array, R: Array, t: Array, f: Array, distance: NDArray[np.float32]) -> float:
+    """Mean over edge points (n, 3) of 1 - distance to the nearest edge pixel of their direction; 0.3 out of view."""
+    h, w = distance.shape[1], distance.shape[2]
+    total = 0.0
+    for k in range(len(points)):
+        x, y, z = t[0], t[1], t[2]
+        dx, dy, dz = 0.0, 0.0, 0.0
+        for i in range(3):
+            x += R[0, i] * points[k, i]
+            y += R[1, i] * points[k, i]
+            z += R[2, i] * points[k, i]
+            dx += R[0, i] * direction[k, i]
+            dy += R[1, i] * direction[k, i]
+            dz += R[2, i] * direction[k, i]
+        value = 0.3
+        if z > 0.02:
+            a, b = x / z, y / z
+            u, v = f[0] * a + f[2], f[1] * b + f[3]
+            if -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5:
+                turn = math.atan2(f[0] * (dx - a * dz), -f[1] * (dy - b * dz)) / math.pi * ORIENTATIONS
+                value = 1.0 - distance[math.floor(turn) % ORIENTATIONS, int(v + 0.5), int(u + 0.5)]
+        total += value
+    return total / max(1, len(points))
+
+
+@compiled
+def search_about(
+    points: Array,
+    direction: Array,
+    R: Array,
+    t: Array,
+    focus: Array,
+    f: Array,
+    distance: NDArray[np.float32],
+    changes: Array,
+    steps: Array,
+    most: int,
+) -> tuple[Array, Array]:
+    """The best changes (most, 6) of a pose, made better by a pattern search from `steps` (6,) down, and their scores.
+
+    changes (m, 6) as `turned_about` takes them are all tried first.
+    """
+    first = np.empty(len(changes))
+    for k in range(len(changes)):
+        R1, t1 = turned_about(R, t, focus, changes[k])
+        first[k] = chamfer(points, direction, R1, t1, f, distance)
+    order = np.argsort(-first)
+    out, scores = np.zeros((most, 6)), np.full(most, -1.0)
+    n = 0
+    for k in order:
+        if n == most:
+            break
+        near = False
+        for j in range(n):
+            away = 0.0
+            for i in range(6):
+                away = max(away, abs(out[j, i] - changes[k, i]) / steps[i])
+            near |= away < 1.0
+        if near:
+            continue
+        a, best = changes[k].copy(), first[k]
+        step = steps.copy()
+        for _ in range(PATTERN_LEVELS):
+            for _ in range(PATTERN_SWEEPS):
+                moved = False
+                for i in range(6):
+                    for sign in (-1.0, 1.0):
+                        a[i] += sign * step[i]
+                        R1, t1 = turned_about(R, t, focus, a)
+                        value = chamfer(points, direction, R1, t1, f, distance)
+                        if value > best:
+                            best, moved = value, True
+                            break
+                        a[i] -= sign * step[i]
+                if not moved:
+                    break
+            step *= 0.5
+        out[n], scores[n] = a, best
+        n += 1
+    return out[:n], scores[:n]

@@ -1,7 +1,7 @@
 """Compiled search: candidates on the search line of each control point, by gradient and by learned appearance.
 
 The appearance of a part of an edge is a row (8,): mean colour on the negative and on the positive side of its normal
-(b g r each), the weight of what was seen so far, and the part of the time that it was found where predicted.
+(b g r each, or grey alone), how often it was seen, and the mean square in px^2 by which it was found beside the pose.
 """
 
 import math
@@ -13,11 +13,19 @@ from tracker.compiled import compiled
 from trajectories.pose import Array
 
 CANDIDATES = 4
+BESIDE = 3
+"""The colours beside an edge are those 2 and 3 px away."""
 REACH = 4
 """Px beyond the search range that a profile takes in, for the filter and the colours beside a candidate."""
 MAX_HALF_PX = 48
 GREY = (0.114, 0.587, 0.299)
 """Weights of b, g, r in grey (ITU-R BT.601)."""
+FAR_PX = 3.0
+"""Residuals are learned up to this size."""
+FIRST_ERROR = 15.0
+"""Error in px of an edge times its step in grey levels, before any was seen."""
+SLOWEST = 0.05
+"""Share of the newest residual in the mean square that is learned."""
 MIN_CONTRAST = 7.0
 """Weakest step of a candidate, grey levels, where nothing is learned."""
 APPEARANCE_SIGMA = 14.0
@@ -29,8 +37,11 @@ Indices = NDArray[np.int64]
 
 @compiled
 def sample_profile(image: Image, u: float, v: float, nu: float, nv: float, m: int, out: Array) -> bool:
-    """Colours (2 m + 1, 3) at steps of 1 px along the normal, bilinear; False when it leaves the image."""
-    h, w = image.shape[0], image.shape[1]
+    """Colours (2 m + 1, 3) at steps of 1 px along the normal, bilinear; False when it leaves the image.
+
+    A grey image (h, w, 1) fills the first column alone.
+    """
+    h, w, channels = image.shape
     for end in (-m, m):
         x, y = u + end * nu, v + end * nv
         if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
@@ -40,7 +51,7 @@ def sample_profile(image: Image, u: float, v: float, nu: float, nv: float, m: in
         i, j = int(y), int(x)
         b, a = y - i, x - j
         w00, w01, w10, w11 = (1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b
-        for c in range(3):
+        for c in range(channels):
             out[k, c] = (
                 w00 * image[i, j, c]
                 + w01 * image[i, j + 1, c]
@@ -83,7 +94,8 @@ def search(
     distance = np.full((n, CANDIDATES), np.inf)
     penalty = np.full((n, CANDIDATES), np.inf)
     contrast = np.zeros((n, CANDIDATES))
-    colours = np.empty((2 * (MAX_HALF_PX + REACH) + 1, 3))
+    colours = np.zeros((2 * (MAX_HALF_PX + REACH) + 1, 3))
+    grey = image.shape[2] == 1
     f = np.empty(len(colours))
     g = np.empty(len(colours))
     rank = np.empty(CANDIDATES)
@@ -99,6 +111,8 @@ def search(
             continue
         learned = appearance[rows[p], 6] > 0.0
         w0, w1, w2, step = GREY[0], GREY[1], GREY[2], 0.0
+        if grey:
+            w0, w1, w2 = 1.0, 0.0, 0.0
         if learned:
             d0 = appearance[rows[p], 3] - appearance[rows[p], 0]
             d1 = appearance[rows[p], 4] - appearance[rows[p], 1]
@@ -108,7 +122,7 @@ def search(
                 w0, w1, w2 = d0 / step, d1 / step, d2 / step
             else:
                 learned = False
-        least = max(MIN_CONTRAST * 0.7, 0.3 * step) if learned else MIN_CONTRAST
+        least = max(MIN_CONTRAST * 0.7, 0.2 * step) if learned else MIN_CONTRAST
         for k in range(2 * m + 1):
             f[k] = w0 * colours[k, 0] + w1 * colours[k, 1] + w2 * colours[k, 2]
         for k in range(2, 2 * m - 1):
@@ -124,8 +138,8 @@ def search(
             if learned:
                 low, high = 0.0, 0.0
                 for c in range(3):
-                    before = (colours[k - 2, c] + colours[k - 3, c] + colours[k - 4, c]) / 3.0
-                    after = (colours[k + 2, c] + colours[k + 3, c] + colours[k + 4, c]) / 3.0
+                    before = 0.5 * (colours[k - 2, c] + colours[k - 3, c])
+                    after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
                     low += (before - appearance[rows[p], c]) ** 2
                     high += (after - appearance[rows[p], 3 + c]) ** 2
                 if side[p] == 1:  # the background beside a silhouette edge changes: it counts for a quarter
@@ -146,23 +160,48 @@ def search(
 
 @compiled
 def learn(
-    image: Image, lines: Array, side: Indices, rows: Indices, found: Array, appearance: Array, rate: float
+    image: Image,
+    lines: Array,
+    side: Indices,
+    rows: Indices,
+    found: Array,
+    residual: Array,
+    appearance: Array,
+    rate: float,
 ) -> None:
-    """Take up the colours beside each control point that was found (n,) > 0 into `appearance`, in place."""
-    colours = np.empty((2 * REACH + 1, 3))
+    """Take up the colours beside each control point that was found (n,) > 0 into `appearance`, in place.
+
+    residual (n,) in px is how far from the pose's edge each was found, inf where nothing was.
+    """
+    colours = np.zeros((2 * BESIDE + 1, 3))
     for p in range(len(lines)):
-        if side[p] == 9 or found[p] <= 0.0:
-            continue
-        if not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], REACH, colours):
-            continue
         r = rows[p]
+        if side[p] == 9 or not abs(residual[p]) < FAR_PX:
+            continue
+        if appearance[r, 6] > 0.0:
+            gain = max(SLOWEST, 1.0 / (2.0 + appearance[r, 6]))
+            appearance[r, 7] += gain * (residual[p] * residual[p] - appearance[r, 7])
+        if found[p] <= 0.0:
+            continue
+        if not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], BESIDE, colours):
+            continue
         gain = max(rate, 1.0 / (1.0 + appearance[r, 6]))
+        step = 0.0
         for c in range(3):
-            before = (colours[0, c] + colours[1, c] + colours[2, c]) / 3.0
-            after = (colours[2 * REACH, c] + colours[2 * REACH - 1, c] + colours[2 * REACH - 2, c]) / 3.0
+            before = 0.5 * (colours[BESIDE - 2, c] + colours[BESIDE - 3, c])
+            after = 0.5 * (colours[BESIDE + 2, c] + colours[BESIDE + 3, c])
+            step += (after - before) ** 2
             appearance[r, c] += gain * (before - appearance[r, c])
             appearance[r, 3 + c] += gain * (after - appearance[r, 3 + c])
+        if appearance[r, 6] == 0.0:
+            appearance[r, 7] = first_square(math.sqrt(step))
         appearance[r, 6] += 1.0
+
+
+@compiled
+def first_square(step: float) -> float:
+    """Mean square error in px^2 to expect of an edge with a step in grey levels, before any was seen."""
+    return min(1.0, 0.01 + (FIRST_ERROR / max(step, 1.0)) ** 2)
 
 
 @compiled

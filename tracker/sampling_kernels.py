@@ -17,6 +17,8 @@ MARGIN_PX = 3.0
 CROWD_PX = 8.0
 """Edges farther apart than this do not disturb each other."""
 NEAR_M = 0.02
+SAMPLINGS = 3
+"""Times that control points are sampled, ever closer while hidden lines leave too few."""
 
 Indices = NDArray[np.int64]
 
@@ -40,8 +42,8 @@ def sample_edges(
 ) -> tuple[Array, Indices]:
     """Visible control points: points_m (n, 3) and keys (n, 3): edge, which faces are visible (1, 2 or 3), bin.
 
-    About one for spacing_px of projected length, wider where that would make more than `most`. size is width, height;
-    bounds the smallest and largest undistorted pixel.
+    About one for spacing_px of projected length, wider where that would make many more than `most`. size is width and
+    height; bounds the smallest and largest undistorted pixel.
     """
     eye = np.zeros(3)
     for i in range(3):
@@ -99,29 +101,33 @@ def sample_edges(
         length[e] = math.sqrt(fx * fx * du * du + fy * fy * dv * dv)
         total += length[e]
     spacing = max(spacing_px, total / most)
-    points = np.empty((most + n_edges, 3))
-    keys = np.empty((most + n_edges, 3), np.int64)
+    points = np.empty((2 * most, 3))
+    keys = np.empty((2 * most, 3), np.int64)
     n = 0
     q, c = np.empty(3), np.empty(3)
-    for e in range(n_edges):
-        count = int(length[e] / spacing + 0.5)
-        for k in range(count):
-            s = (k + 0.5) / count
-            near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
-            s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
-            for i in range(3):
-                q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
-            for i in range(3):
-                c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
-            u, v = project(c[0], c[1], c[2], cam)
-            if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
-                continue
-            if hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
-                continue
-            if n < len(points):
+    for _ in range(SAMPLINGS):
+        n = 0
+        for e in range(n_edges):
+            count = int(length[e] / spacing + 0.5)
+            for k in range(count):
+                s = (k + 0.5) / count
+                near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
+                s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
+                for i in range(3):
+                    q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
+                for i in range(3):
+                    c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
+                u, v = project(c[0], c[1], c[2], cam)
+                if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+                    continue
+                if n == len(points) or hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
+                    continue
                 points[n] = q
                 keys[n, 0], keys[n, 1], keys[n, 2] = e, visible[e], min(BINS - 1, int(s * BINS))
                 n += 1
+        if n > 0.7 * most or spacing <= spacing_px:
+            break
+        spacing = max(spacing_px, spacing * max(n, 0.2 * most) / most)
     return points[:n].copy(), keys[:n].copy()
 
 

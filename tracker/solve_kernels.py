@@ -6,22 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.compiled import compiled
-from tracker.geometry_kernels import solve6
+from tracker.geometry_kernels import move, normal_row, project, solve6, twist_between
 from trajectories.pose import Array
 
-PATCH_WEIGHT = 6.0
-"""Weight of a patch's displacement along either axis against that of a control point."""
+HYPOTHESIS_INFORMATION = 1.0 / 0.7**2
+"""Information of a candidate in a hypothesis, 1/px^2."""
+PATCHES_HELD = 0.01
+"""Share of all that is known which holds the pose of the patches alone."""
 
 Indices = NDArray[np.int64]
 
 
 @compiled
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
-    """Add the equation row . x = d of weight w to the normal equations."""
+    """Add the equation row . x = d of weight w to the normal equations (lower half of A)."""
     for i in range(6):
-        b[i] += w * row[i] * d
-        for j in range(6):
-            A[i, j] += w * row[i] * row[j]
+        wi = w * row[i]
+        b[i] += wi * d
+        for j in range(i + 1):
+            A[i, j] += wi * row[j]
 
 
 @compiled
@@ -47,13 +50,12 @@ def hypotheses(
     x = np.zeros(6)
     A, b = np.empty((6, 6)), np.empty(6)
     stride = max(1, n // 96)
-    weight = 1.0 / (0.7 * 0.7)
     counts = np.zeros(n, np.int64)
     for p in range(n):
         for c in range(k):
             if distance[p, c] < np.inf:
                 counts[p] += 1
-    for h in range(len(draws) + 1):
+    for h in range(len(draws) + 1 if n > 0 else 0):
         if h > 0:
             A[:] = prior
             b[:] = 0.0
@@ -76,13 +78,13 @@ def hypotheses(
                             d = distance[p, c]
                             break
                         pick -= 1
-                add_row(A, b, J[p], d, weight)
+                add_row(A, b, J[p], d, HYPOTHESIS_INFORMATION)
                 near = np.inf
                 for c in range(k):
                     if abs(distance[q, c] - d) < abs(near - d):
                         near = distance[q, c]
                 if q != p and near < np.inf:
-                    add_row(A, b, J[q], near, weight)
+                    add_row(A, b, J[q], near, HYPOTHESIS_INFORMATION)
             if not solve6(A, b, x):
                 continue
         cost = 0.0
@@ -107,130 +109,224 @@ def hypotheses(
 
 
 @compiled
-def m_estimate(
-    J: Array,
+def refine(
+    points: Array,
+    lines: Array,
     distance: Array,
     penalty: Array,
     trust: Array,
-    J_patch: Array,
-    moved: Array,
+    variance: Array,
+    places: Array,
+    observed: Array,
     found: Array,
+    patch_variance: float,
+    map_covariance: Array,
     prior: Array,
-    offset: Array,
-    start: Array,
+    R_predicted: Array,
+    t_predicted: Array,
+    R: Array,
+    t: Array,
+    cam: Array,
     scales: Array,
-) -> tuple[Array, Array, Array, Array]:
-    """Camera motion x (6,) that brings the control points onto their best candidates, robustly.
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
+    """The pose that brings control points onto their best candidates and patches to where they were observed.
 
-    Iterated weighted least squares with Tukey's weights, of the widths `scales` in px one after the other, times
-    trust (n,). Patches with J_patch (m, 2, 6) and displacements (m, 2) take part where found (m,) > 0. `offset` (6,) is
-    the predicted motion and `prior` (6, 6) its information. Returns x, the information at 1 px without the prior
-    (6, 6), and the weights of control points (n,) and of patches (m,).
+    Gauss-Newton with Tukey's weights of the widths `scales` in px one after the other, over variance in px^2. The
+    candidates of points (n, 3) lie at distance (n, k) from lines (n, 4); those of patches, at places (m, 3) in the
+    world, are observed (m, 2) where found (m,) > 0. All places err together as a pose of map_covariance (6, 6) does.
+    Returns R, t, the information (6, 6) with that of the prediction, the signed residual (n,) and weight (n,) in
+    [0, trust] of each control point, the weight (m,) in [0, 1] of each patch, the information (6, 6) of the edges
+    alone, and the twist (6,) that the edges would move the pose of the patches by, times that information.
     """
     n, k = distance.shape
-    x = start.copy()
-    step = np.zeros(6)
-    weights, patch_weights = np.zeros(n), np.zeros(len(moved))
-    A, b, information = np.empty((6, 6)), np.empty(6), np.zeros((6, 6))
+    m = len(places)
+    weights, residual, patch_weights = np.zeros(n), np.zeros(n), np.zeros(m)
+    row, c, step, x_patch = np.zeros(6), np.empty(3), np.zeros(6), np.zeros(6)
+    E, e, P, q, A, b = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)
+    pull = np.zeros(6)
     for scale in scales:
-        information[:] = 0.0
-        b[:] = 0.0
+        E[:], e[:], P[:], q[:] = 0.0, 0.0, 0.0, 0.0
         for p in range(n):
-            shift = 0.0
-            for i in range(6):
-                shift += J[p, i] * x[i]
+            weights[p], residual[p] = 0.0, np.inf
+            if trust[p] <= 0.0:
+                continue
+            for i in range(3):
+                c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
+            if c[2] < 0.02:
+                continue
+            u, v = project(c[0], c[1], c[2], cam)
+            moved = (u - lines[p, 0]) * lines[p, 2] + (v - lines[p, 1]) * lines[p, 3]
             best, r_best = np.inf, np.inf
-            for c in range(k):
-                r = distance[p, c] - shift
-                cost = r * r / (scale * scale) + 0.1 * penalty[p, c]
+            for s in range(k):
+                r = distance[p, s] - moved
+                cost = r * r / (scale * scale) + 0.1 * penalty[p, s]
                 if cost < best:
                     best, r_best = cost, r
-            weights[p] = 0.0
+            residual[p] = r_best
             if best < 1.0:
-                w = 1.0 - best
-                weights[p] = trust[p] * w * w
-                add_row(information, b, J[p], r_best, weights[p])
-        for p in range(len(moved)):
+                weights[p] = trust[p] * (1.0 - best) * (1.0 - best)
+                normal_row(c[0], c[1], c[2], lines[p, 2], lines[p, 3], cam, row)
+                add_row(E, e, row, r_best, weights[p] / variance[p])
+        for p in range(m):
             patch_weights[p] = 0.0
             if found[p] <= 0.0:
                 continue
-            ru, rv = moved[p, 0], moved[p, 1]
-            for i in range(6):
-                ru -= J_patch[p, 0, i] * x[i]
-                rv -= J_patch[p, 1, i] * x[i]
+            for i in range(3):
+                c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
+            if c[2] < 0.02:
+                continue
+            u, v = project(c[0], c[1], c[2], cam)
+            ru, rv = observed[p, 0] - u, observed[p, 1] - v
             cost = (ru * ru + rv * rv) / (scale * scale)
             if cost < 1.0:
-                w = PATCH_WEIGHT * (1.0 - cost) * (1.0 - cost)
+                w = (1.0 - cost) * (1.0 - cost)
                 patch_weights[p] = w
-                add_row(information, b, J_patch[p, 0], ru, w)
-                add_row(information, b, J_patch[p, 1], rv, w)
+                normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, row)
+                add_row(P, q, row, ru, w / patch_variance)
+                normal_row(c[0], c[1], c[2], 0.0, 1.0, cam, row)
+                add_row(P, q, row, rv, w / patch_variance)
+        mirror(E)
+        mirror(P)
+        # The patches' information on the pose, (P^-1 + map_covariance)^-1 = (1 + P map_covariance)^-1 P
+        M = np.eye(6)
+        N = np.empty((6, 7))
         for i in range(6):
             for j in range(6):
-                A[i, j] = information[i, j] + prior[i, j]
-                b[i] += prior[i, j] * (offset[j] - x[j])
+                N[i, j] = P[i, j]
+                for h in range(6):
+                    M[i, j] += P[i, h] * map_covariance[h, j]
+            N[i, 6] = q[i]
+        eliminate(M, N)
+        offset = twist_between(R, t, R_predicted, t_predicted)
+        for i in range(6):
+            b[i] = e[i] + N[i, 6]
+            for j in range(6):
+                b[i] += prior[i, j] * offset[j]
+                A[i, j] = E[i, j] + prior[i, j] + 0.5 * (N[i, j] + N[j, i])
         if not solve6(A, b, step):
             break
+        # where the patches alone put the pose, held by a little of the rest
         for i in range(6):
-            x[i] += step[i]
-    return x, information, weights, patch_weights
+            row[i] = q[i] + PATCHES_HELD * b[i]
+            for j in range(6):
+                M[i, j] = P[i, j] + PATCHES_HELD * A[i, j]
+        if solve6(M, row, x_patch):
+            for i in range(6):
+                pull[i] = e[i]
+                for j in range(6):
+                    pull[i] -= E[i, j] * x_patch[j]
+        R, t = move(R, t, step)
+    return R, t, A, residual, weights, patch_weights, E, pull
 
 
 @compiled
-def sandwich(
-    J: Array,
-    weights: Array,
-    edge: Indices,
-    J_patch: Array,
-    patch_weights: Array,
-    group: Indices,
-    A: Array,
-    sigma: float,
-    common: float,
-    patch_sigma: float,
-    patch_common: float,
-) -> Array:
-    """Covariance (6, 6) of the least-squares motion with information A at 1 px.
+def mirror(A: Array) -> None:
+    """Copy the lower half of a matrix (6, 6) to the upper one."""
+    for i in range(6):
+        for j in range(i):
+            A[j, i] = A[i, j]
 
-    The error of a control point is sigma px of its own and `common` px shared by its edge; edge (n,) ascending. That
-    of a patch is, along either axis, patch_sigma px of its own and patch_common px shared by its face; group (m,) are
-    the patches' faces, counted from 0.
-    """
-    B = np.zeros((6, 6))
-    shared = np.zeros((len(group) + 1, 2, 6))
-    for p in range(len(J_patch)):
-        for axis in range(2):
-            for i in range(6):
-                shared[group[p], axis, i] += patch_common * patch_weights[p] * J_patch[p, axis, i]
-    for g in range(len(shared)):
-        for axis in range(2):
-            for i in range(6):
-                for j in range(6):
-                    B[i, j] += shared[g, axis, i] * shared[g, axis, j]
-    for p in range(len(J_patch)):
-        w = patch_sigma * patch_weights[p]
-        for axis in range(2):
-            for i in range(6):
-                for j in range(6):
-                    B[i, j] += w * w * J_patch[p, axis, i] * J_patch[p, axis, j]
-    total = np.zeros(6)
-    n = len(J)
-    for p in range(n):
-        for i in range(6):
-            total[i] += weights[p] * J[p, i]
+
+@compiled
+def eliminate(M: Array, N: Array) -> None:
+    """Put M^-1 N into N (6, k), by Gauss-Jordan elimination with partial pivoting; M (6, 6) is used up."""
+    k = N.shape[1]
+    for i in range(6):
+        pivot = i
+        for r in range(i + 1, 6):
+            if abs(M[r, i]) > abs(M[pivot, i]):
+                pivot = r
+        if pivot != i:
             for j in range(6):
-                B[i, j] += sigma * sigma * weights[p] * weights[p] * J[p, i] * J[p, j]
-        if p == n - 1 or edge[p + 1] != edge[p]:
-            for i in range(6):
+                M[i, j], M[pivot, j] = M[pivot, j], M[i, j]
+            for j in range(k):
+                N[i, j], N[pivot, j] = N[pivot, j], N[i, j]
+        scale = 1.0 / M[i, i]
+        for j in range(6):
+            M[i, j] *= scale
+        for j in range(k):
+            N[i, j] *= scale
+        for r in range(6):
+            if r != i:
+                f = M[r, i]
                 for j in range(6):
-                    B[i, j] += common * common * total[i] * total[j]
-            total[:] = 0.0
-    inverse = np.empty((6, 6))
-    unit, column = np.zeros(6), np.zeros(6)
+                    M[r, j] -= f * M[i, j]
+                for j in range(k):
+                    N[r, j] -= f * N[i, j]
+
+
+@compiled
+def update_map(C: Array, E: Array, pull: Array, alike: float, forget: float) -> tuple[Array, Array]:
+    """Twist (6,) by which the patches' places err as one, and the covariance (6, 6) that is left of C.
+
+    E (6, 6) is what a frame's edges say, pull (6,) = E times the twist that they say; frames err alike for so many in a
+    row. C grows by the part `forget` first: what was learned long ago counts less.
+    """
+    M, N = np.eye(6), (1.0 + forget) * C
+    for i in range(6):
+        for j in range(6):
+            for h in range(6):
+                M[i, j] += (1.0 + forget) * C[i, h] * E[h, j] / alike
+    eliminate(M, N)
+    left = 0.5 * (N + N.T)
+    twist = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            twist[i] += left[i, j] * pull[j] / alike
+    return twist, left
+
+
+@compiled
+def carried(C: Array, R: Array, t: Array) -> Array:
+    """Covariance (6, 6) of a twist after the frame has moved by (R, t): Ad C Ad^T."""
+    X = np.zeros((6, 6))
+    for i in range(3):
+        for j in range(3):
+            X[i, j] = X[3 + i, 3 + j] = R[i, j]
+    for j in range(3):
+        X[0, 3 + j] = t[1] * R[2, j] - t[2] * R[1, j]
+        X[1, 3 + j] = t[2] * R[0, j] - t[0] * R[2, j]
+        X[2, 3 + j] = t[0] * R[1, j] - t[1] * R[0, j]
+    out, half = np.zeros((6, 6)), np.zeros((6, 6))
+    for i in range(6):
+        for j in range(6):
+            for h in range(6):
+                half[i, j] += X[i, h] * C[h, j]
+    for i in range(6):
+        for j in range(6):
+            for h in range(6):
+                out[i, j] += half[i, h] * X[j, h]
+    return out
+
+
+@compiled
+def line_variance(first: Indices, distance: Array, own: Array, common: Array) -> Array:
+    """Variance (n,) in px^2 that makes the control points of an edge count no more than their shared error allows.
+
+    own (n,) is the error of each control point, common (n,) that which all on the same edge share; edges begin at the
+    rows first (e + 1,); distance (n, k) is inf where nothing was found. With m points on an edge each gets
+    own + m common, so that the edge's mean has own / m + common.
+    """
+    out = np.empty(len(own))
+    for e in range(len(first) - 1):
+        m = 0
+        for p in range(first[e], first[e + 1]):
+            if distance[p, 0] < np.inf:
+                m += 1
+        for p in range(first[e], first[e + 1]):
+            out[p] = own[p] + m * common[p]
+    return out
+
+
+@compiled
+def inverse6(A: Array) -> Array:
+    """Inverse of a symmetric positive matrix (6, 6); NaN where it is none."""
+    out, unit, column = np.empty((6, 6)), np.zeros(6), np.zeros(6)
     for j in range(6):
         unit[:] = 0.0
         unit[j] = 1.0
         if not solve6(A, unit, column):
-            return np.full((6, 6), math.nan)
-        inverse[:, j] = column
-    C = inverse @ B @ inverse.T
-    return 0.5 * (C + C.T)
+            out[:] = math.nan
+            return out
+        out[:, j] = column
+    return 0.5 * (out + out.T)

@@ -1,9 +1,11 @@
 """Texture on known planes: patches are taken where the pose is sure, and found again in later frames.
 
-Where edges leave the pose nearly free, as before a single face, the patches hold it.
+Relative to each other the patches are known to a tenth of a pixel, but all of them rest on the pose that they were
+taken at: its error is a state that each frame's edges observe, in a Kalman filter of six unknowns. So patches carry
+over what the edges of many frames agree on, and do not drift. Where edges leave the pose nearly free, as before a
+single face, the patches hold it.
 """
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,85 +13,117 @@ from scenes.camera import Camera
 from tracker.base import Image
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array
-from tracker.texture_kernels import HALF, SIDE, align, first_hit, patch_rows
+from tracker.solve_kernels import carried, update_map
+from tracker.texture_kernels import HALF, SIDE, align, choose, first_hit, shift_places, strong_pixels
 from trajectories.pose import Array, Pose
 
 MOST_PATCHES = 600
-MOST_USED = 48
+MOST_USED = 32
 """Patches looked for in a frame."""
 ENOUGH_FOUND = 24
 """New patches are taken when fewer than this are found."""
+SPOTS, FIRST_SPOTS = 48, 400
+"""Places in a frame where new patches are looked for, and while there are none."""
 APART_PX = 14.0
 EDGE_MARGIN_PX = 8.0
 """Patches are taken no nearer to each other, and to the edges, than this."""
+LEAST_CORNER = 8.0
+"""Least strength of a corner, (grey levels per px)^2."""
+LEAST_HIT = 6
+"""With fewer patches found than this, new ones begin a new common error."""
 MISSES = 6
 """A patch that should be seen and is not found for so many frames is dropped."""
+FRAMES_ALIKE = 15.0
+"""Frames in a row whose edges err alike."""
+FORGET = 0.01
+"""Part by which the variance of the patches' common error grows in a frame."""
 
 Indices = NDArray[np.int64]
 
 
 class Texture:
-    """The patches of a structure that were taken so far."""
+    """The patches of a structure that were taken so far; rows from len(self) on are free."""
 
     def __init__(self, edges: EdgeMap, camera: Camera) -> None:
         self.edges, self.camera, self.cam = edges, camera, camera_array(camera)
-        self.middles = np.zeros((0, 3))
-        self.axes = np.zeros((0, 2, 3))
-        self.texels = np.zeros((0, SIDE, SIDE))
-        self.face = np.zeros(0, dtype=np.int64)
-        self.missed = np.zeros(0, dtype=np.int64)
-        self.found = np.zeros(0, dtype=np.int64)
+        self.size = np.array([camera.width, camera.height], dtype=np.float64)
+        self.count = 0
+        self.middles = np.zeros((MOST_PATCHES, 3))
+        self.axes = np.zeros((MOST_PATCHES, 2, 3))
+        self.texels = np.zeros((MOST_PATCHES, SIDE, SIDE))
+        self.face = np.zeros(MOST_PATCHES, dtype=np.int64)
+        self.missed = np.zeros(MOST_PATCHES, dtype=np.int64)
+        self.found = np.zeros(MOST_PATCHES, dtype=np.int64)
         self.chosen = np.zeros(0, dtype=np.int64)
+        self.turn = 0
+        self.covariance = np.zeros((6, 6))
+        self.seen_from = Pose(np.eye(3), np.zeros(3))
 
     def __len__(self) -> int:
-        return len(self.face)
+        return self.count
 
     def choose(self, R: Array, t: Array) -> None:
         """Choose the patches to look for at a pose: on faces turned to the camera, in view, the best known first."""
-        eye = -R.T @ t
-        facing = self.edges.planes[self.face, :3] @ eye > self.edges.planes[self.face, 3]
-        cam = self.middles @ R.T + t
-        z = np.maximum(cam[:, 2], 1e-6)
-        u, v = self.camera.fx * cam[:, 0] / z + self.camera.cx, self.camera.fy * cam[:, 1] / z + self.camera.cy
-        inside = (cam[:, 2] > 0.02) & (u > 6) & (v > 6) & (u < self.camera.width - 6) & (v < self.camera.height - 6)
-        rows = np.flatnonzero(facing & inside)
-        if len(rows) > MOST_USED:
-            rows = np.sort(rows[np.argsort(-self.found[rows], kind="stable")[:MOST_USED]])
-        self.chosen = rows
+        e = self.edges
+        self.chosen = choose(
+            self.count, self.middles, self.face, self.found, e.planes, e.corners, e.owner, e.boxes, e.nodes,
+            R, t, self.cam, self.size, MOST_USED,
+        )  # fmt: skip
 
     def align(self, image: Image, R: Array, t: Array) -> tuple[Array, Array]:
-        """Pixels (n, 2) at which the chosen patches are found near a pose, and their correlations (n,)."""
+        """Pixels (n, 2) at which the chosen patches are found near a pose in an image (h, w, c); correlations (n,)."""
         return align(image, self.middles, self.axes, self.texels, self.chosen, R, t, self.cam)
 
-    def rows(self, observed: Array, R: Array, t: Array) -> tuple[Array, Array]:
-        """Displacements (n, 2) to the pixels observed, and J (n, 2, 6), at a pose."""
-        return patch_rows(self.middles, self.chosen, observed, R, t, self.cam)
+    def places(self) -> Array:
+        """Middles (n, 3) of the chosen patches in the world."""
+        return self.middles[self.chosen]
 
-    def remember(self, chosen: Indices, hit: NDArray[np.bool_], tried: NDArray[np.bool_]) -> None:
-        """Count which of the chosen patches were found of those tried; drop those that are missed again and again."""
+    def covariance_at(self, R: Array, t: Array) -> Array:
+        """Covariance (6, 6) of the patches' common error, as a twist of a pose."""
+        turn = R @ self.seen_from.rotation.T
+        return carried(self.covariance, turn, t - turn @ self.seen_from.translation)
+
+    def remember(
+        self, chosen: Indices, hit: NDArray[np.bool_], tried: NDArray[np.bool_], pose: Pose, E: Array, pull: Array
+    ) -> None:
+        """Take up what a frame's edges, of information E (6, 6), say of the patches that were hit.
+
+        pull (6,) is E times the twist that they would move the pose of the patches by. Patches that are missed again
+        and again are dropped.
+        """
+        R, t = pose.rotation, pose.translation
+        if np.count_nonzero(hit) >= LEAST_HIT:
+            twist, self.covariance = update_map(self.covariance_at(R, t), E, pull, FRAMES_ALIKE, FORGET)
+            shift_places(self.count, self.middles, self.axes, twist, R, t, self.cam)
+            self.seen_from = pose
         self.found[chosen[hit]] += 1
         self.missed[chosen[hit]] = 0
         self.missed[chosen[tried & ~hit]] += 1
-        if (self.missed > MISSES).any():
-            self._keep(self.missed <= MISSES)
+        if (self.missed[chosen] > MISSES).any():
+            self._keep(self.missed[: self.count] <= MISSES)
 
-    def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
-        """Take new patches at the corners of the image that lie on the structure, away from its edges (n, 2)."""
-        if len(self) >= MOST_PATCHES:
-            self._keep(np.argsort(np.argsort(-self.found, kind="stable"), kind="stable") < MOST_PATCHES * 3 // 4)
-        gray = np.ascontiguousarray(image[..., 1])
-        corners = cv2.goodFeaturesToTrack(gray, 250, 0.002, APART_PX / 2, mask=self._mask(pose))
-        if corners is None or not len(corners):
+    def take(self, image: Image, pose: Pose, covariance: Array, hits: int, edge_pixels: Array) -> None:
+        """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2).
+
+        covariance (6, 6) is that of the pose, hits the number of patches that it rests on.
+        """
+        if hits < LEAST_HIT:
+            self.covariance, self.seen_from = covariance, pose
+        if self.count > MOST_PATCHES - SPOTS:
+            order = np.argsort(-self.found[: self.count], kind="stable")
+            self._keep(np.argsort(order, kind="stable") < MOST_PATCHES * 3 // 4)
+        spots = self._spots(pose)
+        if not len(spots):
             return
-        pixels = np.round(corners.reshape(-1, 2)).astype(np.float64)
-        pixels = pixels[_apart(pixels, edge_pixels, EDGE_MARGIN_PX)]
-        near = HALF + 2
-        pixels = pixels[
-            (pixels.min(axis=1) >= near)
-            & (pixels[:, 0] < self.camera.width - near)
-            & (pixels[:, 1] < self.camera.height - near)
-        ]
-        pixels = pixels[_apart(pixels, self._known_pixels(pose), APART_PX)]
+        most = min(MOST_PATCHES - self.count, 64 if self.count == 0 else 6)
+        pixels = strong_pixels(
+            image, spots, edge_pixels, EDGE_MARGIN_PX, self._known_pixels(pose), APART_PX, LEAST_CORNER, most
+        )
+        if len(pixels):
+            self._append(image, pixels, pose)
+
+    def _append(self, image: Image, pixels: Indices, pose: Pose) -> None:
+        """Add patches at pixels (n, 2) on the structure."""
         eye = pose.inverse().translation
         grid = pixels[:, None] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         flat = self.camera.undistort(grid.reshape(-1, 2))
@@ -101,53 +135,42 @@ class Texture:
             ]
         )
         rays = (rays @ pose.rotation).reshape(-1, 3, 3)
-        face, _ = first_hit(eye, np.ascontiguousarray(rays[:, 0]), self.edges.corners, self.edges.owner)
-        for k in np.flatnonzero(face >= 0):
-            plane = self.edges.planes[face[k]]
-            points = eye + rays[k] * ((plane[3] - plane[:3] @ eye) / (rays[k] @ plane[:3]))[:, None]
-            x, y = int(pixels[k, 0]), int(pixels[k, 1])
-            reach = int(HALF)
-            texels = gray[y - reach : y + reach + 1, x - reach : x + reach + 1].astype(np.float64)
+        e, reach, channel = self.edges, int(HALF), 1 if image.shape[2] > 1 else 0
+        for (x, y), ray in zip(pixels.tolist(), rays, strict=True):
+            face = first_hit(eye, ray[0], e.corners, e.owner, e.boxes, e.nodes)
+            texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
             norm = float(np.linalg.norm(texels))
-            if norm < 4.0 * SIDE:
+            if face < 0 or norm < 4.0 * SIDE:
                 continue
-            self._append(points[0], points[1:] - points[0], texels / norm, int(face[k]))
+            plane = e.planes[face]
+            points = eye + ray * ((plane[3] - plane[:3] @ eye) / (ray @ plane[:3]))[:, None]
+            row = self.count
+            self.middles[row], self.axes[row], self.texels[row] = points[0], points[1:] - points[0], texels / norm
+            self.face[row], self.missed[row], self.found[row] = face, 0, 0
+            self.count += 1
 
-    def _mask(self, pose: Pose) -> Image:
-        """Where the structure may be seen: the box around its projection."""
-        mask = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
-        cam = pose.transform(self.edges.ends.reshape(-1, 3))
-        if (cam[:, 2] < 0.02).any():
-            return np.full_like(mask, 255)
-        px = self.camera.project(cam)
-        size = [self.camera.width, self.camera.height]
-        x0, y0 = np.clip(px.min(axis=0), 0, size).astype(int).tolist()
-        x1, y1 = np.clip(px.max(axis=0) + 1, 0, size).astype(int).tolist()
-        mask[y0:y1, x0:x1] = 255
-        return mask
+    def _spots(self, pose: Pose) -> Indices:
+        """Pixels (n, 2) spread over the box around the structure's projection, others in every frame (Roberts 2018)."""
+        low, high = np.zeros(2), self.size.copy()
+        cam = pose.transform(self.edges.extent)
+        if (cam[:, 2] > 0.02).all():
+            px = self.camera.project(cam)
+            low, high = np.maximum(px.min(axis=0), 0), np.minimum(px.max(axis=0), high)
+        n = FIRST_SPOTS if self.count == 0 else SPOTS
+        k = np.arange(self.turn, self.turn + n)
+        self.turn += n
+        spread = np.column_stack([k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0])
+        return np.asarray(low + spread * np.maximum(high - low, 0), dtype=np.int64)
 
     def _known_pixels(self, pose: Pose) -> Array:
         cam = pose.transform(self.middles[self.chosen])
         cam = cam[cam[:, 2] > 0.02]
         return self.camera.project(cam) if len(cam) else np.zeros((0, 2))
 
-    def _append(self, middle: Array, axes: Array, texels: Array, face: int) -> None:
-        self.middles = np.concatenate([self.middles, middle[None]])
-        self.axes = np.concatenate([self.axes, axes[None]])
-        self.texels = np.concatenate([self.texels, texels[None]])
-        self.face = np.append(self.face, face)
-        self.missed, self.found = np.append(self.missed, 0), np.append(self.found, 0)
-
     def _keep(self, rows: NDArray[np.bool_]) -> None:
-        for name in ("middles", "axes", "texels", "face", "missed", "found"):
-            setattr(self, name, np.ascontiguousarray(getattr(self, name)[rows]))
+        kept = np.flatnonzero(rows)
+        for array in (self.middles, self.axes, self.texels, self.face, self.missed, self.found):
+            array[: len(kept)] = array[kept]
+        self.count = len(kept)
         self.chosen = np.zeros(0, dtype=np.int64)
-
-
-def _apart(pixels: Array, others: Array, distance_px: float) -> NDArray[np.bool_]:
-    """Whether each pixel (n, 2) is farther than a distance from all others (m, 2)."""
-    if not len(others) or not len(pixels):
-        return np.ones(len(pixels), dtype=bool)
-    far: NDArray[np.bool_] = np.linalg.norm(pixels[:, None] - others[None], axis=2).min(axis=1) >= distance_px
-    return far

@@ -11,14 +11,19 @@ from numpy.typing import NDArray
 
 from tracker.compiled import compiled
 from tracker.geometry_kernels import normal_row, project
+from tracker.occlusion_kernels import hidden
 from trajectories.pose import Array
 
 SIDE = 9
 HALF = (SIDE - 1) / 2
-STEPS = 8
+STEPS = 6
 """Most Gauss-Newton steps of an alignment."""
+SETTLED = 0.02
+"""An alignment ends with a step below this, in texels."""
 REACH_TEXELS = 6
 """Half width of the coarse search when the first alignment fails."""
+MOST_COARSE = 6
+"""Patches in a frame for which a coarse search is made."""
 AGREES = 0.85
 """Least correlation of a patch that counts as found."""
 
@@ -30,20 +35,26 @@ Indices = NDArray[np.int64]
 def sample_patch(image: Image, u: float, v: float, A: Array, da: float, db: float, out: Array) -> bool:
     """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or without contrast.
 
-    (u, v) is the pixel of its middle, A (2, 2) the px of a texel step along either axis.
+    (u, v) is the pixel of its middle, A (2, 2) the px of a texel step along either axis. Green is taken of colours.
     """
     h, w = image.shape[0], image.shape[1]
+    channel = 1 if image.shape[2] > 1 else 0
     total = 0.0
+    u0 = u + A[0, 0] * (da - HALF) + A[0, 1] * (db - HALF)
+    v0 = v + A[1, 0] * (da - HALF) + A[1, 1] * (db - HALF)
+    for k in range(4):
+        x = u0 + A[0, 0] * (SIDE - 1) * (k & 1) + A[0, 1] * (SIDE - 1) * (k >> 1)
+        y = v0 + A[1, 0] * (SIDE - 1) * (k & 1) + A[1, 1] * (SIDE - 1) * (k >> 1)
+        if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
+            return False
     for i in range(SIDE):
         for j in range(SIDE):
-            x = u + A[0, 0] * (j - HALF + da) + A[0, 1] * (i - HALF + db)
-            y = v + A[1, 0] * (j - HALF + da) + A[1, 1] * (i - HALF + db)
-            if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
-                return False
+            x = u0 + A[0, 0] * j + A[0, 1] * i
+            y = v0 + A[1, 0] * j + A[1, 1] * i
             r, c = int(y), int(x)
             b, a = y - r, x - c
-            value = (1 - b) * ((1 - a) * image[r, c, 1] + a * image[r, c + 1, 1]) + b * (
-                (1 - a) * image[r + 1, c, 1] + a * image[r + 1, c + 1, 1]
+            value = (1 - b) * ((1 - a) * image[r, c, channel] + a * image[r, c + 1, channel]) + b * (
+                (1 - a) * image[r + 1, c, channel] + a * image[r + 1, c + 1, channel]
             )
             out[i, j] = value
             total += value
@@ -73,6 +84,79 @@ def correlation(a: Array, b: Array) -> float:
 
 
 @compiled
+def warp(middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array) -> tuple[float, float, bool]:
+    """Pixel of a patch's middle, its texel steps in px into A (2, 2), and whether it is seen like when it was taken."""
+    x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
+    y = R[1, 0] * middle[0] + R[1, 1] * middle[1] + R[1, 2] * middle[2] + t[1]
+    z = R[2, 0] * middle[0] + R[2, 1] * middle[1] + R[2, 2] * middle[2] + t[2]
+    if z < 0.02:
+        return 0.0, 0.0, False
+    u, v = project(x, y, z, cam)
+    for k in range(2):
+        xk = x + R[0, 0] * axes[k, 0] + R[0, 1] * axes[k, 1] + R[0, 2] * axes[k, 2]
+        yk = y + R[1, 0] * axes[k, 0] + R[1, 1] * axes[k, 1] + R[1, 2] * axes[k, 2]
+        zk = z + R[2, 0] * axes[k, 0] + R[2, 1] * axes[k, 1] + R[2, 2] * axes[k, 2]
+        u1, v1 = project(xk, yk, max(zk, 0.01), cam)
+        A[0, k], A[1, k] = u1 - u, v1 - v
+    area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+    largest = max(abs(A[0, 0]), abs(A[0, 1]), abs(A[1, 0]), abs(A[1, 1]))
+    return u, v, 0.35 < area < 3.0 and largest < 2.0
+
+
+@compiled
+def choose(
+    count: int,
+    middles: Array,
+    face: Indices,
+    hits: Indices,
+    planes: Array,
+    corners: Array,
+    owner: Indices,
+    boxes: Array,
+    nodes: Indices,
+    R: Array,
+    t: Array,
+    cam: Array,
+    size: Array,
+    most: int,
+) -> Indices:
+    """Rows of at most `most` patches that a pose shows, those found most often first taken, in order."""
+    eye = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            eye[i] -= R[j, i] * t[j]
+    rows = np.empty(count, np.int64)
+    n = 0
+    for p in range(count):
+        f = face[p]
+        if planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] <= planes[f, 3]:
+            continue
+        z = R[2, 0] * middles[p, 0] + R[2, 1] * middles[p, 1] + R[2, 2] * middles[p, 2] + t[2]
+        if z < 0.02:
+            continue
+        x = R[0, 0] * middles[p, 0] + R[0, 1] * middles[p, 1] + R[0, 2] * middles[p, 2] + t[0]
+        y = R[1, 0] * middles[p, 0] + R[1, 1] * middles[p, 1] + R[1, 2] * middles[p, 2] + t[1]
+        u, v = project(x, y, z, cam)
+        if not (6.0 < u < size[0] - 6.0 and 6.0 < v < size[1] - 6.0):
+            continue
+        rows[n] = p
+        n += 1
+    rows = rows[:n]
+    if n > most:
+        order = np.argsort(-hits[rows].astype(np.float64), kind="mergesort")
+        rows = rows[order]
+    kept = np.empty(most, np.int64)
+    m = 0
+    for k in range(n):
+        if m == most:
+            break
+        if not hidden(eye, middles[rows[k]], corners, owner, boxes, nodes, face[rows[k]], face[rows[k]]):
+            kept[m] = rows[k]
+            m += 1
+    return np.sort(kept[:m])
+
+
+@compiled
 def align(
     image: Image, middles: Array, axes: Array, texels: Array, chosen: Indices, R: Array, t: Array, cam: Array
 ) -> tuple[Array, Array]:
@@ -82,36 +166,19 @@ def align(
     """
     n = len(chosen)
     observed, score = np.zeros((n, 2)), np.zeros(n)
-    c = np.empty(3)
     A = np.empty((2, 2))
     now = np.empty((SIDE, SIDE))
+    coarse = 0
     for k in range(n):
         p = chosen[k]
-        for i in range(3):
-            c[i] = R[i, 0] * middles[p, 0] + R[i, 1] * middles[p, 1] + R[i, 2] * middles[p, 2] + t[i]
-        if c[2] < 0.02:
-            score[k] = -1.0
-            continue
-        u, v = project(c[0], c[1], c[2], cam)
-        for axis in range(2):
-            x, y, z = c[0], c[1], c[2]
-            for i in range(3):
-                x += R[0, i] * axes[p, axis, i]
-                y += R[1, i] * axes[p, axis, i]
-                z += R[2, i] * axes[p, axis, i]
-            u1, v1 = project(x, y, max(z, 0.01), cam)
-            A[0, axis], A[1, axis] = u1 - u, v1 - v
-        area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-        largest = max(abs(A[0, 0]), abs(A[0, 1]), abs(A[1, 0]), abs(A[1, 1]))
-        if not (0.35 < area < 3.0 and largest < 2.0):
+        u, v, alike = warp(middles[p], axes[p], R, t, cam, A)
+        if not alike:
             score[k] = -1.0
             continue
         ref = texels[p]
-        da, db = 0.0, 0.0
-        best = -1.0
-        if sample_patch(image, u, v, A, 0.0, 0.0, now):
-            da, db, best = _refine(image, u, v, A, 0.0, 0.0, ref, now)
-        if best < AGREES:
+        da, db, best = _refine(image, u, v, A, 0.0, 0.0, ref, now)
+        if best < AGREES and coarse < MOST_COARSE:
+            coarse += 1
             top, ta, tb = -1.0, 0, 0
             for i in range(-REACH_TEXELS, REACH_TEXELS + 1, 2):
                 for j in range(-REACH_TEXELS, REACH_TEXELS + 1, 2):
@@ -145,6 +212,7 @@ def _refine(
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
         return da, db, -1.0
+    begin_a, begin_b = da, db
     for _ in range(STEPS):
         if not sample_patch(image, u, v, A, da, db, now):
             return da, db, -1.0
@@ -157,54 +225,138 @@ def _refine(
         step_a, step_b = (h11 * ea - h01 * eb) / det, (h00 * eb - h01 * ea) / det
         da -= max(-1.5, min(1.5, step_a))
         db -= max(-1.5, min(1.5, step_b))
-        if abs(da) > REACH_TEXELS + 2 or abs(db) > REACH_TEXELS + 2:
+        if abs(da - begin_a) > REACH_TEXELS or abs(db - begin_b) > REACH_TEXELS:
             return da, db, -1.0
-        if abs(step_a) + abs(step_b) < 0.01:
+        if abs(step_a) + abs(step_b) < SETTLED:
             break
-    if not sample_patch(image, u, v, A, da, db, now):
-        return da, db, -1.0
     return da, db, correlation(now, ref)
 
 
 @compiled
-def patch_rows(middles: Array, chosen: Indices, observed: Array, R: Array, t: Array, cam: Array) -> tuple[Array, Array]:
-    """Displacements (n, 2) in px from a pose's projection to where patches were observed (n, 2), and J (n, 2, 6)."""
-    n = len(chosen)
-    moved, J = np.full((n, 2), np.inf), np.zeros((n, 2, 6))
-    c = np.empty(3)
-    for k in range(n):
-        p = chosen[k]
+def shift_places(count: int, middles: Array, axes: Array, twist: Array, R: Array, t: Array, cam: Array) -> None:
+    """Move the patches on their planes so that a pose moved by -twist (6,) sees them where it saw them."""
+    A = np.empty((2, 2))
+    row, c = np.empty(6), np.empty(3)
+    for p in range(count):
+        warp(middles[p], axes[p], R, t, cam, A)
+        det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+        if abs(det) < 0.05:
+            continue
         for i in range(3):
             c[i] = R[i, 0] * middles[p, 0] + R[i, 1] * middles[p, 1] + R[i, 2] * middles[p, 2] + t[i]
         if c[2] < 0.02:
             continue
-        u, v = project(c[0], c[1], c[2], cam)
-        moved[k, 0], moved[k, 1] = observed[k, 0] - u, observed[k, 1] - v
-        normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, J[k, 0])
-        normal_row(c[0], c[1], c[2], 0.0, 1.0, cam, J[k, 1])
-    return moved, J
+        du, dv = 0.0, 0.0
+        normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, row)
+        for i in range(6):
+            du -= row[i] * twist[i]
+        normal_row(c[0], c[1], c[2], 0.0, 1.0, cam, row)
+        for i in range(6):
+            dv -= row[i] * twist[i]
+        a, b = (A[1, 1] * du - A[0, 1] * dv) / det, (A[0, 0] * dv - A[1, 0] * du) / det
+        for i in range(3):
+            middles[p, i] += a * axes[p, 0, i] + b * axes[p, 1, i]
 
 
 @compiled
-def first_hit(eye: Array, rays: Array, corners: Array, owner: Indices) -> tuple[Indices, Array]:
-    """The face (n,) that each ray (n, 3) from the eye meets first, -1 for none, and the distance (n,) in rays."""
-    n = len(rays)
-    face, near = np.full(n, -1), np.full(n, np.inf)
-    for m in range(len(corners)):
-        e, f, s = corners[m, 1] - corners[m, 0], corners[m, 2] - corners[m, 0], eye - corners[m, 0]
-        q0 = s[1] * e[2] - s[2] * e[1]
-        q1 = s[2] * e[0] - s[0] * e[2]
-        q2 = s[0] * e[1] - s[1] * e[0]
-        along = f[0] * q0 + f[1] * q1 + f[2] * q2
+def corner_strength(image: Image, x: int, y: int) -> float:
+    """Smaller eigenvalue of the gradients' second moments over a patch, per texel (Shi & Tomasi 1994)."""
+    channel = 1 if image.shape[2] > 1 else 0
+    half = int(HALF)
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(y - half + 1, y + half):
+        for j in range(x - half + 1, x + half):
+            gx = 0.5 * (float(image[i, j + 1, channel]) - float(image[i, j - 1, channel]))
+            gy = 0.5 * (float(image[i + 1, j, channel]) - float(image[i - 1, j, channel]))
+            xx += gx * gx
+            xy += gx * gy
+            yy += gy * gy
+    texels = (SIDE - 2) ** 2
+    return (0.5 * (xx + yy) - math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)) / texels
+
+
+@compiled
+def strong_pixels(
+    image: Image, spots: Indices, away: Array, away_px: float, known: Array, apart_px: float, least: float, most: int
+) -> Indices:
+    """Pixels (n, 2) of the strongest corners near spots (s, 2), away from pixels (m, 2) and from those known (k, 2)."""
+    h, w = image.shape[0], image.shape[1]
+    near = int(HALF) + 3
+    strength = np.zeros(len(spots))
+    pixels = np.empty((len(spots), 2), np.int64)
+    for s in range(len(spots)):
+        x, y = spots[s, 0], spots[s, 1]
+        if not (near <= x < w - near and near <= y < h - near):
+            continue
+        best = corner_strength(image, x, y)
+        for _ in range(4):  # uphill
+            bx, by = x, y
+            for dx, dy in ((2, 0), (-2, 0), (0, 2), (0, -2)):
+                if near <= x + dx < w - near and near <= y + dy < h - near:
+                    value = corner_strength(image, x + dx, y + dy)
+                    if value > best:
+                        best, bx, by = value, x + dx, y + dy
+            if bx == x and by == y:
+                break
+            x, y = bx, by
+        strength[s], pixels[s, 0], pixels[s, 1] = best, x, y
+    out = np.empty((most, 2), np.int64)
+    n = 0
+    for s in np.argsort(-strength):
+        if n == most or strength[s] < least:
+            break
+        x, y = pixels[s, 0], pixels[s, 1]
+        free = True
         for k in range(n):
-            d0, d1, d2 = rays[k, 0], rays[k, 1], rays[k, 2]
-            p0, p1, p2 = d1 * f[2] - d2 * f[1], d2 * f[0] - d0 * f[2], d0 * f[1] - d1 * f[0]
+            if (out[k, 0] - x) ** 2 + (out[k, 1] - y) ** 2 < apart_px * apart_px:
+                free = False
+        for k in range(len(known)):
+            if (known[k, 0] - x) ** 2 + (known[k, 1] - y) ** 2 < apart_px * apart_px:
+                free = False
+        for k in range(len(away)):
+            if (away[k, 0] - x) ** 2 + (away[k, 1] - y) ** 2 < away_px * away_px:
+                free = False
+        if free:
+            out[n, 0], out[n, 1] = x, y
+            n += 1
+    return out[:n].copy()
+
+
+@compiled
+def first_hit(eye: Array, ray: Array, corners: Array, owner: Indices, boxes: Array, nodes: Indices) -> int:
+    """The face that a ray (3,) from the eye meets first, -1 for none (Moller & Trumbore 1997)."""
+    tiny = 1e-300
+    i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
+    nearest, face = np.inf, -1
+    stack = np.empty(64, np.int64)
+    stack[0] = 0
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        node = stack[depth]
+        a, b = (boxes[node, 0, 0] - eye[0]) * i0, (boxes[node, 1, 0] - eye[0]) * i0
+        near, far = min(a, b), max(a, b)
+        a, b = (boxes[node, 0, 1] - eye[1]) * i1, (boxes[node, 1, 1] - eye[1]) * i1
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+        a, b = (boxes[node, 0, 2] - eye[2]) * i2, (boxes[node, 1, 2] - eye[2]) * i2
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far or far < 0.0 or near > nearest:
+            continue
+        if nodes[node, 0] >= 0:
+            stack[depth], stack[depth + 1] = nodes[node, 0], nodes[node, 1]
+            depth += 2
+            continue
+        first = -nodes[node, 0] - 1
+        for m in range(first, first + nodes[node, 1]):
+            e, f, s = corners[m, 1] - corners[m, 0], corners[m, 2] - corners[m, 0], eye - corners[m, 0]
+            p0, p1, p2 = ray[1] * f[2] - ray[2] * f[1], ray[2] * f[0] - ray[0] * f[2], ray[0] * f[1] - ray[1] * f[0]
             det = e[0] * p0 + e[1] * p1 + e[2] * p2
             if det == 0.0:
                 continue
+            q0, q1, q2 = s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2], s[0] * e[1] - s[1] * e[0]
             a = (s[0] * p0 + s[1] * p1 + s[2] * p2) / det
-            b = (d0 * q0 + d1 * q1 + d2 * q2) / det
-            if a >= 0.0 and b >= 0.0 and a + b <= 1.0 and 1e-6 < along / det < near[k]:
-                near[k] = along / det
-                face[k] = owner[m]
-    return face, near
+            b = (ray[0] * q0 + ray[1] * q1 + ray[2] * q2) / det
+            along = (f[0] * q0 + f[1] * q1 + f[2] * q2) / det
+            if a >= 0.0 and b >= 0.0 and a + b <= 1.0 and 1e-6 < along < nearest:
+                nearest, face = along, owner[m]
+    return face

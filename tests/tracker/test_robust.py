@@ -174,11 +174,11 @@ def test_compiled_geometry_is_that_of_pose_and_camera():
 def test_patches_taken_at_a_pose_are_found_again_there(flight):
     poses, images = flight
     texture = Texture(EdgeMap.of(box()), CAMERA)
-    texture.take(images[0], poses[0], np.zeros((0, 2)))
+    texture.take(images[0], poses[0], np.eye(6) * 1e-8, 0, np.zeros((0, 2)))
     assert len(texture) > 10
     texture.choose(poses[1].rotation, poses[1].translation)
     observed, score = texture.align(images[1], poses[1].rotation, poses[1].translation)
-    moved, _ = texture.rows(observed, poses[1].rotation, poses[1].translation)
+    moved = observed - CAMERA.project(poses[1].transform(texture.places()))
     assert np.count_nonzero(score > 0) > 0.7 * len(texture.chosen)
     assert np.median(np.linalg.norm(moved[score > 0], axis=1)) < 0.3
 
