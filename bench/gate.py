@@ -16,14 +16,15 @@ import numpy as np
 
 from bench.gate_baseline import read_baseline
 from bench.gate_scores import ERRORS, Key, Measured, PairedValues, Side, expect_comparable, read_side, read_timing
-from bench.gate_statistics import hierarchical_bootstrap, sign_flip_p
-from reports.statistics import holm
+from reports.statistics import Bootstrap, holm, sign_flip_p
 from trajectories.errors import UserError
 
 Verdict = Literal["pass", "fail", "inconclusive"]
 ALPHA = 0.05
 MIN_SEEDS = 5
 TINY = 1e-12
+ROUNDS = 5
+"""Draws of the bootstrap, so that its smallest p stands a correction over many metrics."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,13 +143,13 @@ def ratio_finding(run: str, metric: str, unit: str, values: PairedValues, margin
     finding = _described(run, metric, unit, values, margin)
     if finding.verdict != "pass":
         return finding
-    interval = hierarchical_bootstrap(values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY))))
+    logs = Bootstrap.of(values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY))), rounds=ROUNDS)
     finding = replace(
         finding,
-        change=math.expm1(interval.mean),
-        low=math.expm1(interval.low),
-        high=math.expm1(interval.high),
-        p=interval.p_above(math.log1p(margin)),
+        change=math.expm1(logs.mean),
+        low=math.expm1(logs.bound(ALPHA)),
+        high=math.expm1(logs.bound(1 - ALPHA)),
+        p=logs.p_above(math.log1p(margin)),
     )
     if finding.seeds < MIN_SEEDS:
         return _too_few(finding)
@@ -163,12 +164,12 @@ def coverage_finding(run: str, values: PairedValues, margin: float) -> Finding:
     if finding.verdict != "pass":
         return finding
     loss = values.by_sequence(lambda b, h: b - h)
-    interval = hierarchical_bootstrap(loss)
+    losses = Bootstrap.of(loss, rounds=ROUNDS)
     finding = replace(
         finding,
-        change=interval.mean,
-        low=interval.low,
-        high=interval.high,
+        change=losses.mean,
+        low=losses.bound(ALPHA),
+        high=losses.bound(1 - ALPHA),
         p=sign_flip_p(np.concatenate(loss)),
     )
     return _too_few(finding) if finding.seeds < MIN_SEEDS else finding

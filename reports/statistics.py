@@ -18,6 +18,8 @@ from trajectories.streams import stream
 
 REPLICATES = 4000
 CONFIDENCE = 0.95
+FLIPS = 20_000
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,32 +32,59 @@ class Interval:
     n: int
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bootstrap:
+    """The mean over sequences of the mean over seeds, and its bootstrap replicates (b,), sorted."""
+
+    mean: float
+    replicates: Array
+
+    @classmethod
+    def of(cls, values: ListOf[Array], *, seed: int = 0, rounds: int = 1) -> "Bootstrap":
+        """Bootstrap of values (n_s,) of each sequence, with rounds * REPLICATES replicates.
+
+        Each replicate draws sequences, then seeds within each, with replacement (Davison & Hinkley 1997, section 3.8).
+        The spread over s sequences is widened by sqrt(s / (s - 1)): that of a plain bootstrap is short by as much. With
+        one sequence only its seeds are drawn, and the result is for that sequence. UserError without values.
+        """
+        if not values or any(not len(v) for v in values):
+            raise UserError("statistics need at least one value per sequence")
+        mean = float(np.mean([v.mean() for v in values]))
+        sizes, flat = tuple(len(v) for v in values), np.concatenate(values)
+        means = np.sort(np.concatenate([_weights(sizes, seed + k) @ flat for k in range(rounds)]))
+        s = len(values) if len(values) > 1 else len(flat)
+        return cls(mean=mean, replicates=mean + (means - mean) * np.sqrt(s / (s - 1)) if s > 1 else means)
+
+    def bound(self, share: float) -> float:
+        """The quantile below which this share of the replicates lies."""
+        return float(np.quantile(self.replicates, share))
+
+    def p_above(self, limit: float) -> float:
+        """Evidence against `the mean is at most limit`: share of the replicates at or below it, never 0."""
+        at_or_below = int(np.searchsorted(self.replicates, limit + ROUNDING, side="right"))
+        return (1 + at_or_below) / (1 + len(self.replicates))
+
+
 def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDENCE, seed: int = 0) -> Interval:
-    """Interval of the mean over sequences of the mean over seeds (n_s,), by the bootstrap.
-
-    Each replicate draws sequences, then seeds within each, with replacement (Davison & Hinkley 1997, section 3.8). The
-    spread over s sequences is widened by sqrt(s / (s - 1)): that of a plain bootstrap is short by as much. With one
-    sequence only its seeds are drawn, and the interval is for that sequence.
-    """
-    means = replicates(values, seed)
-    mean = float(np.mean([v.mean() for v in values]))
-    n = sum(len(v) for v in values)
+    """Two-sided interval of the mean over sequences of the mean over seeds (n_s,), by the bootstrap."""
+    found, n = Bootstrap.of(values, seed=seed), sum(len(v) for v in values)
     if n == 1:
-        return Interval(mean=mean, low=float("nan"), high=float("nan"), n=1)
+        return Interval(mean=found.mean, low=float("nan"), high=float("nan"), n=1)
     tail = (1 - confidence) / 2
-    low, high = np.quantile(means, [tail, 1 - tail]).tolist()
-    return Interval(mean=mean, low=low, high=high, n=n)
+    return Interval(mean=found.mean, low=found.bound(tail), high=found.bound(1 - tail), n=n)
 
 
-def replicates(values: ListOf[Array], seed: int = 0) -> Array:
-    """Bootstrap replicates (REPLICATES,) of the mean over sequences of the mean over seeds."""
-    if not values or any(not len(v) for v in values):
-        raise UserError("statistics need at least one value per sequence")
-    means = _weights(tuple(len(v) for v in values), seed) @ np.concatenate(values)
-    s = len(values) if len(values) > 1 else len(values[0])
-    centre = float(np.mean([v.mean() for v in values]))
-    widened: Array = centre + (means - centre) * np.sqrt(s / (s - 1)) if s > 1 else means
-    return widened
+def sign_flip_p(differences: Array, *, seed: int = 0) -> float:
+    """One-sided p of `the differences are as likely up as down` against a mean above zero (Fisher 1935).
+
+    Exact in what it assumes: exchanging the two sides of a pair changes nothing.
+    """
+    moved = differences[differences != 0]
+    if not len(moved):
+        return 1.0
+    signs = stream(seed, "statistics", "signs").choice([-1.0, 1.0], size=(FLIPS, len(moved)))
+    as_large = int((signs @ np.abs(moved) >= moved.sum() - ROUNDING * np.abs(moved).sum()).sum())
+    return (1 + as_large) / (1 + FLIPS)
 
 
 @lru_cache(maxsize=32)
@@ -114,7 +143,7 @@ def compare(first: str, second: str, values: Mapping[str, ListOf[Array]], seed: 
         raise UserError(f"{first} and {second} were not run on the same sequences and seeds: {sizes}")
     differences = [x - y for x, y in zip(values[first], values[second], strict=True)]
     flat = np.concatenate(differences)
-    means = replicates(differences, seed)
+    means = Bootstrap.of(differences, seed=seed).replicates
     beyond = min(int((means <= 0).sum()), int((means >= 0).sum()))
     return Comparison(
         first=first,

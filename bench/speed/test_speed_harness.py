@@ -9,8 +9,8 @@ import numpy as np
 
 from bench.config import load_suite
 from bench.external import External
-from bench.gate_statistics import hierarchical_bootstrap
 from bench.jobs import plan
+from reports.statistics import Bootstrap
 from scenes.camera import Camera
 from scenes.structure import Structure
 from trajectories.pose import Pose
@@ -74,4 +74,4 @@ def test_a_frame_through_the_pipe_of_an_external_tracker(benchmark: Any, tmp_pat
 def test_the_bootstrap_of_one_metric_of_the_gate(benchmark: Any) -> None:
     """Ten sequences with ten seeds."""
     differences = list(stream(0, "speed").normal(size=(10, 10)))
-    benchmark.pedantic(hierarchical_bootstrap, (differences,), rounds=10, warmup_rounds=1)
+    benchmark.pedantic(Bootstrap.of, (differences,), {"rounds": 5}, rounds=10, warmup_rounds=1)

@@ -20,6 +20,7 @@ from bench.executors import dask_pool
 from bench.graph import Job, run_graph
 from bench.slurm import run_shards
 from bench.verbs import Where, bring_up_to
+from tests.bench.small_suites import small_suite
 from trajectories.errors import UserError
 from trajectories.files import write_text
 
@@ -128,20 +129,3 @@ def test_shards_as_jobs_of_a_queue_then_the_rest_here(tmp_path):
     assert bring_up_to("score", str(suite), out, Where(workers=1)) == 0
     with pytest.raises(UserError, match="key=value"):
         run_shards("score", str(suite), out, 2, ("partition",), cluster="local")
-
-
-def small_suite(tmp_path):
-    path = tmp_path / "small.toml"
-    path.write_text("""
-title = "small"
-seeds = [0, 1]
-rates_hz = [15.0]
-[sequences.box]
-structure = { kind = "box" }
-environment = { kind = "indoor" }
-flight.path = { kind = "hand-pilot", duration_s = 0.3 }
-camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
-[trackers]
-hold = { kind = "hold" }
-""")
-    return path

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from scipy import stats
 
 from bench.cli import main
 from bench.gate import Margins, gate, overall
 from bench.gate_reports import to_junit, to_text
-from bench.gate_statistics import hierarchical_bootstrap, sign_flip_p
 from reports.score import PoseErrors
 from tests.bench.drawn_scores import drawn, summary, write
 from trajectories.errors import UserError
@@ -183,26 +181,3 @@ def test_reports_hold_whatever_a_tracker_says(sides):
 def test_the_same_folders_give_the_same_findings(sides):
     folders = sides(lambda rng: drawn(rng))
     assert gate(*folders) == gate(*folders)
-
-
-def test_bootstrap_bounds_are_those_of_student_for_plain_normal_means():
-    rng = np.random.default_rng(3)
-    values = rng.normal(size=400)
-    paired = hierarchical_bootstrap([np.array([v]) for v in values])
-    half = stats.t.ppf(0.95, 399) * values.std(ddof=1) / 20
-    assert paired.mean == pytest.approx(values.mean())
-    assert paired.high - paired.mean == pytest.approx(half, rel=0.05)
-    assert paired.mean - paired.low == pytest.approx(half, rel=0.05)
-
-
-def test_bootstrap_takes_sequences_of_unlike_length():
-    paired = hierarchical_bootstrap([np.array([1.0] * 3), np.array([1.0] * 7)])
-    assert (paired.mean, paired.low, paired.high) == pytest.approx((1.0, 1.0, 1.0), abs=1e-12)
-    assert paired.p_above(0.5) < 1e-4
-    assert paired.p_above(1.0) == 1.0
-
-
-def test_sign_flip_is_the_sign_test_for_like_steps():
-    assert sign_flip_p(np.ones(10)) == pytest.approx(2**-10, rel=0.5)
-    assert sign_flip_p(np.array([1.0, -1.0] * 5)) > 0.3
-    assert sign_flip_p(np.zeros(4)) == 1.0

@@ -13,21 +13,10 @@ import time
 import numpy as np
 import pytest
 
+from tests.bench.small_suites import small_suite
+
 pytestmark = pytest.mark.slow
 MOMENTS = 50 if os.environ.get("UAVBENCH_NIGHTLY") else 3
-SUITE = """
-title = "killed"
-seeds = [0, 1]
-rates_hz = [15.0]
-[sequences.box]
-structure = { kind = "box" }
-environment = { kind = "indoor" }
-flight.path = { kind = "hand-pilot", duration_s = 0.3 }
-camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
-[trackers]
-hold = { kind = "hold" }
-rapid = { kind = "rapid" }
-"""
 
 
 def final(folder):
@@ -48,8 +37,7 @@ def start(suite, out):
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kill")
-    suite = folder / "suite.toml"
-    suite.write_text(SUITE)
+    suite = small_suite(folder, 'rapid = { kind = "rapid" }\n')
     begin = time.monotonic()
     process = start(suite, folder / "out")
     assert process.wait() == 0, process.stdout.read()

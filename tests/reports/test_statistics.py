@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import norm
+from scipy.stats import norm, t
 
 from reports.attributes import ATTRIBUTES, breakdown, breakdowns
 from reports.runs import ScoredRun
 from reports.score import score
-from reports.statistics import compare_pairs, hierarchical_interval, holm, ranks
+from reports.statistics import Bootstrap, compare_pairs, hierarchical_interval, holm, ranks, sign_flip_p
 from scenes.sequence import Sequence
 from tests.reports.drawn import RATE_HZ, track
 from trajectories.errors import UserError
@@ -115,3 +115,26 @@ def test_breakdowns_of_runs_cover_their_frames(sequence: Sequence) -> None:
     found = breakdowns([run])
     assert set(found) == set(ATTRIBUTES)
     assert sum(part.frames for part in found["contrast"][run.name]) == len(sequence)
+
+
+def test_bootstrap_bounds_are_those_of_student_for_plain_normal_means() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=400)
+    paired = Bootstrap.of([np.array([v]) for v in values], rounds=5)
+    half = t.ppf(0.95, 399) * values.std(ddof=1) / 20
+    assert paired.mean == pytest.approx(values.mean())
+    assert paired.bound(0.95) - paired.mean == pytest.approx(half, rel=0.05)
+    assert paired.mean - paired.bound(0.05) == pytest.approx(half, rel=0.05)
+
+
+def test_bootstrap_takes_sequences_of_unlike_length() -> None:
+    paired = Bootstrap.of([np.array([1.0] * 3), np.array([1.0] * 7)], rounds=5)
+    assert (paired.mean, paired.bound(0.05), paired.bound(0.95)) == pytest.approx((1.0, 1.0, 1.0), abs=1e-12)
+    assert paired.p_above(0.5) < 1e-4
+    assert paired.p_above(1.0) == 1.0
+
+
+def test_sign_flip_is_the_sign_test_for_like_steps() -> None:
+    assert sign_flip_p(np.ones(10)) == pytest.approx(2**-10, rel=0.5)
+    assert sign_flip_p(np.array([1.0, -1.0] * 5)) > 0.3
+    assert sign_flip_p(np.zeros(4)) == 1.0

@@ -1,0 +1,21 @@
+"""Suites so small that a test can run them."""
+
+SMALL = """
+title = "small"
+seeds = [0, 1]
+rates_hz = [15.0]
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 0.3 }
+camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
+[trackers]
+hold = { kind = "hold" }
+"""
+
+
+def small_suite(folder, more=""):
+    """File of two short flights tracked by `hold`; `more` is added to its trackers."""
+    path = folder / "small.toml"
+    path.write_text(SMALL + more)
+    return path
