@@ -1,0 +1,57 @@
+"""What the harness costs over a whole suite, and what a second worker brings.
+
+The suite is as long as makes the start of the processes count little, as it does in any suite worth a second worker.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+SEQUENCES = 24
+SUITE = f"""
+title = "Short flights"
+seeds = {list(range(SEQUENCES))}
+rates_hz = [15.0]
+[sequences.box]
+structure = {{ kind = "box" }}
+environment = {{ kind = "indoor" }}
+flight.path = {{ kind = "hand-pilot", duration_s = 2.0 }}
+camera = {{ width = 640, height = 480, horizontal_fov_deg = 65.0 }}
+effects = [{{ kind = "motion-blur" }}, {{ kind = "noise" }}]
+[trackers]
+rapid = {{ kind = "rapid" }}
+"""
+
+
+def run(suite: Path, out: Path, workers: int) -> tuple[float, float]:
+    """Wall time of the whole command, and the sum of the times of its jobs, in seconds."""
+    command = [sys.executable, "-m", "bench.cli", "score", str(suite), "--out", str(out), "--jobs", str(workers)]
+    begin = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.perf_counter() - begin, sum(json.loads((out / "seconds.json").read_text()).values())
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The suite's file."""
+    path = tmp_path_factory.mktemp("suite") / "suite.toml"
+    path.write_text(SUITE)
+    return path
+
+
+def test_the_share_of_the_harness_in_a_suite(benchmark: Any, suite: Path, tmp_path: Path) -> None:
+    """All wall time of the command that is not inside a job: starts, imports, planning, waiting, in percent."""
+    wall_s, jobs_s = benchmark.pedantic(run, (suite, tmp_path / "out", 1), rounds=1)
+    benchmark.extra_info["percent_of_the_wall_time"] = 100 * (wall_s - jobs_s) / wall_s
+
+
+def test_two_workers_against_one(benchmark: Any, suite: Path, tmp_path: Path) -> None:
+    """One worker's wall time over that of two."""
+    one_s, _ = run(suite, tmp_path / "one", 1)
+    two_s, _ = benchmark.pedantic(run, (suite, tmp_path / "two", 2), rounds=1)
+    benchmark.extra_info["times_as_fast"] = one_s / two_s
