@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import cv2
 from tqdm import tqdm
 
 from bench.content import carried_hash, content_hash
@@ -81,6 +82,7 @@ def start_worker(progress: Any) -> None:
     """Set up a worker: an interrupt is the parent's to handle, a termination cleans up what is half-written."""
     global _progress
     _progress = progress
+    cv2.setNumThreads(1)  # a worker has one core
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 

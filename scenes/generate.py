@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from pathlib import Path
@@ -116,15 +117,19 @@ def camera_path(flight: Flight, cam_from_body: Pose) -> Callable[[int], Pose]:
     stamps = flight.stamps_ns
     body_from_world = [flight.pose(0).inverse()] if len(flight) == 1 else None
 
+    @lru_cache(maxsize=8)
+    def start_and_twist(row: int) -> tuple[Pose, Array]:
+        world_from_body = flight.pose(row)
+        return world_from_body, (world_from_body.inverse() @ flight.pose(row + 1)).log()
+
     def at(stamp_ns: int) -> Pose:
         if body_from_world is not None:
             return cam_from_body @ body_from_world[0]
         row = int(np.clip(np.searchsorted(stamps, stamp_ns, side="right") - 1, 0, len(stamps) - 2))
-        world_from_body = flight.pose(row)
+        world_from_body, twist = start_and_twist(row)
         share = (stamp_ns - int(stamps[row])) / int(stamps[row + 1] - stamps[row])
         if share != 0.0:
-            step = (world_from_body.inverse() @ flight.pose(row + 1)).log()
-            world_from_body = world_from_body @ Pose.exp(share * step)
+            world_from_body = world_from_body @ Pose.exp(share * twist)
         return cam_from_body @ world_from_body.inverse()
 
     return at

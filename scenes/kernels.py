@@ -35,11 +35,11 @@ def add_noise(image: Any, gain: float, floor: float, key: np.uint64, normal: Any
 
 @compiled
 def code(image: Any, table: Any, out: Any) -> None:
-    """8-bit codes of linear light by a table over 0..1; light outside is clipped."""
+    """8-bit codes of linear light by a table over 0..1; light outside is clipped, and what is no number is dark."""
     top = np.float32(table.size - 1)
     for i in range(image.size):
         value = image[i] * top + np.float32(0.5)
-        out[i] = table[int(min(max(value, np.float32(0)), top))]
+        out[i] = table[int(min(value, top)) if value > np.float32(0) else 0]
 
 
 @compiled
@@ -70,51 +70,79 @@ def displacement(depth: Any, step: int, intrinsics: Any, before: Any, after: Any
                 out[i, j, 1] = 0.0
 
 
+CELL_PX = 4
+CELL_ERROR_PX = 0.02
+"""Within a cell whose middle is interpolated as well as this, all pixels are."""
+
+
 @compiled
 def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: Any, out: Any) -> None:
     """Where in a view (nearness (h, w): 1 / depth) lies what each pixel sees from the pose of its own row.
 
     base (h', w', 2) is the pixel's place without motion; rows (h', 3, 4) take points of the view's camera to the row's;
     nearest is the greatest nearness around each pixel: if that surface covers the pixel, it hides the others.
+    Worked out at the corners of cells and at their middles; at every pixel where a cell is not smooth.
     """
+    h, w = base.shape[0], base.shape[1]
+    for i in range(0, h, CELL_PX):
+        for j in range(0, w, CELL_PX):
+            out[i, j, 0], out[i, j, 1] = _row_place(nearness, nearest, intrinsics, rows[i], base[i, j])
+    for top in range(0, h, CELL_PX):
+        for left in range(0, w, CELL_PX):
+            bottom, right = top + CELL_PX, left + CELL_PX
+            mid_i, mid_j = top + CELL_PX // 2, left + CELL_PX // 2
+            smooth = bottom < h and right < w
+            if smooth:
+                u, v = _row_place(nearness, nearest, intrinsics, rows[mid_i], base[mid_i, mid_j])
+                for k, exact in enumerate((u, v)):
+                    even = 0.0
+                    for i in (top, bottom):
+                        for j in (left, right):
+                            even += 0.25 * (out[i, j, k] - base[i, j, k])
+                    smooth &= abs(exact - base[mid_i, mid_j, k] - even) < CELL_ERROR_PX
+            for i in range(top, min(bottom, h)):
+                for j in range(left, min(right, w)):
+                    if i == top and j == left:
+                        continue
+                    if smooth:
+                        t, s = (i - top) / CELL_PX, (j - left) / CELL_PX
+                        for k in range(2):
+                            high = (1 - s) * (out[top, left, k] - base[top, left, k])
+                            high += s * (out[top, right, k] - base[top, right, k])
+                            low = (1 - s) * (out[bottom, left, k] - base[bottom, left, k])
+                            low += s * (out[bottom, right, k] - base[bottom, right, k])
+                            out[i, j, k] = base[i, j, k] + (1 - t) * high + t * low
+                    else:
+                        out[i, j, 0], out[i, j, 1] = _row_place(nearness, nearest, intrinsics, rows[i], base[i, j])
+
+
+@compiled
+def _row_place(nearness: Any, nearest: Any, intrinsics: Any, T: Any, base: Any) -> tuple[float, float]:
+    """Place (u, v) in the view of what one pixel sees from its row."""
     fx, fy, cx, cy = intrinsics
     h, w = nearness.shape
-    for i in range(base.shape[0]):
-        T = rows[i]
-        for j in range(base.shape[1]):
-            u0, v0 = float(base[i, j, 0]), float(base[i, j, 1])
-            ci, cj = min(max(int(v0 + 0.5), 0), h - 1), min(max(int(u0 + 0.5), 0), w - 1)
-            near = nearest[ci, cj]
-            done = False
-            u, v = u0, v0
-            if near > 1.02 * nearness[ci, cj]:
-                for _ in range(3):
-                    x, y = (u - cx) / fx, (v - cy) / fy
-                    z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * near
-                    du = u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * near) / z + cx)
-                    dv = v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * near) / z + cy)
-                    u += du
-                    v += dv
-                    if du * du + dv * dv < 0.04:  # what is left is some percent of this step
-                        break
-                ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
-                done = abs(nearness[ci, cj] - near) < 0.02 * near
-                if not done:
-                    u, v = u0, v0
-            if not done:
-                for _ in range(3):
-                    ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
-                    k = nearness[ci, cj]
-                    x, y = (u - cx) / fx, (v - cy) / fy
-                    z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * k
-                    du = u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * k) / z + cx)
-                    dv = v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * k) / z + cy)
-                    u += du
-                    v += dv
-                    if du * du + dv * dv < 0.04:  # what is left is some percent of this step
-                        break
-            out[i, j, 0] = u
-            out[i, j, 1] = v
+    u0, v0 = float(base[0]), float(base[1])
+    ci, cj = min(max(int(v0 + 0.5), 0), h - 1), min(max(int(u0 + 0.5), 0), w - 1)
+    near = nearest[ci, cj]
+    begin = 0 if near > 1.02 * nearness[ci, cj] else 1
+    u, v = u0, v0
+    for nearer_first in range(begin, 2):
+        u, v = u0, v0
+        for _ in range(3):
+            ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
+            k = near if nearer_first == 0 else nearness[ci, cj]
+            x, y = (u - cx) / fx, (v - cy) / fy
+            z = T[2, 0] * x + T[2, 1] * y + T[2, 2] + T[2, 3] * k
+            du = u0 - (fx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] + T[0, 3] * k) / z + cx)
+            dv = v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * k) / z + cy)
+            u += du
+            v += dv
+            if du * du + dv * dv < 0.04:  # what is left is some percent of this step
+                break
+        ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
+        if nearer_first == 0 and abs(nearness[ci, cj] - near) < 0.02 * near:
+            break
+    return u, v
 
 
 @compiled

@@ -79,6 +79,11 @@ def test_the_same_scene_gives_the_same_bytes(camera: Camera) -> None:
     assert np.array_equal(*images)
 
 
+def test_light_that_is_no_number_or_out_of_range_has_a_code() -> None:
+    light = np.array([[[np.nan, -np.inf, np.inf], [-1.0, 2.0, 1.0]]], dtype=np.float32)
+    assert encode(light).tolist() == [[[0, 0, 255], [0, 255, 255]]]
+
+
 def test_encode_undoes_decode() -> None:
     codes = np.arange(256, dtype=np.uint8).reshape(1, 256, 1).repeat(3, axis=2)
     assert np.array_equal(encode(decode(codes)), codes)
