@@ -1,5 +1,6 @@
 """The air along a flight."""
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -26,7 +27,7 @@ class Air:
         strength = 1.0
         if self.near_gain > 0.0:
             distance = float(surroundings.distance(position_m[None])[0])
-            strength += self.near_gain * float(np.exp(-distance / self.near_m))
+            strength += self.near_gain * math.exp(-distance / self.near_m)
         rows = slice(first, first + count)
         return np.asarray(self.mean_m_s[rows] + strength * self.turbulence_m_s[rows])
 
@@ -42,4 +43,4 @@ class WindSpec(Protocol):
 def downwind(from_deg: float) -> Array:
     """Unit vector (3,) along which a wind from `from_deg` blows."""
     angle = np.radians(from_deg)
-    return np.array([-np.cos(angle), -np.sin(angle), 0.0])
+    return np.array([-math.cos(angle), -math.sin(angle), 0.0])

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt
 
+from trajectories import exact
 from trajectories.dryden import first_order
 from trajectories.flown import Flight
 from trajectories.pose import Array
@@ -49,9 +50,9 @@ TEMPERATURE_K, LAPSE_K_M, EXPONENT = 288.15, 0.0065, 5.25588
 
 def pressure_at(height_m: Array, floor_pressure_pa: float) -> Array:
     """Pressure (n,), Pa, at heights (n,) above the floor."""
-    return np.asarray(floor_pressure_pa * (1.0 - LAPSE_K_M * height_m / TEMPERATURE_K) ** EXPONENT)
+    return np.asarray(floor_pressure_pa * exact.power(1.0 - LAPSE_K_M * height_m / TEMPERATURE_K, EXPONENT))
 
 
 def height_at(pressure_pa: Array, floor_pressure_pa: float) -> Array:
     """Heights (n,), m, above the floor at pressures (n,): the inverse of `pressure_at`."""
-    return np.asarray(TEMPERATURE_K / LAPSE_K_M * (1.0 - (pressure_pa / floor_pressure_pa) ** (1.0 / EXPONENT)))
+    return np.asarray(TEMPERATURE_K / LAPSE_K_M * (1.0 - exact.power(pressure_pa / floor_pressure_pa, 1.0 / EXPONENT)))

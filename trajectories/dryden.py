@@ -5,6 +5,7 @@ noise of the covariance that the white noise gathers within a step, and start in
 produced standard deviation is the one asked for, whatever the step.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -12,6 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from scipy.special import gammainc
 
+from trajectories import exact
 from trajectories.air import Air, downwind
 from trajectories.pose import Array, read_only
 
@@ -42,7 +44,7 @@ class Dryden:
     def mean_m_s(self) -> float:
         """Mean wind at height_m."""
         height = max(self.height_m / FOOT_M, LOWEST_FT)
-        return self.w20_m_s * float(np.log(height / ROUGHNESS_FT) / np.log(20.0 / ROUGHNESS_FT))
+        return self.w20_m_s * math.log(height / ROUGHNESS_FT) / math.log(20.0 / ROUGHNESS_FT)
 
     @property
     def sigmas_m_s(self) -> Array:
@@ -61,7 +63,7 @@ class Dryden:
 
     def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
         """Air of `steps` steps of step_s seconds."""
-        speed = float(np.hypot(self.mean_m_s, self.flight_speed_m_s))
+        speed = math.hypot(self.mean_m_s, self.flight_speed_m_s)
         lags = self.lengths_m / speed
         one_each = rng.spawn(3)  # so that a longer flight begins with the same wind
         u = first_order(steps, step_s, lags[0], one_each[0])
@@ -69,16 +71,16 @@ class Dryden:
         w = second_order(steps, step_s, lags[2], one_each[2])
         along = downwind(self.from_deg)
         axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
-        turbulence = (np.column_stack([u, v, w]) * self.sigmas_m_s) @ axes
+        turbulence = exact.product(np.column_stack([u, v, w]) * self.sigmas_m_s, axes)
         mean = np.tile(self.mean_m_s * along, (steps, 1))
         return Air(read_only(mean), read_only(turbulence), self.near_gain, self.near_m)
 
 
 def first_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generator) -> Array:
     """Gaussian process (n,) of variance 1 with the spectrum of sqrt(2 T) / (1 + T s): the longitudinal filter."""
-    decay = np.exp(-step_s / lag_s)
+    decay = math.exp(-step_s / lag_s)
     white = rng.standard_normal(steps)
-    noise = white * np.sqrt(-np.expm1(-2 * step_s / lag_s))
+    noise = white * math.sqrt(-math.expm1(-2 * step_s / lag_s))
     noise[0] = white[0]
     return _filtered(noise, decay)
 
@@ -96,7 +98,7 @@ def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generat
     n1 = np.sqrt(q11) * white[0]
     n2 = q12 / np.sqrt(q11) * white[0] + np.sqrt(q22 - q12**2 / q11) * white[1]
     n1[0], n2[0] = np.sqrt(0.5) * white[0, 0], np.sqrt(0.125) * (white[0, 0] + white[1, 0])
-    decay = np.exp(-step_s / lag_s)
+    decay = math.exp(-step_s / lag_s)
     z1 = _filtered(n1, decay)
     n2[1:] += step_s / lag_s * decay * z1[:-1]
     z2 = _filtered(n2, decay)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from trajectories import exact
 from trajectories.errors import UserError
 from trajectories.mount import Mount
 from trajectories.pose import Array, rotation_from_quaternion
@@ -69,7 +70,9 @@ def check_camera(record: Array, mount: Mount, surroundings: Surroundings) -> Non
     """UserError when the camera's centre is inside the structure or under the floor."""
     rows = record[::STRIDE]
     offset = mount.cam_from_body.inverse().translation
-    centres = rows[:, RECORD["positions_m"]] + rotation_from_quaternion(rows[:, RECORD["quaternions_wxyz"]]) @ offset
+    centres = rows[:, RECORD["positions_m"]] + exact.product(
+        rotation_from_quaternion(rows[:, RECORD["quaternions_wxyz"]]), offset
+    )
     inside = surroundings.inside(centres) | (centres[:, 2] <= 0)
     if inside.any():
         step = int(np.argmax(inside))

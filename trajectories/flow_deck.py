@@ -1,11 +1,13 @@
 """The Crazyflie's flow deck: optical flow of the floor (PMW3901) and range to it (VL53L1x)."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
 
+from trajectories import exact
 from trajectories.flown import Flight
 from trajectories.pose import Array, rotation_from_quaternion
 from trajectories.sensor import Table, sample_stamps, sampled
@@ -46,8 +48,8 @@ class FlowDeck:
         flow_rng, range_rng = rng.spawn(2)
         total = np.cumsum(scale * angle + self.flow_noise_px * flow_rng.standard_normal(angle.shape), axis=0)
         counts = np.diff(np.round(total), axis=0, prepend=0.0) + 0.0
-        growth = np.log(0.2 / 0.0025) / (4.0 - 2.5)
-        sigma = self.range_noise_m * (1.0 + np.exp(growth * (np.minimum(seen, self.greatest_range_m) - 2.5)))
+        growth = math.log(0.2 / 0.0025) / (4.0 - 2.5)
+        sigma = self.range_noise_m * (1.0 + exact.exp(growth * (np.minimum(seen, self.greatest_range_m) - 2.5)))
         ranged = seen + sigma * range_rng.standard_normal(len(seen))
         ranged = np.where(seen <= self.greatest_range_m, ranged, np.nan)
         counts[(seen > self.greatest_range_m) | (seen < self.least_range_m)] = np.nan

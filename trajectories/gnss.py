@@ -1,5 +1,6 @@
 """A GNSS receiver whose satellites the structure hides."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -7,6 +8,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from numpy.typing import NDArray
 
+from trajectories import exact
 from trajectories.dryden import first_order
 from trajectories.flown import Flight
 from trajectories.pose import Array
@@ -53,13 +55,13 @@ class Gnss:
         values[:, 0] = seen.sum(axis=1)
         for i in np.flatnonzero(values[:, 0] >= 4):
             rows = np.column_stack([-sight[i, seen[i]], np.ones(int(values[i, 0]))])
-            cofactor = np.linalg.inv(rows.T @ rows)
-            pdop = np.sqrt(np.trace(cofactor[:3, :3]))
+            cofactor = exact.inverse(exact.product(rows.T, rows))
+            pdop = math.sqrt(cofactor[0, 0] + cofactor[1, 1] + cofactor[2, 2])
             values[i, 1] = pdop
             if pdop <= self.greatest_pdop:
-                solve = cofactor @ rows.T
-                values[i, 2:5] = places[i] + (solve @ ranges[i, seen[i]])[:3]
-                values[i, 5:8] = speeds[i] + (solve @ dopplers[i, seen[i]])[:3]
+                solve = exact.product(cofactor, rows.T)
+                values[i, 2:5] = places[i] + exact.product(solve, ranges[i, seen[i]])[:3]
+                values[i, 5:8] = speeds[i] + exact.product(solve, dopplers[i, seen[i]])[:3]
         names = ("satellites", "pdop", "px_m", "py_m", "pz_m", "vx_m_s", "vy_m_s", "vz_m_s")
         return Table(names, stamps, values)
 
@@ -68,9 +70,9 @@ class Gnss:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Directions (n, 24, 3) to the satellites in the world, and which of them (n, 24) are in view from places."""
         east_north_up = sky(self.epoch_s + stamps_ns / 1e9, self.latitude_deg)
-        c, s = np.cos(np.radians(self.north_deg)), np.sin(np.radians(self.north_deg))
-        sight = east_north_up @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        seen = sight[..., 2] > np.sin(np.radians(self.mask_deg))
+        c, s = math.cos(math.radians(self.north_deg)), math.sin(math.radians(self.north_deg))
+        sight = exact.product(east_north_up, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+        seen = sight[..., 2] > math.sin(math.radians(self.mask_deg))
         fix, satellite = np.nonzero(seen)
         seen[fix, satellite] = np.isinf(surroundings.ray(places_m[fix], sight[fix, satellite]))
         return sight, seen

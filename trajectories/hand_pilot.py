@@ -1,5 +1,6 @@
 """The path `hand-pilot`: a human flies around a structure with a game pad and keeps the camera on it."""
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -7,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 
+from trajectories import exact
 from trajectories.errors import UserError
 from trajectories.mount import Mount
 from trajectories.pose import Array
@@ -71,14 +73,14 @@ class Stage:
     def of(cls, path: HandPilot, surroundings: Surroundings, mount: Mount) -> "Stage":
         """Stage around the surroundings' centre; UserError naming the setting that leaves no place."""
         low, high = surroundings.bounds
-        reach = float(np.linalg.norm(high[:2] - low[:2]) / 2)
+        reach = float(exact.length(high[:2] - low[:2]) / 2)
         stage = cls(
             (float(surroundings.centre[0]), float(surroundings.centre[1])),
             float(low[2]),
             float(high[2]),
             reach,
-            float(np.tan(np.radians(path.view_half_angle_deg - mount.pitch_deg))),
-            float(np.tan(np.radians(path.view_half_angle_deg + mount.pitch_deg))),
+            math.tan(math.radians(path.view_half_angle_deg - mount.pitch_deg)),
+            math.tan(math.radians(path.view_half_angle_deg + mount.pitch_deg)),
             path.range_m,
             path.height_m,
         )
@@ -126,7 +128,7 @@ class Pilot:
         self._wishes = [Wish(rng) for _ in range(3)]
         bearing = np.radians(path.start_deg) - self._sign * path.speed_m_s * WARM_UP_S / np.mean(path.range_m)
         distance, height = self._place(-WARM_UP_S)
-        start = np.array([*(stage.centre + distance * np.array([np.cos(bearing), np.sin(bearing)])), height])
+        start = np.array([*(stage.centre + distance * np.array([math.cos(bearing), math.sin(bearing)])), height])
         wander = Wander(path.wander_m, np.radians(path.wander_deg), rng)
         self._assist = Assist(start, bearing + np.pi, wander, self.warm_up + self.steps)
         self._memory: deque[Seen] = deque()
@@ -156,15 +158,15 @@ class Pilot:
     def _decide(self, now_s: float, late: Seen) -> Array:
         """Stick deflections (4,) meant to mend what was seen."""
         to_centre = np.array(self._stage.centre) - late.position_m[:2]
-        distance = float(np.linalg.norm(to_centre))
+        distance = float(exact.length(to_centre))
         wished_distance, wished_height = self._place(now_s)
-        turn = np.arctan2(to_centre[1], to_centre[0]) - late.yaw_rad
+        turn = math.atan2(to_centre[1], to_centre[0]) - late.yaw_rad
         error = np.array(
             [
                 distance - wished_distance,
                 0.0,
                 wished_height - late.position_m[2],
-                np.arctan2(np.sin(turn), np.cos(turn)),
+                math.atan2(math.sin(turn), math.cos(turn)),
             ]
         )
         command = EAGERNESS_1_S * np.where(np.abs(error) > NOTICED, error, 0.0)
@@ -185,5 +187,5 @@ class Wish:
 
     def at(self, now_s: float) -> float:
         """The wish at a time."""
-        waves = float(np.sin(self._rates * now_s + self._phases).sum())
-        return 0.5 + 0.5 * float(np.tanh(0.8 * waves))
+        waves = float(exact.sin(self._rates * now_s + self._phases).sum())
+        return 0.5 + 0.5 * math.tanh(0.8 * waves)

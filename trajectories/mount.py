@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trajectories import exact
 from trajectories.pose import Pose, rotation_exp
 
 CAM_FROM_FORWARD_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -28,10 +29,7 @@ class Mount:
     def cam_from_body(self) -> Pose:
         """Transform of points of the body frame into the camera frame."""
         yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
-        body_from_turned = (
-            rotation_exp(np.array([0.0, 0.0, yaw]))
-            @ rotation_exp(np.array([0.0, -pitch, 0.0]))
-            @ rotation_exp(np.array([roll, 0.0, 0.0]))
-        )
-        body_from_cam = Pose(body_from_turned @ CAM_FROM_FORWARD_BODY.T, np.array(self.offset_m))
+        axes = rotation_exp(np.array([[0.0, 0.0, yaw], [0.0, -pitch, 0.0], [roll, 0.0, 0.0]]))
+        body_from_turned = exact.product(exact.product(axes[0], axes[1]), axes[2])
+        body_from_cam = Pose(exact.product(body_from_turned, CAM_FROM_FORWARD_BODY.T), np.array(self.offset_m))
         return body_from_cam.inverse()

@@ -1,6 +1,7 @@
 """Paths along a structure: facade raster, girder follow, bridge underside, waypoints."""
 
 import csv
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -8,6 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt
 
+from trajectories import exact
 from trajectories.errors import UserError
 from trajectories.motion import fly_through, stop_and_go
 from trajectories.mount import Mount
@@ -33,9 +35,9 @@ class Frame:
     def of(cls, surroundings: Surroundings, degrees: float) -> "Frame":
         """Frame along a bearing, counter-clockwise from the world's x axis."""
         angle = np.radians(degrees)
-        along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
         used = surroundings.vertices[np.unique(surroundings.triangles)]
-        a, b, z = used[:, :2] @ along, used[:, :2] @ across, used[:, 2]
+        a, b, z = exact.product(used[:, :2], along), exact.product(used[:, :2], across), used[:, 2]
         extents = [(float(v.min()), float(v.max())) for v in (a, b, z)]
         return cls(along, across, *extents)
 

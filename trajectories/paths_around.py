@@ -1,11 +1,13 @@
 """Paths that circle a structure or stand before it: orbit, pier spiral, approach, hover, figure-8."""
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
 
+from trajectories import exact
 from trajectories.errors import UserError
 from trajectories.motion import progress
 from trajectories.mount import Mount
@@ -20,12 +22,12 @@ Direction = Literal["counter-clockwise", "clockwise"]
 def reach(surroundings: Surroundings) -> float:
     """Horizontal distance from the centre of the bounds to their corners, metres."""
     low, high = surroundings.bounds
-    return float(np.linalg.norm(high[:2] - low[:2]) / 2)
+    return float(exact.length(high[:2] - low[:2]) / 2)
 
 
 def bearing(degrees: float) -> Array:
     """Unit vector (2,) of a bearing, counter-clockwise from the world's x axis."""
-    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
 
 
 def facing(positions: Array, target: Array) -> Array:
@@ -33,7 +35,7 @@ def facing(positions: Array, target: Array) -> Array:
     to = target - positions[:, :2]
     if np.linalg.norm(to, axis=1).min() < 1e-3:
         raise UserError("the path passes straight above what it looks at, where no heading does; move it aside")
-    return np.unwrap(np.arctan2(to[:, 1], to[:, 0]))
+    return np.unwrap(exact.arctan2(to[:, 1], to[:, 0]))
 
 
 @dataclass(frozen=True)
@@ -84,14 +86,18 @@ class PierSpiral:
 
 def _helix(path: Orbit | PierSpiral, centre: Array, radius: float, angle: float, low: float, high: float) -> Planned:
     """Plan of a helix through `angle` radians around a vertical axis."""
-    per_radian = float(np.hypot(radius, (high - low) / angle))
+    per_radian = math.hypot(radius, (high - low) / angle)
     # Centripetal acceleration is radius (speed / per_radian)^2; half of the limit is left for speeding up.
     speed = min(path.speed_m_s, per_radian * float(np.sqrt(0.5 * path.acceleration_m_s2 / radius)))
     way = progress(angle * per_radian, speed, 0.5 * path.acceleration_m_s2) / per_radian
     sign = 1.0 if path.direction == "counter-clockwise" else -1.0
     around = np.radians(path.start_deg) + sign * way
     positions = np.column_stack(
-        [centre[0] + radius * np.cos(around), centre[1] + radius * np.sin(around), low + (high - low) * way / angle]
+        [
+            centre[0] + radius * exact.cos(around),
+            centre[1] + radius * exact.sin(around),
+            low + (high - low) * way / angle,
+        ]
     )
     return planned(positions, around + np.pi)
 
@@ -167,7 +173,7 @@ class FigureEight:
         forward = bearing(self.from_deg)
         side = np.array([-forward[1], forward[0]])
         middle = surroundings.centre[:2] + (reach(surroundings) + self.distance_m) * forward
-        across, along = self.width_m / 2 * np.sin(phase), self.depth_m / 2 * np.sin(2 * phase)
+        across, along = self.width_m / 2 * exact.sin(phase), self.depth_m / 2 * exact.sin(2 * phase)
         xy = middle + across[:, None] * side + along[:, None] * forward
-        positions = np.column_stack([xy, self.height_m + self.rise_m / 2 * np.sin(phase)])
+        positions = np.column_stack([xy, self.height_m + self.rise_m / 2 * exact.sin(phase)])
         return planned(positions, facing(positions, surroundings.centre[:2]))

@@ -1,10 +1,13 @@
 """Rigid-body poses: SE(3) as a frozen value, named `target_from_source`."""
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from trajectories import exact
 
 Array = NDArray[np.float64]
 
@@ -31,13 +34,13 @@ def hat(v: Array) -> Array:
 
 def rotation_exp(rotvec: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in rad (Rodrigues)."""
-    angle = np.linalg.norm(rotvec, axis=-1)[..., None, None]
+    angle = np.asarray(exact.length(rotvec))[..., None, None]
     K = hat(rotvec)
     small = angle < 1e-6
     safe = np.where(small, 1.0, angle)
-    a = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
-    b = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    R: Array = np.eye(3) + a * K + b * (K @ K)
+    a = np.where(small, 1.0 - angle**2 / 6.0, exact.sin(safe) / safe)
+    b = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - exact.cos(safe)) / safe**2)
+    R: Array = np.eye(3) + a * K + b * exact.product(K, K)
     return R
 
 
@@ -86,7 +89,7 @@ def rotation_log(R: Array) -> Array:
     q = quaternion_from_rotation(R)
     v = q[..., 1:]
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(norm, q[..., :1])
+    angle = 2.0 * exact.arctan2(norm, q[..., :1])
     return np.where(norm > 0, v * (angle / np.where(norm > 0, norm, 1.0)), 2.0 * v)
 
 
@@ -130,25 +133,28 @@ class Pose:
         """SE(3) exponential of a twist (6,): translation part (m) first, rotation part (rad) last."""
         xi = read_only(twist, (6,))
         rho, phi = xi[:3], xi[3:]
-        angle = float(np.linalg.norm(phi))
+        angle = float(exact.length(phi))
         K = hat(phi)
+        K2 = exact.product(K, K)
         if angle < 1e-5:
-            V = np.eye(3) + 0.5 * K + K @ K / 6.0
+            V = np.eye(3) + 0.5 * K + K2 / 6.0
         else:
-            V = np.eye(3) + (1 - np.cos(angle)) / angle**2 * K + (angle - np.sin(angle)) / angle**3 * (K @ K)
-        return cls(rotation_exp(phi), V @ rho)
+            c, s = math.cos(angle), math.sin(angle)
+            V = np.eye(3) + (1 - c) / (angle * angle) * K + (angle - s) / (angle * angle * angle) * K2
+        return cls(rotation_exp(phi), exact.product(V, rho))
 
     def log(self) -> Array:
         """Twist (6,) with `Pose.exp(pose.log()) == pose`: translation part first, rotation part last."""
         phi = rotation_log(self.rotation)
-        angle = float(np.linalg.norm(phi))
+        angle = float(exact.length(phi))
         K = hat(phi)
+        K2 = exact.product(K, K)
         if angle < 1e-5:
-            V_inverse = np.eye(3) - 0.5 * K + K @ K / 12.0
+            V_inverse = np.eye(3) - 0.5 * K + K2 / 12.0
         else:
-            c = (1 - 0.5 * angle * np.sin(angle) / (1 - np.cos(angle))) / angle**2
-            V_inverse = np.eye(3) - 0.5 * K + c * (K @ K)
-        return np.concatenate([V_inverse @ self.translation, phi])
+            c = (1 - 0.5 * angle * math.sin(angle) / (1 - math.cos(angle))) / (angle * angle)
+            V_inverse = np.eye(3) - 0.5 * K + c * K2
+        return np.concatenate([exact.product(V_inverse, self.translation), phi])
 
     @property
     def matrix(self) -> Array:
@@ -164,11 +170,12 @@ class Pose:
 
     def inverse(self) -> "Pose":
         """`source_from_target`."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+        return Pose(self.rotation.T, -exact.product(self.rotation.T, self.translation))
 
     def __matmul__(self, other: "Pose") -> "Pose":
-        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+        turned = exact.product(self.rotation, other.rotation)
+        return Pose(turned, exact.product(self.rotation, other.translation) + self.translation)
 
     def transform(self, points: Array) -> Array:
         """Points (n, 3) of the source frame in the target frame, metres."""
-        return points @ self.rotation.T + self.translation
+        return exact.product(points, self.rotation.T) + self.translation

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from trajectories import exact
 from trajectories.errors import UserError
 from trajectories.pose import Array, read_only, rotation_from_quaternion
 
@@ -79,7 +80,7 @@ class Quadrotor:
         return cls(
             xml=xml,
             mass_kg=float(model.body_mass[1]),
-            inertia_kg_m2=read_only(axes @ np.diag(model.body_inertia[1]) @ axes.T),
+            inertia_kg_m2=read_only(exact.product(axes * np.array(model.body_inertia[1]), axes.T)),
             allocation=read_only(allocation),
             motor_time_constant_s=float(lags[0]),
             min_thrust_n=float(ranges[0, 0]),
@@ -121,8 +122,8 @@ def _wrench(model: Any, actuator: int) -> Array:
     """Collective thrust and torque (4,) of one newton of an actuator at its site."""
     site = model.actuator_trnid[actuator, 0]
     axes = rotation_from_quaternion(np.array(model.site_quat[site]))
-    force = axes @ model.actuator_gear[actuator, :3]
-    torque = axes @ model.actuator_gear[actuator, 3:] + np.cross(model.site_pos[site], force)
+    force = exact.product(axes, np.array(model.actuator_gear[actuator, :3]))
+    torque = exact.product(axes, np.array(model.actuator_gear[actuator, 3:])) + np.cross(model.site_pos[site], force)
     if np.abs(force - [0, 0, 1]).max() > 1e-9:
         raise UserError("an airframe's rotors must push along the body's z axis: gear 0 0 1 0 0 k")
     return np.array([1.0, *torque])

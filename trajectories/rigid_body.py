@@ -6,8 +6,7 @@ MuJoCo integrates the motion; the same equations give the accelerations of the r
 from math import sqrt
 from typing import NamedTuple
 
-import numpy as np
-
+from trajectories import exact
 from trajectories.kernels import compiled
 from trajectories.pose import Array, read_only
 from trajectories.quadrotor import GRAVITY_M_S2, Quadrotor
@@ -41,9 +40,9 @@ def plant(vehicle: Quadrotor) -> Plant:
         vehicle.rotor_drag_kg,
         vehicle.body_drag_kg_m,
         vehicle.inertia_kg_m2,
-        read_only(np.linalg.inv(vehicle.inertia_kg_m2)),
+        read_only(exact.inverse(vehicle.inertia_kg_m2)),
         vehicle.allocation,
-        read_only(np.linalg.inv(vehicle.allocation)),
+        read_only(exact.inverse(vehicle.allocation)),
     )
 
 

@@ -1,7 +1,10 @@
 """A constellation of navigation satellites and where they stand in the sky."""
 
+import math
+
 import numpy as np
 
+from trajectories import exact
 from trajectories.pose import Array
 
 EARTH_RADIUS_M = 6_371_000.0
@@ -25,19 +28,21 @@ def sky(times_s: Array, latitude_deg: float) -> Array:
     plane = slot // PER_PLANE
     node = 2 * np.pi * plane / PLANES - EARTH_RATE_RAD_S * times_s[:, None]
     along = 2 * np.pi * ((slot % PER_PLANE + plane / 4) / PER_PLANE + times_s[:, None] / ORBIT_PERIOD_S)
-    x, y = np.cos(along), np.sin(along) * np.cos(INCLINATION_RAD)
+    east_of_node, north_of_node = exact.cos(along), exact.sin(along)
+    x, y = east_of_node, north_of_node * math.cos(INCLINATION_RAD)
+    turn_cos, turn_sin = exact.cos(node), exact.sin(node)
     satellites = ORBIT_RADIUS_M * np.stack(
         [
-            x * np.cos(node) - y * np.sin(node),
-            x * np.sin(node) + y * np.cos(node),
-            np.sin(along) * np.sin(INCLINATION_RAD),
+            x * turn_cos - y * turn_sin,
+            x * turn_sin + y * turn_cos,
+            north_of_node * math.sin(INCLINATION_RAD),
         ],
         axis=-1,
     )
-    latitude = np.radians(latitude_deg)
-    up = np.array([np.cos(latitude), 0.0, np.sin(latitude)])
-    north = np.array([-np.sin(latitude), 0.0, np.cos(latitude)])
+    latitude = math.radians(latitude_deg)
+    up = np.array([math.cos(latitude), 0.0, math.sin(latitude)])
+    north = np.array([-math.sin(latitude), 0.0, math.cos(latitude)])
     east = np.array([0.0, 1.0, 0.0])
     sight = satellites - EARTH_RADIUS_M * up
     sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
-    return np.asarray(sight @ np.array([east, north, up]).T)
+    return exact.product(sight, np.array([east, north, up]).T)

@@ -1,5 +1,7 @@
 """The flight loop: guidance, control, motors and air, integrated by MuJoCo."""
 
+import math
+
 import numpy as np
 
 from trajectories.air import Air
@@ -24,7 +26,7 @@ def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, sur
     data = mujoco.MjData(model)
     numbers = plant(vehicle)
     first = guidance.rows(-guidance.warm_up, 1, None)[0]
-    data.qpos[:] = *first[0:3], np.cos(first[9] / 2), 0.0, 0.0, np.sin(first[9] / 2)
+    data.qpos[:] = *first[0:3], math.cos(first[9] / 2), 0.0, 0.0, math.sin(first[9] / 2)
     data.act[:] = vehicle.hover_thrust_n
     integral = trim(numbers, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(vehicle.hover_thrust_n))))
     record = np.zeros((guidance.steps, RECORD_COLUMNS))
@@ -91,4 +93,4 @@ def _step(
 
 def _yaw(qpos: Array) -> float:
     w, x, y, z = qpos[3:7]
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

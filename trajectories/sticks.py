@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 
+from trajectories import exact
 from trajectories.control import REFERENCE_COLUMNS
 from trajectories.kernels import compiled
 from trajectories.pose import Array
@@ -45,7 +46,7 @@ class Pad:
     def command(self, sticks: Array) -> Array:
         """Commands (4,) of stick deflections (4,) in -1..1."""
         beyond = np.clip((np.abs(sticks) - self.dead_zone) / (1 - self.dead_zone), 0.0, 1.0)
-        bent = self.expo * beyond**3 + (1 - self.expo) * beyond
+        bent = self.expo * (beyond * beyond * beyond) + (1 - self.expo) * beyond
         return np.asarray(np.sign(sticks) * bent * self.tops)
 
     def deflection(self, command: Array) -> Array:
@@ -54,7 +55,9 @@ class Pad:
         beyond = share.copy()
         for _ in range(20):  # Newton on e x^3 + (1 - e) x = share, monotone for e in 0..1.
             slope = 3 * self.expo * beyond**2 + (1 - self.expo)
-            beyond -= (self.expo * beyond**3 + (1 - self.expo) * beyond - share) / np.maximum(slope, 1e-6)
+            beyond -= (self.expo * (beyond * beyond * beyond) + (1 - self.expo) * beyond - share) / np.maximum(
+                slope, 1e-6
+            )
         bare = np.where(share > 0, self.dead_zone + (1 - self.dead_zone) * np.clip(beyond, 0.0, 1.0), 0.0)
         return np.asarray(np.sign(command) * bare)
 
@@ -72,12 +75,8 @@ class Wander:
     def at(self, times_s: Array) -> tuple[Array, Array, Array, Array]:
         """The error (n, 4) at times (n,) and its first three derivatives."""
         angle = self._rates * times_s[:, None, None] + self._phases
-        waves = (
-            np.sin(angle),
-            self._rates * np.cos(angle),
-            -(self._rates**2) * np.sin(angle),
-            -(self._rates**3) * np.cos(angle),
-        )
+        sine, cosine, rates = exact.sin(angle), exact.cos(angle), self._rates
+        waves = (sine, rates * cosine, -(rates * rates) * sine, -(rates * rates * rates) * cosine)
         error, first, second, third = (self._amplitudes * wave.sum(axis=1) for wave in waves)
         return error, first, second, third
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt
 
+from trajectories import exact
 from trajectories.air import Air, WindSpec, downwind
 from trajectories.dryden import Dryden
 from trajectories.pose import read_only
@@ -61,7 +62,7 @@ class Gust:
             since = now - begin - rng.uniform(-self.jitter_s, self.jitter_s)
             up = np.clip(since / self.rise_s, 0.0, 1.0)
             down = np.clip((since - self.rise_s - self.hold_s) / self.rise_s, 0.0, 1.0)
-            strength = np.maximum(strength, 0.5 * (np.cos(np.pi * down) - np.cos(np.pi * up)))
+            strength = np.maximum(strength, 0.5 * (exact.cos(np.pi * down) - exact.cos(np.pi * up)))
         wind = (self.speed_m_s + self.gust_m_s * strength)[:, None] * downwind(self.from_deg)
         return Air(read_only(wind), read_only(np.zeros((steps, 3))))
 
