@@ -17,6 +17,7 @@ from bench.models import STRICT, Extra, build, choice, model_of, own_plugins
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization, Known
+from tracker.recording import RecordingSpec
 from tracker.run import KNOWN
 from trajectories.errors import UserError
 
@@ -28,13 +29,14 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 class Suite:
     """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at.
 
+    Its sequences are all rendered, or all recorded: without truth there is no error to set beside another.
     start is where the first pose comes from; protocols are those that trackers run in beside the free run; flights is
     the hash of what the file says of its sequences.
     """
 
     name: str
     title: str
-    sequences: tuple[SequenceSpec, ...]
+    sequences: tuple[SequenceSpec | RecordingSpec, ...]
     trackers: dict[str, Tracker]
     rates_hz: tuple[float, ...]
     start: Initialization = KNOWN
@@ -48,10 +50,13 @@ def load_suite(path: Path) -> Suite:
     checked = _check(path, suite_model(extra), data)
     errors: list[str] = []
     sequences = tuple(
-        build(table, f"sequences.{name}", errors, name=f"{name}-s{seed}", seed=seed)
-        for name, table in checked.sequences.items()
+        build(table, f"{kind}.{name}", errors, name=f"{name}-s{seed}", seed=seed)
+        for kind in ("sequences", "recordings")
+        for name, table in getattr(checked, kind).items()
         for seed in checked.seeds
     )
+    if bool(checked.sequences) == bool(checked.recordings):
+        errors.append("give either `sequences`, which are rendered, or `recordings`, which are real images")
     trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
     start = build(checked.start, "start", errors)
     errors += [
@@ -63,7 +68,7 @@ def load_suite(path: Path) -> Suite:
     if errors:
         raise UserError(_told(path, list(dict.fromkeys(errors))))
     protocols = tuple(dict.fromkeys(checked.protocols))
-    flights = content_hash(data["sequences"], checked.seeds, data.get("start"))
+    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
     return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, protocols, flights)
 
 
@@ -88,6 +93,7 @@ def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
 def suite_model(extra: Extra = ()) -> type[BaseModel]:
     """Model of a suite file; its `model_json_schema()` is the JSON Schema for editors."""
     sequence: Any = model_of(SequenceSpec, extra, omit=frozenset({"name", "seed"}))
+    recording: Any = model_of(RecordingSpec, extra, omit=frozenset({"name", "seed"}))
     tracker: Any = choice(Tracker, extra)
     start: Any = choice(Initialization, extra)
     known = model_of(Known, extra, "known").model_construct
@@ -100,7 +106,8 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         rates_hz=(Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)], ...),
         start=(start, Field(default_factory=known)),
         protocols=(list[Protocol], []),
-        sequences=(Annotated[dict[Name, sequence], Field(min_length=1)], ...),
+        sequences=(dict[Name, sequence], {}),
+        recordings=(dict[Name, recording], {}),
         trackers=(Annotated[dict[Name, tracker], Field(min_length=1)], ...),
     )
 

@@ -24,8 +24,10 @@ from bench.peers.registry import absent
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization
+from tracker.recording import RecordingSpec, record
 from tracker.run import KNOWN
 
+Spec = SequenceSpec | RecordingSpec
 VERBS = ("render", "track", "score", "report")
 START_S, RENDER_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 0.02, 0.05, 1.0
 """Seconds of a sequence, a frame rendered, a frame tracked, a score and a report's entry: a first guess for 640x480."""
@@ -48,9 +50,10 @@ def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
     return [job for job in jobs if VERBS.index(job.verb) <= VERBS.index(last)]
 
 
-def frames(spec: SequenceSpec) -> float:
-    """How many frames a sequence will have; a guess of a minute where the path does not say how long it takes."""
-    return float(getattr(spec.flight.path, "duration_s", 60.0)) * spec.rate_hz
+def frames(spec: Spec) -> float:
+    """How many frames a sequence will have; a guess of a minute where nothing says how long it takes."""
+    path = spec.flight.path if isinstance(spec, SequenceSpec) else spec.source
+    return float(getattr(path, "duration_s", 60.0)) * spec.rate_hz
 
 
 def clean_leftovers(folder: Path, sequences: Iterable[str] = ("*",)) -> None:
@@ -66,13 +69,16 @@ def clean_leftovers(folder: Path, sequences: Iterable[str] = ("*",)) -> None:
 
 @dataclass(frozen=True)
 class Render:
-    """Render one sequence."""
+    """Render one sequence, or take over one that was recorded."""
 
-    spec: SequenceSpec
+    spec: Spec
     folder: Path
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the sequence folder."""
+        if isinstance(self.spec, RecordingSpec):
+            record(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
+            return
         from scenes.generate import generate
 
         generate(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
@@ -147,11 +153,13 @@ class Score:
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write `score.json` in the results folder."""
+        from reports.recorded import score_recorded
         from reports.score import score
         from scenes.sequence import Sequence
         from tracker.results import Results
 
-        scored = score(Sequence.load(self.sequence), Results.load(self.results))
+        sequence, results = Sequence.load(self.sequence), Results.load(self.results)
+        scored = score_recorded(sequence, results) if sequence.recorded else score(sequence, results)
         scored.save(self.results / "score.json", content_hash=content_hash)
 
 
@@ -164,12 +172,18 @@ class Report:
     scored: tuple[tuple[Path, Path, str], ...]
     restarts: tuple[Path, ...] = ()
     absent: tuple[tuple[str, str], ...] = ()
+    recorded: bool = False
     unrendered: tuple[tuple[str, str], ...] = ()
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write index.html, figures, tables and scores.json."""
+        from reports.recorded_report import write_recorded_report
         from reports.report import ReportEntry, write_report
 
+        if self.recorded:
+            more: dict[str, Any] = {"content_hash": content_hash, "on_step": on_step}
+            write_recorded_report(self.folder, self.title, self.scored, absent=dict(self.absent), **more)
+            return
         entries = [
             ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
         ]
@@ -190,7 +204,7 @@ class Report:
         return kept if scored else None
 
 
-def _render_job(spec: SequenceSpec, folder: Path) -> Job:
+def _render_job(spec: Spec, folder: Path) -> Job:
     output = folder / "sequences" / spec.name
     return Job(
         verb="render",
@@ -207,7 +221,7 @@ def _track_job(
     label: str,
     tracker: Tracker,
     rate_hz: float,
-    spec: SequenceSpec,
+    spec: Spec,
     render: Job,
     folder: Path,
 ) -> Job:
@@ -253,6 +267,7 @@ def _report_job(suite: Suite, scores: list[Job], restarts: list[Job], away: Mapp
     scored = tuple((job.work.sequence, job.work.results, "") for job in scores if isinstance(job.work, Score))
     needs = (*scores, *restarts)
     work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts), tuple(away.items()))
+    work = replace(work, recorded=any(isinstance(spec, RecordingSpec) for spec in suite.sequences))
     return Job(
         verb="report",
         name="report",

@@ -11,11 +11,13 @@ from bench.config import load_suite
 from bench.content import content_hash
 from scenes.generate import generate
 from scenes.sequence import Sequence, write_manifest
+from scenes.spec import SequenceSpec
 
 
 def main() -> None:
     """Write bench/trial/sequence anew, its images packed as small as PNG goes."""
     (spec,) = load_suite(TRIAL.parent / "suite.toml").sequences
+    assert isinstance(spec, SequenceSpec)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "sequence"
         generate(spec, folder, content_hash=content_hash(spec))

@@ -11,6 +11,7 @@ from scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, StructureSpec
 from scenes.structures import STRUCTURES
 from tracker.base import Tracker
 from tracker.initial_pose import INITIALIZATIONS, Initialization
+from tracker.recording import RECORDINGS, RecordingSource
 from tracker.variants import TRACKERS
 from trajectories.airframes import AIRFRAMES, AirframeSpec
 from trajectories.paths import PATHS, PathSpec
@@ -27,6 +28,7 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     WindSpec: (WINDS, "start"),
     SensorSpec: (SENSORS, "measure"),
     Initialization: (INITIALIZATIONS, "first_pose"),
+    RecordingSource: (RECORDINGS, "find"),
     Tracker: ({**TRACKERS, **PEERS, "external": External}, "start"),
 }
 """Protocol -> (name -> class, verb)."""

@@ -90,10 +90,10 @@ def write_index(
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
     pages = {s.name: s.page for s in sequences}
-    text = _environment().get_template("page_index.html").render(
+    text = environment().get_template("page_index.html").render(
         title=title,
-        css=_asset("page.css"),
-        js=_asset("page.js"),
+        css=asset("page.css"),
+        js=asset("page.js"),
         runs=runs,
         trackers=", ".join(labels),
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
@@ -115,11 +115,11 @@ def write_sequence_page(
     folder: Path, title: str, shown: SequenceOnPage, runs: ListOf[ScoredRun], figures: ListOf[FigureOnPage]
 ) -> None:
     """Write the page of one sequence, with its frame scrubber."""
-    text = _environment().get_template("page_sequence.html").render(
+    text = environment().get_template("page_sequence.html").render(
         title=title,
         name=shown.name,
-        css=_asset("page.css"),
-        js=_asset("scrubber.js"),
+        css=asset("page.css"),
+        js=asset("scrubber.js"),
         text=shown.text,
         runs=[run.title for run in runs],
         moving=shown.moving,
@@ -238,7 +238,8 @@ def _row(name: str, cells: Any, runs: ListOf[ScoredRun]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _environment() -> Environment:
+def environment() -> Environment:
+    """The pages' templates."""
     return Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=False)
 
 
@@ -247,5 +248,6 @@ def _inlined(value: Any) -> Markup:
     return Markup(json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
-def _asset(name: str) -> Markup:
+def asset(name: str) -> Markup:
+    """A file that stands whole in a page."""
     return Markup((HERE / name).read_text(encoding="utf-8"))

@@ -5,7 +5,7 @@
     model.obj       the structure as designed, one group per planar face
     edges.csv       its true edges: vertices and the faces beside them
     frames.csv      frame, stamp_ns, file
-    truth.csv       world_from_body and its rates at each frame
+    truth.csv       world_from_body and its rates at each frame; a recording of real images has none
     frames/*.png    the images
     crlb.csv        Cramer-Rao bound of the camera's pose, of every n-th frame where the config asks for it
     flight.csv      the whole flight: motion, motors and wind, 100 times a second
@@ -108,6 +108,21 @@ class Sequence:
         """BGR image (h, w, 3) of a frame; UserError when its file is missing, truncated or of another size."""
         return read_image(self.folder / self.files[frame], self.camera)
 
+    @property
+    def recorded(self) -> bool:
+        """Whether its images are real: there is a first pose, and no truth."""
+        return "first_cam_from_world" in self.info
+
+    @property
+    def first_cam_from_world(self) -> Pose:
+        """Pose of the camera at the first frame: the true one, or the one that a recording comes with."""
+        if not self.recorded:
+            return self.true_cam_from_world(0)
+        try:
+            return Pose.from_matrix(self.info["first_cam_from_world"])
+        except (ValueError, TypeError) as error:
+            raise UserError(f"{self.folder / 'sequence.json'}: first_cam_from_world: {error}") from None
+
     @cached_property
     def truth(self) -> Trajectory:
         """True `world_from_body` at each frame."""
@@ -121,6 +136,8 @@ class Sequence:
     def truth_table(self) -> Array:
         """All of truth.csv (n, 18) in the order of TRUTH_COLUMNS."""
         path = self.folder / "truth.csv"
+        if self.recorded:
+            raise UserError(f"{self.folder}: a recording of real images has no truth to compare with")
         table = read_numbers(path, TRUTH_COLUMNS)
         if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
             raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")

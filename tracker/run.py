@@ -60,8 +60,8 @@ def track_sequence(
 def first_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
     """cam_from_world that a tracker is started with at a frame of a sequence."""
     names = ("initialization",) if frame == 0 else ("initialization", str(frame))
-    truth, image = sequence.true_cam_from_world(frame), sequence.image(frame)
-    return start.first_pose(sequence.structure, sequence.camera, truth, image, stream(seed, *names))
+    pose = sequence.true_cam_from_world(frame) if frame else sequence.first_cam_from_world
+    return start.first_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
 
 
 def track_frame(run: Run, image: Image, stamp_ns: int) -> tuple[TrackResult, str]:

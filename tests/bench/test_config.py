@@ -56,7 +56,7 @@ def toml(value):
     return json.dumps(value)
 
 
-@pytest.mark.parametrize("name", suite_names())
+@pytest.mark.parametrize("name", [name for name in suite_names() if name != "real-cube"])
 def test_what_a_dataset_says_of_its_config_makes_it_again(tmp_path, name):
     for spec in load_suite(suite_file(name)).sequences[:: len(load_suite(suite_file(name)).sequences) // 3 or 1]:
         table = described(spec)

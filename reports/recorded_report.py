@@ -1,0 +1,232 @@
+"""The report over runs on recordings: coverage, times and overlays, and no error, since there is no truth.
+
+index.html                   the summary, and for each sequence figures and overlays
+figures/*.pdf *.png *.csv    figures and the numbers behind them
+figures/overlay_*.webp       the model at each tracker's estimate on the images, moving
+tables/summary.*             Markdown, CSV, LaTeX
+scores.json, report.json     all scores; the hash of what made this report
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from collections.abc import Sequence as ListOf
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from PIL import Image as Pillow
+
+from reports.figures_time import finite
+from reports.overlay import ANIMATION_WIDTH_PX, WEBP_QUALITY, scrubbed
+from reports.page import FigureOnPage, asset, environment
+from reports.pictures import GREEN, View, draw, write_text_on
+from reports.recorded import MEETS_PX, RecordedRun, RecordedScore, score_recorded
+from reports.runs import missing_results
+from reports.style import colour, house_style, line, new_figure, save_figure
+from reports.tables import Cell, Column, Table
+from reports.tables_write import heads, write_tables
+from scenes.sequence import Sequence
+from tracker.results import Results
+from tracker.run import versions
+from trajectories.errors import UserError
+from trajectories.files import new_file, write_text
+
+COLUMNS: tuple[Column, ...] = (
+    Column(head="coverage", unit="%", best="max", decimals=1),
+    Column(head="longest gap", unit="s", best="min", decimals=2),
+    Column(head="edges met", unit="%", best="", decimals=1),
+    Column(head="frame p50", unit="ms", best="min", decimals=1),
+    Column(head="frame p95", unit="ms", best="min", decimals=1),
+    Column(head="deadline misses", unit="%", best="min", decimals=1),
+)
+CAPTION = (
+    "Real images without truth: no error is known. Coverage is the share of frames with a pose, right or wrong; edges "
+    f"met the share of the model's visible edges within {MEETS_PX:g} px of an image's edge, over frames with a pose."
+)
+MOST_OVERLAY_FRAMES = 150
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A scored run with its colour."""
+
+    run: RecordedRun
+    score: RecordedScore
+    colour: int
+
+    @property
+    def title(self) -> str:
+        """Name for people."""
+        return f"{self.score.label}, {self.score.rate_hz:g} Hz"
+
+    @property
+    def slug(self) -> str:
+        """Name for files."""
+        return f"{self.score.sequence}_{self.score.run}".replace("/", "-").replace(" ", "-").replace(":", "-")
+
+
+def write_recorded_report(
+    folder: Path,
+    title: str,
+    entries: ListOf[tuple[Path, Path, str]],
+    *,
+    absent: Mapping[str, str],
+    content_hash: str = "",
+    on_step: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write the report over (sequence folder, results folder, why there is none); the path of its index.html.
+
+    absent: trackers that are not on this machine, and why. UserError when there is no entry.
+    """
+    if not entries:
+        raise UserError("a report needs at least one scored run")
+    runs = open_recorded(entries)
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    names = list(dict.fromkeys(shown.score.sequence for shown in runs))
+    table = summary(runs, tuple(absent))
+    write_tables(table, folder / "tables" / "summary")
+    sections = []
+    with house_style():
+        for done, name in enumerate(names):
+            some = [shown for shown in runs if shown.score.sequence == name]
+            sections.append({"name": name, **section(folder, some)})
+            if on_step is not None:
+                on_step(done + 1, len(names))
+    text = environment().get_template("page_recorded.html").render(
+        title=title, css=asset("page.css"), table=table, heads=heads(table), runs=runs, absent=absent,
+        sections=sections, status={s.score.run: s.score.status for s in runs}, colour=colour,
+        version=versions()["uavbench"], record=json.dumps(runs[0].score.record, indent=1),
+    )  # fmt: skip
+    write_text(folder / "index.html", text)
+    head = {"title": title, "truth": None, "absent": dict(absent)}
+    scores = json.dumps({**head, "scores": [asdict(s.score) for s in runs]}, indent=1, allow_nan=False)
+    write_text(folder / "scores.json", scores + "\n")
+    write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
+    return folder / "index.html"
+
+
+def open_recorded(entries: ListOf[tuple[Path, Path, str]]) -> list[Shown]:
+    """The runs of a report; one without results is missing."""
+    sequences: dict[Path, Sequence] = {}
+    labels: dict[str, int] = {}
+    runs = []
+    for sequence_folder, results_folder, why in entries:
+        sequence = sequences.setdefault(sequence_folder, Sequence.load(sequence_folder))
+        there = results_folder.exists() and not why
+        results = Results.load(results_folder) if there else missing_results(sequence, results_folder, why)
+        run = RecordedRun(sequence, results)
+        score = RecordedScore.load(results_folder / "score.json") if there else score_recorded(sequence, results)
+        runs.append(Shown(run, score, labels.setdefault(score.label, len(labels))))
+    return runs
+
+
+def summary(runs: ListOf[Shown], absent: tuple[str, ...]) -> Table:
+    """A row for each tracker and rate, its mean over sequences and seeds; no row is best where no truth is known."""
+    rows = []
+    for name in dict.fromkeys(shown.score.run for shown in runs):
+        values = np.array([numbers(shown.score) for shown in runs if shown.score.run == name], dtype=np.float64)
+        cells = []
+        for column, column_values in zip(COLUMNS, values.T, strict=True):
+            known = column_values[np.isfinite(column_values)]
+            mean = float(known.mean()) if len(known) else None
+            cells.append(
+                Cell(mean=mean, interval=None, known=len(known), runs=len(values), decimals=column.decimals)
+            )  # fmt: skip
+        rows.append((name, tuple(cells)))
+    return Table(CAPTION, COLUMNS, tuple(rows), absent)
+
+
+def numbers(score: RecordedScore) -> list[float | None]:
+    """The numbers of a score in the order of COLUMNS."""
+    total = score.latency.get("total")
+    return [
+        100 * score.coverage,
+        score.longest_gap_s,
+        100 * score.edges_met if score.edges_met is not None else None,
+        total.p50_ms if total else None,
+        total.p95_ms if total else None,
+        100 * score.deadline_misses if score.deadline_misses is not None else None,
+    ]
+
+
+def section(folder: Path, runs: ListOf[Shown]) -> dict[str, Any]:
+    """Figures and overlays of one sequence."""
+    sequence = runs[0].run.sequence
+    rates = sorted({shown.score.rate_hz for shown in runs}, reverse=True)
+    figures = [
+        FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption).sized(folder)
+        for rate in rates
+        for files, title, caption in figures_of(folder, [s for s in runs if s.score.rate_hz == rate], rate)
+    ]
+    overlays = []
+    for shown in (s for s in runs if s.score.rate_hz == rates[0]):
+        path = folder / "figures" / f"overlay_{shown.slug}.webp"
+        write_overlay(shown, path)
+        overlays.append({"title": shown.title, "file": path.relative_to(folder).as_posix()})
+    return {
+        "frames": len(sequence),
+        "seconds": float(sequence.stamps_ns[-1] - sequence.stamps_ns[0]) / 1e9,
+        "figures": figures,
+        "overlays": overlays,
+    }
+
+
+def figures_of(folder: Path, runs: ListOf[Shown], rate: float) -> list[tuple[list[Path], str, str]]:
+    """Edges met and camera positions over time, with their titles and captions."""
+    sequence, suffix = runs[0].run.sequence, f"{runs[0].score.sequence}_{rate:g}hz"
+    met = new_figure(2.0, wide=False)
+    panel = met.subplots()
+    rows: list[list[Any]] = []
+    for shown in runs:
+        panel.plot(shown.run.seconds, 100 * shown.run.edges_met, label=shown.score.label, **line(shown.colour))
+        values = zip(shown.run.expected.tolist(), shown.run.seconds.tolist(), shown.run.edges_met.tolist(), strict=True)
+        rows += [[shown.score.run, frame, t, finite(v)] for frame, t, v in values]
+    panel.set(xlabel="time (s)", ylabel="edges met (%)", ylim=(0, 102))
+    met.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    saved = save_figure(met, folder / "figures" / f"met_{suffix}", ["run", "frame", "time_s", "edges_met"], rows)
+    way = new_figure(3.2, wide=False)
+    panels = way.subplots(3, 1, sharex=True)
+    rows = []
+    for shown in runs:
+        results = shown.run.results
+        t = (results.stamps_ns - sequence.stamps_ns[0]) / 1e9
+        at = np.full((len(results), 3), np.nan)
+        at[results.ok] = results.estimate.positions_m
+        for k, axis in enumerate(panels):
+            axis.plot(t, 100 * at[:, k], label=shown.score.label, **line(shown.colour))
+        rows += [[shown.score.run, s, *map(finite, p)] for s, p in zip(t.tolist(), at.tolist(), strict=True)]
+    for name, axis in zip("xyz", panels, strict=True):
+        axis.set_ylabel(f"{name} (cm)")
+    panels[-1].set_xlabel("time (s)")
+    way.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    drawn = save_figure(way, folder / "figures" / f"way_{suffix}", ["run", "time_s", "x_m", "y_m", "z_m"], rows)
+    return [
+        (saved, f"Edges met, {rate:g} Hz", "Share of the visible model edges on an edge of the image; gaps: no pose."),
+        (drawn, f"Camera positions, {rate:g} Hz", "In the model's frame; where trackers agree, chance is unlikely."),
+    ]
+
+
+def write_overlay(shown: Shown, path: Path) -> None:
+    """Write the model at the latest estimate on the images as an animated WebP; a frame without a pose says so."""
+    sequence = shown.run.sequence
+    rows = {int(f): row for f, row in zip(shown.run.results.frames, shown.run.results.rows, strict=True)}
+    frames = shown.run.expected[scrubbed(len(shown.run.expected))].tolist()
+    frames = frames[:: max(1, -(-len(frames) // MOST_OVERLAY_FRAMES))]
+    pictures = []
+    for frame in frames:
+        view = View.of(sequence.image(frame), sequence.camera, sequence.structure)
+        scale = min(1.0, ANIMATION_WIDTH_PX / view.image.shape[1])
+        canvas = np.asarray(cv2.resize(view.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        row = rows.get(frame)
+        pose = row.cam_from_world if row else None
+        draw(canvas, view.projected(pose) * scale, GREEN, 2)
+        write_text_on(canvas, f"{shown.title}  frame {frame}  {row.status if row else 'no row'}")
+        pictures.append(Pillow.fromarray(canvas[..., ::-1]))
+    step_ms = round(float(np.diff(sequence.stamps_ns[frames]).mean()) / 1e6) if len(frames) > 1 else 100
+    with new_file(path) as temporary:
+        pictures[0].save(
+            temporary, format="WEBP", save_all=True, append_images=pictures[1:], duration=step_ms, loop=0,
+            quality=WEBP_QUALITY, method=0,
+        )  # fmt: skip
