@@ -1,6 +1,5 @@
 """A small building: four facades with windows, a door, a flat roof with a parapet and a plant room."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -8,11 +7,22 @@ import numpy as np
 from annotated_types import Gt, Interval
 
 from scenes import materials
-from scenes.facade import Opening, inside, lines, openings
+from scenes.facade import (
+    COPING_M,
+    OVERHANG_M,
+    REVEAL_M,
+    Opening,
+    Side,
+    downpipe,
+    filled,
+    inside,
+    lines,
+    openings,
+    trim,
+    window_and_door_looks,
+)
 from scenes.parts import BuiltStructure, Part
 from scenes.solids import Solid, block, cells, cover_all, structure_of
-from scenes.wall import REVEAL_M, filled
-from trajectories.pose import Array
 
 PARAPET_M = (0.35, 0.9)
 """Thickness and height of the parapet."""
@@ -33,7 +43,7 @@ class Building:
         """The building, its middle at the origin."""
         surface = materials.PAINTS[self.surface](rng)
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
-        x, y, z = self.length_m / 2, self.width_m / 2, self.height_m
+        z = self.height_m
         side_bays = max(1, round(self.bays * self.width_m / self.length_m))
         front = openings(self.length_m, z, self.bays, self.storeys, door_bay=self.bays // 2)
         back = openings(self.length_m, z, self.bays, self.storeys, door_bay=None)
@@ -43,15 +53,29 @@ class Building:
             self._body(front, back, side, surface),
             block((-plant, -0.5 * plant, z), (0.2 * plant, 0.7 * plant, z + 2.2), stone, "plant room"),
         ]
-        deep = REVEAL_M - 0.002
-        sides: list[tuple[tuple[Opening, ...], Callable[[float, float], Array]]] = [
-            (front, lambda u, v: np.array([u - x, -y + deep, v])),
-            (back, lambda u, v: np.array([x - u, y - deep, v])),
-            (side, lambda u, v: np.array([x - deep, u - y, v])),
-            (side, lambda u, v: np.array([-x + deep, y - u, v])),
-        ]
-        painted: list[Part] = [part for holes, at in sides for part in filled(holes, at, rng)]
+        looks, painted = window_and_door_looks(rng), list[Part]()
+        for face, holes, beyond in zip(self._sides(), (front, side, back, side), (OVERHANG_M, 0.0) * 2, strict=True):
+            solids += trim(holes, face, beyond, stone)
+            solids += [self._coping(face, beyond, stone), downpipe(face, 0.25)]
+            painted += filled(holes, face, looks, rng)
         return BuiltStructure(structure_of(solids), (*cover_all(solids), *painted))
+
+    def _sides(self) -> list[Side]:
+        """Front (-y), right (+x), back, left."""
+        x, y, top = self.length_m / 2, self.width_m / 2, self.height_m + PARAPET_M[1]
+        out = []
+        for k, (cx, cy) in enumerate(((-x, -y), (x, -y), (x, y), (-x, y))):
+            along = np.array([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)][k])
+            outward = np.array([along[1], -along[0], 0.0])
+            out.append(Side(np.array([cx, cy, 0.0]), along, outward, (2 * x, 2 * y)[k % 2], top))
+        return out
+
+    def _coping(self, face: Side, beyond: float, stone: materials.Material) -> Solid:
+        """On the parapet; the long ones go round the corners (beyond > 0), the others fit between them."""
+        inner = PARAPET_M[0] + OVERHANG_M
+        start, stop = (-beyond, face.width_m + beyond) if beyond else (inner, face.width_m - inner)
+        top = face.height_m
+        return face.block((start, top, -inner), (stop, top + COPING_M, OVERHANG_M), stone, "coping")
 
     def _body(
         self,

@@ -47,8 +47,8 @@ def concrete(rng: np.random.Generator, color: Color = (168.0, 164.0, 156.0), boa
 
 
 def brick(rng: np.random.Generator, color: Color = (150.0, 94.0, 76.0)) -> Material:
-    """Bricks 240 x 71 mm in running bond with 12 mm of mortar; 16 courses, 8 bricks long."""
-    rows, columns, h, w = 16, 8, 1024, 1512
+    """Bricks 240 x 71 mm in running bond with 12 mm of mortar; 24 courses, 12 bricks long."""
+    rows, columns, h, w = 24, 12, 1536, 2268
     course, length = h // rows, w // columns
     joint_v, joint_u = round(course * 12 / 83), round(length * 12 / 252)
     image = np.zeros((h, w, 3), dtype=np.float32)

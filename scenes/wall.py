@@ -7,13 +7,23 @@ import numpy as np
 from annotated_types import Gt, Interval
 
 from scenes import materials
-from scenes.facade import Opening, inside, lines, openings
+from scenes.facade import (
+    COPING_M,
+    OVERHANG_M,
+    REVEAL_M,
+    Opening,
+    Side,
+    downpipe,
+    filled,
+    inside,
+    lines,
+    openings,
+    trim,
+    window_and_door_looks,
+)
 from scenes.materials import Material
-from scenes.parts import BuiltStructure, Part
-from scenes.solids import Solid, block, cells, cover_all, picture, structure_of
-
-REVEAL_M = 0.18
-SILL_M = 0.08
+from scenes.parts import BuiltStructure
+from scenes.solids import Solid, cells, cover_all, structure_of
 
 
 @dataclass(frozen=True)
@@ -31,12 +41,16 @@ class Wall:
         """The facade, its middle at the origin."""
         surface = materials.PAINTS[self.surface](rng)
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
+        looks = window_and_door_looks(rng)
         holes = openings(self.width_m, self.height_m, self.bays, self.storeys, door_bay=self.bays // 2)
-        solids = [self._slab(holes, surface), *self._trim(holes, stone)]
-        return BuiltStructure(structure_of(solids), (*cover_all(solids), *filled(holes, self._at, rng)))
+        solids = [self._slab(holes, surface), *trim(holes, self._front, 0.0, stone), self._coping(stone)]
+        solids.append(downpipe(self._front, 0.3))
+        return BuiltStructure(structure_of(solids), (*cover_all(solids), *filled(holes, self._front, looks, rng)))
 
-    def _at(self, x: float, z: float) -> np.ndarray:
-        return np.array([x - self.width_m / 2, REVEAL_M - 0.002, z])
+    @property
+    def _front(self) -> Side:
+        corner, along, outward = np.array([[-self.width_m / 2, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+        return Side(corner, along, outward, self.width_m, self.height_m)
 
     def _slab(self, holes: tuple[Opening, ...], material: Material) -> Solid:
         xs = lines(0, self.width_m, [x for o in holes for x in (o.x0, o.x1)])
@@ -47,27 +61,8 @@ class Wall:
             full[np.ix_(inside(xs, o.x0, o.x1), inside(ys, 0, REVEAL_M), inside(zs, o.z0, o.z1))] = False
         return cells(xs - self.width_m / 2, ys, zs, full, material, "wall")
 
-    def _trim(self, holes: tuple[Opening, ...], stone: Material) -> list[Solid]:
-        half = self.width_m / 2
-        top = block(
-            (-half - 0.06, -0.06, self.height_m), (half + 0.06, self.thickness_m + 0.06, self.height_m + 0.1), stone
+    def _coping(self, stone: Material) -> Solid:
+        low = (-OVERHANG_M, self.height_m, -self.thickness_m - OVERHANG_M)
+        return self._front.block(
+            low, (self.width_m + OVERHANG_M, self.height_m + COPING_M, OVERHANG_M), stone, "coping"
         )
-        sills = [
-            block((o.x0 - half - 0.06, -0.07, o.z0 - SILL_M), (o.x1 - half + 0.06, 0.0, o.z0), stone, "sill")
-            for o in holes
-            if not o.door
-        ]
-        return [top, *sills]
-
-
-def filled(holes: tuple[Opening, ...], at: object, rng: np.random.Generator) -> list[Part]:
-    """Windows and doors painted on the back of their recesses; `at` places a point (along, up) of the facade."""
-    assert callable(at)
-    looks = [materials.window(rng) for _ in range(3)]
-    wood = materials.door(rng)
-    parts = []
-    for o in holes:
-        corner = at(o.x0, o.z0)
-        look = wood if o.door else looks[int(rng.integers(len(looks)))]
-        parts.append(picture(corner, at(o.x1, o.z0) - corner, at(o.x0, o.z1) - corner, look))
-    return parts
