@@ -10,47 +10,45 @@ from scenes.structure import Structure
 from tracker.base import Image
 from tracker.clock import StageClock
 from tracker.edge_map import EdgeMap
-from tracker.geometry_kernels import camera_array, move
-from tracker.profile_kernels import FIRST_ERROR, learn, search, search_range
-from tracker.sampling_kernels import BINS, CROWD_PX, crowding, place, sample_edges
-from tracker.solve_kernels import hypotheses, inverse6, line_variance, refine
+from tracker.geometry_kernels import camera_array, inverse6, move
+from tracker.hypothesis_kernels import hypotheses
+from tracker.profile_kernels import learn, search, search_range
+from tracker.sampling_kernels import BINS, edge_rows, place, sample_edges
+from tracker.solve_kernels import refine
 from tracker.texture import ENOUGH_FOUND, Texture
 from tracker.visible_edges import undistorted_bounds
+from tracker.weight_kernels import support, trust, variances
 from trajectories.pose import Array, Pose
 
 SPACING_PX = 5.0
-MOST_POINTS = 160
+MOST_POINTS = 140
 HYPOTHESES = 64
 """Hypotheses drawn for a frame."""
-FINE_HALF_PX = 6.0
+FINE_HALF_PX = 5.0
 """Half length of the search lines once the pose is nearly right."""
 AGAIN_PX = 1.0
 """Control points are searched again when the pose moved them further than this."""
 COARSE_SCALES = np.array([8.0, 5.0, 3.0])
-FINE_SCALES = np.array([4.0, 3.0, 2.0])
-LAST_SCALES = np.array([2.0, 1.5, 1.5])
+PATCH_SCALES = np.array([8.0, 4.0, 3.0])
+FINE_SCALES = np.array([4.0, 3.0, 2.0, 1.5, 1.5])
+LAST_SCALES = np.array([1.5, 1.5])
 """Widths of Tukey's weights in px."""
 HYPOTHESIS_PRIOR = 0.25
 """Weight of the prediction against candidates that are not weighed by their own errors yet."""
-OWN_VARIANCE = 0.1**2
-SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.08**2, 0.15**2, 0.2**2
-COMMON_PART = 0.15
-"""Variance of a control point in px^2: its own, and that shared along its edge.
-
-The latter takes a part of what was learned of the edge too. Measured at true poses, on average over an edge:
-silhouettes lie 0.01 to 0.05 px from the model's edge; creases 0.1 to 0.3 px, by worn borders and by what is set into a
-face; an edge that stands on the ground 0.05 to 0.4 px, by its shadow.
-"""
 PATCH_VARIANCE = 0.12**2
-"""Variance of a patch along either axis in px^2, beside that of its place."""
-WEAK_STEP = 15.0
-"""Grey levels: an edge with this contrast weighs half of one with much."""
+"""Variance of a patch along either axis in px^2, beside the common error of all."""
 ENOUGH_PATCHES = 8
 """With so many patches found at the predicted pose the edges need no wide search."""
+TAKE_EVERY = 4
+"""Frames from one taking of patches to the next while some are found."""
 SURE_SUPPORT = 0.6
 """Patches are taken where the edges alone support the pose as much as this."""
 PATCH_TRUST = 2.0
 """Weight of a patch in the support."""
+NOTHING = (np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0), np.zeros(0))
+"""No control points."""
+LEAST_POINTS = 6
+"""With fewer control points and fewer patches nothing is fitted."""
 
 Indices = NDArray[np.int64]
 
@@ -59,8 +57,9 @@ Indices = NDArray[np.int64]
 class Evidence:
     """What a fit rests on.
 
-    Control points with their keys, rows of appearance, residuals and weights; the patches, whether they were hit and
-    tried; the information (6, 6) of the edges alone, and the pull (6,) with which they would move the patches' pose.
+    Control points with their keys, rows of appearance, residuals and weights; the patches, their weights and
+    correlations; the information (6, 6) of the edges alone, and the pull (6,) with which they would move the patches'
+    pose.
     """
 
     points: Array
@@ -69,8 +68,8 @@ class Evidence:
     residual: Array
     weights: Array
     chosen: Indices
-    hit: NDArray[np.bool_]
-    tried: NDArray[np.bool_]
+    patch_weights: Array
+    found: Array
     edge_information: Array
     pull: Array
 
@@ -109,6 +108,7 @@ class EdgeFitter:
         self.bounds = np.array(undistorted_bounds(camera))
         self.texture = Texture(self.map, camera)
         self.appearance = np.zeros((len(self.map.ends) * 3 * BINS, 8))
+        self.learned = 0
         self.draws = rng.random((HYPOTHESES, 12))
 
     def fit(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float = 48.0) -> Fit:
@@ -120,80 +120,60 @@ class EdgeFitter:
         R, t = predicted.rotation, predicted.translation
         with clock.stage("project"):
             points, keys = self.sample(R, t)
+            n = len(points)
             self.texture.choose(R, t)
-        n = len(points)
-        if n < 6 and len(self.texture.chosen) < 6:
-            return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
-        rows = (keys[:, 0] * 3 + keys[:, 1] - 1) * BINS + keys[:, 2]
-        first = np.append(np.flatnonzero(np.diff(keys[:, 0], prepend=-1)), n)
-        prior = inverse6(np.ascontiguousarray(covariance))
-        lines, J, side = self.place(points, keys, R, t)
-        trust, own = self.trust(lines, keys, side, rows)
+            if n < LEAST_POINTS and len(self.texture.chosen) < LEAST_POINTS:
+                return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
+            lines, J, side = self.place(points, keys, R, t)
+            rows, first = edge_rows(keys)
+            trusted = trust(lines, keys, side, rows, self.appearance)
+            prior = inverse6(covariance)
         with clock.stage("texture"):
             observed, found = self.texture.align(image, R, t)
-            places, map_covariance = self.texture.places(), self.texture.covariance_at(R, t)
-        known = (map_covariance, prior, R, t)
-        if np.count_nonzero(found > 0) >= ENOUGH_PATCHES:
-            with clock.stage("texture"):
-                nothing = (points[:0], lines[:0], np.zeros((0, 1)), np.zeros((0, 1)), trust[:0], own[:0])
-                for scales in (COARSE_SCALES, FINE_SCALES):
-                    R, t, *_ = refine(*nothing, places, observed, found, PATCH_VARIANCE, *known, R, t, self.cam, scales)
-        elif n:
+            places, known = self.texture.places(), (self.texture.covariance_at(R, t), prior, R, t)
+            sure = np.count_nonzero(found > 0) >= ENOUGH_PATCHES
+            if sure:
+                patches = (places, observed, found, PATCH_VARIANCE)
+                R, t, *_ = refine(*NOTHING, *patches, *known, R, t, self.cam, PATCH_SCALES)
+        if not sure and n:
             with clock.stage("search"):
                 half = search_range(J, covariance, 4.0, half_px)
                 distance, penalty, contrast = search(image, lines, side, rows, self.appearance, half)
             with clock.stage("choose"):
-                x, _ = hypotheses(J, distance, penalty, trust, first, HYPOTHESIS_PRIOR * prior, self.draws, 3.0)
+                x, _ = hypotheses(J, distance, penalty, trusted, first, HYPOTHESIS_PRIOR * prior, self.draws, 3.0)
                 R, t = move(R, t, x)
-                evidence = (
-                    points,
-                    lines,
-                    distance,
-                    penalty,
-                    trust,
-                    self.variance(first, distance, contrast, own, side, keys),
-                )
-                alone = (places[:0], observed[:0], found[:0])
-                R, t, *_ = refine(*evidence, *alone, PATCH_VARIANCE, *known, R, t, self.cam, COARSE_SCALES)
+                spread = self.variances(keys, side, rows, distance, contrast)
+                alone = (places[:0], observed[:0], found[:0], PATCH_VARIANCE)
+                evidence = (points, lines, distance, penalty, trusted, spread)
+                R, t, *_ = refine(*evidence, *alone, *known, R, t, self.cam, COARSE_SCALES)
             with clock.stage("texture"):
                 observed, found = self.texture.align(image, R, t)
-        for half_fine, scales in ((FINE_HALF_PX, FINE_SCALES), (FINE_HALF_PX / 2, LAST_SCALES)):
+        patches, half = (places, observed, found, PATCH_VARIANCE), np.full(n, FINE_HALF_PX)
+        for scales in (FINE_SCALES, LAST_SCALES):
             with clock.stage("search"):
                 lines, J, side = self.place(points, keys, R, t)
-                distance, penalty, contrast = search(image, lines, side, rows, self.appearance, np.full(n, half_fine))
+                distance, penalty, contrast = search(image, lines, side, rows, self.appearance, half)
             with clock.stage("update"):
-                evidence = (
-                    points,
-                    lines,
-                    distance,
-                    penalty,
-                    trust,
-                    self.variance(first, distance, contrast, own, side, keys),
+                spread = self.variances(keys, side, rows, distance, contrast)
+                evidence = (points, lines, distance, penalty, trusted, spread)
+                R, t, information, residual, weights, patch_weights, E, pull, moved = refine(
+                    *evidence, *patches, *known, R, t, self.cam, scales
                 )
-                patches = (places, observed, found)
-                R, t, information, residual, weights, patch_weights, E, pull = refine(
-                    *evidence, *patches, PATCH_VARIANCE, *known, R, t, self.cam, scales
-                )
-        with clock.stage("covariance"):
-            covariance = inverse6(information)
-        # an edge not known yet that is found by a weak step may be anything
-        step = contrast.max(axis=1)
-        weights = np.where(np.isfinite(own), weights, weights * step**2 / (step**2 + WEAK_STEP**2))
-        tried = PATCH_TRUST * np.count_nonzero(found >= 0)
-        supported = weights.sum() + PATCH_TRUST * np.count_nonzero(patch_weights)
-        return Fit(
-            Pose(R, t),
-            covariance,
-            float(supported / max(trust.sum() + tried, 1.0)),
-            n,
-            int(np.isfinite(distance).sum()),
-            int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
-            float(np.median(points @ R[2] + t[2])) if n else float("nan"),
-            float(weights.sum() / max(trust.sum(), 1.0)),
-            Evidence(
-                points, keys, rows, residual, weights, self.texture.chosen, patch_weights > 0, found >= 0, E, pull
-            ),
-        )  # fmt: skip
+            if moved < AGAIN_PX:
+                break
+        with clock.stage("judge"):
+            whole, edges = support(weights, trusted, rows, self.appearance, contrast, patch_weights, found, PATCH_TRUST)
+            return Fit(
+                Pose(R, t),
+                inverse6(information),
+                whole,
+                n,
+                int(np.count_nonzero(distance < np.inf)),
+                int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
+                float(R[2] @ points[n // 2] + t[2]) if n else float("nan"),
+                edges,
+                Evidence(points, keys, rows, residual, weights, self.texture.chosen, patch_weights, found, E, pull),
+            )
 
     def sample(self, R: Array, t: Array) -> tuple[Array, Indices]:
         """Visible control points at a pose."""
@@ -213,28 +193,9 @@ class EdgeFitter:
         """Lines, Jacobian and silhouette side of control points at a pose."""
         return place(points, keys, self.map.ends, self.map.inward, R, t, self.cam, self.size)
 
-    def trust(self, lines: Array, keys: Indices, side: Indices, rows: Indices) -> tuple[Array, Array]:
-        """Weight (n,) of each control point, and its mean square residual (n,) in px^2, inf where none is learned.
-
-        The weight is less where edges crowd, contrast is low or the appearance is not learned yet.
-        """
-        gap = crowding(lines, keys, side)
-        apart = np.clip((gap - 2.0) / (CROWD_PX - 2.0), 0.02, 1.0)
-        seen = self.appearance[rows]
-        known = np.minimum(seen[:, 6] / 3.0, 1.0)
-        step = ((seen[:, 3:6] - seen[:, :3]) ** 2).sum(axis=1)
-        strong = step / (step + WEAK_STEP**2)
-        return apart * (0.25 * (1 - known) + known * strong), np.where(seen[:, 6] > 0, seen[:, 7], np.inf)
-
-    def variance(
-        self, first: Indices, distance: Array, contrast: Array, learned: Array, side: Indices, keys: Indices
-    ) -> Array:
-        """Variance (n,) in px^2 of each control point, with which those of an edge count as much as they should."""
-        unknown = (FIRST_ERROR / np.maximum(contrast.max(axis=1), FIRST_ERROR)) ** 2
-        own = OWN_VARIANCE + np.where(np.isfinite(learned), learned, unknown)
-        common = np.where(side == 0, CREASE_VARIANCE, SILHOUETTE_VARIANCE)
-        common[self.map.stands[keys[:, 0]]] = CONTACT_VARIANCE
-        return line_variance(first, distance, own, common + COMMON_PART * own)
+    def variances(self, keys: Indices, side: Indices, rows: Indices, distance: Array, contrast: Array) -> Array:
+        """Variance (n,) in px^2 of each control point whose candidates are at distance (n, k)."""
+        return variances(keys, side, rows, self.map.stands, distance, contrast, self.appearance)
 
     def learn(self, image: Image, fit: Fit, rate: float = 0.1) -> None:
         """Take up the appearance of edges and faces at the pose of a fit."""
@@ -243,9 +204,12 @@ class EdgeFitter:
             return
         lines, _, side = self.place(seen.points, seen.keys, pose.rotation, pose.translation)
         learn(image, lines, side, seen.rows, seen.weights, seen.residual, self.appearance, rate)
-        self.texture.remember(seen.chosen, seen.hit, seen.tried, pose, seen.edge_information, seen.pull)
-        hits = int(np.count_nonzero(seen.hit))
-        if hits < ENOUGH_FOUND and fit.edge_support >= SURE_SUPPORT:
+        hits = self.texture.remember(
+            seen.chosen, seen.patch_weights, seen.found, pose, seen.edge_information, seen.pull
+        )
+        self.learned += 1
+        due = hits < ENOUGH_PATCHES or self.learned % TAKE_EVERY == 0
+        if due and hits < ENOUGH_FOUND and fit.edge_support >= SURE_SUPPORT:
             self.texture.take(image, pose, fit.covariance, hits, lines[side != 9, :2])
 
 

@@ -156,3 +156,45 @@ def solve6(A: Array, b: Array, x: Array) -> bool:
             s -= L[k, i] * x[k]
         x[i] = s / L[i, i]
     return True
+
+
+@compiled
+def eliminate(M: Array, N: Array) -> None:
+    """Put M^-1 N into N (6, k), by Gauss-Jordan elimination with partial pivoting; M (6, 6) is used up."""
+    k = N.shape[1]
+    for i in range(6):
+        pivot = i
+        for r in range(i + 1, 6):
+            if abs(M[r, i]) > abs(M[pivot, i]):
+                pivot = r
+        if pivot != i:
+            for j in range(6):
+                M[i, j], M[pivot, j] = M[pivot, j], M[i, j]
+            for j in range(k):
+                N[i, j], N[pivot, j] = N[pivot, j], N[i, j]
+        scale = 1.0 / M[i, i]
+        for j in range(6):
+            M[i, j] *= scale
+        for j in range(k):
+            N[i, j] *= scale
+        for r in range(6):
+            if r != i:
+                f = M[r, i]
+                for j in range(6):
+                    M[r, j] -= f * M[i, j]
+                for j in range(k):
+                    N[r, j] -= f * N[i, j]
+
+
+@compiled
+def inverse6(A: Array) -> Array:
+    """Inverse of a symmetric positive matrix (6, 6); NaN where it is none."""
+    out, unit, column = np.empty((6, 6)), np.zeros(6), np.zeros(6)
+    for j in range(6):
+        unit[:] = 0.0
+        unit[j] = 1.0
+        if not solve6(A, unit, column):
+            out[:] = math.nan
+            return out
+        out[:, j] = column
+    return 0.5 * (out + out.T)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tracker.geometry_kernels import move, twist_between
 from trajectories.pose import Array, Pose
 
 MEMORY_S = 1.0
@@ -20,6 +21,8 @@ MAX_SIGMA_PART = 0.15
 """The predicted position is never taken for less certain than this part of the range."""
 MAX_SIGMA_RAD = 0.2
 """Nor the orientation than this."""
+MOVES, TURNS = slice(0, 21, 7), slice(21, 36, 7)
+"""Where the variances of translation and rotation stand in a flat covariance (36,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,17 +36,20 @@ class Motion:
     def predict(self, dt_s: float, range_m: float) -> tuple[Pose, Array]:
         """Pose after dt_s and its covariance (6, 6), at a range_m from what is looked at."""
         velocity = np.zeros(6) if self.velocity is None else self.velocity
-        pose = Pose.exp(velocity * MEMORY_S * (1 - np.exp(-dt_s / MEMORY_S))) @ self.cam_from_world
-        move, turn = 0.5 * ACCELERATION_M_S2 * dt_s**2, 0.5 * ANGULAR_ACCELERATION_RAD_S2 * dt_s**2
+        xi = velocity * MEMORY_S * (1 - np.exp(-dt_s / MEMORY_S))
+        pose = Pose(*move(self.cam_from_world.rotation, self.cam_from_world.translation, xi))
+        shift, turn = 0.5 * ACCELERATION_M_S2 * dt_s**2, 0.5 * ANGULAR_ACCELERATION_RAD_S2 * dt_s**2
         if self.velocity is None:
-            move, turn = move + FIRST_SPEED_M_S * dt_s, turn + FIRST_RATE_RAD_S * dt_s
-        sigma_m = min(move, MAX_SIGMA_PART * range_m)
-        sigma_rad = min(turn, MAX_SIGMA_RAD)
-        return pose, self.covariance + np.diag([sigma_m**2] * 3 + [sigma_rad**2] * 3)
+            shift, turn = shift + FIRST_SPEED_M_S * dt_s, turn + FIRST_RATE_RAD_S * dt_s
+        covariance = self.covariance.copy()
+        covariance.flat[MOVES] += min(shift, MAX_SIGMA_PART * range_m) ** 2
+        covariance.flat[TURNS] += min(turn, MAX_SIGMA_RAD) ** 2
+        return pose, covariance
 
     def update(self, cam_from_world: Pose, covariance: Array, dt_s: float) -> "Motion":
         """Motion after a new pose, dt_s after this one."""
         if dt_s <= 0:
             return Motion(cam_from_world, covariance, self.velocity)
-        moved = (cam_from_world @ self.cam_from_world.inverse()).log() / dt_s
+        was = self.cam_from_world
+        moved = twist_between(was.rotation, was.translation, cam_from_world.rotation, cam_from_world.translation) / dt_s
         return Motion(cam_from_world, covariance, moved if self.velocity is None else 0.2 * self.velocity + 0.8 * moved)

@@ -24,6 +24,8 @@ FAR_PX = 3.0
 """Residuals are learned up to this size."""
 FIRST_ERROR = 15.0
 """Error in px of an edge times its step in grey levels, before any was seen."""
+SURE_PX = 0.7
+"""Colours are learned of control points found no farther than this from the pose's edge."""
 SLOWEST = 0.05
 """Share of the newest residual in the mean square that is learned."""
 MIN_CONTRAST = 7.0
@@ -169,7 +171,7 @@ def learn(
     appearance: Array,
     rate: float,
 ) -> None:
-    """Take up the colours beside each control point that was found (n,) > 0 into `appearance`, in place.
+    """Take up the colours beside each control point that was found (n,) > 0 near its edge into `appearance`, in place.
 
     residual (n,) in px is how far from the pose's edge each was found, inf where nothing was.
     """
@@ -181,7 +183,7 @@ def learn(
         if appearance[r, 6] > 0.0:
             gain = max(SLOWEST, 1.0 / (2.0 + appearance[r, 6]))
             appearance[r, 7] += gain * (residual[p] * residual[p] - appearance[r, 7])
-        if found[p] <= 0.0:
+        if not found[p] > 0.0 or abs(residual[p]) > SURE_PX:
             continue
         if not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], BESIDE, colours):
             continue

@@ -14,8 +14,6 @@ BINS = 8
 """Parts of an edge, each with an appearance of its own."""
 MARGIN_PX = 3.0
 """Control points nearer to the image's border than this are left out."""
-CROWD_PX = 8.0
-"""Edges farther apart than this do not disturb each other."""
 NEAR_M = 0.02
 SAMPLINGS = 3
 """Times that control points are sampled, ever closer while hidden lines leave too few."""
@@ -132,25 +130,18 @@ def sample_edges(
 
 
 @compiled
-def crowding(lines: Array, keys: Indices, side: Indices) -> Array:
-    """Distance in px (n,) along each normal to the nearest control point of another, nearly parallel edge."""
-    n = len(lines)
-    gap = np.full(n, CROWD_PX)
+def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
+    """Row of appearance (n,) of each control point, and the rows (e + 1,) where each edge's control points start."""
+    n = len(keys)
+    rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    e = 0
     for p in range(n):
-        if side[p] == 9:
-            continue
-        for q in range(p + 1, n):
-            if keys[q, 0] == keys[p, 0] or side[q] == 9:
-                continue
-            du, dv = lines[q, 0] - lines[p, 0], lines[q, 1] - lines[p, 1]
-            if abs(du) > CROWD_PX or abs(dv) > CROWD_PX:
-                continue
-            if abs(lines[p, 2] * lines[q, 2] + lines[p, 3] * lines[q, 3]) < 0.85:
-                continue
-            across = abs(du * lines[p, 2] + dv * lines[p, 3])
-            gap[p] = min(gap[p], across)
-            gap[q] = min(gap[q], across)
-    return gap
+        rows[p] = (keys[p, 0] * 3 + keys[p, 1] - 1) * BINS + keys[p, 2]
+        if p == 0 or keys[p, 0] != keys[p - 1, 0]:
+            first[e] = p
+            e += 1
+    first[e] = n
+    return rows, first[: e + 1].copy()
 
 
 @compiled

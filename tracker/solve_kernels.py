@@ -1,12 +1,10 @@
-"""Compiled choice and update: hypotheses over the candidates, then an M-estimator on those that agree."""
-
-import math
+"""Compiled update: an M-estimator over the candidates of the control points and the patches."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tracker.compiled import compiled
-from tracker.geometry_kernels import move, normal_row, project, solve6, twist_between
+from tracker.geometry_kernels import eliminate, move, normal_row, project, solve6, twist_between
 from trajectories.pose import Array
 
 HYPOTHESIS_INFORMATION = 1.0 / 0.7**2
@@ -25,87 +23,6 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
         b[i] += wi * d
         for j in range(i + 1):
             A[i, j] += wi * row[j]
-
-
-@compiled
-def hypotheses(
-    J: Array,
-    distance: Array,
-    penalty: Array,
-    trust: Array,
-    first: Indices,
-    prior: Array,
-    draws: Array,
-    inlier_px: float,
-) -> tuple[Array, float]:
-    """The best of many camera motions (6,), and its mean cost per control point in [0, 1].
-
-    trust (n,) in [0, 1] weighs the control points; first (e + 1,) are the rows where each edge's control points start.
-    draws (h, 12) are uniform numbers: each hypothesis takes two candidates on each of three edges. prior (6, 6) is the
-    information of the predicted pose.
-    The first hypothesis is no motion.
-    """
-    n, k = distance.shape
-    best, best_cost = np.zeros(6), np.inf
-    x = np.zeros(6)
-    A, b = np.empty((6, 6)), np.empty(6)
-    stride = max(1, n // 96)
-    counts = np.zeros(n, np.int64)
-    for p in range(n):
-        for c in range(k):
-            if distance[p, c] < np.inf:
-                counts[p] += 1
-    for h in range(len(draws) + 1 if n > 0 else 0):
-        if h > 0:
-            A[:] = prior
-            b[:] = 0.0
-            for s in range(3):
-                # Edges are drawn by their number of control points: a point first, then its edge.
-                p = min(n - 1, int(draws[h - 1, 4 * s] * n))
-                e = 0
-                while first[e + 1] <= p:
-                    e += 1
-                q = first[e] + min(
-                    first[e + 1] - first[e] - 1, int(draws[h - 1, 4 * s + 1] * (first[e + 1] - first[e]))
-                )
-                if counts[p] == 0:
-                    continue
-                pick = min(counts[p] - 1, int(draws[h - 1, 4 * s + 2] * counts[p]))
-                d = np.inf
-                for c in range(k):
-                    if distance[p, c] < np.inf:
-                        if pick == 0:
-                            d = distance[p, c]
-                            break
-                        pick -= 1
-                add_row(A, b, J[p], d, HYPOTHESIS_INFORMATION)
-                near = np.inf
-                for c in range(k):
-                    if abs(distance[q, c] - d) < abs(near - d):
-                        near = distance[q, c]
-                if q != p and near < np.inf:
-                    add_row(A, b, J[q], near, HYPOTHESIS_INFORMATION)
-            if not solve6(A, b, x):
-                continue
-        cost = 0.0
-        for i in range(6):
-            for j in range(6):
-                cost += 0.5 * x[i] * prior[i, j] * x[j]
-        for p in range(0, n, stride):
-            moved = 0.0
-            for i in range(6):
-                moved += J[p, i] * x[i]
-            least = 1.0
-            for c in range(k):
-                r = (distance[p, c] - moved) / inlier_px
-                least = min(least, r * r + 0.1 * penalty[p, c])
-            cost += trust[p] * least
-            if cost > best_cost:
-                break
-        if cost < best_cost:
-            best_cost = cost
-            best[:] = x
-    return best, best_cost / max(1, n // stride)
 
 
 @compiled
@@ -128,7 +45,7 @@ def refine(
     t: Array,
     cam: Array,
     scales: Array,
-) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, float]:
     """The pose that brings control points onto their best candidates and patches to where they were observed.
 
     Gauss-Newton with Tukey's weights of the widths `scales` in px one after the other, over variance in px^2. The
@@ -136,16 +53,17 @@ def refine(
     world, are observed (m, 2) where found (m,) > 0. All places err together as a pose of map_covariance (6, 6) does.
     Returns R, t, the information (6, 6) with that of the prediction, the signed residual (n,) and weight (n,) in
     [0, trust] of each control point, the weight (m,) in [0, 1] of each patch, the information (6, 6) of the edges
-    alone, and the twist (6,) that the edges would move the pose of the patches by, times that information.
+    alone, the twist (6,) that the edges would move the pose of the patches by, times that information,
+    and how far in px the control points were moved along their lines at most.
     """
     n, k = distance.shape
     m = len(places)
     weights, residual, patch_weights = np.zeros(n), np.zeros(n), np.zeros(m)
     row, c, step, x_patch = np.zeros(6), np.empty(3), np.zeros(6), np.zeros(6)
     E, e, P, q, A, b = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)
-    pull = np.zeros(6)
+    pull, farthest = np.zeros(6), 0.0
     for scale in scales:
-        E[:], e[:], P[:], q[:] = 0.0, 0.0, 0.0, 0.0
+        E[:], e[:], P[:], q[:], farthest = 0.0, 0.0, 0.0, 0.0, 0.0
         for p in range(n):
             weights[p], residual[p] = 0.0, np.inf
             if trust[p] <= 0.0:
@@ -156,6 +74,7 @@ def refine(
                 continue
             u, v = project(c[0], c[1], c[2], cam)
             moved = (u - lines[p, 0]) * lines[p, 2] + (v - lines[p, 1]) * lines[p, 3]
+            farthest = max(farthest, abs(moved))
             best, r_best = np.inf, np.inf
             for s in range(k):
                 r = distance[p, s] - moved
@@ -216,7 +135,7 @@ def refine(
                 for j in range(6):
                     pull[i] -= E[i, j] * x_patch[j]
         R, t = move(R, t, step)
-    return R, t, A, residual, weights, patch_weights, E, pull
+    return R, t, A, residual, weights, patch_weights, E, pull, farthest
 
 
 @compiled
@@ -225,108 +144,3 @@ def mirror(A: Array) -> None:
     for i in range(6):
         for j in range(i):
             A[j, i] = A[i, j]
-
-
-@compiled
-def eliminate(M: Array, N: Array) -> None:
-    """Put M^-1 N into N (6, k), by Gauss-Jordan elimination with partial pivoting; M (6, 6) is used up."""
-    k = N.shape[1]
-    for i in range(6):
-        pivot = i
-        for r in range(i + 1, 6):
-            if abs(M[r, i]) > abs(M[pivot, i]):
-                pivot = r
-        if pivot != i:
-            for j in range(6):
-                M[i, j], M[pivot, j] = M[pivot, j], M[i, j]
-            for j in range(k):
-                N[i, j], N[pivot, j] = N[pivot, j], N[i, j]
-        scale = 1.0 / M[i, i]
-        for j in range(6):
-            M[i, j] *= scale
-        for j in range(k):
-            N[i, j] *= scale
-        for r in range(6):
-            if r != i:
-                f = M[r, i]
-                for j in range(6):
-                    M[r, j] -= f * M[i, j]
-                for j in range(k):
-                    N[r, j] -= f * N[i, j]
-
-
-@compiled
-def update_map(C: Array, E: Array, pull: Array, alike: float, forget: float) -> tuple[Array, Array]:
-    """Twist (6,) by which the patches' places err as one, and the covariance (6, 6) that is left of C.
-
-    E (6, 6) is what a frame's edges say, pull (6,) = E times the twist that they say; frames err alike for so many in a
-    row. C grows by the part `forget` first: what was learned long ago counts less.
-    """
-    M, N = np.eye(6), (1.0 + forget) * C
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
-                M[i, j] += (1.0 + forget) * C[i, h] * E[h, j] / alike
-    eliminate(M, N)
-    left = 0.5 * (N + N.T)
-    twist = np.zeros(6)
-    for i in range(6):
-        for j in range(6):
-            twist[i] += left[i, j] * pull[j] / alike
-    return twist, left
-
-
-@compiled
-def carried(C: Array, R: Array, t: Array) -> Array:
-    """Covariance (6, 6) of a twist after the frame has moved by (R, t): Ad C Ad^T."""
-    X = np.zeros((6, 6))
-    for i in range(3):
-        for j in range(3):
-            X[i, j] = X[3 + i, 3 + j] = R[i, j]
-    for j in range(3):
-        X[0, 3 + j] = t[1] * R[2, j] - t[2] * R[1, j]
-        X[1, 3 + j] = t[2] * R[0, j] - t[0] * R[2, j]
-        X[2, 3 + j] = t[0] * R[1, j] - t[1] * R[0, j]
-    out, half = np.zeros((6, 6)), np.zeros((6, 6))
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
-                half[i, j] += X[i, h] * C[h, j]
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
-                out[i, j] += half[i, h] * X[j, h]
-    return out
-
-
-@compiled
-def line_variance(first: Indices, distance: Array, own: Array, common: Array) -> Array:
-    """Variance (n,) in px^2 that makes the control points of an edge count no more than their shared error allows.
-
-    own (n,) is the error of each control point, common (n,) that which all on the same edge share; edges begin at the
-    rows first (e + 1,); distance (n, k) is inf where nothing was found. With m points on an edge each gets
-    own + m common, so that the edge's mean has own / m + common.
-    """
-    out = np.empty(len(own))
-    for e in range(len(first) - 1):
-        m = 0
-        for p in range(first[e], first[e + 1]):
-            if distance[p, 0] < np.inf:
-                m += 1
-        for p in range(first[e], first[e + 1]):
-            out[p] = own[p] + m * common[p]
-    return out
-
-
-@compiled
-def inverse6(A: Array) -> Array:
-    """Inverse of a symmetric positive matrix (6, 6); NaN where it is none."""
-    out, unit, column = np.empty((6, 6)), np.zeros(6), np.zeros(6)
-    for j in range(6):
-        unit[:] = 0.0
-        unit[j] = 1.0
-        if not solve6(A, unit, column):
-            out[:] = math.nan
-            return out
-        out[:, j] = column
-    return 0.5 * (out + out.T)

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from scenes.camera import Camera
 from tracker.base import Image
+from tracker.corner_kernels import first_hit, strong_pixels
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array
-from tracker.solve_kernels import carried, update_map
-from tracker.texture_kernels import HALF, SIDE, align, choose, first_hit, shift_places, strong_pixels
+from tracker.map_kernels import carried, update_map
+from tracker.texture_kernels import HALF, SIDE, align, choose, count_hits, shift_places
 from trajectories.pose import Array, Pose
 
 MOST_PATCHES = 600
@@ -22,7 +23,7 @@ MOST_USED = 32
 """Patches looked for in a frame."""
 ENOUGH_FOUND = 24
 """New patches are taken when fewer than this are found."""
-SPOTS, FIRST_SPOTS = 48, 400
+SPOTS, FIRST_SPOTS = 32, 400
 """Places in a frame where new patches are looked for, and while there are none."""
 APART_PX = 14.0
 EDGE_MARGIN_PX = 8.0
@@ -80,27 +81,23 @@ class Texture:
 
     def covariance_at(self, R: Array, t: Array) -> Array:
         """Covariance (6, 6) of the patches' common error, as a twist of a pose."""
-        turn = R @ self.seen_from.rotation.T
-        return carried(self.covariance, turn, t - turn @ self.seen_from.translation)
+        return carried(self.covariance, self.seen_from.rotation, self.seen_from.translation, R, t)
 
-    def remember(
-        self, chosen: Indices, hit: NDArray[np.bool_], tried: NDArray[np.bool_], pose: Pose, E: Array, pull: Array
-    ) -> None:
-        """Take up what a frame's edges, of information E (6, 6), say of the patches that were hit.
+    def remember(self, chosen: Indices, weights: Array, found: Array, pose: Pose, E: Array, pull: Array) -> int:
+        """Take up what a frame's edges, of information E (6, 6), say of the chosen patches; returns how many were hit.
 
-        pull (6,) is E times the twist that they would move the pose of the patches by. Patches that are missed again
-        and again are dropped.
+        weights (n,) > 0 are the patches that took part, found (n,) < 0 those that were not tried; pull (6,) is E times
+        the twist that the edges would move the pose of the patches by. Patches missed again and again are dropped.
         """
         R, t = pose.rotation, pose.translation
-        if np.count_nonzero(hit) >= LEAST_HIT:
+        hits, tired = count_hits(chosen, weights, found, self.found, self.missed, MISSES)
+        if hits >= LEAST_HIT:
             twist, self.covariance = update_map(self.covariance_at(R, t), E, pull, FRAMES_ALIKE, FORGET)
             shift_places(self.count, self.middles, self.axes, twist, R, t, self.cam)
             self.seen_from = pose
-        self.found[chosen[hit]] += 1
-        self.missed[chosen[hit]] = 0
-        self.missed[chosen[tried & ~hit]] += 1
-        if (self.missed[chosen] > MISSES).any():
+        if tired:
             self._keep(self.missed[: self.count] <= MISSES)
+        return hits
 
     def take(self, image: Image, pose: Pose, covariance: Array, hits: int, edge_pixels: Array) -> None:
         """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2).
@@ -122,7 +119,7 @@ class Texture:
         if len(pixels):
             self._append(image, pixels, pose)
 
-    def _append(self, image: Image, pixels: Indices, pose: Pose) -> None:
+    def _append(self, image: Image, pixels: Array, pose: Pose) -> None:
         """Add patches at pixels (n, 2) on the structure."""
         eye = pose.inverse().translation
         grid = pixels[:, None] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -136,7 +133,7 @@ class Texture:
         )
         rays = (rays @ pose.rotation).reshape(-1, 3, 3)
         e, reach, channel = self.edges, int(HALF), 1 if image.shape[2] > 1 else 0
-        for (x, y), ray in zip(pixels.tolist(), rays, strict=True):
+        for (x, y), ray in zip(pixels.astype(int).tolist(), rays, strict=True):
             face = first_hit(eye, ray[0], e.corners, e.owner, e.boxes, e.nodes)
             texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
