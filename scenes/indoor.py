@@ -194,9 +194,9 @@ def _window(rng: np.random.Generator) -> Thing:
 
 def _picture(rng: np.random.Generator) -> Thing:
     h, w = 240, 320
-    tone = rng.uniform(60, 200, 3)
+    tone, second = (rng.uniform(60, 210) + rng.normal(0, 22, 3) for _ in range(2))
     image = noise.paint(tuple(tone), 1 + 0.35 * noise.fractal((h, w), 140, rng, octaves=5))
     other = np.clip(noise.fractal((h, w), 160, rng, octaves=3) * 3, 0, 1)
-    canvas = noise.finish(noise.blend(image, tuple(rng.uniform(40, 230, 3)), other))
+    canvas = noise.finish(noise.blend(image, tuple(second), other))
     cv2.rectangle(canvas, (0, 0), (w - 1, h - 1), (54, 44, 38), 12)
     return float(rng.uniform(0.6, 1.0)), 1.2, 1.9, canvas
