@@ -68,7 +68,7 @@ class People:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """To and fro over length_m on a circle about a centre, to both sides of a place at `offset` from it, at one speed."""
+    """To and fro over length_m on a circle about a centre, to both sides of a place `offset` from it, at one speed."""
 
     centre: Array
     offset: Array
