@@ -163,7 +163,7 @@ def comparison(scores: Scores, labels: list[str], changed: str, rng: np.random.G
         others = scores[changed] if changed.split(" ")[0] == label else scores[label]
         for key, reruns in scores[label].items():
             one = int(rng.integers(len(reruns)))
-            free = [k for k in range(len(others[key])) if k != one]
+            free = [k for k in range(len(others[key])) if k != one] or [0]
             base[key], head[key] = reruns[one], others[key][free[int(rng.integers(len(free)))]]
     return compare_sides(Side(base), Side(head), {}, m)
 
@@ -205,7 +205,9 @@ def table(rows: Mapping[str, Mapping[str, float]]) -> str:
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True))
 @click.option("--suite", default="gate", show_default=True)
-@click.option("--reruns", default=6, show_default=True, help="Runs of each tracker on each sequence.")
+@click.option(
+    "--reruns", type=click.IntRange(2), default=6, show_default=True, help="Runs of each tracker on each sequence."
+)
 @click.option("--worse", multiple=True, metavar="LABEL.PARAMETER=VALUE", help="A setting that should be told apart.")
 @click.option("--new-noise", "sigma", default=0.0, show_default=True, help="Camera noise added anew, in grey levels.")
 @click.option("--comparisons", default=1000, show_default=True, help="For each change.")
@@ -224,8 +226,11 @@ def main(
     out: Path,
 ) -> None:
     """Run the trackers as often as needed, then say how often the gate calls what."""
-    loaded = load_suite(suite_file(suite))
-    every = variants(loaded, reruns, worse)
+    try:
+        loaded = load_suite(suite_file(suite))
+        every = variants(loaded, reruns, worse)
+    except UserError as error:
+        raise click.ClickException(str(error)) from None
     run_all(loaded, folder, every, sigma, jobs, out)
     scores = read_all(loaded, every, out)
     labels = list(loaded.trackers)
