@@ -159,6 +159,26 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
     click.echo(out)
 
 
+@main.command("pick")
+@click.option("--images", type=FILE, help="Folder of images; points are picked on the first by name.")
+@click.option("--video", type=FILE, help="Video; points are picked on its first frame.")
+@click.option("--model", type=FILE, required=True, help="Structure: .obj .stl .ply .glb .cao ...")
+@click.option("--camera", type=FILE, required=True, help="camera.toml")
+@click.option("--out", type=FILE, default=Path("init.toml"), show_default=True)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of this computer; default: a free one.")
+@click.option("--browser/--no-browser", default=True, help="Open the page at once; default: yes.")
+def pick_command(
+    images: Path | None, video: Path | None, model: Path, camera: Path, out: Path, port: int, browser: bool
+) -> None:
+    """Pick points of the model on the first image, in a page of your browser, for the first pose."""
+    source = images or video
+    if source is None or (images and video):
+        raise UserError("give --images or --video")
+    from bench.pick import pick
+
+    pick(source, model, camera, out, port=port, browser=browser)
+
+
 @main.command("list")
 def list_command() -> None:
     """Show the suites and every plug-in by kind."""

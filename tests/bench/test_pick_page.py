@@ -1,0 +1,53 @@
+"""The picking page in headless Chromium: corners chosen and clicked, the pose solved, the file saved."""
+
+import numpy as np
+import pytest
+
+from bench.check import TRIAL
+from bench.pick import Picking
+from scenes.sequence import Sequence
+from tests.bench.test_pick import served
+from tests.reports.browser import browser
+from tracker.initial_pose import read_init
+
+
+def click_at(page, x, y):
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
+def on_screen(page, canvas, expression):
+    """Place on the screen of a point [x, y] in a canvas's own pixels."""
+    return page.value(
+        f"(([x, y], c, b) => [b.left + x / c.width * b.width, b.top + y / c.height * b.height])"
+        f"({expression}, {canvas}, {canvas}.getBoundingClientRect())"
+    )
+
+
+@pytest.mark.slow
+def test_five_clicks_make_a_first_pose(tmp_path):
+    sequence = Sequence.load(TRIAL)
+    picking = Picking(sequence.image(0), sequence.camera, sequence.structure, tmp_path / "init.toml")
+    pose = sequence.true_cam_from_world(0)
+    pixels = sequence.camera.project(pose.transform(picking.corners))
+    with served(picking) as address, browser() as page:
+        page.call("Page.navigate", url=address)
+        page.until(
+            "document.readyState === 'complete' && photo.complete && document.querySelector('#told').textContent"
+        )
+        for corner in (1, 3, 5, 7, 6):
+            click_at(page, *on_screen(page, "model", f"placed(data.corners[{corner}])"))
+            assert page.text("#told").startswith(f"Corner {corner + 1} is chosen")
+            click_at(page, *on_screen(page, "image", f"toCanvas({pixels[corner].tolist()})"))
+        page.until("solved && pairs.length === 5")
+        assert page.value("solved.rms_px") < 0.5
+        before = page.value("pairs[4].image_px[0]")
+        page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight")
+        assert page.value("pairs[4].image_px[0]") == pytest.approx(before + 0.25)
+        page.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft")
+        page.until("solved && !document.querySelector('#save').disabled")
+        page.click("#save")
+        page.until("document.querySelector('#told').textContent.startsWith('Saved')")
+        assert page.problems == []
+    difference = (read_init(picking.out, sequence.camera) @ pose.inverse()).log()
+    assert np.linalg.norm(difference[:3]) < 0.02
