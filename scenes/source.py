@@ -23,6 +23,8 @@ STILL_PX = 0.4
 MAX_SLICES = 64
 LARGEST_RENDER = 4.0
 """A distorted camera may need a pinhole so many times its own size."""
+LEAST_ROUND_TRIP_PX = 0.01
+"""A pixel that is not met again by the ray that it gives has no ray."""
 Map = NDArray[np.float32]
 
 
@@ -161,14 +163,23 @@ def render_camera(camera: Camera, margin_px: int = 0) -> tuple[Camera, Map | Non
     """
     if camera.distortion_model == "none" and margin_px == 0:
         return camera, None
-    place = camera.undistort(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+    pixels = pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)
+    place = camera.undistort(pixels)
     low, high = np.floor(place.min(axis=0)) - 2 - margin_px, np.ceil(place.max(axis=0)) + 3 + margin_px
     if not (
         np.isfinite(place).all() and ((high - low) < LARGEST_RENDER * np.array([camera.width, camera.height])).all()
     ):
         raise UserError(
-            "camera: with this distortion some pixels look too far aside to be rendered; "
-            "lower the distortion or raise fx_px and fy_px"
+            "camera: with this distortion some pixels look too far aside to be rendered (a fisheye may see about 120 "
+            "degrees across); lower the distortion or raise fx_px and fy_px"
+        )
+    rays = np.column_stack([(place - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(place))])
+    off_px = np.abs(camera.project(rays) - pixels).max(axis=1)
+    if not off_px.max() < LEAST_ROUND_TRIP_PX:
+        u, v = pixels[int(np.argmax(off_px))]
+        raise UserError(
+            f"camera: the distortion folds over before it reaches pixel ({u:.0f}, {v:.0f}), which no ray gives; "
+            "lower its coefficients, add the higher ones, or raise fx_px and fy_px"
         )
     width, height = (int(n) for n in high - low)
     pinhole = Camera(width, height, camera.fx, camera.fy, camera.cx - low[0], camera.cy - low[1])

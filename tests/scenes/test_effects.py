@@ -14,6 +14,7 @@ from scenes.render import Renderer
 from scenes.sensor import AutoExposure, Noise, Quantization, Vignetting
 from scenes.source import Source, make_source, render_camera
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
+from trajectories.errors import UserError
 from trajectories.pose import Pose, rotation_exp
 
 SMALL = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
@@ -132,6 +133,25 @@ def test_distorted_pixels_look_where_opencv_says(model: str, coefficients: tuple
     pixels = camera.project(np.column_stack([rays, np.ones(len(rays))])).reshape(240, 320, 2)
     expected = np.stack(np.meshgrid(np.arange(320), np.arange(240)), axis=-1)
     assert np.abs(pixels - expected).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients", "told"),
+    [
+        ("equidistant", (0.0, 0.0, 0.0, 0.0), "a fisheye may see about 120 degrees across"),
+        ("radtan", (-0.3, 0.0, 0.0, 0.0), r"folds over before it reaches pixel \("),
+    ],
+)
+def test_a_lens_that_no_pinhole_stands_for_is_refused(model: str, coefficients: tuple[float, ...], told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        render_camera(Camera(640, 480, 240.0, 240.0, 319.5, 239.5, model, coefficients))
+
+
+def test_a_fisheye_of_120_degrees_is_rendered() -> None:
+    pinhole, lens = render_camera(Camera(640, 480, 305.0, 305.0, 319.5, 239.5, "equidistant", (0.0, 0.0, 0.0, 0.0)))
+    assert lens is not None
+    assert lens.min() > 0
+    assert (lens < [pinhole.width - 1, pinhole.height - 1]).all()
 
 
 def test_a_rendered_edge_bends_as_the_lens_does() -> None:
