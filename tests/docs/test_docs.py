@@ -87,8 +87,10 @@ def test_recipes_call_what_exists(recipe):
     for line in lines:
         for words in commands_in(line):
             expect_valid(words)
-    suite = re.search(r"--suite (\S+)", text).group(1)
-    assert (ROOT / "bench" / "suites" / f"{suite}.toml").is_file()
+    for suite in re.findall(r"--suite (\S+)", text):
+        assert (ROOT / "bench" / "suites" / f"{suite}.toml").is_file()
+    for test in re.findall(r"tests/\S+", text):
+        assert (ROOT / test).is_file()
 
 
 def test_the_table_of_faults_is_complete():
