@@ -168,7 +168,10 @@ def _probe_egl() -> str | None:
     devices, count = (pointer * 16)(), integer()
     if not query(16, devices, ctypes.byref(count)) or count.value < 1:
         return "no EGL device (is libgl1-mesa-dri installed?)"
-    index = int(os.environ.get("EGL_DEVICE_ID", "0"))
+    wanted_device = os.environ.get("EGL_DEVICE_ID", "0")
+    if not wanted_device.isdigit():
+        return f"EGL_DEVICE_ID={wanted_device!r} is not a number"
+    index = int(wanted_device)
     if index >= count.value:
         return f"EGL_DEVICE_ID={index}, but there are {count.value} devices"
     display = pointer(get_display(0x313F, devices[index], None))  # EGL_PLATFORM_DEVICE_EXT

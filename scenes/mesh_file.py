@@ -88,8 +88,7 @@ def read(path: Path) -> list[Loaded]:
     if kind not in TRIMESH_KINDS:
         raise UserError(f"{path}: cannot read models of type {kind or 'without ending'}; "
                         f"known are {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
-    if kind == ".stl":
-        _check_stl_size(path)
+    _check_size(path)
     check_textures(path)
     import trimesh
 
@@ -180,13 +179,31 @@ def _beside(path: Path, name: str) -> bool:
     return (path.parent / name).resolve().is_relative_to(path.parent.resolve())
 
 
-def _check_stl_size(path: Path) -> None:
-    """UserError from the header alone, before millions of triangles fill the memory."""
+def _check_size(path: Path) -> None:
+    """UserError from the header or a glance at the lines, before millions of triangles fill the memory."""
+    count = {".stl": _stl_count, ".ply": _ply_count, ".obj": _obj_count}.get(path.suffix.lower(), lambda _: 0)(path)
+    if count > MOST_TRIANGLES:
+        check(path, np.zeros((1, 3)), np.broadcast_to(np.int64(0), (count, 3)), allow_open=True)
+
+
+def _stl_count(path: Path) -> int:
     with path.open("rb") as handle:
         head = handle.read(84)
     count = int.from_bytes(head[80:84], "little") if len(head) == 84 else 0
-    if path.stat().st_size == 84 + 50 * count and count > MOST_TRIANGLES:
-        check(path, np.zeros((1, 3)), np.broadcast_to(np.int64(0), (count, 3)), allow_open=True)
+    return count if path.stat().st_size == 84 + 50 * count else 0
+
+
+def _ply_count(path: Path) -> int:
+    with path.open("rb") as handle:
+        found = re.search(rb"^element face (\d+)\s*$", handle.read(65536).split(b"end_header")[0], re.MULTILINE)
+    return int(found[1]) if found else 0
+
+
+def _obj_count(path: Path) -> int:
+    if path.stat().st_size < 4 * MOST_TRIANGLES:
+        return 0
+    with path.open("rb") as handle:
+        return sum(line.startswith(b"f ") for line in handle)
 
 
 def _whole(pieces: list[Loaded]) -> tuple[Array, np.ndarray]:

@@ -104,7 +104,7 @@ def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> Non
 
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(path: Path, image: object) -> None:
-        raise OSError(28, "No space left on device", str(path))
+        Path("/dev/full").write_bytes(b"x")
 
     monkeypatch.setattr("scenes.generate._write_image", full)
     with pytest.raises(UserError, match=r"full: cannot be written: No space left on device"):

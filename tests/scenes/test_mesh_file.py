@@ -143,6 +143,25 @@ def test_a_huge_stl_is_refused_by_its_header_alone(tmp_path: Path) -> None:
         built(tmp_path / "huge.stl")
 
 
+def test_a_huge_ply_is_refused_by_its_header_alone(tmp_path: Path) -> None:
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 5000000\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    head += "element face 10000000\nproperty list uchar int vertex_indices\nend_header\n"
+    with (tmp_path / "huge.ply").open("wb") as handle:
+        handle.write(head.encode())
+        handle.truncate(len(head) + 5_000_000 * 12 + 10_000_000 * 13)
+    with pytest.raises(UserError, match="10,000,000 triangles are more than the 2,000,000"):
+        built(tmp_path / "huge.ply")
+
+
+def test_a_huge_obj_is_refused_by_a_glance_at_its_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_file, "MOST_TRIANGLES", 11)
+    monkeypatch.setattr(mesh_file, "check_textures", lambda path: pytest.fail("it was read"))
+    house().export(tmp_path / "big.obj")
+    with pytest.raises(UserError, match="12 triangles are more than the 11"):
+        built(tmp_path / "big.obj")
+
+
 def test_too_many_triangles_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_file, "MOST_TRIANGLES", 11)
     house().export(tmp_path / "big.ply")

@@ -1,0 +1,48 @@
+"""Where no OpenGL context can be made, a user is told why and what to install; each case in a process of its own."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+CODE = """
+import sys
+from scenes import gl
+from trajectories.errors import UserError
+try:
+    gl.context()
+except UserError as error:
+    print(error)
+    sys.exit(2)
+"""
+
+
+@pytest.mark.parametrize(
+    ("environment", "told"),
+    [
+        ({"UAVBENCH_GL": "vulkan"}, "UAVBENCH_GL='vulkan': must be egl or osmesa"),
+        ({"UAVBENCH_GL": "egl", "EGL_DEVICE_ID": "99"}, "EGL_DEVICE_ID=99, but there are"),
+        ({"UAVBENCH_GL": "egl", "EGL_DEVICE_ID": "first"}, "EGL_DEVICE_ID='first' is not a number"),
+        ({"UAVBENCH_GL": "egl", "MESA_GL_VERSION_OVERRIDE": "2.1"}, "install it with: apt-get install"),
+    ],
+)
+def test_a_context_that_cannot_be_made_is_told(environment: dict[str, str], told: str) -> None:
+    process = subprocess.run(
+        [sys.executable, "-c", CODE], env={**os.environ, **environment}, capture_output=True, text=True, check=False
+    )
+    assert process.returncode == 2, process.stderr
+    assert told in process.stdout
+
+
+@pytest.mark.parametrize("platform", ["egl", "osmesa"])
+def test_the_platform_asked_for_is_the_one_used(platform: str) -> None:
+    code = "from scenes import gl; print(gl.name(), gl.version())"
+    process = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "UAVBENCH_GL": platform},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert process.stdout.startswith(f"{platform} ")
