@@ -1,0 +1,61 @@
+"""The commands about what can be named in a suite: list, schema, check, peers."""
+
+import sys
+from pathlib import Path
+
+import click
+
+
+@click.command("list")
+def list_command() -> None:
+    """Show the suites and every plug-in by kind."""
+    from bench.inventory import inventory
+
+    click.echo(inventory())
+
+
+@click.command("schema")
+def schema_command() -> None:
+    """Print the JSON Schema of a suite's TOML file, for editors."""
+    from bench.verbs import schema
+
+    click.echo(schema())
+
+
+@click.command("check")
+@click.argument("tracker", type=click.Path(path_type=Path))
+@click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")
+def check_command(tracker: Path, keep: Path) -> None:
+    """Try TRACKER, a TOML file with the table of one tracker, on a tiny sequence; explain every fault."""
+    from bench.check import check
+    from bench.config import load_tracker
+
+    line = ""
+    for line in check(load_tracker(tracker), keep):
+        click.echo(line)
+    sys.exit(1 if line.startswith("faulty") else 0)
+
+
+@click.group("peers")
+def peers_group() -> None:
+    """Trackers of others to compare with: ViSP's, and OpenCV contrib's."""
+
+
+@peers_group.command("list")
+def peers_list_command() -> None:
+    """Show which peers are set up."""
+    from bench.peers.registry import status
+
+    click.echo("\n".join(status()))
+
+
+@peers_group.command("setup")
+@click.argument("name")
+def peers_setup_command(name: str) -> None:
+    """Set up the peer NAME, with what it needs, for this user."""
+    from bench.peers.registry import setup
+
+    click.echo(setup(name))
+
+
+COMMANDS: tuple[click.Command, ...] = (list_command, schema_command, check_command, peers_group)

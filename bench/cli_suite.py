@@ -1,0 +1,87 @@
+"""The commands over a suite: run, render, track, score, report."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trajectories.errors import UserError
+
+FILE = click.Path(path_type=Path)
+
+
+def suite_options(command: Any) -> Any:
+    """What every command over a suite takes."""
+    for option in (
+        click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them."),
+        click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
+        click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
+        click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report."),
+        click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing."),
+        click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores."),
+        click.option("--out", type=FILE, help="Folder for everything; default: out/SUITE."),
+    ):
+        command = option(command)
+    return command
+
+
+def suite_command(verb: str, help_text: str) -> click.Command:
+    """Command that brings a suite up to one verb of render -> track -> score -> report."""
+
+    @click.command(verb, help=help_text)
+    @click.argument("suite")
+    @suite_options
+    def command(suite: str, **options: Any) -> None:
+        sys.exit(bring_up_to("report" if verb == "run" else verb, suite, **options))
+
+    return command
+
+
+def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
+    """Bring a suite up to one verb; the exit code."""
+    from bench.verbs import Where, bring_up_to
+
+    return bring_up_to(verb, suite, out, Where(workers=jobs, slurm_options=slurm_option, **where))
+
+
+@click.command("track")
+@click.argument("what")
+@suite_options
+@click.option("--images", type=FILE, help="Folder of images to run the tracker WHAT on, in the order of their names.")
+@click.option("--video", type=FILE, help="Video to run the tracker WHAT on.")
+@click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with --images or --video).")
+@click.option("--camera", type=FILE, help="camera.toml (with --images or --video).")
+@click.option("--init", type=FILE, help="init.toml: first pose, or points to solve it from.")
+@click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
+def track_command(
+    what: str,
+    images: Path | None,
+    video: Path | None,
+    model: Path | None,
+    camera: Path | None,
+    init: Path | None,
+    rate_hz: float,
+    **options: Any,
+) -> None:
+    """Run the trackers of the suite WHAT, rendering what is missing; or the tracker WHAT on real images."""
+    source = images or video
+    if source is None:
+        sys.exit(bring_up_to("track", what, **options))
+    if images and video:
+        raise UserError("give --images or --video, not both")
+    if model is None or camera is None or init is None or options["out"] is None:
+        raise UserError("tracking real images needs --model, --camera, --init and --out")
+    from bench.verbs import track_real
+
+    track_real(what, source, model, camera, init, options["out"], rate_hz)
+
+
+COMMANDS: tuple[click.Command, ...] = (
+    suite_command("run", "Render, track, score and report SUITE (a name or a TOML file)."),
+    suite_command("render", "Render the sequences of SUITE."),
+    suite_command("score", "Score the results of SUITE, making what is missing."),
+    suite_command("report", "Write the report of SUITE, making what is missing."),
+    track_command,
+)
