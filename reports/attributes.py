@@ -70,7 +70,7 @@ def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 
 def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Share (n,) of the length in px of the visible model edges that something else hides.
+    """Share (n,) in percent of the length in px of the visible model edges that something else hides.
 
     The structure's own edges at the true pose against those that the renderer saw; NaN where the dataset has no truth
     of edges (`truth = ["edges"]`).
@@ -84,7 +84,7 @@ def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
         ends = to_image(_edges(sequence, frame).segments_px.reshape(-1, 2), sequence.camera).reshape(-1, 2, 2)
         all_px = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
         if all_px > 0:
-            out[k] = np.clip(1 - seen_px / all_px, 0, 1)
+            out[k] = np.round(100 * np.clip(1 - seen_px / all_px, 0, 1), 1)
     return out
 
 
@@ -122,7 +122,7 @@ ATTRIBUTES: dict[str, tuple[str, Callable[[Sequence, ListOf[int]], Array]]] = {
     "speed": ("m/s", speed_m_s),
     "blur": ("px", blur_px),
     "visible edges": ("", visible_edge_count),
-    "occlusion": ("share", occlusion),
+    "occlusion": ("%", occlusion),
     "distance": ("m", distance_m),
     "contrast": ("of 255", contrast),
 }

@@ -150,11 +150,12 @@ def sweep(
     *,
     swept: str,
     metric: str,
-    log: bool = False,
+    share: bool = False,
 ) -> list[Path]:
     """A metric against a swept parameter (noise, speed, deviation), with the 95 % interval as a band.
 
-    curves[tracker][value] are the metric's values per sequence, each over its seeds.
+    curves[tracker][value] are the metric's values per sequence, each over its seeds. share: they are percentages;
+    otherwise they are errors, on a logarithmic axis. So is the parameter where it goes over more than a decade.
     """
     figure = new_figure(2.2, wide=False)
     panel = figure.subplots()
@@ -163,11 +164,19 @@ def sweep(
         xs = sorted(points)
         found = [hierarchical_interval(points[x]) for x in xs]
         index = colours.get(name, 0)
-        panel.fill_between(xs, [f.low for f in found], [f.high for f in found], color=colour(index), alpha=0.2, lw=0)
+        bounds = np.array([[f.low, f.high] for f in found])
+        bounds = np.clip(bounds, 0, 100) if share else bounds
+        panel.fill_between(xs, *bounds.T, color=colour(index), alpha=0.2, lw=0)
         panel.plot(xs, [f.mean for f in found], label=name, **{**line(index), "marker": marker(index)["marker"]})
         rows += [[name, x, f.mean, f.low, f.high, f.n] for x, f in zip(xs, found, strict=True)]
-    if log:
+    values = [row[1] for row in rows]
+    if values and min(values) > 0 and max(values) > 10 * min(values):
+        panel.set_xscale("log")
+    if share:
+        panel.set_ylim(-3, 103)
+    else:
         panel.set_yscale("log")
+        panel.set_ylim(bottom=0.5 * min((row[2] for row in rows if row[2] > 0), default=1e-3))
     panel.set_xlabel(swept)
     panel.set_ylabel(metric)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=4)

@@ -70,7 +70,10 @@ def compare_along(folder: Path, runs: ListOf[ScoredRun]) -> list[FigureOnPage]:
     found = swept(list({run.sequence.name: run.sequence for run in runs}.values()))
     if found is None:
         return []
-    caption = f"Against `{found.key}`, at the highest rate; bands: 95 % intervals over the seeds."
+    caption = (
+        f"Against `{found.key}`, at the highest rate; bands: 95 % intervals over the seeds. The error is that of the "
+        "frames with a pose: read it with the success."
+    )
     titles = ("Error along the sweep", "Success along the sweep")
     made = zip(sweep_figures(runs, found, folder / "figures"), titles, strict=True)
     return [on_page(folder, files, title, caption) for files, title in made]

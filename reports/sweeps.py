@@ -62,8 +62,8 @@ def sweep_figures(runs: ListOf[ScoredRun], found: Swept, figures: Path) -> list[
             success.setdefault(label, {})[value] = [np.array([100 * run.score.tracking.success for run in here])]
     name = found.key.rpartition(".")[2]
     return [
-        sweep(ate, colours, figures / "sweep_ate", swept=name, metric="ATE position (cm)", log=True),
-        sweep(success, colours, figures / "sweep_success", swept=name, metric="within 5 cm, 5 deg (%)"),
+        sweep(ate, colours, figures / "sweep_ate", swept=name, metric="ATE position (cm)"),
+        sweep(success, colours, figures / "sweep_success", swept=name, metric="within 5 cm, 5 deg (%)", share=True),
     ]
 
 
