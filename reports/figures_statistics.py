@@ -119,7 +119,9 @@ def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.set_yscale("log")
     panel.set_xlabel("time (s)")
     panel.set_ylabel("NEES")
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    handles, labels = panel.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once.keys(), loc="outside upper center", ncols=3)
     return save_figure(figure, stem, ["run", "time_s", "nees"], rows)
 
 
