@@ -46,6 +46,14 @@ class Motion:
         covariance.flat[TURNS] += min(turn, MAX_SIGMA_RAD) ** 2
         return pose, covariance
 
+    def misfit(self, cam_from_world: Pose) -> float:
+        """Squared distance of a pose from this one in standard deviations (Mahalanobis)."""
+        away = twist_between(
+            self.cam_from_world.rotation, self.cam_from_world.translation, cam_from_world.rotation,
+            cam_from_world.translation,
+        )  # fmt: skip
+        return float(away @ np.linalg.solve(self.covariance, away))
+
     def update(self, cam_from_world: Pose, covariance: Array, dt_s: float) -> "Motion":
         """Motion after a new pose, dt_s after this one."""
         if dt_s <= 0:

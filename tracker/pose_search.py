@@ -29,6 +29,8 @@ MIN_GRADIENT = 14.0
 LEAST_POINTS = 12
 NEAR_SHIFT_PX, NEAR_TURN_RAD = 3.0, 0.06
 """Steps of the search near a guess: px of the small image; roll in rad and range as a part."""
+NEAR_VIEWS_RAD = (-0.09, 0.09)
+"""Changes of the viewing direction with which what was found is tried again."""
 
 
 @dataclass(frozen=True)
@@ -129,10 +131,10 @@ class PoseSearch:
         turn, ratio = grid(reach_rad, NEAR_TURN_RAD), grid(reach_rad, NEAR_TURN_RAD)
         changes = np.array(list(product((0.0,), (0.0,), turn, ratio, shift, shift)))
         steps = np.array([0.06, 0.06, NEAR_TURN_RAD, NEAR_TURN_RAD, *[NEAR_SHIFT_PX / self.f[0]] * 2])
-        found, scores = search_about(
-            points, direction, guess.rotation, guess.translation, focus, self.f, self.edge_distance(image), changes,
-            steps, most,
-        )  # fmt: skip
+        given = (points, direction, guess.rotation, guess.translation, focus, self.f, self.edge_distance(image))
+        found, _ = search_about(*given, changes, steps, most // 2)
+        beside = np.array([[a, b, 0, 0, 0, 0] for a, b in ((0, 0), *product(NEAR_VIEWS_RAD, NEAR_VIEWS_RAD))])
+        found, scores = search_about(*given, (found[:, None] + beside).reshape(-1, 6), steps, most)
         order = np.argsort(-scores, kind="stable")
         return [
             (float(scores[k]), Pose(*turned_about(guess.rotation, guess.translation, focus, found[k]))) for k in order

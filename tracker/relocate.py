@@ -17,7 +17,7 @@ NEAR_REACH, NEAR_SHIFT = 0.15, 0.22
 """How far from a guess poses are searched first: in rad and parts of the range, and in rad of the image's shift."""
 FAR = spread(view_rad=0.4, roll_rad=0.12, range_part=0.25, shift_part=0.3)
 """How far they are searched then."""
-NEAR_FITS, FAR_FITS, REFITS = 16, 16, 2
+NEAR_FITS, FAR_FITS, REFITS = 32, 16, 2
 """Poses that are fitted of the search near a guess and of that far from it; times that the best are fitted again."""
 BEST = 4
 """Fits that are fitted again."""

@@ -14,13 +14,20 @@ from tracker.relocate import AWAY_SIGMA, GOOD_SUPPORT, Relocator, sigmas
 from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
 
-YOUNG_FRAMES, YOUNG_SUPPORT = 5, 0.68
-"""The first frames are searched again with less support than this: the given pose may have been wrong."""
+YOUNG_FRAMES, DOUBTED_SUPPORT = 5, 0.68
+"""A run does not trust its first predictions, nor, where the given pose was wrong, fits with less support than this."""
+SEARCH_EVERY = 8
+"""Frames from a search that found nothing better to the next, while the support is enough."""
 ENOUGH_SUPPORT = 0.5
 """With less than this the track is lost; the first frame, whose appearance nobody knows yet, needs less."""
 FIRST_SUPPORT = 0.4
 FIRST_ADVANTAGE = 0.1
-"""Support by which another pose must exceed the first pose that was given."""
+GIVEN_MISFIT = 12.6
+"""Support by which another pose must exceed a fit that lies where the first pose was given.
+
+Where it was given: within the squared distance in standard deviations that 95 % of right poses keep (chi-square, six
+degrees of freedom).
+"""
 FIRST_SIGMA = 0.005
 """One standard deviation of a given first pose, in parts of the range and in rad."""
 
@@ -50,6 +57,8 @@ class RobustRun:
         self.seen_ns: int | None = None
         self.support = 0.0
         self.frames_ok = 0
+        self.until_search = 0
+        self.was_wrong = False
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; `lost` too for an image of another size and a stamp that goes back."""
@@ -60,10 +69,16 @@ class RobustRun:
         with clock.stage("predict"):
             predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)
-        young = self.frames_ok < YOUNG_FRAMES
-        if self.ok_ns is None or not fit.support >= (YOUNG_SUPPORT if young else GOOD_SUPPORT):
+        self.until_search -= 1
+        doubted = self.was_wrong and self.frames_ok < YOUNG_FRAMES
+        good = fit.support >= (DOUBTED_SUPPORT if doubted else GOOD_SUPPORT)
+        due = not good and (doubted or self.until_search < 0 or not fit.support >= ENOUGH_SUPPORT)
+        if self.ok_ns is None or due or not fit.finite:
             with clock.stage("recover"):
-                fit = self.recover(image, predicted, covariance, fit)
+                better = self.recover(image, predicted, covariance, fit)
+            self.was_wrong |= self.ok_ns is None and better is not fit
+            self.until_search = 0 if better is not fit else SEARCH_EVERY
+            fit = better
         self.support = fit.support
         if not (fit.support >= (FIRST_SUPPORT if self.ok_ns is None else ENOUGH_SUPPORT) and fit.finite):
             return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
@@ -87,7 +102,8 @@ class RobustRun:
             covariance = covariance + sigmas(AWAY_SIGMA, self.range_m)
         guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
         best, advantage = self.relocator.best(image, guesses, covariance, self.range_m, fit)
-        return best if advantage > (FIRST_ADVANTAGE if self.ok_ns is None else 0.0) else fit
+        fits_given = self.ok_ns is None and self.motion.misfit(fit.cam_from_world) < GIVEN_MISFIT
+        return best if advantage > (FIRST_ADVANTAGE if fits_given else 0.0) else fit
 
     def comes_after(self, stamp_ns: int) -> bool:
         """Whether a frame is later than those before it; remembers its stamp."""
