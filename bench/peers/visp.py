@@ -25,8 +25,8 @@ OPENCV = ("opencv_calib3d", "opencv_imgproc", "opencv_core")
 class Visp(Peer):
     """ViSP's model-based tracker on edges, on KLT points of the faces, or on both.
 
-    range_px, edge_threshold and sample_step_px are those of its moving edges, by default as in its tutorial; scanline
-    tests visibility by scan lines instead of face by face, and then sees no opening in a face.
+    range_px, edge_threshold and sample_step_px are those of its moving edges, by default as in its tutorial. scanline
+    tests visibility by scan lines instead of face by face: without it, edges behind the structure are tracked too.
     """
 
     name: ClassVar[str] = "visp"
@@ -35,7 +35,7 @@ class Visp(Peer):
     range_px: Annotated[int, Ge(1)] = 8
     edge_threshold: Annotated[float, Gt(0)] = 10000.0
     sample_step_px: Annotated[float, Gt(0)] = 4.0
-    scanline: bool = False
+    scanline: bool = True
 
     def command(self) -> tuple[str, ...]:
         """The runner and its arguments."""
