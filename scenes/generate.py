@@ -102,7 +102,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
     environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
     clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
-    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.two_sided))
+    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.cutout))
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
     shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
     drawn = bake(shaded, occluder, environment.light, reach)

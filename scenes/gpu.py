@@ -71,7 +71,7 @@ class Mesh:
     @property
     def cutout(self) -> bool:
         """Whether the texture cuts holes into the part."""
-        return self.part.texture is not None and self.part.texture.shape[2] == 4
+        return self.part.cutout
 
     def draw(self) -> None:
         """Draw it with the program in use."""

@@ -9,6 +9,9 @@ from scenes.parts import Texture
 from scenes.structure import Indices
 from trajectories.pose import Array
 
+UNSAID = (102, 102, 102, 255)
+"""The diffuse colour that trimesh gives a material of which the file says nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
@@ -30,27 +33,36 @@ class Loaded:
         return replace(self, triangles=self.triangles[:, ::-1])
 
     def dressed(self, visual: Any) -> "Loaded":
-        """The piece with what trimesh knows of its look: texture, colour of the material, or colours of vertices."""
+        """The piece with what trimesh knows of its look: texture, colour of the material, or colours of vertices.
+
+        The factor on a texture counts in glTF alone: the Kd beside an OBJ's map is whatever its exporter leaves there.
+        """
         material = getattr(visual, "material", None)
         if material is None:
             if getattr(visual, "kind", None) not in ("vertex", "face"):
                 return self
             colors = np.asarray(visual.vertex_colors, dtype=np.float64)
             return replace(self, tint=_linear(colors)) if len(colors) == len(self.vertices) else self
-        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        factor = getattr(material, "baseColorFactor", None)
-        if factor is None:
-            factor = getattr(material, "diffuse", None)
+        physical = hasattr(material, "baseColorFactor")
+        image = material.baseColorTexture if physical else getattr(material, "image", None)
+        factor = material.baseColorFactor if physical else getattr(material, "diffuse", None)
+        if not physical and factor is not None and np.array_equal(factor, UNSAID):
+            factor = None
+        color = None if factor is None else _linear(np.array([factor]), power=1.0 if physical else 2.2)
         uv = getattr(visual, "uv", None)
-        if image is not None and uv is not None:
-            texture = np.asarray(image.convert("RGB"), dtype=np.uint8)
-            tint = None if factor is None else np.repeat(_linear(np.array([factor])), len(self.vertices), axis=0)
-            return replace(self, uv=np.asarray(uv, dtype=np.float64), texture=texture, tint=tint)
-        return self if factor is None else replace(self, tint=_linear(np.array([factor])))
+        if image is None or uv is None:
+            return self if color is None else replace(self, tint=color)
+        holes = physical and getattr(material, "alphaMode", None) == "MASK"
+        return replace(
+            self,
+            uv=np.asarray(uv, dtype=np.float64),
+            texture=np.asarray(image.convert("RGBA" if holes else "RGB"), dtype=np.uint8),
+            tint=np.repeat(color, len(self.vertices), axis=0) if physical and color is not None else None,
+        )
 
 
-def _linear(colors: Array) -> Array:
-    """Tints (n, 4) of 8-bit sRGB colours (n, 3 or 4) or of factors in 0..1."""
+def _linear(colors: Array, power: float = 2.2) -> Array:
+    """Tints (n, 4) of colours (n, 3 or 4), 8 bits or in 0..1: sRGB, or (power 1) linear as the factors of glTF are."""
     rgb = colors[:, :3].astype(np.float64)
-    rgb = (rgb / 255.0) ** 2.2 if np.issubdtype(colors.dtype, np.integer) or rgb.max() > 1.0 else rgb
-    return np.column_stack([rgb, np.ones(len(rgb))])
+    rgb = rgb / 255.0 if np.issubdtype(colors.dtype, np.integer) or rgb.max() > 1.0 else rgb
+    return np.column_stack([rgb**power, np.ones(len(rgb))])

@@ -68,7 +68,7 @@ class MeshFile:
                 f"min_edge_m ({self.min_edge_m})"
             )
         bare = materials.PAINTS[self.surface](rng)
-        return BuiltStructure(structure, tuple(_part(piece, bare) for piece in pieces))
+        return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in pieces))
 
     def _placed(self, piece: Loaded) -> Loaded:
         y_up = self.up == "y" or (self.up == "auto" and Path(self.path).suffix.lower() in (".gltf", ".glb"))
@@ -214,7 +214,7 @@ def _whole(pieces: list[Loaded]) -> tuple[Array, np.ndarray]:
     return np.concatenate([p.vertices for p in pieces]), triangles
 
 
-def _part(piece: Loaded, bare: Material) -> Part:
+def _part(piece: Loaded, bare: Material, two_sided: bool) -> Part:
     """The piece as it is drawn: with its own texture and colour, or covered with a material."""
     if piece.texture is not None and piece.uv is not None:
         return Part(
@@ -225,11 +225,12 @@ def _part(piece: Loaded, bare: Material) -> Part:
             tint=piece.tint,
             instance=1,
             name=piece.name,
-            two_sided=True,
+            two_sided=two_sided,
         )
     longest = 3.0 if len(piece.triangles) < FINE_TRIANGLES else 1e9
     if piece.tint is None:
-        return covered(Solid(piece.vertices, piece.triangles, bare, piece.name), longest_m=longest)
+        plain = covered(Solid(piece.vertices, piece.triangles, bare, piece.name), longest_m=longest)
+        return replace(plain, two_sided=two_sided)
     if len(piece.tint) > 1:
         longest = 1e9  # a colour at each corner: cutting would lose them
     plain = covered(Solid(piece.vertices, piece.triangles, _grain(), piece.name), longest_m=longest)
@@ -238,7 +239,7 @@ def _part(piece: Loaded, bare: Material) -> Part:
         if len(piece.tint) > 1
         else np.repeat(piece.tint, len(plain.vertices), 0)
     )
-    return replace(plain, tint=tint, two_sided=True)
+    return replace(plain, tint=tint, two_sided=two_sided)
 
 
 def _grain() -> Material:

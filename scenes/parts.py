@@ -38,6 +38,11 @@ class Part:
     name: str = ""
     instance: int = 0
 
+    @property
+    def cutout(self) -> bool:
+        """Whether the texture cuts holes into the part."""
+        return self.texture is not None and self.texture.shape[2] == 4
+
 
 @dataclass(frozen=True, eq=False)
 class Mover:

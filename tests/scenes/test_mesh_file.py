@@ -1,13 +1,21 @@
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from scenes import mesh_file
+from scenes.generate import generate
 from scenes.mesh_file import MeshFile
+from scenes.outdoor import Outdoor
 from scenes.parts import BuiltStructure
+from scenes.sequence import Sequence
+from scenes.spec import CameraSpec, SequenceSpec
 from trajectories.errors import UserError
+from trajectories.flight import FlightSpec
+from trajectories.paths import PATHS
 
 CUBE_CAO = """V1
 # 3D Points
@@ -197,13 +205,92 @@ def test_crease_angle_and_minimum_edge_choose_the_edges(tmp_path: Path) -> None:
         built(tmp_path / "c.ply", min_edge_m=5.0)
 
 
-def test_texture_and_colour_of_the_file_are_drawn(tmp_path: Path) -> None:
-    from PIL import Image
+def picture(size: int = 64) -> Image.Image:
+    return Image.fromarray(np.random.default_rng(0).integers(0, 255, (size, size, 3)).astype(np.uint8))
 
+
+def model_of_several_nodes(scale: float = 1.0) -> trimesh.Scene:
+    """A y-up scene as a modelling program leaves it: nodes with transforms, one mesh used twice, three materials."""
+    pbr = trimesh.visual.material.PBRMaterial
+    walls, tower = trimesh.creation.box((6.0, 3.0, 4.0)), trimesh.creation.box((1.0, 5.0, 1.0))
+    walls.visual = trimesh.visual.TextureVisuals(
+        uv=walls.vertices[:, :2] / 3, material=pbr(name="bricks", baseColorTexture=picture())
+    )
+    tower.visual = trimesh.visual.TextureVisuals(material=pbr(name="paint", baseColorFactor=[255, 0, 0, 255]))
+    scene, at = trimesh.Scene(), trimesh.transformations.translation_matrix
+    big = trimesh.transformations.scale_matrix(scale)
+    scene.add_geometry(walls, node_name="walls", transform=big @ at((50.0, 1.5, -20.0)))
+    scene.add_geometry(tower, geom_name="tower", node_name="left", transform=big @ at((46.5, 2.5, -20.0)))
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    scene.add_geometry(tower, geom_name="tower", node_name="right", transform=big @ at((53.5, 2.5, -20.0)) @ mirror)
+    return scene
+
+
+def test_a_glb_of_several_nodes_stands_upright_with_its_textures_and_colours(tmp_path: Path) -> None:
+    model_of_several_nodes().export(tmp_path / "hall.glb")
+    thing = built(tmp_path / "hall.glb")
+    assert thing.structure.bounds == pytest.approx(np.array([[-4, -2, 0], [4, 2, 5]]), abs=1e-5)
+    assert len(thing.structure.edges) == 3 * 12
+    walls = next(part for part in thing.parts if len(part.vertices) < 36 and part.tint is None)
+    assert walls.texture is not None
+    assert np.array_equal(walls.texture, np.asarray(picture()))
+    reds = [part for part in thing.parts if part is not walls]
+    assert len(reds) == 2
+    for part in reds:
+        assert part.tint is not None
+        assert part.tint[:, :3] == pytest.approx(np.tile([1.0, 0.0, 0.0], (len(part.tint), 1)))
+
+
+def test_a_glb_in_millimetres_is_noticed_and_mended(tmp_path: Path) -> None:
+    model_of_several_nodes(1000.0).export(tmp_path / "hall.glb")
+    with pytest.raises(UserError, match=r'8,000 m large; is it in millimetres\? Then set unit = "mm"'):
+        built(tmp_path / "hall.glb")
+    bounds = built(tmp_path / "hall.glb", unit="mm").structure.bounds
+    assert bounds == pytest.approx(np.array([[-4, -2, 0], [4, 2, 5]]), abs=1e-3)
+
+
+def test_vertex_colours_are_kept_and_an_open_model_is_drawn_from_both_sides(tmp_path: Path) -> None:
     mesh = house()
-    picture = Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8))
-    mesh.visual = trimesh.visual.TextureVisuals(uv=mesh.vertices[:, :2] / 4, image=picture)
-    mesh.export(tmp_path / "textured.glb")
-    part = built(tmp_path / "textured.glb", up="z").parts[0]
-    assert part.texture is not None
-    assert part.texture.shape == (64, 64, 3)
+    mesh.update_faces(mesh.face_normals[:, 1] > -0.5)
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.tile([0, 0, 255, 255], (len(mesh.vertices), 1)))
+    trimesh.Scene(mesh).export(tmp_path / "shed.glb")
+    (part,) = built(tmp_path / "shed.glb", allow_open=True).parts
+    assert part.two_sided
+    assert part.tint is not None
+    assert part.tint[:, :3] == pytest.approx(np.tile([0.0, 0.0, 1.0], (len(part.tint), 1)))
+
+
+def test_an_obj_keeps_its_texture_and_a_model_without_a_look_is_covered(tmp_path: Path) -> None:
+    mesh = house()
+    mesh.visual = trimesh.visual.TextureVisuals(uv=mesh.vertices[:, :2] / 4, image=picture())
+    mesh.export(tmp_path / "house.obj")
+    (part,) = built(tmp_path / "house.obj").parts
+    assert part.tint is None
+    assert np.array_equal(part.texture, np.asarray(picture()))
+    house().export(tmp_path / "bare.ply")
+    (bare,) = built(tmp_path / "bare.ply", surface="brick").parts
+    assert bare.texture is not None
+    assert bare.texture.shape[0] > 1000
+
+
+def test_a_textured_glb_goes_from_file_to_sequence(tmp_path: Path) -> None:
+    """The model is drawn where its edges are said to be, in its own colours."""
+    model_of_several_nodes().export(tmp_path / "hall.glb")
+    spec = SequenceSpec(
+        name="hall",
+        seed=1,
+        structure=MeshFile(path=str(tmp_path / "hall.glb")),
+        environment=Outdoor(sun_azimuth_deg=30.0, cloudiness=0.2),
+        flight=FlightSpec(path=PATHS["orbit"](distance_m=6.0, height_m=3.0, turns=0.02, speed_m_s=1.0)),
+        camera=CameraSpec(width=160, height=120),
+        rate_hz=1.0,
+        truth=("mask",),
+    )
+    generate(spec, tmp_path / "hall", content_hash="x")
+    sequence = Sequence.load(tmp_path / "hall")
+    image = sequence.image(0).astype(float)
+    mask = cv2.imread(str(tmp_path / "hall" / "mask" / "000000.png"), cv2.IMREAD_GRAYSCALE) == 1
+    assert 0.05 < mask.mean() < 0.6
+    red = image[..., 2] > 2 * image[..., :2].max(axis=2)
+    assert red[mask].mean() > 0.1
+    assert image[mask & ~red].std() > 15
