@@ -38,9 +38,9 @@ def cells(finding: Finding) -> list[str]:
     bounds = "-" if math.isnan(finding.low) else f"{finding.low:+.2%} .. {finding.high:+.2%}"
     numbers = [f"{v:.4g}{unit}" if math.isfinite(v) else "-" for v in (finding.baseline, finding.value)]
     change = f"{finding.change:+.2%}" if math.isfinite(finding.change) else "-"
-    if finding.metric == "coverage":
-        change = f"{-finding.change:+.2%}" if math.isfinite(finding.change) else "-"
-        bounds = "-" if math.isnan(finding.low) else f"{-finding.high:+.2%} .. {-finding.low:+.2%}"
+    if finding.metric == "coverage":  # 0.0 - x and not -x, so that no change is +0
+        change = f"{0.0 - finding.change:+.2%}" if math.isfinite(finding.change) else "-"
+        bounds = "-" if math.isnan(finding.low) else f"{0.0 - finding.high:+.2%} .. {0.0 - finding.low:+.2%}"
     margin = f"{'-' if finding.metric == 'coverage' else '+'}{finding.margin:.1%}"
     return [finding.run, finding.metric, *numbers, change, bounds, margin, finding.verdict, _plain(finding.reason)]
 
