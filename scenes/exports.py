@@ -1,27 +1,23 @@
 """Sequences in the formats of others: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from scenes.bop import export_bop
 from scenes.camera import Camera
 from scenes.folders import disk_errors
+from scenes.frame_truth import read_depth
 from scenes.sequence import Sequence
 from trajectories.errors import UserError, unknown_name
 from trajectories.files import new_folder, write_text
 from trajectories.formats import write_euroc, write_kitti, write_tum
-from trajectories.pose import Array, Pose
+from trajectories.pose import Pose
 from trajectories.trajectory import Trajectory
 
 OnFrame = Callable[[int, int], None]
-BOP_DEPTH_SCALE = 0.1
-"""Millimetres per unit of a BOP depth image, for what is nearer than 6.5 m."""
-BOP_FAR_DEPTH_SCALE = 2.0
-"""The same for what is further away: 16 bits then reach to 131 m."""
 
 
 def export(sequence: Sequence, format: str, folder: Path, on_frame: OnFrame | None = None) -> None:
@@ -99,44 +95,6 @@ def export_kitti(sequence: Sequence, folder: Path, on_frame: OnFrame) -> None:
         on_frame(frame + 1, len(stamps))
 
 
-def export_bop(sequence: Sequence, folder: Path, on_frame: OnFrame) -> None:
-    """BOP layout: `models/`, and `test/000001/` with rgb, depth and mask (where the sequence has them) and truth.
-
-    One object, number 1: the structure. Lengths in millimetres.
-    """
-    scene, models = folder / "test" / "000001", folder / "models"
-    (scene / "rgb").mkdir(parents=True)
-    models.mkdir()
-    write_text(models / "obj_000001.ply", _ply_mm(sequence.structure.vertices, sequence.structure.triangles))
-    low, high = 1000 * sequence.structure.bounds
-    points = sequence.structure.vertices
-    diameter = 1000 * float(np.max([np.linalg.norm(points - p, axis=1).max() for p in points]))
-    info = {"diameter": diameter} | {f"min_{a}": float(low[k]) for k, a in enumerate("xyz")}
-    info |= {f"size_{a}": float(high[k] - low[k]) for k, a in enumerate("xyz")}
-    write_text(models / "models_info.json", json.dumps({"1": info}) + "\n")
-    camera = {"cx": sequence.camera.cx, "cy": sequence.camera.cy, "depth_scale": 1.0, "fx": sequence.camera.fx,
-              "fy": sequence.camera.fy, "height": sequence.camera.height, "width": sequence.camera.width}  # fmt: skip
-    write_text(folder / "camera.json", json.dumps(camera) + "\n")
-    cameras, poses, infos = {}, {}, {}
-    for frame in range(len(sequence)):
-        name = f"{frame:06d}"
-        (scene / "rgb" / f"{name}.png").write_bytes((sequence.folder / sequence.files[frame]).read_bytes())
-        scale = _bop_images(sequence, frame, scene)
-        pose = sequence.true_cam_from_world(frame)
-        R, t = pose.rotation.reshape(-1).tolist(), (1000 * pose.translation).tolist()
-        cameras[str(frame)] = {
-            "cam_K": sequence.camera.K.reshape(-1).tolist(),
-            "depth_scale": scale,
-            "cam_R_w2c": R,
-            "cam_t_w2c": t,
-        }
-        poses[str(frame)] = [{"cam_R_m2c": R, "cam_t_m2c": t, "obj_id": 1}]
-        infos[str(frame)] = [_bop_info(sequence, frame)]
-        on_frame(frame + 1, len(sequence))
-    for file, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
-        write_text(scene / f"{file}.json", json.dumps(content, indent=1) + "\n")
-
-
 def export_video(sequence: Sequence, folder: Path, on_frame: OnFrame) -> None:
     """`video.mp4` (VP9, plays in browsers), with the model's edges drawn in `overlay.mp4`."""
     from scenes.contact_sheet import with_edges
@@ -161,15 +119,6 @@ def camera_truth(sequence: Sequence) -> Trajectory:
     return Trajectory.from_poses(sequence.stamps_ns.tolist(), poses)
 
 
-def read_depth(sequence: Sequence, frame: int) -> Array:
-    """True depth (h, w) of a frame in metres, 0 where there is nothing."""
-    path = sequence.folder / "depth" / f"{frame:06d}.png"
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise FileNotFoundError(path)
-    return np.asarray(image, dtype=np.float64) * float(sequence.info["depth_m_per_unit"])
-
-
 def _t_bs(pose: Pose) -> str:
     data = ", ".join(f"{v:.12g}" for v in pose.matrix.reshape(-1))
     return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\n"
@@ -189,67 +138,6 @@ def _euroc_camera(sequence: Sequence) -> str:
         + f"intrinsics: [{c.fx:.12g}, {c.fy:.12g}, {c.cx:.12g}, {c.cy:.12g}]\n"
         + f"distortion_model: {model}\ndistortion_coefficients: [{k}]\n"
     )
-
-
-def _ply_mm(vertices: Array, triangles: np.ndarray) -> str:
-    head = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}"]
-    head += [f"property float {a}" for a in "xyz"]
-    head += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header"]
-    rows = [f"{x:.9g} {y:.9g} {z:.9g}" for x, y, z in (1000 * vertices).tolist()]
-    return "\n".join([*head, *rows, *(f"3 {a} {b} {c}" for a, b, c in triangles.tolist())]) + "\n"
-
-
-def _bop_images(sequence: Sequence, frame: int, scene: Path) -> float:
-    """Write depth and masks of a frame where there are any; millimetres per unit of its depth image."""
-    name = f"{frame:06d}"
-    if (sequence.folder / "mask" / f"{name}.png").is_file():
-        mask = 255 * _shown(sequence.folder / "mask" / f"{name}.png").astype(np.uint8)
-        (scene / "mask_visib").mkdir(exist_ok=True)
-        cv2.imwrite(str(scene / "mask_visib" / f"{name}_000000.png"), mask)
-    if not (sequence.folder / "depth" / f"{name}.png").is_file():
-        return 1.0
-    depth_mm = 1000 * read_depth(sequence, frame)
-    scale = BOP_DEPTH_SCALE if depth_mm.max() < 65535 * BOP_DEPTH_SCALE else BOP_FAR_DEPTH_SCALE
-    units = np.rint(depth_mm / scale)
-    units[units > 65535] = 0  # further than 16 bits reach: unknown, never wrapped
-    (scene / "depth").mkdir(exist_ok=True)
-    cv2.imwrite(str(scene / "depth" / f"{name}.png"), units.astype(np.uint16))
-    return scale
-
-
-def _bop_info(sequence: Sequence, frame: int) -> dict[str, object]:
-    """Boxes and pixel counts of the structure: projected outline, and what the mask shows of it."""
-    camera, pose = sequence.camera, sequence.true_cam_from_world(frame)
-    seen = np.zeros((camera.height, camera.width), dtype=np.uint8)
-    points = pose.transform(sequence.structure.vertices)
-    for triangle in points[sequence.structure.triangles]:
-        if (triangle[:, 2] > 0.01).all():
-            cv2.fillConvexPoly(seen, np.rint(camera.project(triangle)).astype(np.int32).clip(-30000, 30000), 1)
-    path = sequence.folder / "mask" / f"{frame:06d}.png"
-    visible = _shown(path) if path.is_file() else seen.astype(bool)
-    total, shown = int(seen.sum()), int(visible.sum())
-    return {
-        "bbox_obj": _box(seen.astype(bool)),
-        "bbox_visib": _box(visible),
-        "px_count_all": total,
-        "px_count_valid": total,
-        "px_count_visib": shown,
-        "visib_fract": min(1.0, shown / total) if total else 0.0,
-    }
-
-
-def _shown(path: Path) -> NDArray[np.bool_]:
-    """Where a mask image shows the structure."""
-    image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
-    return np.asarray(image == 1)
-
-
-def _box(mask: np.ndarray) -> list[int]:
-    """x, y, width, height of what is set; -1s when nothing is."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return [-1, -1, -1, -1]
-    return [int(columns[0]), int(rows[0]), int(columns[-1] - columns[0] + 1), int(rows[-1] - rows[0] + 1)]
 
 
 EXPORTS: dict[str, Callable[[Sequence, Path, OnFrame], None]] = {

@@ -160,6 +160,15 @@ def edges_file(sequence: Sequence, frame: int) -> Path:
     return sequence.folder / "edges" / f"{frame:06d}.csv"
 
 
+def read_depth(sequence: Sequence, frame: int) -> Array:
+    """True depth (h, w) of a frame in metres, 0 where there is nothing."""
+    path = sequence.folder / "depth" / f"{frame:06d}.png"
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise FileNotFoundError(path)
+    return np.asarray(image, dtype=np.float64) * float(sequence.info["depth_m_per_unit"])
+
+
 def load_edges(sequence: Sequence, frame: int) -> Array:
     """What `write_edges` wrote of a frame (n, 7)."""
     return np.loadtxt(edges_file(sequence, frame), delimiter=",", skiprows=1, ndmin=2).reshape(-1, len(EDGE_COLUMNS))

@@ -9,9 +9,9 @@ from evo.tools import file_interface
 
 from scenes.box import Box
 from scenes.contact_sheet import write_contact_sheet
-from scenes.exports import camera_truth, export, read_depth
+from scenes.exports import camera_truth, export
 from scenes.exposure import RollingShutter
-from scenes.frame_truth import EDGE_COLUMNS, load_edges
+from scenes.frame_truth import EDGE_COLUMNS, load_edges, read_depth
 from scenes.generate import generate
 from scenes.indoor import Indoor
 from scenes.sequence import Sequence, write_manifest
