@@ -3,10 +3,8 @@
 import json
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
-from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -14,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes import gl
-from scenes.bake import bake
 from scenes.contact_sheet import write_contact_sheet
 from scenes.crlb import FrameBounds, write_bounds
 from scenes.described import described
@@ -22,9 +19,7 @@ from scenes.effects import EFFECTS
 from scenes.folders import disk_errors, refuse_foreign
 from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
 from scenes.light import encode
-from scenes.meshes import joined, merged
-from scenes.parts import BuiltStructure, Light, Mover, Part, Texture
-from scenes.render import Renderer
+from scenes.scene import Scene, build_scene
 from scenes.sequence import TRUTH_COLUMNS, Sequence, save_structure, write_manifest
 from scenes.source import Source, make_source, render_camera
 from scenes.spec import EffectSpec, SequenceSpec
@@ -35,7 +30,6 @@ from trajectories.flight import Flight, fly
 from trajectories.pose import Array, Pose
 from trajectories.sensors import write_flight
 from trajectories.streams import stream
-from trajectories.surroundings import Surroundings
 
 LEAST_SHARE_IN_VIEW = 0.005
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
@@ -75,41 +69,6 @@ def generate(
         _write_info(new, spec, scene, source, content_hash)
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """All that stands around a flight, ready to be drawn."""
-
-    built: BuiltStructure
-    parts: tuple[Part, ...]
-    movers: tuple[Mover, ...]
-    light: Light
-    sky: Texture | None
-    surroundings: Surroundings
-
-    def renderer(self, width: int, height: int) -> Renderer:
-        """A renderer of the scene."""
-        return Renderer(self.parts, self.light, width, height, self.movers, self.sky)
-
-
-def build_scene(spec: SequenceSpec) -> Scene:
-    """Structure, environment and clutter of a spec, lit."""
-    built = spec.structure.build(stream(spec.seed, "structure"))
-    bounds = built.structure.bounds
-    parts, record = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
-    built = replace(built, parts=parts, deviation=record)
-    environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
-    clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
-    solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
-    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.cutout))
-    reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
-    shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
-    drawn = bake(shaded, occluder, environment.light, reach)
-    drawn += merged(p for p in solid if 1 < p.instance < 10)
-    movers = tuple(chain.from_iterable(c.movers for c in clutter))
-    flown_around = Surroundings(built.structure.vertices, built.structure.triangles)
-    return Scene(built, drawn, movers, environment.light, environment.sky, flown_around)
 
 
 def camera_path(flight: Flight, cam_from_body: Pose) -> Callable[[int], Pose]:

@@ -24,6 +24,7 @@ from bench.suite_files import suite_file
 from scenes import generate as g
 from scenes.exposure import RollingShutter
 from scenes.light import encode
+from scenes.scene import build_scene
 from scenes.sensor import Noise
 from scenes.source import make_source, render_camera
 from scenes.spec import SequenceSpec
@@ -46,7 +47,7 @@ def first_of(suite: str) -> SequenceSpec:
 def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]]:
     """Writes one frame of a sequence after the other, spread over the flight, as `generate` does."""
     cv2.setNumThreads(1)
-    scene = g.build_scene(spec)
+    scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
@@ -105,7 +106,7 @@ def test_rolling_shutter_against_a_plain_frame(benchmark: Any, tmp_path: Path, s
 def test_building_a_scene(benchmark: Any, suite: str) -> None:
     """Structure, textures, light: what a sequence costs before its first frame."""
     spec = first_of(suite)
-    benchmark.pedantic(lambda: g.build_scene(spec), rounds=3, warmup_rounds=1)
+    benchmark.pedantic(lambda: build_scene(spec), rounds=3, warmup_rounds=1)
 
 
 def start(suite: str, platform: str = "egl") -> subprocess.Popen[str]:

@@ -1,0 +1,49 @@
+"""All that stands around a flight, built from a spec, lit, and ready to be drawn."""
+
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from scenes.bake import bake
+from scenes.meshes import joined, merged
+from scenes.parts import BuiltStructure, Light, Mover, Part, Texture
+from scenes.render import Renderer
+from scenes.spec import SequenceSpec
+from trajectories.streams import stream
+from trajectories.surroundings import Surroundings
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that stands around a flight, ready to be drawn."""
+
+    built: BuiltStructure
+    parts: tuple[Part, ...]
+    movers: tuple[Mover, ...]
+    light: Light
+    sky: Texture | None
+    surroundings: Surroundings
+
+    def renderer(self, width: int, height: int) -> Renderer:
+        """A renderer of the scene."""
+        return Renderer(self.parts, self.light, width, height, self.movers, self.sky)
+
+
+def build_scene(spec: SequenceSpec) -> Scene:
+    """Structure, environment and clutter of a spec, lit."""
+    built = spec.structure.build(stream(spec.seed, "structure"))
+    bounds = built.structure.bounds
+    parts, record = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
+    built = replace(built, parts=parts, deviation=record)
+    environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
+    clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
+    solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
+    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.cutout))
+    reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
+    shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
+    drawn = bake(shaded, occluder, environment.light, reach)
+    drawn += merged(p for p in solid if 1 < p.instance < 10)
+    movers = tuple(chain.from_iterable(c.movers for c in clutter))
+    flown_around = Surroundings(built.structure.vertices, built.structure.triangles)
+    return Scene(built, drawn, movers, environment.light, environment.sky, flown_around)
