@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Gt, Interval
 
 from scenes import facade, materials
-from scenes.facade import COPING_M, OVERHANG_M, REVEAL_M, Opening, Side
+from scenes.facade import COPING_M, OVERHANG_M, REVEAL_M, Opening, Side, filled, inside, lines
 from scenes.parts import BuiltStructure, Part
 from scenes.solids import Solid, block, cells, cover_all, structure_of
 
@@ -44,7 +44,7 @@ class Building:
         for face, holes, beyond in zip(self._sides(), (front, side, back, side), (OVERHANG_M, 0.0) * 2, strict=True):
             solids += facade.trim(holes, face, beyond, stone)
             solids += [self._coping(face, beyond, stone), facade.downpipe(face, 0.25)]
-            painted += facade.filled(holes, face, looks, rng)
+            painted += filled(holes, face, looks, rng)
         return BuiltStructure(structure_of(solids), (*cover_all(solids), *painted))
 
     def _sides(self) -> list[Side]:
@@ -73,37 +73,37 @@ class Building:
     ) -> Solid:
         x, y = self.length_m / 2, self.width_m / 2
         thick, rise = PARAPET_M
-        xs = facade.lines(-x, x, [c - x for o in front for c in (o.x0, o.x1)] + [x - c for o in back for c in (o.x0, o.x1)]
+        xs = lines(-x, x, [c - x for o in front for c in (o.x0, o.x1)] + [x - c for o in back for c in (o.x0, o.x1)]
                    + [-x + REVEAL_M, x - REVEAL_M, -x + thick, x - thick])  # fmt: skip
-        ys = facade.lines(-y, y, [c - y for o in side for c in (o.x0, o.x1)] + [y - c for o in side for c in (o.x0, o.x1)]
+        ys = lines(-y, y, [c - y for o in side for c in (o.x0, o.x1)] + [y - c for o in side for c in (o.x0, o.x1)]
                    + [-y + REVEAL_M, y - REVEAL_M, -y + thick, y - thick])  # fmt: skip
         heights = [z for o in (*front, *back, *side) for z in (o.z0, o.z1)]
-        zs = facade.lines(0, self.height_m + rise, [*heights, self.height_m])
+        zs = lines(0, self.height_m + rise, [*heights, self.height_m])
         full = np.ones((len(xs) - 1, len(ys) - 1, len(zs) - 1), dtype=bool)
         roof = np.ix_(
-            facade.inside(xs, -x + thick, x - thick),
-            facade.inside(ys, -y + thick, y - thick),
-            facade.inside(zs, self.height_m, 1e9),
+            inside(xs, -x + thick, x - thick),
+            inside(ys, -y + thick, y - thick),
+            inside(zs, self.height_m, 1e9),
         )
         full[roof] = False
         for o in front:
             full[
                 np.ix_(
-                    facade.inside(xs, o.x0 - x, o.x1 - x),
-                    facade.inside(ys, -y, -y + REVEAL_M),
-                    facade.inside(zs, o.z0, o.z1),
+                    inside(xs, o.x0 - x, o.x1 - x),
+                    inside(ys, -y, -y + REVEAL_M),
+                    inside(zs, o.z0, o.z1),
                 )
             ] = False
         for o in back:
             full[
                 np.ix_(
-                    facade.inside(xs, x - o.x1, x - o.x0),
-                    facade.inside(ys, y - REVEAL_M, y),
-                    facade.inside(zs, o.z0, o.z1),
+                    inside(xs, x - o.x1, x - o.x0),
+                    inside(ys, y - REVEAL_M, y),
+                    inside(zs, o.z0, o.z1),
                 )
             ] = False
         for o in side:
-            up = facade.inside(zs, o.z0, o.z1)
-            full[np.ix_(facade.inside(xs, x - REVEAL_M, x), facade.inside(ys, o.x0 - y, o.x1 - y), up)] = False
-            full[np.ix_(facade.inside(xs, -x, -x + REVEAL_M), facade.inside(ys, y - o.x1, y - o.x0), up)] = False
+            up = inside(zs, o.z0, o.z1)
+            full[np.ix_(inside(xs, x - REVEAL_M, x), inside(ys, o.x0 - y, o.x1 - y), up)] = False
+            full[np.ix_(inside(xs, -x, -x + REVEAL_M), inside(ys, y - o.x1, y - o.x0), up)] = False
         return cells(xs, ys, zs, full, material, "body")

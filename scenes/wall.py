@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Gt, Interval
 
 from scenes import facade, materials
-from scenes.facade import COPING_M, OVERHANG_M, REVEAL_M, Opening, Side
+from scenes.facade import COPING_M, OVERHANG_M, REVEAL_M, Opening, Side, filled, inside, lines
 from scenes.materials import Material
 from scenes.parts import BuiltStructure
 from scenes.solids import Solid, cells, cover_all, structure_of
@@ -32,9 +32,7 @@ class Wall:
         holes = facade.openings(self.width_m, self.height_m, self.bays, self.storeys, door_bay=self.bays // 2)
         solids = [self._slab(holes, surface), *facade.trim(holes, self._front, 0.0, stone), self._coping(stone)]
         solids.append(facade.downpipe(self._front, 0.3))
-        return BuiltStructure(
-            structure_of(solids), (*cover_all(solids), *facade.filled(holes, self._front, looks, rng))
-        )
+        return BuiltStructure(structure_of(solids), (*cover_all(solids), *filled(holes, self._front, looks, rng)))
 
     @property
     def _front(self) -> Side:
@@ -42,14 +40,12 @@ class Wall:
         return Side(corner, along, outward, self.width_m, self.height_m)
 
     def _slab(self, holes: tuple[Opening, ...], material: Material) -> Solid:
-        xs = facade.lines(0, self.width_m, [x for o in holes for x in (o.x0, o.x1)])
-        zs = facade.lines(0, self.height_m, [z for o in holes for z in (o.z0, o.z1)])
+        xs = lines(0, self.width_m, [x for o in holes for x in (o.x0, o.x1)])
+        zs = lines(0, self.height_m, [z for o in holes for z in (o.z0, o.z1)])
         ys = np.array([0.0, REVEAL_M, self.thickness_m])
         full = np.ones((len(xs) - 1, 2, len(zs) - 1), dtype=bool)
         for o in holes:
-            full[
-                np.ix_(facade.inside(xs, o.x0, o.x1), facade.inside(ys, 0, REVEAL_M), facade.inside(zs, o.z0, o.z1))
-            ] = False
+            full[np.ix_(inside(xs, o.x0, o.x1), inside(ys, 0, REVEAL_M), inside(zs, o.z0, o.z1))] = False
         return cells(xs - self.width_m / 2, ys, zs, full, material, "wall")
 
     def _coping(self, stone: Material) -> Solid:

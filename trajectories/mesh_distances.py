@@ -1,7 +1,6 @@
 """Distances from points to a triangle mesh."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajectories.kernels import compiled
 from trajectories.mesh_tree import MAX_DEPTH, Tree
@@ -11,21 +10,12 @@ from trajectories.pose import Array
 def mesh_distances(tree: Tree, points: Array) -> Array:
     """Distance (k,) of points (k, 3) to the nearest triangle."""
     out = np.empty(len(points))
-    _distances(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, points, out)
+    _distances(tree, points, out)
     return out
 
 
 @compiled
-def _distances(
-    low: Array,
-    high: Array,
-    first: NDArray[np.int64],
-    count: NDArray[np.int64],
-    child: NDArray[np.int64],
-    corners: Array,
-    points: Array,
-    out: Array,
-) -> None:
+def _distances(tree: Tree, points: Array, out: Array) -> None:
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(points.shape[0]):
         p = points[i]
@@ -35,14 +25,16 @@ def _distances(
         while top > 0:
             top -= 1
             node = stack[top]
-            if _box_squared(p, low[node], high[node]) >= best:
+            if _box_squared(p, tree.low[node], tree.high[node]) >= best:
                 continue
-            if count[node] > 0:
-                for t in range(first[node], first[node] + count[node]):
-                    best = min(best, _triangle_squared(p, corners[t, 0], corners[t, 1], corners[t, 2]))
+            if tree.counts[node] > 0:
+                for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
+                    best = min(best, _triangle_squared(p, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2]))
             else:
-                a = child[node]
-                near_a = _box_squared(p, low[a], high[a]) <= _box_squared(p, low[a + 1], high[a + 1])
+                a = tree.child[node]
+                near_a = _box_squared(p, tree.low[a], tree.high[a]) <= _box_squared(
+                    p, tree.low[a + 1], tree.high[a + 1]
+                )
                 stack[top] = a + 1 if near_a else a
                 stack[top + 1] = a if near_a else a + 1
                 top += 2

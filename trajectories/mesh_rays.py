@@ -10,110 +10,54 @@ from trajectories.pose import Array
 
 def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
     """Distance (k,) along each unit direction to the first triangle, inf where there is none."""
-    out = np.empty(len(origins))
-    _rays(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, origins, directions, out)
-    return out
+    out = np.empty((len(origins), 1))
+    _distances(tree, origins, directions[:, None], np.inf, False, out)
+    return out[:, 0]
 
 
 def rays_blocked(tree: Tree, origins: Array, directions: Array, within: float) -> NDArray[np.bool_]:
     """Which rays (n, k), in unit directions (n, k, 3) from origins (n, 3), meet a triangle nearer than `within`."""
-    out = np.empty(directions.shape[:2], dtype=np.bool_)
-    _blocked(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, origins, directions, within, out)
-    return out
+    out = np.empty(directions.shape[:2])
+    _distances(tree, origins, directions, within, True, out)
+    return out < within
 
 
 def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.int64]:
     """Times (k,) that a ray from each origin (k, 3) leaves the mesh, less the times it enters."""
     out = np.empty(len(origins), dtype=np.int64)
-    _crossings(tree.low, tree.high, tree.first, tree.counts, tree.child, tree.corners, origins, direction, out)
+    _crossings(tree, origins, direction, out)
     return out
 
 
 @compiled
-def _rays(
-    low: Array,
-    high: Array,
-    first: NDArray[np.int64],
-    count: NDArray[np.int64],
-    child: NDArray[np.int64],
-    corners: Array,
-    origins: Array,
-    directions: Array,
-    out: Array,
-) -> None:
-    stack = np.empty(MAX_DEPTH, dtype=np.int64)
-    for i in range(origins.shape[0]):
-        best = np.inf
-        stack[0] = 0
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if not _enters(origins[i], directions[i], low[node], high[node], best):
-                continue
-            if count[node] > 0:
-                for t in range(first[node], first[node] + count[node]):
-                    hit = _ray_triangle(origins[i], directions[i], corners[t, 0], corners[t, 1], corners[t, 2])
-                    best = min(best, hit)
-            else:
-                stack[top] = child[node]
-                stack[top + 1] = child[node] + 1
-                top += 2
-        out[i] = best
-
-
-@compiled
-def _blocked(
-    low: Array,
-    high: Array,
-    first: NDArray[np.int64],
-    count: NDArray[np.int64],
-    child: NDArray[np.int64],
-    corners: Array,
-    origins: Array,
-    directions: Array,
-    within: float,
-    out: NDArray[np.bool_],
-) -> None:
+def _distances(tree: Tree, origins: Array, directions: Array, within: float, any_will_do: bool, out: Array) -> None:
+    """Distance (n, k) to the first triangle, or to any, nearer than `within`; `within` where there is none."""
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(directions.shape[0]):
-        last = 0
         for j in range(directions.shape[1]):
-            a, b, c = corners[last, 0], corners[last, 1], corners[last, 2]
-            found = _ray_triangle(origins[i], directions[i, j], a, b, c) < within  # what hid the ray before this one
+            o, d = origins[i], directions[i, j]
+            best = within
             stack[0] = 0
             top = 1
-            while top > 0 and not found:
+            while top > 0 and not (any_will_do and best < within):
                 top -= 1
                 node = stack[top]
-                if not _enters(origins[i], directions[i, j], low[node], high[node], within):
+                if not _enters(o, d, tree.low[node], tree.high[node], best):
                     continue
-                if count[node] > 0:
-                    for t in range(first[node], first[node] + count[node]):
-                        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
-                        if _ray_triangle(origins[i], directions[i, j], a, b, c) < within:
-                            found = True
-                            last = t
-                            break
+                if tree.counts[node] > 0:
+                    for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
+                        best = min(
+                            best, _ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2])
+                        )
                 else:
-                    stack[top] = child[node]
-                    stack[top + 1] = child[node] + 1
+                    stack[top] = tree.child[node]
+                    stack[top + 1] = tree.child[node] + 1
                     top += 2
-            out[i, j] = found
+            out[i, j] = best
 
 
 @compiled
-def _crossings(
-    low: Array,
-    high: Array,
-    first: NDArray[np.int64],
-    count: NDArray[np.int64],
-    child: NDArray[np.int64],
-    corners: Array,
-    origins: Array,
-    direction: Array,
-    out: NDArray[np.int64],
-) -> None:
+def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int64]) -> None:
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(origins.shape[0]):
         out[i] = 0
@@ -122,16 +66,16 @@ def _crossings(
         while top > 0:
             top -= 1
             node = stack[top]
-            if not _enters(origins[i], direction, low[node], high[node], np.inf):
+            if not _enters(origins[i], direction, tree.low[node], tree.high[node], np.inf):
                 continue
-            if count[node] > 0:
-                for t in range(first[node], first[node] + count[node]):
-                    a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+            if tree.counts[node] > 0:
+                for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
+                    a, b, c = tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2]
                     if _ray_triangle(origins[i], direction, a, b, c) < np.inf:
                         out[i] += _side(direction, a, b, c)
             else:
-                stack[top] = child[node]
-                stack[top + 1] = child[node] + 1
+                stack[top] = tree.child[node]
+                stack[top + 1] = tree.child[node] + 1
                 top += 2
 
 
