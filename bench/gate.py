@@ -2,8 +2,10 @@
 
 Errors and latency are compared as ratios: `fail` when the one-sided 95 % lower bound of the change, from a paired
 hierarchical bootstrap and corrected by Holm over all metrics, lies above the margin; `inconclusive` when there are
-fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Coverage is
-compared as an absolute: its mean loss against its own margin. What is missing or not finite fails.
+fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Each error is
+compared twice: its mean change, in which a few runs that break show, and its typical change, in which they count
+little and cannot hide what happened to all others. Coverage is compared as an absolute: its mean loss against its own
+margin. What is missing or not finite fails.
 """
 
 import math
@@ -23,6 +25,9 @@ Verdict = Literal["pass", "fail", "inconclusive"]
 ALPHA = 0.05
 MIN_SEEDS = 5
 TINY = 1e-12
+TYPICAL = 2.0
+"""How much a run counts in a typical change, in units of what must be told apart: enough to carry any change that is
+in all runs, too little for a run that breaks by chance to hide it."""
 ROUNDS = 5
 """Draws of the bootstrap, so that its smallest p stands a correction over many metrics."""
 
@@ -123,7 +128,9 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
         found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
     for metric, (unit, _) in ERRORS.items():
         values = paired(keys, base, head, lambda one, metric=metric: one.errors[metric])  # type: ignore[misc]
-        found.append(ratio_finding(run, metric, unit, values, margins.error, margins.resolution))
+        at_most = TYPICAL * math.log1p(max(margins.error, margins.resolution))
+        for name, limit in ((metric, math.inf), (f"{metric}, typical", at_most)):
+            found.append(ratio_finding(run, name, unit, values, margins.error, margins.resolution, limit))
     return found
 
 
@@ -138,12 +145,24 @@ def crash(side: Side, key: Key) -> str:
     return side.runs[key].crash if key in side.runs else ""
 
 
-def ratio_finding(run: str, metric: str, unit: str, values: PairedValues, margin: float, resolution: float) -> Finding:
-    """Finding on a metric that is better when smaller, compared as a ratio; p is not corrected yet."""
+def ratio_finding(
+    run: str,
+    metric: str,
+    unit: str,
+    values: PairedValues,
+    margin: float,
+    resolution: float,
+    at_most: float = math.inf,
+) -> Finding:
+    """Finding on a metric that is better when smaller, compared as a ratio; p is not corrected yet.
+
+    The log of a pair's ratio counts up to +-at_most.
+    """
     finding = _described(run, metric, unit, values, margin)
     if finding.verdict != "pass":
         return finding
-    logs = Bootstrap.of(values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY))), rounds=ROUNDS)
+    ratios = values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY)))
+    logs = Bootstrap.of([np.clip(ratio, -at_most, at_most) for ratio in ratios], rounds=ROUNDS)
     finding = replace(
         finding,
         change=math.expm1(logs.mean),

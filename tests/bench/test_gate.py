@@ -49,6 +49,18 @@ def test_a_regression_fails_with_its_size_told(sides):
     assert verdicts(findings)["ATE rotation"] == "pass"
 
 
+def test_a_run_that_broke_by_chance_does_not_hide_what_happened_to_all_others(sides):
+    size = {"sequences": 10, "seeds": 10}
+    base = drawn(np.random.default_rng(1), **size)
+    broke = PoseErrors(translation_m=summary(1.0), rotation_deg=summary(1.0))
+    base[0] = replace(base[0], ate={"none": broke})
+    findings = gate(*sides(lambda rng: drawn(rng, factor=1.05, **size), base, **size))
+    assert verdicts(findings)["ATE"] != "fail"
+    (typical,) = [f for f in findings if f.metric == "ATE, typical"]
+    assert typical.verdict == "fail"
+    assert 0.03 < typical.change < 0.06
+
+
 def test_an_improvement_passes(sides):
     assert overall(gate(*sides(lambda rng: drawn(rng, factor=0.5)))) == "pass"
 
