@@ -1,4 +1,7 @@
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -6,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from scenes import mesh_file
+from scenes import mesh_checks
 from scenes.generate import generate
 from scenes.mesh_file import MeshFile
 from scenes.outdoor import Outdoor
@@ -163,15 +166,15 @@ def test_a_huge_ply_is_refused_by_its_header_alone(tmp_path: Path) -> None:
 
 
 def test_a_huge_obj_is_refused_by_a_glance_at_its_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_file, "MOST_TRIANGLES", 11)
-    monkeypatch.setattr(mesh_file, "check_textures", lambda path: pytest.fail("it was read"))
+    monkeypatch.setattr(mesh_checks, "MOST_TRIANGLES", 11)
+    monkeypatch.setattr(mesh_checks, "_obj_wants", lambda path: pytest.fail("it was read"))
     house().export(tmp_path / "big.obj")
     with pytest.raises(UserError, match="12 triangles are more than the 11"):
         built(tmp_path / "big.obj")
 
 
 def test_too_many_triangles_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh_file, "MOST_TRIANGLES", 11)
+    monkeypatch.setattr(mesh_checks, "MOST_TRIANGLES", 11)
     house().export(tmp_path / "big.ply")
     with pytest.raises(UserError, match="simplify the model"):
         built(tmp_path / "big.ply")
@@ -186,6 +189,43 @@ def test_a_missing_texture_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd brick.png\n")
     with pytest.raises(UserError, match=r"a.obj: refers to brick.png"):
         built(tmp_path / "a.obj")
+
+
+def changed_glb(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """A small GLB with its JSON changed."""
+    data = trimesh.exchange.gltf.export_glb(model_of_several_nodes())
+    size = int.from_bytes(data[12:16], "little")
+    scene = json.loads(data[20 : 20 + size])
+    change(scene)
+    text = json.dumps(scene).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + size :]
+    head = data[:8] + (20 + len(text) + len(rest)).to_bytes(4, "little") + len(text).to_bytes(4, "little")
+    path.write_bytes(head + b"JSON" + text + rest)
+    return path
+
+
+def outside_image(scene: dict[str, Any]) -> None:
+    scene["images"][0] = {"uri": "old%20wall.png"}
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (outside_image, r"a.glb: refers to old wall.png, which is not there"),
+        (
+            lambda scene: scene.update(extensionsRequired=["KHR_draco_mesh_compression"]),
+            "compressed with KHR_draco_mesh_compression; export it without compression",
+        ),
+        (lambda scene: scene.update(meshes=[], nodes=[{}], scenes=[{"nodes": [0]}]), "has no triangles"),
+        (lambda scene: scene.update(buffers=7), "not a readable glb file"),
+    ],
+)
+def test_a_glb_that_cannot_be_drawn_is_told(
+    tmp_path: Path, change: Callable[[dict[str, Any]], object], told: str
+) -> None:
+    with pytest.raises(UserError, match=told):
+        built(changed_glb(tmp_path / "a.glb", change))
 
 
 def test_an_unknown_type_and_a_missing_file_are_told(tmp_path: Path) -> None:

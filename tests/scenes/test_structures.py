@@ -11,7 +11,7 @@ from scenes.checkerboard import Checkerboard
 from scenes.clutter import CLUTTER
 from scenes.environments import ENVIRONMENTS
 from scenes.indoor import Indoor
-from scenes.mesh_file import closedness
+from scenes.mesh_checks import closedness
 from scenes.outdoor import Outdoor
 from scenes.parts import Mover
 from scenes.placing import ring_places
