@@ -20,8 +20,8 @@ from tracker.visible_edges import undistorted_bounds
 from tracker.weight_kernels import support, trust, variances
 from trajectories.pose import Array, Pose
 
-SPACING_PX = 5.0
-MOST_POINTS = 140
+SPACING_PX = 6.0
+MOST_POINTS = 220
 HYPOTHESES = 64
 """Hypotheses drawn for a frame."""
 FINE_HALF_PX = 5.0
@@ -179,7 +179,7 @@ class EdgeFitter:
         """Visible control points at a pose."""
         m = self.map
         return sample_edges(
-            m.ends, m.faces, m.planes, m.corners, m.owner, m.boxes, m.nodes,
+            m.ends, m.faces, m.smooth, m.planes, m.corners, m.owner, m.boxes, m.nodes,
             R, t, self.cam, self.size, self.bounds, SPACING_PX, MOST_POINTS,
         )  # fmt: skip
 

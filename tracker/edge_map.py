@@ -10,6 +10,9 @@ from scenes.structure import Structure
 from tracker.occlusion_kernels import build_tree
 from trajectories.pose import Array
 
+SMOOTH_DEG = 35.0
+"""Faces that turn by less are taken for parts of one rounded surface: a column of 12 sides and more, a pipe."""
+
 Indices = NDArray[np.int64]
 
 
@@ -20,7 +23,8 @@ class EdgeMap:
     ends (e, 2, 3); faces (e, 2), -1 where there is none; inward (e, 2, 3) unit vectors from an edge into each of its
     faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
     corners (m, 3, 3) and owner (m,) of the triangles in the order of the tree (boxes, nodes); extent (8, 3) the
-    corners of the box around it all; stands (e,) whether an edge lies at the bottom of it.
+    corners of the box around it all; stands (e,) whether an edge lies at the bottom of it;
+    smooth (e,) whether the faces beside it are of one rounded surface, so that nothing is seen of it between them.
     """
 
     ends: Array
@@ -33,6 +37,7 @@ class EdgeMap:
     nodes: Indices
     extent: Array
     stands: NDArray[np.bool_]
+    smooth: NDArray[np.bool_]
 
     @classmethod
     def of(cls, structure: Structure) -> "EdgeMap":
@@ -52,7 +57,15 @@ class EdgeMap:
             nodes,
             np.array(list(product(*structure.bounds.T))),
             (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + 1e-6).all(axis=1),
+            _smooth(structure),
         )
+
+
+def _smooth(structure: Structure) -> NDArray[np.bool_]:
+    """Whether the two faces beside each edge (e,) turn by less than SMOOTH_DEG."""
+    one, two = structure.edge_faces.T
+    turn = np.einsum("ij,ij->i", structure.face_normals[one], structure.face_normals[two])
+    return np.asarray((one >= 0) & (two >= 0) & (turn > np.cos(np.radians(SMOOTH_DEG))))
 
 
 def _inward(structure: Structure, corners: Array) -> Array:

@@ -21,9 +21,9 @@ SEARCH_EVERY = 8
 ENOUGH_SUPPORT = 0.5
 """With less than this the track is lost; the first frame, whose appearance nobody knows yet, needs less."""
 FIRST_SUPPORT = 0.4
-FIRST_ADVANTAGE = 0.1
+ADVANTAGE = 0.1
 GIVEN_MISFIT = 12.6
-"""Support by which another pose must exceed a fit that lies where the first pose was given.
+"""Support by which another pose must exceed a fit that holds: one with enough, or that lies where it was given.
 
 Where it was given: within the squared distance in standard deviations that 95 % of right poses keep (chi-square, six
 degrees of freedom).
@@ -103,7 +103,8 @@ class RobustRun:
         guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
         best, advantage = self.relocator.best(image, guesses, covariance, self.range_m, fit)
         fits_given = self.ok_ns is None and self.motion.misfit(fit.cam_from_world) < GIVEN_MISFIT
-        return best if advantage > (FIRST_ADVANTAGE if fits_given else 0.0) else fit
+        holds = fits_given or (self.ok_ns is not None and fit.support >= ENOUGH_SUPPORT)
+        return best if advantage > (ADVANTAGE if holds else 0.0) else fit
 
     def comes_after(self, stamp_ns: int) -> bool:
         """Whether a frame is later than those before it; remembers its stamp."""

@@ -25,6 +25,7 @@ Indices = NDArray[np.int64]
 def sample_edges(
     ends: Array,
     faces: Indices,
+    smooth: NDArray[np.bool_],
     planes: Array,
     corners: Array,
     owner: Indices,
@@ -72,7 +73,7 @@ def sample_edges(
                 towards = planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] - planes[f, 3]
                 if towards > 0.0:
                     state |= 1 << side
-        if state == 0:
+        if state == 0 or (state == 3 and smooth[e]):
             continue
         for i in range(3):
             a[i], b[i] = t[i], t[i]

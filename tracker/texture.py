@@ -6,6 +6,8 @@ over what the edges of many frames agree on, and do not drift. Where edges leave
 single face, the patches hold it.
 """
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,9 @@ SPOTS, FIRST_SPOTS = 32, 400
 APART_PX = 14.0
 EDGE_MARGIN_PX = 8.0
 """Patches are taken no nearer to each other, and to the edges, than this."""
+CORNER_PX = HALF + 3.0
+AROUND = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], *product((-CORNER_PX, CORNER_PX), repeat=2)])
+"""Pixels about a patch's middle that must lie on the same face, the first three on the axes of its texels."""
 LEAST_CORNER = 8.0
 """Least strength of a corner, (grey levels per px)^2."""
 LEAST_HIT = 6
@@ -122,7 +127,7 @@ class Texture:
     def _append(self, image: Image, pixels: Array, pose: Pose) -> None:
         """Add patches at pixels (n, 2) on the structure."""
         eye = pose.inverse().translation
-        grid = pixels[:, None] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        grid = pixels[:, None] + AROUND
         flat = self.camera.undistort(grid.reshape(-1, 2))
         rays = np.column_stack(
             [
@@ -131,17 +136,18 @@ class Texture:
                 np.ones(len(flat)),
             ]
         )
-        rays = (rays @ pose.rotation).reshape(-1, 3, 3)
+        rays = (rays @ pose.rotation).reshape(-1, len(AROUND), 3)
         e, reach, channel = self.edges, int(HALF), 1 if image.shape[2] > 1 else 0
         for (x, y), ray in zip(pixels.astype(int).tolist(), rays, strict=True):
-            face = first_hit(eye, ray[0], e.corners, e.owner, e.boxes, e.nodes)
+            hit = {first_hit(eye, r, e.corners, e.owner, e.boxes, e.nodes) for r in ray}
+            face = hit.pop() if len(hit) == 1 else -1  # all of it on one face
             texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
             norm = float(np.linalg.norm(texels))
             if face < 0 or norm < 4.0 * SIDE:
                 continue
             plane = e.planes[face]
-            points = eye + ray * ((plane[3] - plane[:3] @ eye) / (ray @ plane[:3]))[:, None]
+            points = eye + ray[:3] * ((plane[3] - plane[:3] @ eye) / (ray[:3] @ plane[:3]))[:, None]
             row = self.count
             self.middles[row], self.axes[row], self.texels[row] = points[0], points[1:] - points[0], texels / norm
             self.face[row], self.missed[row], self.found[row] = face, 0, 0

@@ -1,20 +1,30 @@
-"""Time per frame of the trackers on a box, 640x480, one thread; run with `pytest bench/speed --benchmark-only`."""
+"""Time per frame of the trackers, 640x480, one thread; run with `pytest bench/speed --benchmark-only`."""
 
+import time
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from bench.speed.test_speed_scenes import first_of
+from scenes import generate
+from scenes.light import encode
+from scenes.scene import build_scene
+from scenes.source import make_source, render_camera
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
 from tracker.base import Image
 from tracker.segments import detect_segments, grey
 from tracker.variants import TRACKERS
+from trajectories.flight import fly
 from trajectories.pose import Pose
 
 FRAMES = 24
 STEP_NS = 66_666_667
 Flight = tuple[list[Pose], list[Image]]
+FILMED, WARM_UP = 75, 10
+"""Frames of a suite that `robust` is timed on, and those at the beginning that are left out."""
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +56,53 @@ def test_lsd_alone(benchmark: Any, flight: Flight) -> None:
     """The segments of one frame."""
     cv2.setNumThreads(1)
     benchmark(detect_segments, grey(flight[1][0]))
+
+
+def film_ms(suite: str) -> Callable[[], list[float]]:
+    """Makes the processor time in ms of each grey frame that `robust` tracks of the first flight of a suite."""
+    cv2.setNumThreads(1)
+    spec = first_of(suite)
+    scene = build_scene(spec)
+    flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
+    camera = spec.camera.camera()
+    pinhole, lens = render_camera(camera, 0)
+    stamps_ns = [int(flight.stamps_ns[row]) for row in flight.frame_rows(spec.rate_hz)[:FILMED]]
+    with scene.renderer(pinhole.width, pinhole.height) as renderer:
+        path = generate.camera_path(flight, spec.mount.cam_from_body)
+        source = generate.with_effects(make_source(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)
+        lights = [source.image(stamp_ns) for stamp_ns in stamps_ns]
+    images = [grey(encode(light)) for light in lights if light is not None]
+
+    def track() -> list[float]:
+        run = TRACKERS["robust"]().start(scene.built.structure, camera, path(stamps_ns[0]), np.random.default_rng(0))
+        times = []
+        for image, stamp_ns in zip(images, stamps_ns, strict=True):
+            begin = time.process_time_ns()
+            assert run.track(image, stamp_ns).status == "ok"
+            times.append((time.process_time_ns() - begin) * 1e-6)
+        return times[WARM_UP:]
+
+    return track
+
+
+def timed_film(benchmark: Any, suite: str) -> None:
+    """Time a film once it was seen before, so that every kernel is compiled."""
+    track = film_ms(suite)
+    track()
+    times_ms = benchmark.pedantic(track, rounds=1)
+    benchmark.extra_info.update(p50_ms=float(np.median(times_ms)), p99_ms=float(np.percentile(times_ms, 99)))
+
+
+def test_robust_on_the_box(benchmark: Any) -> None:
+    """Half of the frames of a box in a room."""
+    timed_film(benchmark, "box")
+
+
+def test_slow_frames_of_robust_on_the_box(benchmark: Any) -> None:
+    """All but one in a hundred of these frames."""
+    timed_film(benchmark, "box")
+
+
+def test_robust_on_the_bridge(benchmark: Any) -> None:
+    """Half of the frames of a bridge outdoors."""
+    timed_film(benchmark, "bridge")
