@@ -1,6 +1,7 @@
 """A structure as a tracker knows it: planar faces and the true edges between them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,12 @@ class Structure:
     def edge_segments(self) -> Array:
         """End points of each edge (e, 2, 3), metres."""
         return self.vertices[self.edges]
+
+    @cached_property
+    def face_points(self) -> Array:
+        """A vertex of each planar face (f, 3), metres."""
+        _, first = np.unique(self.triangle_face, return_index=True)
+        return np.asarray(self.vertices[self.triangles[first, 0]])
 
     @classmethod
     def from_mesh(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.pose_update import least_squares
+from tracker.published_kernels import cheapest, twists_of
 from tracker.search import Candidates
 from trajectories.pose import Array
 
@@ -36,9 +37,8 @@ class Matches:
 def best_set(distances: Array, predicted: Array, inlier_px: float = INLIER_PX) -> Matches:
     """The candidates (n, k) nearest to the predicted distances (n,)."""
     error = np.abs(distances - predicted[:, None])
-    best = np.argmin(error, axis=1)[:, None]
-    chosen = np.take_along_axis(distances, best, axis=1)[:, 0]
-    return Matches(chosen, np.take_along_axis(error, best, axis=1)[:, 0] <= inlier_px)
+    best = np.arange(len(error)), np.argmin(error, axis=1)
+    return Matches(distances[best], error[best] <= inlier_px)
 
 
 def ransac(
@@ -53,12 +53,8 @@ def ransac(
 ) -> Matches:
     """The winning set over candidates of control points with Jacobians J (n, 6) on edges `edge` (n,)."""
     twists = _hypothesis_twists(candidates, J, edge, prior, rng, hypotheses)
-    predicted = (twists @ J.T).astype(np.float32)  # (h, n)
-    error = np.full(predicted.shape, inlier_px, dtype=np.float32)
-    for distances in candidates.distances.T.astype(np.float32):
-        np.minimum(error, np.abs(predicted - distances), out=error)
-    cost = np.einsum("hn,hn->h", error, error) + MOTION_COST * np.einsum("hi,ij,hj->h", twists, prior, twists)
-    twist = twists[np.argmin(cost)]
+    motion = MOTION_COST * np.einsum("hi,hi->h", twists @ prior, twists)
+    twist = twists[cheapest(twists, motion, J, candidates.distances, inlier_px)]
     matches = best_set(candidates.distances, J @ twist, inlier_px)
     for _ in range(2):  # the winner is improved on its own inliers (Chum, Matas & Kittler 2003)
         if matches.inlier.any():
@@ -84,11 +80,7 @@ def _hypothesis_twists(
     b = usable[first[chosen] + (rng.random(chosen.shape) * count[chosen]).astype(np.int64)]
     pick = (rng.random(chosen.shape) * candidates.counts[a]).astype(np.int64)
     d_a = candidates.distances[a, pick]
-    d_b = candidates.distances[b]
-    nearest = np.argmin(np.abs(d_b - d_a[..., None]), axis=2)
-    d_b = np.take_along_axis(d_b, nearest[..., None], axis=2)[..., 0]
-    rows_J = np.concatenate([J[a], J[b]], axis=1)  # (h, 2 edges, 6)
-    wanted = np.concatenate([d_a, d_b], axis=1)
-    information = np.einsum("hij,hik->hjk", rows_J, rows_J) + prior
-    twists = np.linalg.solve(information, np.einsum("hij,hi->hj", rows_J, wanted)[..., None])[..., 0]
-    return np.concatenate([np.zeros((1, 6)), twists])
+    d_b = candidates.distances[b, np.argmin(np.abs(candidates.distances[b] - d_a[..., None]), axis=2)]
+    twists = np.zeros((1 + hypotheses, 6))
+    twists_of(np.concatenate([a, b], axis=1), np.concatenate([d_a, d_b], axis=1), J, prior, twists[1:])
+    return twists

@@ -1,72 +1,47 @@
 """`lsd`: the published method, all eleven steps; `lsd-single`: the same without its hypotheses and RANSAC."""
 
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
 
 from scenes.camera import Camera
-from scenes.structure import Structure
-from tracker.base import Image, Run
-from tracker.control_points import CONTROL_POINT_SPACING_PX
-from tracker.hypotheses import INLIER_PX, RANSAC_HYPOTHESES
-from tracker.published import PASSES, PublishedRun, choose_by_ransac, choose_nearest
-from tracker.search import SEARCH_PX, search_segments
+from tracker.base import Image
+from tracker.control_points import ControlPoints
+from tracker.hypotheses import INLIER_PX, RANSAC_HYPOTHESES, Matches, ransac
+from tracker.published import Published
+from tracker.search import Candidates, search_segments
 from tracker.segments import MIN_SEGMENT_PX, detect_segments, undistort_segments
-from trajectories.pose import Array, Pose
+from trajectories.pose import Array
 
 
 @dataclass(frozen=True)
-class LsdSingle:
+class LsdSingle(Published):
     """Parameters of `lsd-single`: the nearest segment on each search line, plain least squares."""
 
-    min_segment_px: Annotated[float, Ge(0)] = MIN_SEGMENT_PX
-    control_point_spacing_px: Annotated[float, Gt(0)] = CONTROL_POINT_SPACING_PX
-    search_px: Annotated[float, Gt(0)] = SEARCH_PX
-    passes: Annotated[int, Ge(1)] = PASSES
+    counts_segments: ClassVar[bool] = True
 
-    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at a known first pose."""
-        return PublishedRun(
-            structure,
-            camera,
-            cam_from_world,
-            detect=partial(_segments, camera=camera, min_length_px=self.min_segment_px),
-            search=partial(search_segments, search_px=self.search_px),
-            choose=choose_nearest,
-            spacing_px=self.control_point_spacing_px,
-            passes=self.passes,
-            counts_segments=True,
-        )
+    min_segment_px: Annotated[float, Ge(0)] = MIN_SEGMENT_PX
+
+    def detect(self, gray: Image, camera: Camera) -> Array:
+        """Undistorted LSD segments (m, 4)."""
+        return undistort_segments(detect_segments(gray, self.min_segment_px), camera)
+
+    def search(self, points: ControlPoints, edges: Array, camera: Camera) -> Candidates:
+        """Crossings of the search lines with the segments."""
+        return search_segments(points, edges, self.search_px)
 
 
 @dataclass(frozen=True)
-class Lsd:
+class Lsd(LsdSingle):
     """Parameters of `lsd`; inlier_px is the orthogonal distance up to which a candidate supports a hypothesis."""
 
-    min_segment_px: Annotated[float, Ge(0)] = MIN_SEGMENT_PX
-    control_point_spacing_px: Annotated[float, Gt(0)] = CONTROL_POINT_SPACING_PX
-    search_px: Annotated[float, Gt(0)] = SEARCH_PX
     hypotheses: Annotated[int, Ge(1)] = RANSAC_HYPOTHESES
     inlier_px: Annotated[float, Gt(0)] = INLIER_PX
-    passes: Annotated[int, Ge(1)] = PASSES
 
-    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at a known first pose."""
-        return PublishedRun(
-            structure,
-            camera,
-            cam_from_world,
-            detect=partial(_segments, camera=camera, min_length_px=self.min_segment_px),
-            search=partial(search_segments, search_px=self.search_px),
-            choose=choose_by_ransac(rng, self.hypotheses, self.inlier_px),
-            spacing_px=self.control_point_spacing_px,
-            passes=self.passes,
-            counts_segments=True,
-        )
-
-
-def _segments(gray: Image, *, camera: Camera, min_length_px: float) -> Array:
-    return undistort_segments(detect_segments(gray, min_length_px), camera)
+    def choose(
+        self, candidates: Candidates, points: ControlPoints, J: Array, prior: Array, rng: np.random.Generator
+    ) -> Matches:
+        """Steps 8 and 9: several candidates kept, RANSAC over them."""
+        return ransac(candidates, J, points.edge, prior, rng, hypotheses=self.hypotheses, inlier_px=self.inlier_px)

@@ -8,7 +8,8 @@ import numpy as np
 
 from scenes.camera import Camera
 from tracker.control_points import ControlPoints
-from tracker.visible_edges import pinhole
+from tracker.geometry_kernels import camera_array
+from tracker.published_kernels import gauss_newton
 from trajectories.pose import Array, Pose
 
 
@@ -19,11 +20,9 @@ def normal_jacobian(points_cam_m: Array, normals: Array, camera: Camera) -> Arra
     """
     x, y, z = points_cam_m.T
     # d(u, v)/d(point) of the pinhole, turned along the normal
-    g = np.empty((len(points_cam_m), 3))
-    g[:, 0] = camera.fx * normals[:, 0] / z
-    g[:, 1] = camera.fy * normals[:, 1] / z
-    g[:, 2] = -(g[:, 0] * x + g[:, 1] * y) / z
-    return np.concatenate([g, np.cross(points_cam_m, g)], axis=1)
+    gx, gy = camera.fx * normals[:, 0] / z, camera.fy * normals[:, 1] / z
+    gz = -(gx * x + gy * y) / z
+    return np.stack([gx, gy, gz, y * gz - z * gy, z * gx - x * gz, x * gy - y * gx], axis=1)
 
 
 def prior_information(depth_m: float, sigma_part: float = 0.2, sigma_rad: float = 0.2) -> Array:
@@ -49,13 +48,7 @@ def update_pose(
     """
     target = np.einsum("ij,ij->i", points.pixels, points.normals) + distances
     prior = prior_information(float(np.median(cam_from_world.transform(points.points_m)[:, 2])))
-    start = cam_from_world
-    information = prior
-    for _ in range(iterations):
-        cam = cam_from_world.transform(points.points_m)
-        J = normal_jacobian(cam, points.normals, camera)
-        left = target - np.einsum("ij,ij->i", pinhole(cam, camera), points.normals)
-        information = J.T @ J + prior
-        pull = prior @ (start @ cam_from_world.inverse()).log()
-        cam_from_world = Pose.exp(np.linalg.solve(information, J.T @ left + pull)) @ cam_from_world
-    return cam_from_world, information
+    cam = camera_array(camera.without_distortion)
+    R, t = cam_from_world.rotation, cam_from_world.translation
+    R, t, information = gauss_newton(points.points_m, points.normals, target, cam, R, t, prior, iterations)
+    return Pose(R, t), information

@@ -4,20 +4,20 @@ Step 1, the model, is `scenes.structure`; step 2, calibration, `scenes.calibrate
 `tracker.initial_pose`. The variants differ in what they detect and how they choose among the candidates.
 """
 
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from annotated_types import Ge, Gt
 
 from scenes.camera import Camera
 from scenes.structure import Structure
-from tracker.base import Image, TrackResult
+from tracker.base import Image, Run, TrackResult
 from tracker.clock import StageClock
-from tracker.control_points import ControlPoints, control_points
-from tracker.hypotheses import INLIER_PX, Matches, ransac
+from tracker.control_points import CONTROL_POINT_SPACING_PX, ControlPoints, control_points
+from tracker.hypotheses import Matches
 from tracker.pose_update import normal_jacobian, prior_information, update_pose
-from tracker.search import Candidates
+from tracker.search import SEARCH_PX, Candidates
 from tracker.segments import grey
 from tracker.visible_edges import visible_edges
 from trajectories.pose import Array, Pose
@@ -28,69 +28,75 @@ MIN_MATCHES = 5
 PASSES = 3
 """Times that a frame is projected, searched and solved, each from the pose of the one before."""
 
-Detect = Callable[[Image], Any]
-Search = Callable[[ControlPoints, Any], Candidates]
-Choose = Callable[[Candidates, ControlPoints, Array, Array], Matches]
+
+@dataclass(frozen=True)
+class Published:
+    """What the variants of the published loop share: its parameters, and its start."""
+
+    counts_segments: ClassVar[bool] = False
+
+    control_point_spacing_px: Annotated[float, Gt(0)] = CONTROL_POINT_SPACING_PX
+    search_px: Annotated[float, Gt(0)] = SEARCH_PX
+    passes: Annotated[int, Ge(1)] = PASSES
+
+    def detect(self, gray: Image, camera: Camera) -> Any:
+        """Step 5: the edges of an image, as `search` takes them."""
+        raise NotImplementedError
+
+    def search(self, points: ControlPoints, edges: Any, camera: Camera) -> Candidates:
+        """Step 7: the candidates of each control point."""
+        raise NotImplementedError
+
+    def choose(
+        self, candidates: Candidates, points: ControlPoints, J: Array, prior: Array, rng: np.random.Generator
+    ) -> Matches:
+        """One hypothesis for each control point, its nearest candidate, and nothing refused."""
+        return Matches(candidates.distances[:, 0], candidates.counts > 0)
+
+    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+        """Begin a run at a known first pose."""
+        return PublishedRun(self, structure, camera, cam_from_world, rng)
 
 
 class PublishedRun:
-    """One run of the loop with the stages that make a variant."""
+    """One run of the loop with the stages of a variant."""
 
     def __init__(
         self,
+        variant: Published,
         structure: Structure,
         camera: Camera,
         cam_from_world: Pose,
-        *,
-        detect: Detect,
-        search: Search,
-        choose: Choose,
-        spacing_px: float,
-        passes: int,
-        counts_segments: bool = False,
+        rng: np.random.Generator,
     ) -> None:
-        self.structure, self.camera, self.cam_from_world = structure, camera, cam_from_world
-        self.detect, self.search, self.choose = detect, search, choose
-        self.spacing_px, self.passes, self.counts_segments = spacing_px, passes, counts_segments
+        self.variant, self.structure, self.camera = variant, structure, camera
+        self.cam_from_world, self.rng = cam_from_world, rng
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame."""
-        clock = StageClock()
+        variant, camera, clock = self.variant, self.camera, StageClock()
         with clock.stage("detect"):
-            edges = self.detect(grey(image))
+            edges = variant.detect(grey(image), camera)
         pose = self.cam_from_world
-        result = TrackResult(status="lost", stage_ms=clock.ms, segments=len(edges) if self.counts_segments else None)
-        for _ in range(self.passes):
+        found: dict[str, Any] = {"segments": len(edges)} if variant.counts_segments else {}
+        for _ in range(variant.passes):
             with clock.stage("project"):
-                points = control_points(visible_edges(self.structure, self.camera, pose), self.spacing_px)
+                points = control_points(visible_edges(self.structure, camera, pose), variant.control_point_spacing_px)
             with clock.stage("search"):
-                candidates = self.search(points, edges)
-            result = replace(result, control_points=len(points), candidates=int(candidates.counts.sum()), inliers=0)
+                candidates = variant.search(points, edges, camera)
+            found |= {"control_points": len(points), "candidates": int(candidates.counts.sum()), "inliers": 0}
             if np.count_nonzero(candidates.counts) < MIN_MATCHES:
-                return result
+                return TrackResult(status="lost", stage_ms=clock.ms, **found)
             with clock.stage("choose"):
                 cam = pose.transform(points.points_m)
-                J = normal_jacobian(cam, points.normals, self.camera)
-                matches = self.choose(candidates, points, J, prior_information(float(np.median(cam[:, 2]))))
-            result = replace(result, inliers=int(matches.inlier.sum()))
-            if np.count_nonzero(matches.inlier) < MIN_MATCHES:
-                return result
+                J = normal_jacobian(cam, points.normals, camera)
+                prior = prior_information(float(np.median(cam[:, 2])))
+                matches = variant.choose(candidates, points, J, prior, self.rng)
+            found["inliers"] = int(matches.inlier.sum())
+            if found["inliers"] < MIN_MATCHES:
+                return TrackResult(status="lost", stage_ms=clock.ms, **found)
             with clock.stage("update"):
                 chosen = points.select(matches.inlier)
-                pose, _ = update_pose(chosen, matches.distances[matches.inlier], self.camera, pose)
+                pose, _ = update_pose(chosen, matches.distances[matches.inlier], camera, pose)
         self.cam_from_world = pose
-        return replace(result, status="ok", cam_from_world=pose)
-
-
-def choose_by_ransac(rng: np.random.Generator, hypotheses: int, inlier_px: float = INLIER_PX) -> Choose:
-    """Steps 8 and 9: several candidates kept, RANSAC over them."""
-
-    def choose(candidates: Candidates, points: ControlPoints, J: Array, prior: Array) -> Matches:
-        return ransac(candidates, J, points.edge, prior, rng, hypotheses=hypotheses, inlier_px=inlier_px)
-
-    return choose
-
-
-def choose_nearest(candidates: Candidates, points: ControlPoints, J: Array, prior: Array) -> Matches:
-    """One hypothesis for each control point, its nearest candidate, and nothing refused."""
-    return Matches(candidates.distances[:, 0], candidates.counts > 0)
+        return TrackResult(status="ok", cam_from_world=pose, stage_ms=clock.ms, **found)

@@ -1,6 +1,7 @@
 """Step 7, matching: a 1-D search from each control point along the edge's normal, and the candidates it meets."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from scenes.camera import Camera
 from tracker.base import Image
 from tracker.control_points import ControlPoints
+from tracker.published_kernels import crossings
 from tracker.visible_edges import to_image
 from trajectories.pose import Array
 
@@ -30,7 +32,7 @@ class Candidates:
 
     distances: Array
 
-    @property
+    @cached_property
     def counts(self) -> NDArray[np.int64]:
         """Number of candidates of each control point (n,)."""
         return np.asarray(np.isfinite(self.distances).sum(axis=1))
@@ -42,19 +44,10 @@ def search_segments(
     """Candidates where the search lines cross undistorted segments (m, 4)."""
     if not len(segments) or not len(points):
         return Candidates(np.full((len(points), 1), np.inf))
-    start, direction = segments[:, :2], segments[:, 2:] - segments[:, :2]
-    unit = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    along = np.abs(unit @ points.normals.T)  # (m, n): sine of the angle between segment and edge
-    # Solve pixel + d normal = start + s direction for d and s by Cramer's rule.
-    nx, ny = points.normals[:, 0], points.normals[:, 1]
-    dx, dy = direction[:, :1], direction[:, 1:]
-    wx, wy = start[:, :1] - points.pixels[:, 0], start[:, 1:] - points.pixels[:, 1]
-    cross = nx * dy - ny * dx
-    with np.errstate(divide="ignore", invalid="ignore"):
-        d = (wx * dy - wy * dx) / cross
-        s = (wx * ny - wy * nx) / cross
-    good = (along < np.sin(np.radians(max_angle_deg))) & (np.abs(d) <= search_px) & (s >= 0) & (s <= 1)
-    return _nearest(np.where(good, d, np.inf).T)
+    distances = np.empty((len(points), MAX_CANDIDATES))
+    max_sine = float(np.sin(np.radians(max_angle_deg)))
+    crossings(points.pixels, points.normals, segments, search_px, max_sine, distances)
+    return Candidates(distances)
 
 
 def search_edge_pixels(

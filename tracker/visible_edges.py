@@ -58,9 +58,7 @@ def visible_edges(structure: Structure, camera: Camera, cam_from_world: Pose) ->
 def visible_faces(structure: Structure, cam_from_world: Pose) -> NDArray[np.bool_]:
     """Whether each planar face turns its outside to the camera (f,)."""
     eye = cam_from_world.inverse().translation
-    _, first = np.unique(structure.triangle_face, return_index=True)
-    on_face = structure.vertices[structure.triangles[first, 0]]
-    facing: NDArray[np.bool_] = np.einsum("ij,ij->i", structure.face_normals, on_face - eye) < 0
+    facing: NDArray[np.bool_] = np.einsum("ij,ij->i", structure.face_normals, structure.face_points - eye) < 0
     return facing
 
 
