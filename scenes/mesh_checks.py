@@ -64,8 +64,15 @@ def check_file(path: Path) -> None:
     kind = path.suffix.lower()
     wanted = _obj_wants(path) if kind == ".obj" else _gltf_wants(path) if kind in (".gltf", ".glb") else []
     for name in wanted:
+        if not _beside(path, name):
+            raise UserError(f"{path}: refers to {name}, which is not in the folder of the model; put it there")
         if not (path.parent / name).is_file():
             raise UserError(f"{path}: refers to {name}, which is not there; put it beside the model or export it again")
+
+
+def _beside(path: Path, name: str) -> bool:
+    """Whether a file that a model refers to lies in the model's folder, links followed."""
+    return (path.parent / name).resolve().is_relative_to(path.parent.resolve())
 
 
 def _obj_wants(path: Path) -> list[str]:
@@ -73,7 +80,7 @@ def _obj_wants(path: Path) -> list[str]:
     wanted = []
     for library in re.findall(r"^mtllib\s+(.+?)\s*$", path.read_text("utf-8", "replace"), re.MULTILINE):
         wanted.append(library)
-        if (path.parent / library).is_file():
+        if _beside(path, library) and (path.parent / library).is_file():
             text = (path.parent / library).read_text("utf-8", "replace")
             wanted += [line.split()[-1] for line in re.findall(r"^\s*map_K[da]\s+(.+?)\s*$", text, re.MULTILINE)]
     return wanted
