@@ -24,8 +24,9 @@ from pathlib import Path
 
 from scenes.camera import Camera
 from scenes.cao import write_cao
+from scenes.model_files import save_structure
 from scenes.sequence import Sequence as Frames
-from scenes.sequence import inside, save_structure
+from scenes.sequence import inside
 from scenes.structure import Structure
 from trajectories.files import new_folder, write_text
 from trajectories.pose import Pose

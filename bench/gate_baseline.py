@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.gate_scores import Key, Measured, Side
-from scenes.sequence import read_json
+from scenes.tables import read_json
 from trajectories.errors import UserError
 from trajectories.files import write_text
 

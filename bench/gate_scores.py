@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from reports.score import PoseErrors, Score
-from scenes.sequence import read_json
+from scenes.tables import read_json
 from trajectories.errors import UserError
 from trajectories.pose import Array
 

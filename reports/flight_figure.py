@@ -11,7 +11,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # typ
 from reports.figures_space import limits
 from reports.style import LOSS, TRUTH, new_figure, panel_letter, save_figure
 from scenes.camera import Camera
-from scenes.sequence import Sequence, read_table
+from scenes.sequence import Sequence
+from scenes.tables import read_table
 from trajectories.pose import Array, Pose
 
 FRUSTA = 9

@@ -19,7 +19,8 @@ from pydantic import TypeAdapter, ValidationError
 from reports.latency import Latency, deadline_misses, stage_latencies
 from reports.pictures import View
 from reports.score import Status
-from scenes.sequence import Sequence, read_json
+from scenes.sequence import Sequence
+from scenes.tables import read_json
 from tracker.control_points import control_points
 from tracker.results import Results
 from tracker.run import stride, versions

@@ -22,7 +22,8 @@ from reports.rpe import Stretch, motion_error_sizes, stretches
 from reports.summary import ErrorSummary
 from reports.tracking import Tracking, tracking
 from reports.uncertainty import Consistency, consistency
-from scenes.sequence import Sequence, read_json
+from scenes.sequence import Sequence
+from scenes.tables import read_json
 from tracker.results import Results
 from tracker.run import versions
 from trajectories.errors import UserError

@@ -19,8 +19,9 @@ from scenes.effects import EFFECTS
 from scenes.folders import disk_errors, refuse_foreign
 from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
 from scenes.light import encode
+from scenes.model_files import save_structure
 from scenes.scene import Scene, build_scene
-from scenes.sequence import TRUTH_COLUMNS, Sequence, save_structure, write_manifest
+from scenes.sequence import TRUTH_COLUMNS, Sequence, write_manifest
 from scenes.source import Source, make_source, render_camera
 from scenes.spec import EffectSpec, SequenceSpec
 from scenes.structure import Structure

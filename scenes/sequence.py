@@ -15,10 +15,9 @@
 The world frame is the structure's frame: metres, z up.
 """
 
-import csv
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.camera import Camera
+from scenes.model_files import load_structure
 from scenes.structure import Structure
+from scenes.tables import read_integers, read_json, read_numbers, read_table
 from trajectories.errors import UserError
 from trajectories.files import write_text
 from trajectories.pose import Array, Pose
@@ -188,115 +189,6 @@ def read_image(path: Path, camera: Camera) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """JSON object of a file; UserError naming the file."""
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file (is this a sequence folder?)") from None
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: not readable as JSON: {error}") from None
-    if not isinstance(value, dict):
-        raise UserError(f"{path}: expected a JSON object")
-    return value
-
-
-def read_table(path: Path, columns: list[str]) -> list[dict[str, str]]:
-    """Rows of a CSV file that has at least these columns; UserError naming the file and the row."""
-    try:
-        with path.open(encoding="utf-8", newline="") as handle:
-            reader = csv.DictReader(handle)
-            missing = [c for c in columns if c not in (reader.fieldnames or [])]
-            if missing:
-                raise UserError(f"{path}: missing columns {', '.join(missing)}")
-            rows = list(reader)
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
-    except (OSError, ValueError, csv.Error) as error:
-        raise UserError(f"{path}: not readable as CSV: {error}") from None
-    for number, row in enumerate(rows, start=2):
-        if None in row or any(row[c] is None for c in columns):
-            raise UserError(f"{path}: line {number} does not have {len(reader.fieldnames or [])} values")
-    return rows
-
-
-def read_numbers(path: Path, columns: list[str]) -> Array:
-    """These columns (n, k) of a CSV file as numbers; UserError naming the file and the line."""
-    return np.array(_converted(path, columns, float), dtype=np.float64).reshape(-1, len(columns))
-
-
-def read_integers(path: Path, columns: list[str]) -> NDArray[np.int64]:
-    """These columns (n, k) of a CSV file as integers; UserError naming the file and the line."""
-    rows = _converted(path, columns, int)
-    try:
-        return np.array(rows, dtype=np.int64).reshape(-1, len(columns))
-    except OverflowError:
-        raise UserError(f"{path}: an integer has more than 64 bits") from None
-
-
-def _converted(path: Path, columns: list[str], kind: Callable[[str], Any]) -> list[list[Any]]:
-    rows = []
-    for number, row in enumerate(read_table(path, columns), start=2):
-        try:
-            rows.append([kind(row[c]) for c in columns])
-        except ValueError as error:
-            raise UserError(f"{path}: line {number}: {error}") from None
-    return rows
-
-
-def save_structure(structure: Structure, folder: Path) -> None:
-    """Write `model.obj` and `edges.csv`; numbers are written so that they read back exactly."""
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in structure.vertices.tolist()]
-    for face in range(len(structure.face_normals)):
-        lines.append(f"g face_{face}")
-        rows = structure.triangles[structure.triangle_face == face] + 1
-        lines += [f"f {a} {b} {c}" for a, b, c in rows.tolist()]
-    write_text(folder / "model.obj", "\n".join(lines) + "\n")
-    table = np.column_stack([structure.edges, structure.edge_faces]).tolist()
-    write_text(folder / "edges.csv", "vertex_0,vertex_1,face_0,face_1\n" + _csv_rows(table))
-
-
-def load_structure(folder: Path) -> Structure:
-    """Read what `save_structure` wrote; UserError naming the file and line."""
-    path = folder / "model.obj"
-    vertices: list[list[float]] = []
-    triangles: list[list[int]] = []
-    triangle_face: list[int] = []
-    face = -1
-    try:
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
-            match line.split():
-                case ["v", x, y, z]:
-                    vertices.append([float(x), float(y), float(z)])
-                case ["g", _]:
-                    face += 1
-                case ["f", a, b, c]:
-                    triangles.append([int(a) - 1, int(b) - 1, int(c) - 1])
-                    triangle_face.append(face)
-                case _:
-                    raise UserError(f"{path}: line {number} is not one that a sequence's model has")
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: not readable as text: {error}") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot read the model: {error.strerror}") from None
-    except ValueError as error:
-        raise UserError(f"{path}: line {number}: {error}") from None
-    edges = read_integers(folder / "edges.csv", ["vertex_0", "vertex_1", "face_0", "face_1"])
-    points = np.array(vertices).reshape(-1, 3)
-    if not (triangles and np.isfinite(points).all() and min(triangle_face) >= 0):
-        raise UserError(f"{path}: needs finite vertices, and triangles in groups `g`")
-    if not all(0 <= corner < len(points) for triangle in triangles for corner in triangle):
-        raise UserError(f"{path}: a triangle names a vertex that is not there")
-    if not ((edges >= [0, 0, -1, -1]) & (edges < [len(points), len(points), face + 1, face + 1])).all():
-        raise UserError(f"{folder / 'edges.csv'}: an edge names a vertex or a face that is not there")
-    corners, owner = np.array(triangles, dtype=np.int64), np.array(triangle_face)
-    p, q, r = (points[corners[:, k]] for k in range(3))
-    normals = np.zeros((face + 1, 3))
-    np.add.at(normals, owner, np.cross(q - p, r - p))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Structure(points, corners, owner, normals, edges[:, :2], edges[:, 2:])
-
-
 def write_manifest(folder: Path) -> None:
     """Write `manifest.json`: the sha256 of every file of the folder, by relative path, sorted."""
     hashes = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != "manifest.json"}
@@ -311,7 +203,3 @@ def file_hash(path: Path) -> str:
 
 def _files(folder: Path) -> Iterator[str]:
     return (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-
-
-def _csv_rows(rows: list[list[int]]) -> str:
-    return "".join(",".join(map(str, row)) + "\n" for row in rows)

@@ -8,7 +8,8 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from scenes.sequence import file_hash, read_json
+from scenes.sequence import file_hash
+from scenes.tables import read_json
 from trajectories.errors import UserError
 
 TOLERANCE_LEVELS = 3

@@ -15,7 +15,8 @@ from annotated_types import Ge, Gt
 
 from scenes.camera import Camera
 from scenes.folders import disk_errors, refuse_foreign
-from scenes.sequence import read_image, save_structure, write_manifest
+from scenes.model_files import save_structure
+from scenes.sequence import read_image, write_manifest
 from scenes.structure import Structure
 from tracker.initial_pose import read_init
 from tracker.real import IMAGE_SUFFIXES, load_model

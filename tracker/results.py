@@ -18,7 +18,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.sequence import read_json, read_table
+from scenes.tables import read_json, read_table
 from tracker.base import Status, TrackResult
 from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text

@@ -18,7 +18,9 @@ from bench.gate_scores import read_side, read_timing
 from bench.suite_files import suite_file
 from scenes.camera import Camera
 from scenes.mesh_file import read as read_mesh
-from scenes.sequence import Sequence, load_structure, read_table
+from scenes.model_files import load_structure
+from scenes.sequence import Sequence
+from scenes.tables import read_table
 from tracker.results import Results
 from trajectories.errors import UserError
 from trajectories.formats import read_trajectory

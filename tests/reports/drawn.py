@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 
 from scenes.camera import Camera
-from scenes.sequence import TRUTH_COLUMNS, Sequence, save_structure, write_manifest
+from scenes.model_files import save_structure
+from scenes.sequence import TRUTH_COLUMNS, Sequence, write_manifest
 from scenes.structure import Structure
 from tracker.base import TrackResult
 from tracker.results import Results

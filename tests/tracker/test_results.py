@@ -5,7 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes.sequence import TRUTH_COLUMNS, Sequence, save_structure, write_manifest
+from scenes.model_files import save_structure
+from scenes.sequence import TRUTH_COLUMNS, Sequence, write_manifest
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
 from tracker.base import TrackResult
 from tracker.hold import Hold
