@@ -1,10 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from scenes.camera import Camera
 from scenes.light import RENDERED, decode, encode
-from scenes.parts import Mover
+from scenes.parts import Light, Mover
 from scenes.render import Renderer
+from scenes.shadow import split_by_lamp
 from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking, white_box
 from trajectories.pose import Pose, rotation_exp
 
@@ -77,6 +80,34 @@ def test_the_same_scene_gives_the_same_bytes(camera: Camera) -> None:
         with Renderer((white_box((2.0, -0.5, -0.5), (2.1, 0.5, 0.5)),), FLAT_LIGHT, 320, 240) as renderer:
             images.append(renderer.color(pose, camera))
     assert np.array_equal(*images)
+
+
+SUN = Light(to_lamp=(-1.0, 0.0, 0.2), lamp=(0.6, 0.6, 0.6), above=(0.1, 0.1, 0.1), below=(0.1, 0.1, 0.1))
+
+
+def test_a_part_is_split_into_what_faces_the_lamp_and_the_rest() -> None:
+    part = white_box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    halves = split_by_lamp(part, SUN)
+    assert [lit for _, lit in halves] == [True, False]
+    for half, lit in halves:
+        a, b, c = (half.vertices[half.triangles[:, k]] for k in range(3))
+        assert ((np.cross(b - a, c - a) @ np.array(SUN.to_lamp) > 0) == lit).all()
+    together = np.concatenate([half.triangles for half, _ in halves])
+    assert sorted(map(tuple, together.tolist())) == sorted(map(tuple, part.triangles.tolist()))
+    leaf = replace(part, two_sided=True)
+    assert split_by_lamp(leaf, SUN) == [(leaf, True)]
+
+
+def test_a_sheet_throws_no_shadow_on_the_side_that_the_lamp_sees(camera: Camera) -> None:
+    """Whichever way its normals point."""
+    pose = looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    wall = replace(grey_wall(2.0, 4.0, 0.8), two_sided=True)
+    seen = []
+    for part in (wall, replace(wall, triangles=wall.triangles[:, ::-1])):
+        with Renderer((part,), SUN, 320, 240) as renderer:
+            seen.append(RENDERED[renderer.color(pose, camera)[120, 160, 1]])
+    slope = 1 / np.sqrt(1.04)
+    assert seen == pytest.approx([0.8 * (0.1 + 0.6 * slope)] * 2, abs=0.05)
 
 
 def test_light_that_is_no_number_or_out_of_range_has_a_code() -> None:
