@@ -13,9 +13,9 @@ ACCELERATION_M_S2 = 4.0
 """One standard deviation of the acceleration of a small multirotor that is flown by hand."""
 ANGULAR_ACCELERATION_RAD_S2 = 10.0
 """The same of its angular acceleration."""
-FIRST_SPEED_M_S = 1.0
+FIRST_SPEED_M_S = 0.3
 """One standard deviation of the speed while none is known."""
-FIRST_RATE_RAD_S = 0.5
+FIRST_RATE_RAD_S = 0.3
 """The same of the angular rate."""
 MAX_SIGMA_PART = 0.15
 """The predicted position is never taken for less certain than this part of the range."""
