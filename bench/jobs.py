@@ -10,27 +10,23 @@ DIR/index.html ...                      the report
 
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from glob import escape
 from pathlib import Path
-from typing import Any
 
 from bench.config import Protocol, Suite
 from bench.content import code_hash, content_hash
-from bench.external import External
-from bench.graph import Job, OnStep
-from bench.peers.peer import Peer
+from bench.graph import Job
 from bench.peers.registry import absent
+from bench.works import Render, Report, Restart, Score, Spec, Track
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization
-from tracker.recording import RecordingSpec, record
-from tracker.run import KNOWN
+from tracker.recording import RecordingSpec
 
-Spec = SequenceSpec | RecordingSpec
 VERBS = ("render", "track", "score", "report")
-START_S, RENDER_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 0.02, 0.05, 1.0
-"""Seconds of a sequence, a frame rendered, a frame tracked, a score and a report's entry: a first guess for 640x480."""
+START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0.05, 1.0
+"""Seconds of a sequence, a frame rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
 
 
 def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
@@ -67,152 +63,17 @@ def clean_leftovers(folder: Path, sequences: Iterable[str] = ("*",)) -> None:
                 path.unlink()
 
 
-@dataclass(frozen=True)
-class Render:
-    """Render one sequence, or take over one that was recorded."""
-
-    spec: Spec
-    folder: Path
-
-    def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write the sequence folder."""
-        if isinstance(self.spec, RecordingSpec):
-            record(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
-            return
-        from scenes.generate import generate
-
-        generate(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
-
-
-@dataclass(frozen=True)
-class Track:
-    """Run one tracker over one sequence at one rate."""
-
-    label: str
-    tracker: Tracker
-    rate_hz: float
-    seed: int
-    sequence: Path
-    folder: Path
-    start: Initialization = KNOWN
-
-    def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write the results folder."""
-        from bench.external import track_external
-        from scenes.sequence import Sequence
-        from tracker.base import TrackResult
-        from tracker.run import track_sequence
-
-        sequence = Sequence.load(self.sequence)
-
-        def on_frame(frame: int, _: TrackResult) -> None:
-            on_step(frame + 1, len(sequence))
-
-        given: dict[str, Any] = {
-            "rate_hz": self.rate_hz, "seed": self.seed, "on_frame": on_frame, "start": self.start,
-        }  # fmt: skip
-        if isinstance(self.tracker, External | Peer):
-            kept = self.folder.parents[2] / "failed" / self.folder.parent.name / self.folder.name
-            program = self.tracker.present() if isinstance(self.tracker, Peer) else self.tracker
-            results = track_external(program, sequence, kept_folder=kept, **given)
-        else:
-            results = track_sequence(self.tracker, sequence, **given)
-        record = {**results.record, "label": self.label, "content_hash": content_hash}
-        if isinstance(self.tracker, Peer):
-            record["tracker"] = self.tracker.record
-        replace(results, record=record).save(self.folder)
-
-
-@dataclass(frozen=True)
-class Restart:
-    """Run one tracker over one sequence under a protocol that gives it true poses on the way."""
-
-    track: Track
-    protocol: Protocol
-    folder: Path
-
-    def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write the results folder."""
-        from reports.protocols import PROTOCOLS
-        from scenes.sequence import Sequence
-
-        track = self.track
-        run = PROTOCOLS[self.protocol]
-        restarted = run(track.tracker, Sequence.load(track.sequence), rate_hz=track.rate_hz, seed=track.seed)
-        results = restarted.results
-        record = {**results.record, "label": track.label, "content_hash": content_hash}
-        replace(results, record=record).save(self.folder)
-
-
-@dataclass(frozen=True)
-class Score:
-    """Score one result against its sequence's truth."""
-
-    sequence: Path
-    results: Path
-
-    def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write `score.json` in the results folder."""
-        from reports.recorded import score_recorded
-        from reports.score import score
-        from scenes.sequence import Sequence
-        from tracker.results import Results
-
-        sequence, results = Sequence.load(self.sequence), Results.load(self.results)
-        scored = score_recorded(sequence, results) if sequence.recorded else score(sequence, results)
-        scored.save(self.results / "score.json", content_hash=content_hash)
-
-
-@dataclass(frozen=True)
-class Report:
-    """Write the report over all scores of a suite."""
-
-    title: str
-    folder: Path
-    scored: tuple[tuple[Path, Path, str], ...]
-    restarts: tuple[Path, ...] = ()
-    absent: tuple[tuple[str, str], ...] = ()
-    recorded: bool = False
-    unrendered: tuple[tuple[str, str], ...] = ()
-
-    def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write index.html, figures, tables and scores.json."""
-        from reports.recorded_report import write_recorded_report
-        from reports.report import ReportEntry, write_report
-
-        if self.recorded:
-            more: dict[str, Any] = {"content_hash": content_hash, "on_step": on_step}
-            write_recorded_report(self.folder, self.title, self.scored, absent=dict(self.absent), **more)
-            return
-        entries = [
-            ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
-        ]
-        given: dict[str, Any] = {"restarts": self.restarts, "content_hash": content_hash, "on_step": on_step}
-        write_report(self.folder, self.title, entries, dict(self.unrendered), absent=dict(self.absent), **given)
-
-    def without(self, failed: Mapping[str, str]) -> "Report | None":
-        """The report that shows what failed as failed; None where no sequence is left."""
-        unrendered, scored = {}, []
-        for sequence, results, _ in self.scored:
-            run = f"{sequence.name} {results.name}"
-            if why := failed.get(f"render {sequence.name}"):
-                unrendered[sequence.name] = why
-            else:
-                scored.append((sequence, results, failed.get(f"track {run}") or failed.get(f"score {run}", "")))
-        restarts = tuple(path for path in self.restarts if " ".join(["track", *path.parts[-3:]]) not in failed)
-        kept = replace(self, scored=tuple(scored), restarts=restarts, unrendered=tuple(unrendered.items()))
-        return kept if scored else None
-
-
 def _render_job(spec: Spec, folder: Path) -> Job:
     output = folder / "sequences" / spec.name
+    packages = ("trajectories", "scenes", *(["tracker"] if isinstance(spec, RecordingSpec) else []))
+    every = getattr(spec, "crlb_every", 0)
     return Job(
         verb="render",
         name=f"render {spec.name}",
         work=Render(spec, output),
         marker=output / "sequence.json",
-        content_hash=content_hash(spec, code_hash("trajectories", "scenes")),
-        weight=START_S + RENDER_S * frames(spec),
+        content_hash=content_hash(spec, code_hash(*packages)),
+        weight=START_S + RENDER_S * frames(spec) + (BOUND_S * frames(spec) / every if every else 0.0),
     )
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.config import tracker_of
-from bench.jobs import Track
 from bench.models import own_plugins
+from bench.works import Track
 from tracker.results import Results
 
 
