@@ -56,17 +56,10 @@ class FrameBounds:
         cam_from_world: Callable[[int], Pose],
         effects: tuple[EffectSpec, ...],
     ) -> None:
-        fine = finer(camera)
-        pinhole, lens = render_camera(fine, max((getattr(e, "margin_px", 0) for e in effects), default=0))
-        self._renderer = scene_renderer(pinhole.width, pinhole.height)
-        self._twist = np.zeros(6)
-        self._effects = effects
-        moved = make_source(self._renderer, fine, pinhole, lens, lambda t: Pose.exp(self._twist) @ cam_from_world(t))
-        for kind in (RollingShutter, MotionBlur, Vignetting):  # what happens to the light before the sensor counts it
-            for effect in effects:
-                if type(effect) is kind:
-                    moved = effect.start(moved, np.random.default_rng(0))
-        self._source = moved
+        self._camera, self._path, self._effects = finer(camera), cam_from_world, effects
+        margin_px = max((getattr(e, "margin_px", 0) for e in effects), default=0)
+        self._pinhole, self._lens = render_camera(self._camera, margin_px)
+        self._renderer = scene_renderer(self._pinhole.width, self._pinhole.height)
 
     def __enter__(self) -> Self:
         return self
@@ -77,12 +70,13 @@ class FrameBounds:
     def covariance(self, image: NDArray[np.uint8], stamp_ns: int) -> Array | None:
         """Bound (6, 6) of the frame delivered as image at a stamp, m and rad; None where it fixes no pose."""
         clean = self._light(np.zeros(6), stamp_ns)
-        view = self._source.look(stamp_ns)
-        shown = _structure(self._source, view.instances)
+        source = self._source(np.zeros(6))
+        view = source.look(stamp_ns)
+        shown = _structure(source, view.instances)
         if not shown.any():
             return None
         depth_m = float(np.median(view.depth[view.instances == 1]))
-        steps = np.repeat([depth_m, 1.0], 3) * STEP_PX * FINER / self._source.pinhole.fx
+        steps = np.repeat([depth_m, 1.0], 3) * STEP_PX * FINER / self._pinhole.fx
         gain = _gain(clean, image) if any(isinstance(e, AutoExposure) for e in self._effects) else 1.0
         weight = shown[..., None] / light_variance(gain * clean, self._effects)
         J = jacobian(lambda xi: gain * self._light(xi, stamp_ns), steps)
@@ -90,10 +84,21 @@ class FrameBounds:
 
     def _light(self, twist: Array, stamp_ns: int) -> Radiance:
         """Light of each pixel of the camera, moved by a twist."""
-        self._twist = twist
-        light = self._source.image(stamp_ns)
+        light = self._source(twist).image(stamp_ns)
         assert light is not None
         return _averaged(light)
+
+    def _source(self, twist: Array) -> Source:
+        """The light that falls on the sensor of a camera moved by a twist; a source of its own, as each keeps views."""
+        moved = Pose.exp(twist)
+        source = make_source(
+            self._renderer, self._camera, self._pinhole, self._lens, lambda stamp_ns: moved @ self._path(stamp_ns)
+        )
+        for kind in (RollingShutter, MotionBlur, Vignetting):
+            for effect in self._effects:
+                if type(effect) is kind:
+                    source = effect.start(source, np.random.default_rng(0))
+        return source
 
 
 def finer(camera: Camera) -> Camera:
