@@ -19,8 +19,9 @@ YOUNG_FRAMES, DOUBTED_SUPPORT = 5, 0.68
 SEARCH_EVERY = 8
 """Frames from a search that found nothing better to the next, while the support is enough."""
 ENOUGH_SUPPORT = 0.5
-"""With less than this the track is lost; the first frame, whose appearance nobody knows yet, needs less."""
-FIRST_SUPPORT = 0.4
+"""With less than this the track is lost."""
+FIRST_SUPPORT, GIVEN_SUPPORT = 0.4, 0.3
+"""What the first frame needs, whose appearance nobody knows yet, and where it fits the pose that was given."""
 ADVANTAGE = 0.1
 GIVEN_MISFIT = 12.6
 """Support by which another pose must exceed a fit that holds: one with enough, or that lies where it was given.
@@ -80,7 +81,7 @@ class RobustRun:
             self.until_search = 0 if better is not fit else SEARCH_EVERY
             fit = better
         self.support = fit.support
-        if not (fit.support >= (FIRST_SUPPORT if self.ok_ns is None else ENOUGH_SUPPORT) and fit.finite):
+        if not (fit.finite and fit.support >= self.enough(fit)):
             return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
         with clock.stage("learn"):
             self.fitter.learn(image, fit)
@@ -95,6 +96,12 @@ class RobustRun:
             candidates=fit.candidates,
             inliers=fit.inliers,
         )
+
+    def enough(self, fit: Fit) -> float:
+        """Support that a fit needs."""
+        if self.ok_ns is not None:
+            return ENOUGH_SUPPORT
+        return GIVEN_SUPPORT if self.motion.misfit(fit.cam_from_world) < GIVEN_MISFIT else FIRST_SUPPORT
 
     def recover(self, image: Image, predicted: Pose, covariance: Array, fit: Fit) -> Fit:
         """The best fit around the prediction and the last pose, if it is better than the fit at hand."""
