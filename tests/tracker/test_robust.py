@@ -7,6 +7,7 @@ from scenes.structure import Structure
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, look_at, orbit, pose_error
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
+from tracker.map_kernels import carried, update_map
 from tracker.pose_search import PoseSearch, spread
 from tracker.robust import Robust
 from tracker.sampling_kernels import sample_edges
@@ -169,6 +170,36 @@ def test_compiled_geometry_is_that_of_pose_and_camera():
     assert solve6(A, np.arange(6.0), x)
     np.testing.assert_allclose(A @ x, np.arange(6.0), atol=1e-10)
     assert not solve6(-A, np.arange(6.0), x)
+
+
+def test_nothing_is_seen_between_the_sides_of_a_column():
+    angle = np.arange(16) * np.pi / 8
+    ring = np.column_stack([np.cos(angle), np.sin(angle)]) * 0.2
+    vertices = np.concatenate([np.column_stack([ring, np.full(16, z)]) for z in (0.0, 1.0)])
+    sides = [t for i in range(16) for t in ([i, (i + 1) % 16, i + 16], [(i + 1) % 16, (i + 1) % 16 + 16, i + 16])]
+    edges = EdgeMap.of(Structure.from_mesh(vertices, np.array(sides)))
+    upright = np.ptp(edges.ends[..., 2], axis=1) > 0.5
+    assert upright.any()
+    assert edges.smooth[upright].all()
+    assert not EdgeMap.of(box()).smooth.any()
+
+
+def test_the_map_filter_takes_up_what_the_edges_say_and_moves_with_the_camera():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(6, 6))
+    C, E, twist = A @ A.T * 1e-4, np.eye(6) * 1e6, rng.normal(size=6) * 1e-3
+    found, left = update_map(C, E, E @ twist, 1.0, 0.0)
+    np.testing.assert_allclose(left, np.linalg.inv(np.linalg.inv(C) + E), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(found, left @ E @ twist, atol=1e-9)
+    a, b = (Pose.exp(rng.normal(size=6)) for _ in range(2))
+    there = carried(C, a.rotation, a.translation, b.rotation, b.translation)
+    np.testing.assert_allclose(carried(there, b.rotation, b.translation, a.rotation, a.translation), C, atol=1e-12)
+    xi = rng.normal(size=6) * 1e-6  # the same error, said at either pose
+    moved = (b @ a.inverse() @ Pose.exp(xi) @ a @ b.inverse()).log()
+    np.testing.assert_allclose(
+        carried(np.outer(xi, xi), a.rotation, a.translation, b.rotation, b.translation),
+        np.outer(moved, moved), rtol=1e-3, atol=1e-15,
+    )  # fmt: skip
 
 
 def test_patches_taken_at_a_pose_are_found_again_there(flight):
