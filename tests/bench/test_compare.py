@@ -65,7 +65,9 @@ def compare(repository, monkeypatch, *refs):
 def test_a_version_against_itself_passes_and_against_a_worse_one_fails(repository, monkeypatch):
     result, same = compare(repository, monkeypatch, "base", "base")
     assert result.exit_code == 0, result.output
-    assert {f["metric"] for f in same["findings"]} == {"coverage", "ATE", "ATE rotation", "RPE 1 s", "latency"}
+    errors = {"ATE", "ATE rotation", "RPE 1 s"}
+    expected = {"coverage", "latency", *errors, *(f"{name}, typical" for name in errors)}
+    assert {f["metric"] for f in same["findings"]} == expected
     assert all(f["change"] == 0 for f in same["findings"] if f["metric"] != "latency")
     result, worse = compare(repository, monkeypatch, "base", ".")
     assert result.exit_code == 1, result.output

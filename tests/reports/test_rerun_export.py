@@ -13,7 +13,7 @@ from trajectories.errors import UserError
 
 def test_a_recording_or_a_clear_error(entries: list[ReportEntry], tmp_path: Path) -> None:
     entry = entries[2]
-    run = open_runs([(entry.sequence, entry.results, entry.score)])[0]
+    run = open_runs([(entry.sequence, entry.results, entry.score, "")])[0]
     path = tmp_path / "run.rrd"
     if importlib.util.find_spec("rerun") is None:
         with pytest.raises(UserError, match=r"pip install 'uavbench\[rerun\]'"):
