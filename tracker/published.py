@@ -4,6 +4,7 @@ Step 1, the model, is `scenes.structure`; step 2, calibration, `scenes.calibrate
 `tracker.initial_pose`. The variants differ in what they detect and how they choose among the candidates.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -30,7 +31,7 @@ PASSES = 3
 
 
 @dataclass(frozen=True)
-class Published:
+class Published(ABC):
     """What the variants of the published loop share: its parameters, and its start."""
 
     counts_segments: ClassVar[bool] = False
@@ -39,13 +40,13 @@ class Published:
     search_px: Annotated[float, Gt(0)] = SEARCH_PX
     passes: Annotated[int, Ge(1)] = PASSES
 
+    @abstractmethod
     def detect(self, gray: Image, camera: Camera) -> Any:
         """Step 5: the edges of an image, as `search` takes them."""
-        raise NotImplementedError
 
+    @abstractmethod
     def search(self, points: ControlPoints, edges: Any, camera: Camera) -> Candidates:
         """Step 7: the candidates of each control point."""
-        raise NotImplementedError
 
     def choose(
         self, candidates: Candidates, points: ControlPoints, J: Array, prior: Array, rng: np.random.Generator

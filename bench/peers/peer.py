@@ -2,6 +2,7 @@
 
 import json
 import os
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -17,7 +18,7 @@ from trajectories.files import write_text
 from trajectories.pose import Pose
 
 
-class Peer:
+class Peer(ABC):
     """A tracker of others; a frozen dataclass of its parameters, with `command`.
 
     It is absent until `uavbench peers setup NAME` has set it up: then its folder holds `peer.json` with the versions of
@@ -41,18 +42,18 @@ class Peer:
         return f"not set up on this machine; `uavbench peers setup {cls.name}` does it"
 
     @classmethod
+    @abstractmethod
     def setup(cls) -> dict[str, str]:
         """Set it up on this machine; the versions of what it is made of. UserError saying what to install."""
-        raise NotImplementedError
 
     @classmethod
     def mark(cls, versions: dict[str, str]) -> None:
         """Note that it is set up."""
         write_text(cls.folder() / "peer.json", json.dumps(versions, indent=1, sort_keys=True) + "\n")
 
+    @abstractmethod
     def command(self) -> tuple[str, ...]:
         """Program and arguments."""
-        raise NotImplementedError
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
