@@ -139,6 +139,7 @@ def local_pool(workers: int) -> Iterator[tuple[Executor, Any]]:
             child.terminate()
         for child in multiprocessing.active_children():
             child.join(timeout=10)
+            child.kill()
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -82,6 +82,8 @@ def start_worker(progress: Any) -> None:
     """Set up a worker: an interrupt is the parent's to handle, a termination cleans up what is half-written."""
     global _progress
     _progress = progress
+    if progress is not None:
+        progress.cancel_join_thread()  # a termination in the middle of a put() would else wait for its thread forever
     cv2.setNumThreads(1)  # a worker has one core
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
