@@ -9,13 +9,15 @@ from scenes.camera import Camera
 from scenes.structure import Structure
 from tracker.base import Image
 from tracker.clock import StageClock
+from tracker.common_errors import CommonErrors
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array, inverse6, move
 from tracker.hypothesis_kernels import hypotheses
+from tracker.map_kernels import Sums
 from tracker.profile_kernels import learn, search, search_range
 from tracker.sampling_kernels import BINS, edge_rows, place, sample_edges
 from tracker.solve_kernels import refine
-from tracker.texture import ENOUGH_FOUND, Texture
+from tracker.texture import ENOUGH_FOUND, LEAST_HIT, Texture
 from tracker.visible_edges import undistorted_bounds
 from tracker.weight_kernels import support, trust, variances
 from trajectories.pose import Array, Pose
@@ -45,8 +47,12 @@ SURE_SUPPORT = 0.6
 """Patches are taken where the edges alone support the pose as much as this."""
 PATCH_TRUST = 2.0
 """Weight of a patch in the support."""
-NOTHING = (np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0), np.zeros(0))
-"""No control points."""
+NOTHING = (
+    *(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0), np.zeros(0)),
+    np.zeros(1, dtype=np.int64),
+)
+NO_EDGES = (np.zeros(0, dtype=np.int64), np.zeros(0))
+"""No control points, and no edges with offsets."""
 LEAST_POINTS = 6
 """With fewer control points and fewer patches nothing is fitted."""
 
@@ -58,8 +64,8 @@ class Evidence:
     """What a fit rests on.
 
     Control points with their keys, rows of appearance, residuals and weights; the patches, their weights and
-    correlations; the information (6, 6) of the edges alone, and the pull (6,) with which they would move the patches'
-    pose.
+    correlations; the edges in view and the variance of their offsets, the sums over them, the twists from the pose of
+    the sums to the patches' pose and to that of the fit; the information (6, 6) of the prediction.
     """
 
     points: Array
@@ -70,8 +76,12 @@ class Evidence:
     chosen: Indices
     patch_weights: Array
     found: Array
-    edge_information: Array
-    pull: Array
+    edges: Indices
+    spread: Array
+    sums: Sums
+    to_patches: Array
+    to_fit: Array
+    prior: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +117,7 @@ class EdgeFitter:
         self.size = np.array([camera.width, camera.height], dtype=np.float64)
         self.bounds = np.array(undistorted_bounds(camera))
         self.texture = Texture(self.map, camera)
+        self.common = CommonErrors(len(self.map.ends) * 3)
         self.appearance = np.zeros((len(self.map.ends) * 3 * BINS, 8))
         self.learned = 0
         self.draws = rng.random((HYPOTHESES, 12))
@@ -127,14 +138,15 @@ class EdgeFitter:
             lines, J, side = self.place(points, keys, R, t)
             rows, first = edge_rows(keys)
             trusted = trust(lines, keys, side, rows, self.appearance)
-            prior = inverse6(covariance)
+            prior, edges = inverse6(covariance), rows[first[:-1]] // BINS
         with clock.stage("texture"):
             observed, found = self.texture.align(image, R, t)
-            places, known = self.texture.places(), (self.texture.covariance_at(R, t), prior, R, t)
+            places, expected = self.texture.places(), (prior, R, t)
             sure = np.count_nonzero(found > 0) >= ENOUGH_PATCHES
             if sure:
                 patches = (places, observed, found, PATCH_VARIANCE)
-                R, t, *_ = refine(*NOTHING, *patches, *known, R, t, self.cam, PATCH_SCALES)
+                shared = self.common.at(*NO_EDGES, R, t)
+                R, t, *_ = refine(*NOTHING, *patches, shared, *expected, R, t, self.cam, PATCH_SCALES)
         if not sure and n:
             with clock.stage("search"):
                 half = search_range(J, covariance, 4.0, half_px)
@@ -142,10 +154,11 @@ class EdgeFitter:
             with clock.stage("choose"):
                 x, _ = hypotheses(J, distance, penalty, trusted, first, HYPOTHESIS_PRIOR * prior, self.draws, 3.0)
                 R, t = move(R, t, x)
-                spread = self.variances(keys, side, rows, distance, contrast)
+                own, spread = self.variances(keys, side, rows, first, distance, contrast, trusted)
                 alone = (places[:0], observed[:0], found[:0], PATCH_VARIANCE)
-                evidence = (points, lines, distance, penalty, trusted, spread)
-                R, t, *_ = refine(*evidence, *alone, *known, R, t, self.cam, COARSE_SCALES)
+                evidence = (points, lines, distance, penalty, trusted, own, first)
+                shared = self.common.at(edges, spread, R, t)
+                R, t, *_ = refine(*evidence, *alone, shared, *expected, R, t, self.cam, COARSE_SCALES)
             with clock.stage("texture"):
                 observed, found = self.texture.align(image, R, t)
         patches, half = (places, observed, found, PATCH_VARIANCE), np.full(n, FINE_HALF_PX)
@@ -154,15 +167,18 @@ class EdgeFitter:
                 lines, J, side = self.place(points, keys, R, t)
                 distance, penalty, contrast = search(image, lines, side, rows, self.appearance, half)
             with clock.stage("update"):
-                spread = self.variances(keys, side, rows, distance, contrast)
-                evidence = (points, lines, distance, penalty, trusted, spread)
-                R, t, information, residual, weights, patch_weights, E, pull, moved = refine(
-                    *evidence, *patches, *known, R, t, self.cam, scales
+                own, spread = self.variances(keys, side, rows, first, distance, contrast, trusted)
+                evidence = (points, lines, distance, penalty, trusted, own, first)
+                shared = self.common.at(edges, spread, R, t)
+                R, t, information, residual, weights, patch_weights, sums, to_patches, to_fit, moved = refine(
+                    *evidence, *patches, shared, *expected, R, t, self.cam, scales
                 )
             if moved < AGAIN_PX:
                 break
         with clock.stage("judge"):
-            whole, edges = support(weights, trusted, rows, self.appearance, contrast, patch_weights, found, PATCH_TRUST)
+            whole, by_edges = support(
+                weights, trusted, rows, self.appearance, contrast, patch_weights, found, PATCH_TRUST
+            )
             return Fit(
                 Pose(R, t),
                 inverse6(information),
@@ -171,8 +187,23 @@ class EdgeFitter:
                 int(np.count_nonzero(distance < np.inf)),
                 int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
                 float(R[2] @ points[n // 2] + t[2]) if n else float("nan"),
-                edges,
-                Evidence(points, keys, rows, residual, weights, self.texture.chosen, patch_weights, found, E, pull),
+                by_edges,
+                Evidence(
+                    points,
+                    keys,
+                    rows,
+                    residual,
+                    weights,
+                    self.texture.chosen,
+                    patch_weights,
+                    found,
+                    edges,
+                    spread,
+                    sums,
+                    to_patches,
+                    to_fit,
+                    prior,
+                ),
             )
 
     def sample(self, R: Array, t: Array) -> tuple[Array, Indices]:
@@ -193,9 +224,19 @@ class EdgeFitter:
         """Lines, Jacobian and silhouette side of control points at a pose."""
         return place(points, keys, self.map.ends, self.map.inward, R, t, self.cam, self.size)
 
-    def variances(self, keys: Indices, side: Indices, rows: Indices, distance: Array, contrast: Array) -> Array:
-        """Variance (n,) in px^2 of each control point whose candidates are at distance (n, k)."""
-        return variances(keys, side, rows, self.map.stands, distance, contrast, self.appearance)
+    def variances(
+        self,
+        keys: Indices,
+        side: Indices,
+        rows: Indices,
+        first: Indices,
+        distance: Array,
+        contrast: Array,
+        trusted: Array,
+    ) -> tuple[Array, Array]:
+        """Variance in px^2 of each control point (n,), and of the offset that those of an edge share (g,)."""
+        stands, appearance = self.map.stands, self.appearance
+        return variances(keys, side, rows, first, stands, distance, contrast, trusted, appearance)
 
     def learn(self, image: Image, fit: Fit, rate: float = 0.1) -> None:
         """Take up the appearance of edges and faces at the pose of a fit."""
@@ -204,13 +245,16 @@ class EdgeFitter:
             return
         lines, _, side = self.place(seen.points, seen.keys, pose.rotation, pose.translation)
         learn(image, lines, side, seen.rows, seen.weights, seen.residual, self.appearance, rate)
-        hits = self.texture.remember(
-            seen.chosen, seen.patch_weights, seen.found, pose, seen.edge_information, seen.pull
-        )
+        hits = self.texture.count_hits(seen.chosen, seen.patch_weights, seen.found)
+        if hits >= LEAST_HIT:
+            twist = self.common.learn(seen.edges, seen.spread, seen.sums, seen.to_patches, pose)
+            self.texture.shift(twist, pose)
         self.learned += 1
         due = hits < ENOUGH_PATCHES or self.learned % TAKE_EVERY == 0
         if due and hits < ENOUGH_FOUND and fit.edge_support >= SURE_SUPPORT:
-            self.texture.take(image, pose, fit.covariance, hits, lines[side != 9, :2])
+            if hits < LEAST_HIT:
+                self.common.begin(seen.edges, seen.spread, seen.sums, seen.to_fit, seen.prior, pose)
+            self.texture.take(image, pose, lines[side != 9, :2])
 
 
 def layered(image: Image) -> Image:

@@ -1,44 +1,29 @@
-"""Compiled filter of the common error of all patches: six unknowns that the edges of each frame observe."""
+"""Compiled filter of what errs alike in all frames: the place of all patches (6), and each edge by an offset (1).
+
+With D the common error of the patches' places as a twist in the world and b the offset of an edge in px, a frame whose
+pose the patches tell finds the control points of that edge at J D + b. So the information on all of it is an arrow:
+each offset is tied to D alone, and can be taken out by itself.
+"""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tracker.compiled import compiled
 from tracker.geometry_kernels import eliminate
 from trajectories.pose import Array
 
+Indices = NDArray[np.int64]
+Sums = tuple[Array, Array, Array, Array, Array]
+"""What the control points of a frame say.
 
-@compiled
-def update_map(C: Array, E: Array, pull: Array, alike: float, forget: float) -> tuple[Array, Array]:
-    """Twist (6,) by which the patches' places err as one, and the covariance (6, 6) that is left of C.
-
-    E (6, 6) is what a frame's edges say, pull (6,) = E times the twist that they say; frames err alike for so many in a
-    row. C grows by the part `forget` first: what was learned long ago counts less.
-    """
-    M, N = np.eye(6), (1.0 + forget) * C
-    for i in range(6):
-        for j in range(6):
-            for h in range(6):
-                M[i, j] += (1.0 + forget) * C[i, h] * E[h, j] / alike
-    eliminate(M, N)
-    left = 0.5 * (N + N.T)
-    twist = np.zeros(6)
-    for i in range(6):
-        for j in range(6):
-            twist[i] += left[i, j] * pull[j] / alike
-    return twist, left
+Sums over those of each edge in view of weight (g,), weight times Jacobian (g, 6) and weight times residual (g,); sums
+over all of weight times J J^T (6, 6) and weight times J times residual (6,).
+"""
 
 
 @compiled
-def carried(C: Array, R_from: Array, t_from: Array, R_to: Array, t_to: Array) -> Array:
-    """Covariance (6, 6) of a twist at one pose (R_from, t_from) as one at another: Ad C Ad^T."""
-    R, t = np.zeros((3, 3)), t_to.copy()
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                R[i, j] += R_to[i, k] * R_from[j, k]
-    for i in range(3):
-        for j in range(3):
-            t[i] -= R[i, j] * t_from[j]
+def adjoint(R: Array, t: Array) -> Array:
+    """X (6, 6) that makes a twist of the camera of one in the world, for cam_from_world (R, t)."""
     X = np.zeros((6, 6))
     for i in range(3):
         for j in range(3):
@@ -47,7 +32,23 @@ def carried(C: Array, R_from: Array, t_from: Array, R_to: Array, t_to: Array) ->
         X[0, 3 + j] = t[1] * R[2, j] - t[2] * R[1, j]
         X[1, 3 + j] = t[2] * R[0, j] - t[0] * R[2, j]
         X[2, 3 + j] = t[0] * R[1, j] - t[1] * R[0, j]
-    out, half = np.zeros((6, 6)), np.zeros((6, 6))
+    return X
+
+
+@compiled
+def times(X: Array, v: Array) -> Array:
+    """X v."""
+    out = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            out[i] += X[i, j] * v[j]
+    return out
+
+
+@compiled
+def turned(X: Array, C: Array) -> Array:
+    """X C X^T of matrices (6, 6)."""
+    half, out = np.zeros((6, 6)), np.zeros((6, 6))
     for i in range(6):
         for j in range(6):
             for h in range(6):
@@ -57,3 +58,113 @@ def carried(C: Array, R_from: Array, t_from: Array, R_to: Array, t_to: Array) ->
             for h in range(6):
                 out[i, j] += half[i, h] * X[j, h]
     return out
+
+
+@compiled
+def explained(tie: Array, seen: Array, moment: Array, least: Array) -> tuple[Array, Array]:
+    """Information (6, 6) and vector (6,) on D that the edges' offsets may explain instead.
+
+    tie (e, 6) is the information between D and an offset, seen (e,) and moment (e,) information and vector of the
+    offset itself, least (e,) its information beforehand.
+    """
+    A, v = np.zeros((6, 6)), np.zeros(6)
+    for e in range(len(seen)):
+        if seen[e] > 0.0:
+            part = 1.0 / (seen[e] + least[e])
+            for i in range(6):
+                v[i] += tie[e, i] * moment[e] * part
+                for j in range(6):
+                    A[i, j] += tie[e, i] * tie[e, j] * part
+    return A, v
+
+
+@compiled
+def shared_at(
+    known: Array,
+    tie: Array,
+    seen: Array,
+    moment: Array,
+    least: Array,
+    edges: Indices,
+    spread: Array,
+    R: Array,
+    t: Array,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """What is known of the common errors at a pose (R, t) by the edges (g,) in view and by all others.
+
+    known (6, 6) is the information on D with all offsets taken out, of which nothing is expected. spread (g,) is the
+    variance of each edge's offset in px^2 beforehand. Returns information (6, 6) and vector (6,) on D as a twist of the
+    camera with the offsets of the edges in view left in, and the tie (g, 6), information (g,) and vector (g,) of those.
+    """
+    here = edges.copy()
+    A, v = explained(tie[here], seen[here], moment[here], least[here])
+    X = adjoint(R.T, -times3(R, t)).T
+    ties = np.empty((len(edges), 6))
+    for g in range(len(edges)):
+        ties[g] = times(X, tie[edges[g]])
+    return turned(X, known + A), times(X, v), ties, seen[here] + 1.0 / spread, moment[here]
+
+
+@compiled
+def times3(R: Array, t: Array) -> Array:
+    """R^T t."""
+    out = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            out[i] += R[j, i] * t[j]
+    return out
+
+
+@compiled
+def take_up(
+    whole: Array,
+    vector: Array,
+    tie: Array,
+    seen: Array,
+    moment: Array,
+    least: Array,
+    edges: Indices,
+    spread: Array,
+    sums: Sums,
+    aside: Array,
+    R: Array,
+    t: Array,
+    part: float,
+) -> None:
+    """Take up, in place, a part of what a frame's sums over the edges (g,) in view say.
+
+    whole (6, 6) and vector (6,) are information and vector on D. aside (6,) is the twist from the pose (R, t) of the
+    sums to that which the patches tell.
+    """
+    S, s, d, E, e = sums
+    X = adjoint(R, t).T
+    whole += part * turned(X, E)
+    vector += part * times(X, e - times(E, aside))
+    for g in range(len(edges)):
+        k, left = edges[g], d[g]
+        for i in range(6):
+            left -= s[g, i] * aside[i]
+        least[k] = 1.0 / spread[g]
+        seen[k] += part * S[g]
+        moment[k] += part * left
+        tie[k] += part * times(X, s[g])
+
+
+@compiled
+def centre(
+    whole: Array, vector: Array, tie: Array, seen: Array, moment: Array, least: Array, R: Array, t: Array
+) -> tuple[Array, Array]:
+    """The twist (6,) of the camera at (R, t) by which the patches err, and the information (6, 6) left on D.
+
+    Offsets are taken out; the twist is taken off vector and moment, in place.
+    """
+    A, v = explained(tie, seen, moment, least)
+    known = whole - A
+    D = np.empty((6, 1))
+    D[:, 0] = vector - v
+    eliminate(known.copy(), D)
+    vector -= times(whole, D[:, 0])
+    for e in range(len(seen)):
+        for i in range(6):
+            moment[e] -= tie[e, i] * D[i, 0]
+    return times(adjoint(R, t), D[:, 0]), known

@@ -20,7 +20,7 @@ REACH = 4
 MAX_HALF_PX = 48
 GREY = (0.114, 0.587, 0.299)
 """Weights of b, g, r in grey (ITU-R BT.601)."""
-FAR_PX = 3.0
+FAR_PX = 1.5
 """Residuals are learned up to this size."""
 FIRST_ERROR = 15.0
 """Error in px of an edge times its step in grey levels, before any was seen."""

@@ -1,9 +1,8 @@
 """Texture on known planes: patches are taken where the pose is sure, and found again in later frames.
 
 Relative to each other the patches are known to a tenth of a pixel, but all of them rest on the pose that they were
-taken at: its error is a state that each frame's edges observe, in a Kalman filter of six unknowns. So patches carry
-over what the edges of many frames agree on, and do not drift. Where edges leave the pose nearly free, as before a
-single face, the patches hold it.
+taken at: its error is one of the `CommonErrors` that each frame's edges observe. So patches carry over what the edges
+of many frames agree on, and do not drift. Where edges leave the pose nearly free, as before a single face, they hold it.
 """
 
 from itertools import product
@@ -16,7 +15,6 @@ from tracker.base import Image
 from tracker.corner_kernels import first_hit, strong_pixels
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array
-from tracker.map_kernels import carried, update_map
 from tracker.texture_kernels import HALF, SIDE, align, choose, count_hits, shift_places
 from trajectories.pose import Array, Pose
 
@@ -39,10 +37,6 @@ LEAST_HIT = 6
 """With fewer patches found than this, new ones begin a new common error."""
 MISSES = 6
 """A patch that should be seen and is not found for so many frames is dropped."""
-FRAMES_ALIKE = 15.0
-"""Frames in a row whose edges err alike."""
-FORGET = 0.01
-"""Part by which the variance of the patches' common error grows in a frame."""
 
 Indices = NDArray[np.int64]
 
@@ -62,8 +56,6 @@ class Texture:
         self.found = np.zeros(MOST_PATCHES, dtype=np.int64)
         self.chosen = np.zeros(0, dtype=np.int64)
         self.turn = 0
-        self.covariance = np.zeros((6, 6))
-        self.seen_from = Pose(np.eye(3), np.zeros(3))
 
     def __len__(self) -> int:
         return self.count
@@ -84,33 +76,22 @@ class Texture:
         """Middles (n, 3) of the chosen patches in the world."""
         return self.middles[self.chosen]
 
-    def covariance_at(self, R: Array, t: Array) -> Array:
-        """Covariance (6, 6) of the patches' common error, as a twist of a pose."""
-        return carried(self.covariance, self.seen_from.rotation, self.seen_from.translation, R, t)
+    def count_hits(self, chosen: Indices, weights: Array, found: Array) -> int:
+        """Number of the chosen patches (n,) that took part; those missed again and again are dropped.
 
-    def remember(self, chosen: Indices, weights: Array, found: Array, pose: Pose, E: Array, pull: Array) -> int:
-        """Take up what a frame's edges, of information E (6, 6), say of the chosen patches; returns how many were hit.
-
-        weights (n,) > 0 are the patches that took part, found (n,) < 0 those that were not tried; pull (6,) is E times
-        the twist that the edges would move the pose of the patches by. Patches missed again and again are dropped.
+        weights (n,) > 0 are the patches that took part, found (n,) < 0 those that were not tried.
         """
-        R, t = pose.rotation, pose.translation
         hits, tired = count_hits(chosen, weights, found, self.found, self.missed, MISSES)
-        if hits >= LEAST_HIT:
-            twist, self.covariance = update_map(self.covariance_at(R, t), E, pull, FRAMES_ALIKE, FORGET)
-            shift_places(self.count, self.middles, self.axes, twist, R, t, self.cam)
-            self.seen_from = pose
         if tired:
             self._keep(self.missed[: self.count] <= MISSES)
         return hits
 
-    def take(self, image: Image, pose: Pose, covariance: Array, hits: int, edge_pixels: Array) -> None:
-        """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2).
+    def shift(self, twist: Array, pose: Pose) -> None:
+        """Move the patches on their planes so that what was seen at a pose is now seen at one moved by a twist (6,)."""
+        shift_places(self.count, self.middles, self.axes, twist, pose.rotation, pose.translation, self.cam)
 
-        covariance (6, 6) is that of the pose, hits the number of patches that it rests on.
-        """
-        if hits < LEAST_HIT:
-            self.covariance, self.seen_from = covariance, pose
+    def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
+        """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2)."""
         if self.count > MOST_PATCHES - SPOTS:
             order = np.argsort(-self.found[: self.count], kind="stable")
             self._keep(np.argsort(order, kind="stable") < MOST_PATCHES * 3 // 4)

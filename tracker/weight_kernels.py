@@ -12,12 +12,12 @@ CROWD_PX, TOUCHING_PX = 8.0, 2.0
 WEAK_STEP = 15.0
 """Grey levels: an edge with this contrast weighs half of one with much."""
 OWN_VARIANCE = 0.1**2
-SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.08**2, 0.15**2, 0.2**2
+SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.08**2, 0.25**2, 0.2**2
 COMMON_PART = 0.15
-"""Variance of a control point in px^2: its own, and that shared along its edge.
+"""Variance of a control point in px^2: its own, and that of the offset which all points of its edge share.
 
 The latter takes a part of what was learned of the edge too. Measured at true poses, on average over an edge:
-silhouettes lie 0.01 to 0.05 px from the model's edge; creases 0.1 to 0.3 px, by worn borders and by what is set into a
+silhouettes lie 0.01 to 0.1 px from the model's edge; creases 0.1 to 0.9 px, by worn borders and by what is set into a
 face; an edge that stands on the ground 0.05 to 0.4 px, by its shadow.
 """
 
@@ -66,37 +66,35 @@ def variances(
     keys: Indices,
     side: Indices,
     rows: Indices,
+    first: Indices,
     stands: NDArray[np.bool_],
     distance: Array,
     contrast: Array,
+    trusted: Array,
     appearance: Array,
-) -> Array:
-    """Variance (n,) in px^2 with which the control points of an edge count no more than their shared error allows.
+) -> tuple[Array, Array]:
+    """Variance in px^2 of each control point by itself (n,), and of the offset that all those of an edge share (g,).
 
-    distance, contrast (n, k) are of the candidates, inf where nothing was found; the edges of keys (n, 3) come in
-    order. With m points on an edge each gets its own variance and m times the common one, so that the edge's mean has
-    own / m + common.
+    distance, contrast (n, k) are of the candidates, inf where nothing was found; the control points of an edge, keys
+    (n, 3), start at rows first (g + 1,). An edge that is trusted (n,) less may lie farther off.
     """
-    n = len(keys)
-    out = np.empty(n)
-    begin = 0
-    while begin < n:
-        end, found = begin, 0
-        while end < n and keys[end, 0] == keys[begin, 0]:
-            if distance[end, 0] < np.inf:
-                found += 1
-            end += 1
-        for p in range(begin, end):
+    own, shared = np.empty(len(keys)), np.empty(len(first) - 1)
+    for g in range(len(shared)):
+        p = first[g]
+        shared[g] = CREASE_VARIANCE if side[p] == 0 else SILHOUETTE_VARIANCE
+        if stands[keys[p, 0]]:
+            shared[g] = CONTACT_VARIANCE
+        mean, weight, found = 0.0, 0.0, 0
+        for p in range(first[g], first[g + 1]):
             if appearance[rows[p], 6] > 0.0:
-                own = OWN_VARIANCE + appearance[rows[p], 7]
+                own[p] = OWN_VARIANCE + appearance[rows[p], 7]
             else:
-                own = OWN_VARIANCE + (FIRST_ERROR / max(FIRST_ERROR, contrast[p].max())) ** 2
-            common = CREASE_VARIANCE if side[p] == 0 else SILHOUETTE_VARIANCE
-            if stands[keys[p, 0]]:
-                common = CONTACT_VARIANCE
-            out[p] = own + found * (common + COMMON_PART * own)
-        begin = end
-    return out
+                own[p] = OWN_VARIANCE + (FIRST_ERROR / max(FIRST_ERROR, contrast[p].max())) ** 2
+            if distance[p, 0] < np.inf:
+                mean, weight, found = mean + own[p], weight + trusted[p], found + 1
+        if found > 0:
+            shared[g] = (shared[g] + COMMON_PART * mean / found) * found / max(weight, 0.02 * found)
+    return own, shared
 
 
 @compiled

@@ -7,7 +7,6 @@ from scenes.structure import Structure
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, look_at, orbit, pose_error
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
-from tracker.map_kernels import carried, update_map
 from tracker.pose_search import PoseSearch, spread
 from tracker.robust import Robust
 from tracker.sampling_kernels import sample_edges
@@ -184,28 +183,10 @@ def test_nothing_is_seen_between_the_sides_of_a_column():
     assert not EdgeMap.of(box()).smooth.any()
 
 
-def test_the_map_filter_takes_up_what_the_edges_say_and_moves_with_the_camera():
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(6, 6))
-    C, E, twist = A @ A.T * 1e-4, np.eye(6) * 1e6, rng.normal(size=6) * 1e-3
-    found, left = update_map(C, E, E @ twist, 1.0, 0.0)
-    np.testing.assert_allclose(left, np.linalg.inv(np.linalg.inv(C) + E), rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(found, left @ E @ twist, atol=1e-9)
-    a, b = (Pose.exp(rng.normal(size=6)) for _ in range(2))
-    there = carried(C, a.rotation, a.translation, b.rotation, b.translation)
-    np.testing.assert_allclose(carried(there, b.rotation, b.translation, a.rotation, a.translation), C, atol=1e-12)
-    xi = rng.normal(size=6) * 1e-6  # the same error, said at either pose
-    moved = (b @ a.inverse() @ Pose.exp(xi) @ a @ b.inverse()).log()
-    np.testing.assert_allclose(
-        carried(np.outer(xi, xi), a.rotation, a.translation, b.rotation, b.translation),
-        np.outer(moved, moved), rtol=1e-3, atol=1e-15,
-    )  # fmt: skip
-
-
 def test_patches_taken_at_a_pose_are_found_again_there(flight):
     poses, images = flight
     texture = Texture(EdgeMap.of(box()), CAMERA)
-    texture.take(images[0], poses[0], np.eye(6) * 1e-8, 0, np.zeros((0, 2)))
+    texture.take(images[0], poses[0], np.zeros((0, 2)))
     assert len(texture) > 10
     texture.choose(poses[1].rotation, poses[1].translation)
     observed, score = texture.align(images[1], poses[1].rotation, poses[1].translation)

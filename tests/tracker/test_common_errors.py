@@ -1,0 +1,93 @@
+"""What errs alike in all frames: the patches' common error and the offsets of edges, against dense linear algebra."""
+
+import numpy as np
+import pytest
+
+from tracker.common_errors import FRAMES_ALIKE, CommonErrors
+from tracker.map_kernels import adjoint
+from trajectories.pose import Pose
+
+EDGES, POINTS = 7, 12
+
+
+def a_pose(rng):
+    return Pose.exp(np.concatenate([rng.normal(size=3) * 2, rng.normal(size=3)]))
+
+
+def sums_of(edge, J, residual, weight):
+    """Sums over the points of each edge in view, and of all."""
+    views = np.unique(edge)
+    S = np.array([weight[edge == e].sum() for e in views])
+    s = np.array([(weight[edge == e, None] * J[edge == e]).sum(axis=0) for e in views])
+    d = np.array([(weight[edge == e] * residual[edge == e]).sum() for e in views])
+    return views, (S, s, d, (J.T * weight) @ J, J.T @ (weight * residual))
+
+
+def frame(rng, pose, D, offsets, noise_px=0.0):
+    """Edges in view, their Jacobians for twists of the camera, and what is found beside a pose that patches tell."""
+    edge = np.sort(rng.choice(EDGES, POINTS))
+    J = rng.normal(size=(POINTS, 6)) * 300
+    residual = J @ adjoint(pose.rotation, pose.translation) @ D + offsets[edge] + rng.normal(size=POINTS) * noise_px
+    return edge, J, residual
+
+
+def test_a_twist_in_the_world_is_the_same_motion_as_its_adjoint_of_the_camera():
+    rng = np.random.default_rng(1)
+    pose, xi = a_pose(rng), rng.normal(size=6) * 0.1
+    moved = pose @ Pose.exp(xi) @ pose.inverse()
+    np.testing.assert_allclose(adjoint(pose.rotation, pose.translation) @ xi, moved.log(), atol=1e-9)
+
+
+def test_the_arrow_is_solved_as_the_whole_system_is(monkeypatch):
+    monkeypatch.setattr("tracker.common_errors.KEEP", 1.0)
+    rng = np.random.default_rng(2)
+    common, spread = CommonErrors(EDGES), np.full(EDGES, 0.2**2)
+    prior, first, second = np.diag(rng.uniform(1e3, 1e4, 6)), a_pose(rng), a_pose(rng)
+    offsets, nothing = rng.normal(size=EDGES) * 0.2, np.zeros(6)
+    X = [adjoint(p.rotation, p.translation) for p in (first, second)]
+    dense = np.zeros((6 + EDGES, 6 + EDGES))
+    dense[:6, :6], dense[6:, 6:] = X[0].T @ prior @ X[0], np.diag(1 / spread)
+    right = np.zeros(6 + EDGES)
+    for k, pose in enumerate((first, second)):
+        edge, J, residual = frame(rng, pose, rng.normal(size=6) * 1e-3, offsets)
+        views, sums = sums_of(edge, J, residual, np.full(POINTS, 50.0))
+        if k == 0:
+            common.begin(views, spread[views], sums, nothing, prior, pose)
+        rows = np.concatenate([J @ X[k], np.eye(EDGES)[edge]], axis=1)
+        part = 50.0 if k == 0 else 50.0 / FRAMES_ALIKE
+        dense += part * rows.T @ rows
+        if k == 1:
+            right += part * rows.T @ residual
+        else:  # the patches are taken where the frame puts them: the first frame says nothing of D beside the offsets
+            right[6:] += part * rows[:, 6:].T @ residual
+            right[:6] = dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], right[6:])
+    twist = common.learn(views, spread[views], sums, nothing, second)
+    solution = np.linalg.solve(dense, right)
+    np.testing.assert_allclose(twist, X[1] @ solution[:6], rtol=1e-6, atol=1e-12)
+    schur = dense[:6, :6] - dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], dense[6:, :6])
+    np.testing.assert_allclose(common.known, schur, rtol=1e-8)
+    every = np.arange(EDGES)
+    A, v, ties, seen, moment = common.at(every, spread, second.rotation, second.translation)
+    here = np.linalg.inv(X[1])
+    np.testing.assert_allclose(A - (ties.T / seen) @ ties, here.T @ schur @ here, rtol=1e-6)
+    np.testing.assert_allclose(v, ties.T @ (moment / seen), rtol=1e-6)  # centred: nothing is expected of D
+    np.testing.assert_allclose(moment / seen, solution[6:], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("offset_px", [0.0, 0.3])
+def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px):
+    rng = np.random.default_rng(3)
+    common, spread = CommonErrors(EDGES), np.full(EDGES, 0.3**2)
+    offsets = offset_px * rng.choice([-1.0, 1.0], EDGES)
+    left = rng.normal(size=6) * 1e-3  # of the places of the patches, as a twist in the world
+    for k in range(300):
+        pose = a_pose(rng)
+        edge, J, residual = frame(rng, pose, left, offsets, noise_px=0.05)
+        views, sums = sums_of(edge, J, residual, np.full(POINTS, 1 / 0.05**2))
+        if k == 0:
+            common.begin(views, spread[views], sums, np.zeros(6), np.eye(6) * 1e-2, pose)
+            continue
+        X = adjoint(pose.rotation, pose.translation)
+        left = left - np.linalg.solve(X, common.learn(views, spread[views], sums, np.zeros(6), pose))
+    assert np.abs(left).max() < 1e-4
+    np.testing.assert_allclose(common.moment / (common.seen + common.least), offsets, atol=0.03)
