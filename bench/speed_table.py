@@ -65,7 +65,9 @@ def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) ->
 
 
 def against(least_s: float, extra: dict[str, Any], goal: dict[str, Any]) -> tuple[str, bool | None]:
-    """The goal in words and whether it is met; None without a goal."""
+    """The goal in words and whether it is met; None without one, or where what it is held against is absent."""
+    if "absent" in extra:
+        return f"absent: {extra['absent']}", None
     if "at_most_s" in goal:
         return f"at most {seconds(goal['at_most_s'])}", least_s <= goal["at_most_s"]
     if "figure" in goal:
@@ -73,7 +75,7 @@ def against(least_s: float, extra: dict[str, Any], goal: dict[str, Any]) -> tupl
         if "at_least" in goal:
             return f"{goal['figure']} {value:.3g}, at least {goal['at_least']:g}", value >= goal["at_least"]
         return f"{goal['figure']} {value:.3g}, at most {goal['at_most']:g}", value <= goal["at_most"]
-    return "", None
+    return ", ".join(f"{name} {value:.3g}" for name, value in extra.items()), None
 
 
 def seconds(value: float) -> str:

@@ -2,6 +2,8 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import cv2
@@ -10,11 +12,13 @@ import pytest
 
 from bench.speed.test_speed_scenes import first_of
 from scenes import generate
+from scenes.camera import Camera
 from scenes.light import encode
 from scenes.scene import build_scene
 from scenes.source import make_source, render_camera
+from scenes.structure import Structure
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
-from tracker.base import Image
+from tracker.base import Image, Run, Tracker
 from tracker.segments import detect_segments, grey
 from tracker.variants import TRACKERS
 from trajectories.flight import fly
@@ -58,9 +62,24 @@ def test_lsd_alone(benchmark: Any, flight: Flight) -> None:
     benchmark(detect_segments, grey(flight[1][0]))
 
 
-def film_ms(suite: str) -> Callable[[], list[float]]:
-    """Makes the processor time in ms of each grey frame that `robust` tracks of the first flight of a suite."""
-    cv2.setNumThreads(1)
+@dataclass(frozen=True, eq=False)
+class Film:
+    """The first grey frames of the first flight of a suite, and cam_from_world of the first of them."""
+
+    structure: Structure
+    camera: Camera
+    first: Pose
+    stamps_ns: list[int]
+    images: list[Image]
+
+    def run(self, tracker: Tracker) -> Run:
+        """A run of a tracker that is to see this film."""
+        return tracker.start(self.structure, self.camera, self.first, np.random.default_rng(0))
+
+
+@cache
+def film(suite: str) -> Film:
+    """The film of a suite."""
     spec = first_of(suite)
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
@@ -72,11 +91,18 @@ def film_ms(suite: str) -> Callable[[], list[float]]:
         source = generate.with_effects(make_source(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)
         lights = [source.image(stamp_ns) for stamp_ns in stamps_ns]
     images = [grey(encode(light)) for light in lights if light is not None]
+    return Film(scene.built.structure, camera, path(stamps_ns[0]), stamps_ns, images)
+
+
+def film_ms(suite: str) -> Callable[[], list[float]]:
+    """Makes the processor time in ms of each grey frame that `robust` tracks of the first flight of a suite."""
+    cv2.setNumThreads(1)
+    seen = film(suite)
 
     def track() -> list[float]:
-        run = TRACKERS["robust"]().start(scene.built.structure, camera, path(stamps_ns[0]), np.random.default_rng(0))
+        run = seen.run(TRACKERS["robust"]())
         times = []
-        for image, stamp_ns in zip(images, stamps_ns, strict=True):
+        for image, stamp_ns in zip(seen.images, seen.stamps_ns, strict=True):
             begin = time.process_time_ns()
             assert run.track(image, stamp_ns).status == "ok"
             times.append((time.process_time_ns() - begin) * 1e-6)

@@ -14,6 +14,12 @@ def test_goals():
     assert against(1.0, {}, {"figure": "fps", "at_least": 25})[1] is False
     assert against(1.0, {"ratio": 2}, {"figure": "ratio", "at_most": 1})[1] is False
     assert against(1.0, {}, {}) == ("", None)
+    assert against(1.0, {"ratio": 2}, {}) == ("ratio 2", None)
+
+
+def test_what_is_absent_neither_meets_nor_misses_a_goal():
+    goal = {"figure": "ratio", "at_most": 1}
+    assert against(1.0, {"absent": "visp: not set up"}, goal) == ("absent: visp: not set up", None)
 
 
 def test_table_lists_each_benchmark_and_says_whether_all_goals_are_met():
