@@ -9,13 +9,13 @@ unknowns, and viewpoints that differ tell them apart.
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.map_kernels import Sums, adjoint, centre, explained, shared_at, take_up, turned
+from tracker.map_kernels import Sums, adjoint, centre, explained, pinned, shared_at, take_up, turned
 from trajectories.pose import Array, Pose
 
-FRAMES_ALIKE = 15.0
-"""Frames in a row whose edges err alike beside their offsets."""
-KEEP = 0.995
-"""Part of what is known that is kept from frame to frame."""
+ALIKE_S = 1.0
+"""Time over which the edges of frames err alike beside their offsets."""
+FORGET = 0.7
+"""Part of what is known that is forgotten in that time: other patches are found by then, which err in another way."""
 
 Indices = NDArray[np.int64]
 
@@ -42,12 +42,16 @@ class CommonErrors:
         spared, self.vector[:] = explained(self.tie, self.seen, self.moment, self.least)
         self.known = self.whole - spared
 
-    def learn(self, edges: Indices, spread: Array, sums: Sums, aside: Array, pose: Pose) -> Array:
-        """Take up a frame's sums over its edges at a pose, and return the twist (6,) by which the patches err."""
+    def learn(self, edges: Indices, spread: Array, sums: Sums, aside: Array, pose: Pose, dt_s: float) -> Array:
+        """Take up a frame's sums over its edges at a pose, and return the twist (6,) by which the patches err.
+
+        dt_s is the time since the frame before.
+        """
         R, t = pose.rotation, pose.translation
+        new = min(1.0, dt_s / ALIKE_S)
         for array in (self.whole, self.vector, self.tie, self.seen, self.moment):
-            array *= KEEP
-        take_up(*self._all, edges, spread, sums, aside, R, t, 1.0 / FRAMES_ALIKE)
+            array *= 1.0 - FORGET * new
+        take_up(*self._all, edges, spread, sums, aside, R, t, new * pinned(sums[3], sums[5]))
         twist, self.known = centre(*self._all, R, t)
         return twist
 

@@ -238,8 +238,8 @@ class EdgeFitter:
         stands, appearance = self.map.stands, self.appearance
         return variances(keys, side, rows, first, stands, distance, contrast, trusted, appearance)
 
-    def learn(self, image: Image, fit: Fit, rate: float = 0.1) -> None:
-        """Take up the appearance of edges and faces at the pose of a fit."""
+    def learn(self, image: Image, fit: Fit, dt_s: float, rate: float = 0.1) -> None:
+        """Take up the appearance of edges and faces at the pose of a fit, dt_s after the one before."""
         seen, pose, image = fit.evidence, fit.cam_from_world, layered(image)
         if seen is None:
             return
@@ -247,7 +247,7 @@ class EdgeFitter:
         learn(image, lines, side, seen.rows, seen.weights, seen.residual, self.appearance, rate)
         hits = self.texture.count_hits(seen.chosen, seen.patch_weights, seen.found)
         if hits >= LEAST_HIT:
-            twist = self.common.learn(seen.edges, seen.spread, seen.sums, seen.to_patches, pose)
+            twist = self.common.learn(seen.edges, seen.spread, seen.sums, seen.to_patches, pose, dt_s)
             self.texture.shift(twist, pose)
         self.learned += 1
         due = hits < ENOUGH_PATCHES or self.learned % TAKE_EVERY == 0

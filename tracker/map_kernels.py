@@ -13,11 +13,12 @@ from tracker.geometry_kernels import eliminate
 from trajectories.pose import Array
 
 Indices = NDArray[np.int64]
-Sums = tuple[Array, Array, Array, Array, Array]
-"""What the control points of a frame say.
+Sums = tuple[Array, Array, Array, Array, Array, Array]
+"""What the control points and the patches of a frame say.
 
-Sums over those of each edge in view of weight (g,), weight times Jacobian (g, 6) and weight times residual (g,); sums
-over all of weight times J J^T (6, 6) and weight times J times residual (6,).
+Sums over the control points of each edge in view of weight (g,), weight times Jacobian (g, 6) and weight times residual
+(g,); sums over all of them of weight times J J^T (6, 6) and weight times J times residual (6,); the former of the
+patches.
 """
 
 
@@ -136,7 +137,7 @@ def take_up(
     whole (6, 6) and vector (6,) are information and vector on D. aside (6,) is the twist from the pose (R, t) of the
     sums to that which the patches tell.
     """
-    S, s, d, E, e = sums
+    S, s, d, E, e, _ = sums
     X = adjoint(R, t).T
     whole += part * turned(X, E)
     vector += part * times(X, e - times(E, aside))
@@ -168,3 +169,14 @@ def centre(
         for i in range(6):
             moment[e] -= tie[e, i] * D[i, 0]
     return times(adjoint(R, t), D[:, 0]), known
+
+
+@compiled
+def pinned(E: Array, P: Array) -> float:
+    """How well patches of information P (6, 6) tell the pose against what edges of information E say of it, 0 to 1.
+
+    The mean of the parts that the patches have in each direction of a twist.
+    """
+    N = P.copy()
+    eliminate(E + P, N)
+    return (N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0

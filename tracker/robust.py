@@ -84,7 +84,7 @@ class RobustRun:
         if not (fit.finite and fit.support >= self.enough(fit)):
             return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
         with clock.stage("learn"):
-            self.fitter.learn(image, fit)
+            self.fitter.learn(image, fit, dt_s)
         self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt_s)
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
         return TrackResult(

@@ -155,7 +155,7 @@ def refine(
         if not solve6(A, b, step):
             break
         R, t = move(R, t, step)
-    return R, t, A, residual, weights, patch_weights, (S, s, d, E, e), x_patch, step, farthest
+    return R, t, A, residual, weights, patch_weights, (S, s, d, E, e, P), x_patch, step, farthest
 
 
 @compiled

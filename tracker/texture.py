@@ -2,7 +2,8 @@
 
 Relative to each other the patches are known to a tenth of a pixel, but all of them rest on the pose that they were
 taken at: its error is one of the `CommonErrors` that each frame's edges observe. So patches carry over what the edges
-of many frames agree on, and do not drift. Where edges leave the pose nearly free, as before a single face, they hold it.
+of some frames agree on, and do not drift. Where edges leave the pose nearly free, as before a single face, they hold
+it.
 """
 
 from itertools import product

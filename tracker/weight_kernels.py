@@ -12,8 +12,8 @@ CROWD_PX, TOUCHING_PX = 8.0, 2.0
 WEAK_STEP = 15.0
 """Grey levels: an edge with this contrast weighs half of one with much."""
 OWN_VARIANCE = 0.1**2
-SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.08**2, 0.25**2, 0.2**2
-COMMON_PART = 0.15
+SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.05**2, 0.25**2, 0.2**2
+COMMON_PART = 0.05
 """Variance of a control point in px^2: its own, and that of the offset which all points of its edge share.
 
 The latter takes a part of what was learned of the edge too. Measured at true poses, on average over an edge:

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from tracker.common_errors import FRAMES_ALIKE, CommonErrors
-from tracker.map_kernels import adjoint
+from tracker.common_errors import ALIKE_S, CommonErrors
+from tracker.map_kernels import adjoint, pinned
 from trajectories.pose import Pose
 
 EDGES, POINTS = 7, 12
+SURE = np.eye(6) * 1e18
+"""Information of patches that leave no doubt about the pose."""
 
 
 def a_pose(rng):
@@ -20,7 +22,7 @@ def sums_of(edge, J, residual, weight):
     S = np.array([weight[edge == e].sum() for e in views])
     s = np.array([(weight[edge == e, None] * J[edge == e]).sum(axis=0) for e in views])
     d = np.array([(weight[edge == e] * residual[edge == e]).sum() for e in views])
-    return views, (S, s, d, (J.T * weight) @ J, J.T @ (weight * residual))
+    return views, (S, s, d, (J.T * weight) @ J, J.T @ (weight * residual), SURE)
 
 
 def frame(rng, pose, D, offsets, noise_px=0.0):
@@ -39,7 +41,7 @@ def test_a_twist_in_the_world_is_the_same_motion_as_its_adjoint_of_the_camera():
 
 
 def test_the_arrow_is_solved_as_the_whole_system_is(monkeypatch):
-    monkeypatch.setattr("tracker.common_errors.KEEP", 1.0)
+    monkeypatch.setattr("tracker.common_errors.FORGET", 0.0)
     rng = np.random.default_rng(2)
     common, spread = CommonErrors(EDGES), np.full(EDGES, 0.2**2)
     prior, first, second = np.diag(rng.uniform(1e3, 1e4, 6)), a_pose(rng), a_pose(rng)
@@ -54,14 +56,14 @@ def test_the_arrow_is_solved_as_the_whole_system_is(monkeypatch):
         if k == 0:
             common.begin(views, spread[views], sums, nothing, prior, pose)
         rows = np.concatenate([J @ X[k], np.eye(EDGES)[edge]], axis=1)
-        part = 50.0 if k == 0 else 50.0 / FRAMES_ALIKE
+        part = 50.0 if k == 0 else 50.0 / 4
         dense += part * rows.T @ rows
         if k == 1:
             right += part * rows.T @ residual
         else:  # the patches are taken where the frame puts them: the first frame says nothing of D beside the offsets
             right[6:] += part * rows[:, 6:].T @ residual
             right[:6] = dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], right[6:])
-    twist = common.learn(views, spread[views], sums, nothing, second)
+    twist = common.learn(views, spread[views], sums, nothing, second, ALIKE_S / 4)
     solution = np.linalg.solve(dense, right)
     np.testing.assert_allclose(twist, X[1] @ solution[:6], rtol=1e-6, atol=1e-12)
     schur = dense[:6, :6] - dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], dense[6:, :6])
@@ -74,13 +76,21 @@ def test_the_arrow_is_solved_as_the_whole_system_is(monkeypatch):
     np.testing.assert_allclose(moment / seen, solution[6:], rtol=1e-6, atol=1e-9)
 
 
+def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():
+    E = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    assert pinned(E, SURE) == pytest.approx(1.0)
+    assert pinned(E, E) == pytest.approx(0.5)
+    assert pinned(E, np.zeros((6, 6))) == 0.0
+
+
 @pytest.mark.parametrize("offset_px", [0.0, 0.3])
-def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px):
+def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px, monkeypatch):
+    monkeypatch.setattr("tracker.common_errors.FORGET", 0.02)
     rng = np.random.default_rng(3)
     common, spread = CommonErrors(EDGES), np.full(EDGES, 0.3**2)
     offsets = offset_px * rng.choice([-1.0, 1.0], EDGES)
     left = rng.normal(size=6) * 1e-3  # of the places of the patches, as a twist in the world
-    for k in range(300):
+    for k in range(100):
         pose = a_pose(rng)
         edge, J, residual = frame(rng, pose, left, offsets, noise_px=0.05)
         views, sums = sums_of(edge, J, residual, np.full(POINTS, 1 / 0.05**2))
@@ -88,6 +98,6 @@ def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(of
             common.begin(views, spread[views], sums, np.zeros(6), np.eye(6) * 1e-2, pose)
             continue
         X = adjoint(pose.rotation, pose.translation)
-        left = left - np.linalg.solve(X, common.learn(views, spread[views], sums, np.zeros(6), pose))
+        left = left - np.linalg.solve(X, common.learn(views, spread[views], sums, np.zeros(6), pose, ALIKE_S))
     assert np.abs(left).max() < 1e-4
     np.testing.assert_allclose(common.moment / (common.seen + common.least), offsets, atol=0.03)
