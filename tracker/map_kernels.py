@@ -179,4 +179,4 @@ def pinned(E: Array, P: Array) -> float:
     """
     N = P.copy()
     eliminate(E + P, N)
-    return (N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
+    return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
