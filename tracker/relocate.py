@@ -9,6 +9,7 @@ from tracker.base import Image
 from tracker.clock import StageClock
 from tracker.edge_fit import EdgeFitter, Fit
 from tracker.pose_search import PoseSearch, spread
+from tracker.pose_search_kernels import turned_about
 from trajectories.pose import Array, Pose
 
 GOOD_SUPPORT = 0.6
@@ -29,6 +30,18 @@ AWAY_SIGMA = 0.06
 """One standard deviation by which a guess may be wrong."""
 FAR_COST = 0.02
 """Support that a pose needs more for each squared standard deviation that it lies from the guess."""
+
+SURE_SUPPORT = 0.7
+"""A pose with this support is taken for the best there is."""
+STREWN, GENERATIONS = 8, 3
+"""Poses strewn about each of the best fits, and times that they are, while none is supported enough."""
+STREW = np.array([0.1, 0.1, 0.05, 0.05, 0.01, 0.01])
+"""How far at first: turns of the object about what is seen of it in rad, part of the range, shift of the image in rad.
+
+Wrong fits have the right outline mostly, of a box turned by some 0.1 rad.
+"""
+ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
+"""Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +81,12 @@ class Relocator:
         for _ in range(REFITS):
             fits = sorted((fit for fit in fits if fit.finite), key=score)
             fits += [self.fitter.fit(image, fit.cam_from_world, fitted, clock, REFIT_HALF_PX) for fit in fits[-BEST:]]
+        for turn in range(GENERATIONS):
+            fits = sorted((fit for fit in fits if fit.finite), key=score)[-BEST:]
+            if not fits or fits[-1].support >= SURE_SUPPORT:
+                break
+            strewn = [pose for k, fit in enumerate(fits) for pose in beside(fit, turn * BEST + k)]
+            fits += [self.fitter.fit(image, pose, found, clock, REFIT_HALF_PX) for pose in strewn]
         best = max((fit for fit in fits if fit.finite), key=score, default=fits[0])
         return best, score(best) - score(first) if first is not None and first.finite else np.inf
 
@@ -76,6 +95,17 @@ class Relocator:
         points, direction = self.fitter.seen(guess)
         found = self.searcher.near_poses(image, guess, points, direction, NEAR_REACH, NEAR_SHIFT, NEAR_FITS)
         return [pose for _, pose in found]
+
+
+def beside(fit: Fit, turn: int) -> list[Pose]:
+    """Poses strewn about that of a fit, others in every turn (evolution strategy: Rechenberg 1973)."""
+    if fit.evidence is None or not len(fit.evidence.points):
+        return []
+    R, t = fit.cam_from_world.rotation, fit.cam_from_world.translation
+    focus = fit.cam_from_world.transform(fit.evidence.points).mean(axis=0)
+    k = np.arange(1, STREWN + 1)[:, None] + turn * STREWN
+    changes = (k * ROBERTS % 1.0 * 2 - 1) * STREW
+    return [Pose(*turned_about(R, t, focus, a)) for a in changes]
 
 
 def sigmas(sigma: float, range_m: float) -> Array:

@@ -109,7 +109,8 @@ def test_bad_frames_are_lost_without_an_exception(flight):
     assert run.track(images[1], STEP_NS).status == "lost"  # the stamp stands still
     assert run.track(images[1], 0).status == "lost"  # and goes back
     assert run.track(images[1][:240], 2 * STEP_NS).status == "lost"
-    assert run.track(images[0], 3 * STEP_NS).status == "ok"  # a frozen frame is a frame
+    assert run.track(images[0], 3 * STEP_NS).status == "lost"  # a frozen image says nothing of now
+    assert run.track(images[2], 4 * STEP_NS).status == "ok"
 
 
 def test_grey_frames_are_frames(flight):
