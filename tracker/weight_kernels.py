@@ -11,6 +11,8 @@ CROWD_PX, TOUCHING_PX = 8.0, 2.0
 """Edges farther apart than the one do not disturb each other, nearer than the other they cannot be told apart."""
 WEAK_STEP = 15.0
 """Grey levels: an edge with this contrast weighs half of one with much."""
+MISSED_TRUST = 0.5
+"""A patch that is not found counts for less than one that is: noise alone hides many."""
 OWN_VARIANCE = 0.1**2
 SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.05**2, 0.25**2, 0.2**2
 COMMON_PART = 0.05
@@ -123,8 +125,8 @@ def support(
             have += weights[p] * step * step / (step * step + WEAK_STEP * WEAK_STEP)
     edges = have / max(1.0, want)
     for p in range(len(patches)):
-        if tried[p] >= 0.0:
-            want += patch_trust
         if patches[p] > 0.0:
-            have += patch_trust
+            have, want = have + patch_trust, want + patch_trust
+        elif tried[p] >= 0.0:
+            want += MISSED_TRUST * patch_trust
     return have / max(1.0, want), edges
