@@ -11,6 +11,7 @@ from tracker.pose_search import PoseSearch, spread
 from tracker.robust import Robust
 from tracker.sampling_kernels import sample_edges
 from tracker.texture import Texture
+from tracker.weight_kernels import support
 from trajectories.errors import UserError
 from trajectories.pose import Pose
 
@@ -68,6 +69,35 @@ def test_it_recovers_from_a_start_error_of_four_percent_and_four_degrees(flight)
             result = run.track(images[i], i * STEP_NS)
         errors.append(pose_error(result.cam_from_world, poses[3])[0] if result.cam_from_world else np.inf)
     assert np.count_nonzero(np.array(errors) < 0.01) >= 3
+
+
+def test_a_right_first_pose_is_kept_and_a_wrong_one_is_searched(flight):
+    poses, images = flight
+    wrong = Pose.exp([0.03, -0.02, 0.03, 0.04, -0.05, 0.03]) @ poses[0]
+    for first, searched in ((poses[0], False), (wrong, True)):
+        result = started(first).track(images[0], 0)
+        assert ("recover" in result.stage_ms) == searched
+        assert pose_error(result.cam_from_world, poses[0])[0] < 0.01
+        assert np.linalg.eigvalsh(result.covariance).min() > 0
+
+
+def test_a_frozen_image_is_lost_until_it_moves_again(flight):
+    poses, images = flight
+    run = started(poses[0])
+    statuses = [run.track(images[i], k * STEP_NS).status for k, i in enumerate((0, 1, 2, 2, 2, 5))]
+    assert statuses == ["ok", "ok", "ok", "lost", "lost", "ok"]
+
+
+def test_a_patch_that_is_missed_counts_for_less_than_one_that_is_found():
+    points, known = np.full(10, 0.8), np.zeros((10, 8))
+    known[:, 6] = 1.0
+    seen = (points, np.ones(10), np.arange(10), known, np.full((10, 4), 50.0))
+    found, missed, untried = (np.array([1.0, 0.9]), np.ones(2)), (np.zeros(2), np.zeros(2)), (np.zeros(2), -np.ones(2))
+    shares = [support(*seen, *patches, 2.0) for patches in (found, missed, untried)]
+    assert [edges for _, edges in shares] == pytest.approx([0.8] * 3)
+    assert shares[0][0] == pytest.approx((8 + 4) / (10 + 4))
+    assert shares[1][0] == pytest.approx(8 / (10 + 2))
+    assert shares[2][0] == pytest.approx(0.8)
 
 
 def test_a_second_between_frames_is_not_a_loss(flight):
