@@ -22,6 +22,9 @@ SEARCH_EVERY = 8
 """Frames from a search that found nothing better to the next, while the support is enough."""
 ENOUGH_SUPPORT = 0.5
 """With less than this the track is lost."""
+SLOW_S, USUAL_PART = 0.3, 0.92
+"""Frames farther apart may be fitted to a neighbouring edge: with less than this part of the usual support, poses are
+searched each time, and the best supported one is taken."""
 USUAL_RATE, FAR_PART = 0.1, 0.8
 """Rate at which the usual support is learned; part of it that a pose needs which lies far from the prediction.
 
@@ -45,6 +48,8 @@ HELD_SIGMAS, HELD_HALF_PX = (0.0003, 0.001), 12.0
 Measured on 22 first frames with the latter, colours not known yet: the support is 0.36 to 0.81 at the true pose, 0.29
 to 0.78 beside it by 0.3 % of the range and 0.3 degrees, and 0.04 to 0.28 beside it by 1 % and more.
 """
+HELD_ADVANTAGE = 0.15
+"""Support by which the fit that may move must exceed one that stays."""
 RIGHT_SIGMA = 0.001
 """One standard deviation of a given first pose that held, in parts of the range and in rad."""
 ROWS_APART = 16
@@ -94,14 +99,16 @@ class RobustRun:
         fit = self.fitter.fit(image, predicted, covariance, clock)
         self.until_search -= 1
         doubted = self.was_wrong and self.frames_ok < YOUNG_FRAMES
-        good = fit.support >= (DOUBTED_SUPPORT if doubted else GOOD_SUPPORT)
-        due = not good and (doubted or self.until_search < 0 or not fit.support >= ENOUGH_SUPPORT)
+        slow = dt_s >= SLOW_S
+        wanted = max(GOOD_SUPPORT, USUAL_PART * self.usual_support) if slow else GOOD_SUPPORT
+        good = fit.support >= (DOUBTED_SUPPORT if doubted else wanted)
+        due = not good and (doubted or slow or self.until_search < 0 or not fit.support >= ENOUGH_SUPPORT)
         held = self.held(image, fit, clock) if self.ok_ns is None else None
         if held is not None:
             fit, self.held_first = held, True
         elif self.ok_ns is None or due or not fit.finite:
             with clock.stage("recover"):
-                better = self.recover(image, predicted, covariance, fit)
+                better = self.recover(image, predicted, covariance, fit, slow)
             self.was_wrong |= self.ok_ns is None and better is not fit
             self.until_search = 0 if better is not fit else SEARCH_EVERY
             fit = better
@@ -138,7 +145,7 @@ class RobustRun:
         """The fit that stays where the first pose was given; None where another one has clearly more support."""
         for narrow in (sigmas(sigma, self.range_m) for sigma in HELD_SIGMAS):
             held = self.fitter.fit(image, self.motion.cam_from_world, narrow, clock, HELD_HALF_PX)
-            if held.finite and held.support >= max(GIVEN_SUPPORT, fit.support - ADVANTAGE):
+            if held.finite and held.support >= max(GIVEN_SUPPORT, fit.support - HELD_ADVANTAGE):
                 break
         else:
             return None
@@ -148,7 +155,7 @@ class RobustRun:
         sure = max(SURE_SUPPORT, held.edge_support)  # patches are taken there at once
         return replace(held, covariance=inverse6(information), edge_support=sure, evidence=evidence)
 
-    def recover(self, image: Image, predicted: Pose, covariance: Array, fit: Fit) -> Fit:
+    def recover(self, image: Image, predicted: Pose, covariance: Array, fit: Fit, slow: bool = False) -> Fit:
         """The best fit around the prediction and the last pose, if it is better than the fit at hand."""
         if self.frames_ok < YOUNG_FRAMES and not self.held_first:
             covariance = covariance + sigmas(AWAY_SIGMA, self.range_m)
@@ -156,7 +163,7 @@ class RobustRun:
         best, advantage = self.relocator.best(image, guesses, covariance, self.range_m, fit)
         fits_given = self.ok_ns is None and self.motion.misfit(fit.cam_from_world) < GIVEN_MISFIT
         holds = fits_given or (self.ok_ns is not None and fit.support >= ENOUGH_SUPPORT)
-        return best if advantage > (ADVANTAGE if holds else 0.0) else fit
+        return best if advantage > (ADVANTAGE if holds and not slow else 0.0) else fit
 
     def without_patches(self, image: Image, fit: Fit, clock: StageClock) -> Fit:
         """The fit of the edges alone, all patches forgotten, where they are clearly better supported then."""
