@@ -25,8 +25,9 @@ ENOUGH_SUPPORT = 0.5
 SLOW_S, USUAL_PART = 0.3, 0.92
 """Frames farther apart may be fitted to a neighbouring edge: with less than this part of the usual support, poses are
 searched each time, and the best supported one is taken."""
-USUAL_RATE, FAR_PART = 0.1, 0.8
-"""Rate at which the usual support is learned; part of it that a pose needs which lies far from the prediction.
+USUAL_RATE, FAR_PART, FOUND_PART = 0.1, 0.8, 0.7
+"""Rate at which the usual support is learned; part of it that a pose needs which lies far from the prediction, and the
+first one after a loss.
 
 Of a bridge that was found again one panel too far 0.55 to 0.64 are seen, of one at its true place 0.8.
 """
@@ -85,7 +86,7 @@ class RobustRun:
         self.support = self.usual_support = 0.0
         self.frames_ok = 0
         self.until_search = 0
-        self.was_wrong = self.held_first = False
+        self.was_wrong = self.held_first = self.is_lost = False
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; `lost` too for another size, a stamp that goes back and a frozen image."""
@@ -117,7 +118,8 @@ class RobustRun:
                 fit = self.without_patches(image, fit, clock)
         self.support = fit.support
         expected = Motion(predicted, covariance)
-        if not (fit.finite and fit.support >= self.enough(fit, expected)):
+        self.is_lost = not (fit.finite and fit.support >= self.enough(fit, expected))
+        if self.is_lost:
             return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
         with clock.stage("learn"):
             self.fitter.learn(image, fit, dt_s)
@@ -138,7 +140,8 @@ class RobustRun:
         """Support that a fit needs: far from where the camera is expected nearly as much as usual."""
         if self.ok_ns is not None:
             far = not fit.support >= self.usual_support and expected.misfit(fit.cam_from_world) > GIVEN_MISFIT
-            return max(ENOUGH_SUPPORT, FAR_PART * self.usual_support) if far else ENOUGH_SUPPORT
+            part = FAR_PART if far else FOUND_PART if self.is_lost else 0.0
+            return max(ENOUGH_SUPPORT, part * self.usual_support)
         return GIVEN_SUPPORT if self.motion.misfit(fit.cam_from_world) < GIVEN_MISFIT else FIRST_SUPPORT
 
     def held(self, image: Image, fit: Fit, clock: StageClock) -> Fit | None:
