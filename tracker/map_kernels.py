@@ -38,10 +38,10 @@ def adjoint(R: Array, t: Array) -> Array:
 
 @compiled
 def times(X: Array, v: Array) -> Array:
-    """X v."""
-    out = np.zeros(6)
-    for i in range(6):
-        for j in range(6):
+    """X v of a square matrix."""
+    out = np.zeros(len(v))
+    for i in range(len(v)):
+        for j in range(len(v)):
             out[i] += X[i, j] * v[j]
     return out
 
@@ -97,23 +97,12 @@ def shared_at(
     variance of each edge's offset in px^2 beforehand. Returns information (6, 6) and vector (6,) on D as a twist of the
     camera with the offsets of the edges in view left in, and the tie (g, 6), information (g,) and vector (g,) of those.
     """
-    here = edges.copy()
-    A, v = explained(tie[here], seen[here], moment[here], least[here])
-    X = adjoint(R.T, -times3(R, t)).T
+    A, v = explained(tie[edges], seen[edges], moment[edges], least[edges])
+    X = adjoint(R.T, -times(R.T, t)).T
     ties = np.empty((len(edges), 6))
     for g in range(len(edges)):
         ties[g] = times(X, tie[edges[g]])
-    return turned(X, known + A), times(X, v), ties, seen[here] + 1.0 / spread, moment[here]
-
-
-@compiled
-def times3(R: Array, t: Array) -> Array:
-    """R^T t."""
-    out = np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            out[i] += R[j, i] * t[j]
-    return out
+    return turned(X, known + A), times(X, v), ties, seen[edges] + 1.0 / spread, moment[edges]
 
 
 @compiled
