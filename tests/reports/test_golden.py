@@ -22,7 +22,7 @@ FOLDER = Path(__file__).parents[1] / "golden" / "evo"
 ROUND_OFF = 2e-14
 RATIO_ROUND_OFF = 1e-11
 """In percent: what the last bits of positions in metres make of the difference of two like distances of centimetres;
-the smallest ratios differ by as much from one processor to the next."""
+the smallest of all ratios differs by as much from one processor to the next, and it alone is given this much."""
 ALIGNMENTS = {
     "none": ("none", None),
     "se3": ("se3", None),
@@ -75,7 +75,7 @@ def assert_equal(errors: np.ndarray, expected: dict, case: object) -> None:
     summary = ErrorSummary.of(errors)
     for name, value in expected.items():
         ratio = isinstance(case, dict) and case.get("relation") == "point_distance_error_ratio"
-        smallest = RATIO_ROUND_OFF if ratio else ROUND_OFF
+        smallest = RATIO_ROUND_OFF if ratio and name == "min" else ROUND_OFF
         assert getattr(summary, name) == pytest.approx(value, rel=1e-9, abs=smallest), (case, name)
 
 
