@@ -96,10 +96,9 @@ def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
         errors = np.concatenate([run.errors.translation_m for run in group])
         curve = success_curve(errors, limits)
         curves.append((run_name, curve))
-        style = line(group[0].colour)
-        fast = group[0].score.rate_hz == max(run.score.rate_hz for run in runs)
+        style = line(group[0].colour, slower=group[0].score.rate_hz < max(run.score.rate_hz for run in runs))
         label = f"{group[0].title}: {success_auc(errors):.2f}"
-        panel.plot(100 * limits, 100 * curve, label=label, **style, lw=1.1 if fast else 0.7, alpha=1 if fast else 0.7)
+        panel.plot(100 * limits, 100 * curve, label=label, **style)
     panel.axvline(100 * SUCCESS_M, color=TRUTH, lw=0.6, ls=":")
     panel.set_xlim(0, 100 * AUC_LIMIT_M)
     panel.set_ylim(0, 102)

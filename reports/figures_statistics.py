@@ -109,12 +109,13 @@ def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of an honest tracker")
     panel.axhline(DEGREES_OF_FREEDOM, color=TRUTH, lw=0.7, ls=":")
     rows: list[list[Any]] = []
+    fastest_hz = max((run.score.rate_hz for run in runs), default=0.0)
     for run in runs:
         values = nees(run.sequence, run.results)
         if np.isnan(values).all():
             continue
         t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / 1e9
-        panel.plot(t, values, label=run.title, **line(run.colour))
+        panel.plot(t, values, label=run.title, **line(run.colour, slower=run.score.rate_hz < fastest_hz))
         rows += [[run.name, s, finite(v)] for s, v in zip(t.tolist(), values.tolist(), strict=True)]
     panel.set_yscale("log")
     panel.set_xlabel("time (s)")

@@ -122,9 +122,10 @@ def colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
-def line(index: int) -> dict[str, Any]:
-    """Colour and dashes of the tracker of an index."""
-    return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)]}
+def line(index: int, slower: bool = False) -> dict[str, Any]:
+    """Colour and dashes of the tracker of an index; thin and pale at a slower rate than others beside it."""
+    weight = {"lw": 0.6, "alpha": 0.6} if slower else {}
+    return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)], **weight}
 
 
 def marker(index: int) -> dict[str, Any]:
