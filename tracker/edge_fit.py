@@ -37,8 +37,6 @@ LAST_SCALES = np.array([1.5, 1.5])
 """Widths of Tukey's weights in px."""
 HYPOTHESIS_PRIOR = 0.25
 """Weight of the prediction against candidates that are not weighed by their own errors yet."""
-PATCH_VARIANCE = 0.12**2
-"""Variance of a patch along either axis in px^2, beside the common error of all."""
 ENOUGH_PATCHES = 8
 """With so many patches found at the predicted pose the edges need no wide search."""
 TAKE_EVERY = 4
@@ -140,11 +138,11 @@ class EdgeFitter:
             trusted = trust(lines, keys, side, rows, self.appearance)
             prior, edges = inverse6(covariance), rows[first[:-1]] // BINS
         with clock.stage("texture"):
-            observed, found = self.texture.align(image, R, t)
+            observed, found, vague = self.texture.align(image, R, t)
             places, expected = self.texture.places(), (prior, R, t)
             sure = np.count_nonzero(found > 0) >= ENOUGH_PATCHES
             if sure:
-                patches = (places, observed, found, PATCH_VARIANCE)
+                patches = (places, observed, found, vague)
                 shared = self.common.at(*NO_EDGES, R, t)
                 R, t, *_ = refine(*NOTHING, *patches, shared, *expected, R, t, self.cam, PATCH_SCALES)
         if not sure and n:
@@ -155,13 +153,13 @@ class EdgeFitter:
                 x, _ = hypotheses(J, distance, penalty, trusted, first, HYPOTHESIS_PRIOR * prior, self.draws, 3.0)
                 R, t = move(R, t, x)
                 own, spread = self.variances(keys, side, rows, first, distance, contrast, trusted)
-                alone = (places[:0], observed[:0], found[:0], PATCH_VARIANCE)
+                alone = (places[:0], observed[:0], found[:0], vague[:0])
                 evidence = (points, lines, distance, penalty, trusted, own, first)
                 shared = self.common.at(edges, spread, R, t)
                 R, t, *_ = refine(*evidence, *alone, shared, *expected, R, t, self.cam, COARSE_SCALES)
             with clock.stage("texture"):
-                observed, found = self.texture.align(image, R, t)
-        patches, half = (places, observed, found, PATCH_VARIANCE), np.full(n, FINE_HALF_PX)
+                observed, found, vague = self.texture.align(image, R, t)
+        patches, half = (places, observed, found, vague), np.full(n, FINE_HALF_PX)
         for scales in (FINE_SCALES, LAST_SCALES):
             with clock.stage("search"):
                 lines, J, side = self.place(points, keys, R, t)

@@ -11,6 +11,7 @@ from tracker.clock import StageClock
 from tracker.edge_fit import SURE_SUPPORT, EdgeFitter, Fit
 from tracker.geometry_kernels import inverse6
 from tracker.motion import Motion
+from tracker.noise import smoothed
 from tracker.relocate import AWAY_SIGMA, FITTED_SIGMA, GOOD_SUPPORT, REFIT_HALF_PX, Relocator, sigmas
 from tracker.texture import Texture
 from trajectories.errors import UserError
@@ -95,6 +96,8 @@ class RobustRun:
         if not right_size or not self.comes_after(stamp_ns) or self.is_frozen(image):
             return TrackResult(status="lost")
         dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
+        with clock.stage("denoise"):
+            image = smoothed(image)
         with clock.stage("predict"):
             predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)

@@ -38,7 +38,7 @@ def refine(
     places: Array,
     observed: Array,
     found: Array,
-    patch_variance: float,
+    patch_variance: Array,
     shared: tuple[Array, Array, Array, Array, Array],
     prior: Array,
     R_predicted: Array,
@@ -52,8 +52,8 @@ def refine(
 
     Gauss-Newton with Tukey's weights of the widths `scales` in px one after the other, over variance in px^2. The
     candidates of points (n, 3) lie at distance (n, k) from lines (n, 4), those of an edge from row first (g + 1,) on;
-    those of patches, at places (m, 3) in the world, are observed (m, 2) where found (m,) > 0. What errs alike, all
-    places as a pose and each edge by an offset, is known as `shared` says (see map_kernels.shared_at).
+    patches, at places (m, 3) in the world, are observed (m, 2) with patch_variance (m,) where found (m,) > 0. What errs
+    alike, all places as a pose and each edge by an offset, is known as `shared` says (see map_kernels.shared_at).
     Returns R, t, the information (6, 6) with that of the prediction, the signed residual (n,) and weight (n,) in
     [0, trust] of each control point, the weight (m,) in [0, 1] of each patch, the sums that the common errors are
     learned from, the twists (6,) from the pose of those sums to the one that the patches tell and to the one returned,
@@ -113,9 +113,9 @@ def refine(
                 w = (1.0 - cost) * (1.0 - cost)
                 patch_weights[p] = w
                 normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, row)
-                add_row(P, q, row, ru, w / patch_variance)
+                add_row(P, q, row, ru, w / patch_variance[p])
                 normal_row(c[0], c[1], c[2], 0.0, 1.0, cam, row)
-                add_row(P, q, row, rv, w / patch_variance)
+                add_row(P, q, row, rv, w / patch_variance[p])
         mirror(E)
         mirror(P)
         # Normal equations of the pose (A, b) and of the patches' common error (M, last column of N), tied by `mixed`

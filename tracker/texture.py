@@ -69,8 +69,11 @@ class Texture:
             R, t, self.cam, self.size, MOST_USED,
         )  # fmt: skip
 
-    def align(self, image: Image, R: Array, t: Array) -> tuple[Array, Array]:
-        """Pixels (n, 2) at which the chosen patches are found near a pose in an image (h, w, c); correlations (n,)."""
+    def align(self, image: Image, R: Array, t: Array) -> tuple[Array, Array, Array]:
+        """Pixels (n, 2) at which the chosen patches are found near a pose in an image (h, w, c).
+
+        With their correlations (n,) and the variance (n,) of the pixels in px^2.
+        """
         return align(image, self.middles, self.axes, self.texels, self.chosen, R, t, self.cam)
 
     def places(self) -> Array:

@@ -24,6 +24,8 @@ REACH_TEXELS = 6
 """Half width of the coarse search when the first alignment fails."""
 MOST_COARSE = 6
 """Patches in a frame for which a coarse search is made."""
+PATCH_VARIANCE = 0.12**2
+"""Variance of a patch along either axis in px^2, beside the common error of all and what noise makes of it."""
 AGREES = 0.85
 """Least correlation of a patch that counts as found."""
 
@@ -159,13 +161,14 @@ def choose(
 @compiled
 def align(
     image: Image, middles: Array, axes: Array, texels: Array, chosen: Indices, R: Array, t: Array, cam: Array
-) -> tuple[Array, Array]:
-    """Pixels (n, 2) at which the chosen patches are found near where a pose puts them, and their correlation (n,).
+) -> tuple[Array, Array, Array]:
+    """Pixels (n, 2) at which the chosen patches are found near where a pose puts them, with correlation and variance.
 
-    The correlation is 0 where a patch is not found, -1 where it is seen too differently from when it was taken.
+    The correlation (n,) is 0 where a patch is not found, -1 where it is seen too differently from when it was taken.
+    The variance (n,) in px^2 is that of a place along either axis, by how much of a patch is not as it was.
     """
     n = len(chosen)
-    observed, score = np.zeros((n, 2)), np.zeros(n)
+    observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.full(n, PATCH_VARIANCE)
     A = np.empty((2, 2))
     now = np.empty((SIDE, SIDE))
     coarse = 0
@@ -176,7 +179,7 @@ def align(
             score[k] = -1.0
             continue
         ref = texels[p]
-        da, db, best = _refine(image, u, v, A, 0.0, 0.0, ref, now)
+        da, db, best, spread = _refine(image, u, v, A, 0.0, 0.0, ref, now)
         if best < AGREES and coarse < MOST_COARSE:
             coarse += 1
             top, ta, tb = -1.0, 0, 0
@@ -187,21 +190,26 @@ def align(
                         if value > top:
                             top, ta, tb = value, j, i
             if top > 0.4:
-                ca, cb, value = _refine(image, u, v, A, float(ta), float(tb), ref, now)
+                ca, cb, value, _ = _refine(image, u, v, A, float(ta), float(tb), ref, now)
                 if value > best:
                     da, db, best = ca, cb, value
         if best >= AGREES:
             score[k] = best
             observed[k, 0] = u + A[0, 0] * da + A[0, 1] * db
             observed[k, 1] = v + A[1, 0] * da + A[1, 1] * db
-    return observed, score
+            area = abs(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
+            variance[k] += 2.0 * (1.0 - best) / (SIDE * SIDE) * spread * area
+    return observed, score, variance
 
 
 @compiled
 def _refine(
     image: Image, u: float, v: float, A: Array, da: float, db: float, ref: Array, now: Array
-) -> tuple[float, float, float]:
-    """Shift (da, db) in texels that aligns a patch with its reference, and their correlation there."""
+) -> tuple[float, float, float, float]:
+    """Shift (da, db) in texels that aligns a patch with its reference, their correlation there, and its spread.
+
+    The spread is the mean variance of da and db for texels that differ by a variance of one.
+    """
     h00, h01, h11 = 1e-9, 0.0, 1e-9
     for i in range(1, SIDE - 1):
         for j in range(1, SIDE - 1):
@@ -211,11 +219,11 @@ def _refine(
             h11 += gb * gb
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
-        return da, db, -1.0
+        return da, db, -1.0, 0.0
     begin_a, begin_b = da, db
     for _ in range(STEPS):
         if not sample_patch(image, u, v, A, da, db, now):
-            return da, db, -1.0
+            return da, db, -1.0, 0.0
         ea, eb = 0.0, 0.0
         for i in range(1, SIDE - 1):
             for j in range(1, SIDE - 1):
@@ -226,10 +234,10 @@ def _refine(
         da -= max(-1.5, min(1.5, step_a))
         db -= max(-1.5, min(1.5, step_b))
         if abs(da - begin_a) > REACH_TEXELS or abs(db - begin_b) > REACH_TEXELS:
-            return da, db, -1.0
+            return da, db, -1.0, 0.0
         if abs(step_a) + abs(step_b) < SETTLED:
             break
-    return da, db, correlation(now, ref)
+    return da, db, correlation(now, ref), 0.5 * (h00 + h11) / det
 
 
 @compiled

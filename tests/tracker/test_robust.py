@@ -152,6 +152,16 @@ def test_grey_frames_are_frames(flight):
         assert pose_error(result.cam_from_world, poses[i])[0] < 0.01
 
 
+def test_it_follows_frames_of_so_much_noise_that_single_pixels_tell_nothing(flight):
+    poses, images = flight
+    run, rng = started(poses[0]), np.random.default_rng(3)
+    for i in range(12):
+        noisy = np.clip(images[i] + rng.normal(0, 20, images[i].shape), 0, 255).astype(np.uint8)
+        result = run.track(noisy, i * STEP_NS)
+        assert result.status == "ok"
+        assert pose_error(result.cam_from_world, poses[i])[0] < 0.05
+
+
 def test_a_first_pose_that_is_not_finite_is_the_users_mistake():
     with pytest.raises(UserError, match="finite"):
         started(Pose(np.eye(3), [np.nan, 0, 1]))
@@ -220,10 +230,15 @@ def test_patches_taken_at_a_pose_are_found_again_there(flight):
     texture.take(images[0], poses[0], np.zeros((0, 2)))
     assert len(texture) > 10
     texture.choose(poses[1].rotation, poses[1].translation)
-    observed, score = texture.align(images[1], poses[1].rotation, poses[1].translation)
+    observed, score, variance = texture.align(images[1], poses[1].rotation, poses[1].translation)
     moved = observed - CAMERA.project(poses[1].transform(texture.places()))
     assert np.count_nonzero(score > 0) > 0.7 * len(texture.chosen)
     assert np.median(np.linalg.norm(moved[score > 0], axis=1)) < 0.3
+    noise = np.random.default_rng(0).normal(0, 5, images[1].shape)
+    noisy = np.clip(images[1] + noise, 0, 255).astype(np.uint8)
+    _, less, vaguer = texture.align(noisy, poses[1].rotation, poses[1].translation)
+    both = (score > 0) & (less > 0)
+    assert (vaguer[both] > variance[both]).mean() > 0.9
 
 
 def test_pose_search_ranks_a_near_pose_first(flight):
