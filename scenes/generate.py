@@ -56,9 +56,11 @@ def generate(
         disk_errors(folder),
         new_folder(folder) as new,
         scene.renderer(pinhole.width, pinhole.height) as renderer,
-        FrameBounds(scene.renderer, camera, path, spec.effects) if spec.crlb_every else nullcontext() as limit,
+        FrameBounds(scene.renderer, camera, path, spec.effects, spec.camera.lens_blur_px)
+        if spec.crlb_every
+        else nullcontext() as limit,
     ):
-        ideal = make_source(renderer, camera, pinhole, lens, path)
+        ideal = make_source(renderer, camera, pinhole, lens, path, spec.camera.lens_blur_px)
         check_first_view(spec, ideal)
         source = with_effects(ideal, spec.effects, spec.seed)
         rows = _write_frames(new, spec, source, flight, scene.built.structure, limit, on_frame)

@@ -1,7 +1,7 @@
 """What the renderer draws: textured triangle meshes, still or moving, and the light on them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,14 @@ class Part:
     def cutout(self) -> bool:
         """Whether the texture cuts holes into the part."""
         return self.texture is not None and self.texture.shape[2] == 4
+
+
+def plain(part: Part) -> Part:
+    """The part in one colour, the mean light of its texture; one with holes stays as it is."""
+    if part.texture is None or part.cutout:
+        return part
+    mean = np.sqrt(np.square(part.texture.astype(np.float64)).mean(axis=(0, 1)))
+    return replace(part, texture=np.rint(mean).astype(np.uint8)[None, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,12 +95,14 @@ class BuiltEnvironment:
     """Ground, walls and light around a structure; sky is a panorama (h, 2h, 3) or None indoors.
 
     The panorama is coded as the square root of light. Its columns run from azimuth -180 to 180 degrees (world x is
-    0), its rows from the zenith down.
+    0), its rows from the zenith down. Without textures each part of the structure shows the
+    mean colour of its own, evenly lit.
     """
 
     parts: tuple[Part, ...]
     light: Light
     sky: Texture | None = None
+    textures: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from itertools import chain
 
 import numpy as np
 
-from scenes.bake import bake
+from scenes.bake import bake, smooth_corners
 from scenes.meshes import joined, merged
-from scenes.parts import BuiltStructure, Light, Mover, Part, Texture
+from scenes.parts import BuiltStructure, Light, Mover, Part, Texture, plain
 from scenes.render import Renderer
 from scenes.spec import SequenceSpec
 from trajectories.streams import stream
@@ -37,12 +37,15 @@ def build_scene(spec: SequenceSpec) -> Scene:
     parts, record = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
     built = replace(built, parts=parts, deviation=record)
     environment = spec.environment.build(bounds, stream(spec.seed, "environment"))
+    plainly = not environment.textures
+    if plainly:
+        built = replace(built, parts=tuple(map(plain, built.parts)))
     clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
     occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.cutout))
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
     shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
-    drawn = bake(shaded, occluder, environment.light, reach)
+    drawn = tuple(map(smooth_corners, shaded)) if plainly else bake(shaded, occluder, environment.light, reach)
     drawn += merged(p for p in solid if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
     flown_around = Surroundings(built.structure.vertices, built.structure.triangles)

@@ -8,13 +8,19 @@ import pytest
 from scipy.special import erf
 
 from scenes.camera import Camera
-from scenes.crlb import bound, finer, information, jacobian, light_variance
-from scenes.generate import generate
+from scenes.crlb import FrameBounds, bound, directions, finer, information, jacobian, light_variance
+from scenes.generate import camera_path, generate
 from scenes.light import Radiance, decode, encode
+from scenes.scene import build_scene
 from scenes.sensor import AutoExposure, Noise, Quantization
 from scenes.sequence import Sequence, file_hash
-from scenes.source import Source
+from scenes.source import Source, View, light_of, through_lens
+from scenes.spec import CameraSpec
+from scenes.studio import Studio
 from tests.scenes.test_generate import SPEC
+from trajectories.flight import fly
+from trajectories.mount import Mount
+from trajectories.pose import Pose
 
 FX_PX, DEPTH_M, SOFTNESS_PX, CONTRAST = 500.0, 2.0, 1.3, 0.4
 
@@ -29,15 +35,16 @@ def soft_edge(twist: np.ndarray) -> Radiance:
 def test_the_bound_of_a_soft_edge_is_the_closed_form() -> None:
     """The information of a Gaussian-blurred step of height a is a^2 / (2 sqrt(pi) s) for each px of its length."""
     sigma = 0.01
-    J = jacobian(lambda xi: soft_edge(np.array([*xi, 0, 0, 0, 0, 0])), np.array([0.25 * DEPTH_M / FX_PX]))
+    step = 0.25 * DEPTH_M / FX_PX
+    J = jacobian(lambda xi: soft_edge(np.array([*xi, 0, 0, 0, 0, 0])), np.array([[step]]))
     found = bound(information(J, np.full((30, 81, 3), sigma**-2)))
     per_px = CONTRAST**2 / (2 * np.sqrt(np.pi) * SOFTNESS_PX) / sigma**2
     assert found is not None
-    assert np.sqrt(found[0, 0]) == pytest.approx(DEPTH_M / FX_PX / np.sqrt(30 * 3 * per_px), rel=0.02)
+    assert step * np.sqrt(found[0, 0]) == pytest.approx(DEPTH_M / FX_PX / np.sqrt(30 * 3 * per_px), rel=0.02)
 
 
 def test_what_one_edge_does_not_show_has_no_bound() -> None:
-    J = jacobian(soft_edge, np.full(6, 1e-3))
+    J = jacobian(soft_edge, 1e-3 * np.eye(6))
     assert bound(information(J, np.ones((30, 81, 3)))) is None
 
 
@@ -62,8 +69,72 @@ def test_light_that_saturates_tells_nothing() -> None:
 def test_a_finer_camera_sees_the_same() -> None:
     camera = Camera(320, 240, 300.0, 310.0, 161.3, 117.8, "radtan", (-0.1, 0.02, 0.0, 0.0))
     points = np.random.default_rng(0).uniform([-0.4, -0.3, 0.8], [0.4, 0.3, 2.0], (50, 3))
-    fine = finer(camera).project(points)
+    fine = finer(camera, 2).project(points)
     assert (fine + 0.5) / 2 - 0.5 == pytest.approx(camera.project(points), abs=1e-9)
+
+
+def test_directions_move_what_is_seen_equally_far_and_differ() -> None:
+    """Against the motion of points that are projected before and after each."""
+    camera = Camera(320, 240, 300.0, 310.0, 161.3, 117.8)
+    depth = np.full((240, 320), 2.0, dtype=np.float32)
+    depth[100:] += 0.3 * np.linspace(0, 1, 140, dtype=np.float32)[:, None]
+    shown = np.zeros((240, 320), dtype=np.uint8)
+    shown[60:180, 80:240] = 1
+    twists = directions(View(shown, depth, shown, Pose.identity()), camera, 0.1)
+    assert twists is not None
+    v, u = np.nonzero(shown)
+    pixels = np.column_stack([u, v])
+    rays = np.column_stack([(pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(u))])
+    points = depth[v, u, None] * rays
+    moved = [(camera.project(Pose.exp(1e-3 * t).transform(points)) - pixels).ravel() for t in twists]
+    products = np.array(moved) @ np.array(moved).T / len(u) / 1e-6
+    assert products == pytest.approx(0.1**2 * np.eye(6), abs=0.1 * 0.1**2)
+
+
+def test_what_is_not_there_gives_no_directions() -> None:
+    nothing = np.zeros((24, 32), dtype=np.uint8)
+    view = View(nothing, nothing.astype(np.float32), nothing, Pose.identity())
+    assert directions(view, Camera(32, 24, 30.0, 30.0, 15.5, 11.5), 0.1) is None
+
+
+def test_the_best_estimate_from_an_image_reaches_its_bound() -> None:
+    """Least squares over the light of plain, well sampled images: Gauss-Newton from a few deviations away."""
+    noise = Noise(full_well_e=2000.0)
+    spec = replace(
+        SPEC,
+        environment=Studio(),
+        camera=CameraSpec(width=160, height=120, horizontal_fov_deg=50.0, lens_blur_px=0.6),
+        mount=Mount(pitch_deg=-20.0),
+        effects=(noise,),
+    )
+    scene, camera, rng = build_scene(spec), spec.camera.camera(), np.random.default_rng(2)
+    flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
+    truth = camera_path(flight, spec.mount.cam_from_body)(0)
+    with (
+        scene.renderer(camera.width, camera.height) as renderer,
+        FrameBounds(scene.renderer, camera, lambda _: truth, (noise,), 0.6) as limit,
+    ):
+
+        def light(pose: Pose) -> Radiance:
+            return light_of(through_lens(renderer, pose, camera, 0.0, 0.6))
+
+        clean = light(truth)
+        P = limit.covariance(encode(clean), 0)
+        assert P is not None
+        steps = 3 * np.linalg.cholesky(P).T
+        weight = 1 / light_variance(clean, (noise,))
+        J = np.array([change.reshape(-1) for change in jacobian(lambda xi: light(Pose.exp(xi) @ truth), steps)])
+        gain = np.linalg.solve((J * weight.reshape(-1)) @ J.T, J * weight.reshape(-1))
+        misfits = []
+        for _ in range(6):
+            source = Source(camera, *[None] * 5, image=lambda _: clean)  # type: ignore[arg-type]
+            noisy = noise.start(source, rng).image(0)
+            assert noisy is not None
+            seen, error = decode(encode(noisy)), Pose.exp(rng.standard_normal(6) @ steps)
+            for _ in range(3):
+                error = Pose.exp(((seen - light(error @ truth)).reshape(-1) @ gain.T) @ steps) @ error
+            misfits.append(error.log() @ np.linalg.solve(P, error.log()) / 6)
+    assert 0.5 < np.mean(misfits) < 2.0
 
 
 @pytest.fixture(scope="module")
