@@ -1,14 +1,16 @@
-"""ViSP's CAO models: points, and faces made of points or of lines (ViSP's "markerless model-based tracking").
+"""ViSP's CAO models: points, faces of points or of lines, cylinders, circles ("markerless model-based tracking").
 
 Read as what they are; written with one polygon for each planar face of a structure, and no diagonal of a triangle.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from scenes.loaded import Loaded
+from scenes.round import cylinder, disc, is_end
 from scenes.solids import ear_clip
 from scenes.structure import Structure
 from trajectories.errors import UserError
@@ -17,11 +19,42 @@ from trajectories.pose import Array
 
 STRAIGHT = 1e-6
 """Sine of the angle below which two sides of a polygon are one."""
+LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*\)""", re.IGNORECASE)
 
 
 def read_cao(path: Path) -> Loaded:
-    """Triangles of a CAO model's faces; UserError naming the line that is wrong, or a part that is not planar faces."""
-    rows = _rows(path)
+    """Triangles of a CAO model and of those that it loads; UserError naming the file and the line that is wrong.
+
+    What is round becomes flat pieces (`scenes.round`); a circle that ends a cylinder is that cylinder's end already.
+    """
+    return _joined([_piece(file, iter(rows)) for file, rows in _files(path)], path.stem)
+
+
+def loaded_by(path: Path) -> tuple[Path, ...]:
+    """The models that a CAO model loads; UserError as `read_cao`."""
+    return tuple(file for file, _ in _files(path)[:-1])
+
+
+def _files(path: Path, above: tuple[Path, ...] = ()) -> list[tuple[Path, list[tuple[int, str]]]]:
+    """The files of a model and their own rows, those that are loaded before the one that loads them."""
+    above = (*above, path.resolve())
+    out, own = [], []
+    for number, row in _rows(path):
+        if not row.lower().startswith("load"):
+            own.append((number, row))
+            continue
+        found = LOAD.fullmatch(row)
+        if not found:
+            raise UserError(f'{path}: line {number}: expected load("FILE"), got {row!r}')
+        file = path.parent / found[1]
+        if file.resolve() in above or not file.resolve().is_relative_to(above[0].parent):
+            raise UserError(f"{path}: line {number}: {found[1]} loads itself, or lies outside the model's folder")
+        out += _files(file, above)
+    return [*out, (path, own)]
+
+
+def _piece(path: Path, rows: Iterator[tuple[int, str]]) -> Loaded:
+    """Triangles of what a model's own rows say."""
 
     def numbers(what: str) -> list[str]:
         number, row = next(rows, (0, ""))
@@ -32,26 +65,44 @@ def read_cao(path: Path) -> Loaded:
         except ValueError:
             raise UserError(f"{path}: line {number}: expected numbers for the {what}, got {row!r}") from None
 
+    def block(what: str, count: int | None = None) -> list[list[str]]:
+        return [numbers(what)[1:] for _ in range(int(float(numbers(what)[1])) if count is None else count)]
+
     number, first = next(rows, (0, ""))
     if first.upper() != "V1":
         raise UserError(f"{path}: line {number}: a CAO model begins with V1, got {first!r}")
-
-    def block(what: str) -> list[list[str]]:
-        return [numbers(what) for _ in range(int(float(numbers(what)[1])))]
-
-    points = np.array([[float(v) for v in row[1:4]] for row in block("points")]).reshape(-1, 3)
-    lines = [[int(v) for v in row[1:3]] for row in block("lines")]
-    from_lines = [[int(v) for v in row[2 : 2 + int(row[1])]] for row in block("faces of lines")]
-    from_points = [[int(v) for v in row[2 : 2 + int(row[1])]] for row in block("faces of points")]
-    for what in ("cylinders", "circles"):
-        if rows_left := _count_if_any(rows):
-            raise UserError(f"{path}: has {rows_left} {what}; only planar faces can be rendered")
+    points = np.array([[float(v) for v in row[:3]] for row in block("points")]).reshape(-1, 3)
+    lines = [[int(v) for v in row[:2]] for row in block("lines")]
+    from_lines = [[int(v) for v in row[1 : 1 + int(row[0])]] for row in block("faces of lines")]
+    from_points = [[int(v) for v in row[1 : 1 + int(row[0])]] for row in block("faces of points")]
+    cylinders = block("cylinders", _count_if_any(rows))
+    circles = block("circles", _count_if_any(rows))
     try:
         faces = [*[_chained([lines[k] for k in face]) for face in from_lines], *from_points]
         triangles = [np.array(face)[_triangles(points[face])] for face in faces]
     except (IndexError, ValueError) as error:
         raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
-    return Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64), name=path.stem)
+    flat = Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64))
+    try:
+        ends = [(points[int(a)], points[int(b)], float(radius)) for a, b, radius in cylinders]
+        discs = [(float(r), points[int(a)], points[int(b)], points[int(c)]) for r, a, b, c in circles]
+        round_ = [cylinder(*row) for row in ends]
+        round_ += [disc(*row) for row in discs if not any(is_end(row[1], row[0], *end) for end in ends)]
+    except (IndexError, ValueError, TypeError) as error:
+        raise UserError(
+            f"{path}: a cylinder takes two existing points and a radius, a circle a radius and three points: {error}"
+        ) from None
+    return _joined([flat, *round_], path.stem)
+
+
+def _joined(pieces: list[Loaded], name: str) -> Loaded:
+    """Pieces as one."""
+    shift = np.cumsum([0, *(len(piece.vertices) for piece in pieces[:-1])])
+    return Loaded(
+        np.concatenate([piece.vertices for piece in pieces]),
+        np.concatenate([piece.triangles + n for piece, n in zip(pieces, shift, strict=True)]),
+        name=name,
+    )
 
 
 def write_cao(structure: Structure, path: Path) -> None:
@@ -107,8 +158,6 @@ def _rows(path: Path) -> Iterator[tuple[int, str]]:
         raise UserError(f"{path}: not a readable CAO file: {error}") from None
     for number, line in enumerate(text.splitlines(), start=1):
         bare = line.split("#")[0].split("//")[0].strip()
-        if bare.lower().startswith("load("):
-            raise UserError(f"{path}: line {number}: includes another model; put all of it into one file")
         if bare:
             yield number, bare
 

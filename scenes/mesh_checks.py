@@ -29,9 +29,15 @@ def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: boo
         raise UserError(f"{path}: some vertices are not finite numbers; export the model again")
     extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
     if extent > LARGEST_M:
-        raise UserError(f'{path}: the model is {extent:,.0f} m large; is it in millimetres? Then set unit = "mm"')
+        raise UserError(
+            f'{path}: the model is {extent:,.0f} m large; is it in millimetres? Then set unit = "mm", '
+            "or scale it to metres for uavbench track"
+        )
     if extent < SMALLEST_M:
-        raise UserError(f'{path}: the model is {extent * 1000:.3g} mm large; set unit ("m", "mm", "cm", "in", "ft")')
+        raise UserError(
+            f'{path}: the model is {extent * 1000:.3g} mm large; set unit ("m", "mm", "cm", "in", "ft"), '
+            "or scale it to metres for uavbench track"
+        )
     borders, volume = closedness(vertices, triangles)
     if borders and not allow_open:
         raise UserError(

@@ -8,7 +8,7 @@ import numpy as np
 from annotated_types import Ge, Interval
 
 from scenes import materials, noise
-from scenes.cao import read_cao
+from scenes.cao import loaded_by, read_cao
 from scenes.ifc import read_ifc
 from scenes.loaded import Loaded
 from scenes.materials import Material
@@ -45,6 +45,11 @@ class MeshFile:
     flip: bool = False
     surface: Literal["concrete", "brick", "painted-steel", "panels", "plaster"] = "concrete"
 
+    @property
+    def entering_files(self) -> tuple[Path, ...]:
+        """The files that the model loads, whose content enters the sequence's hash."""
+        return parts_of(Path(self.path))
+
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The structure; UserError naming the file, what is wrong with it, and the key that helps."""
         path = Path(self.path)
@@ -72,6 +77,11 @@ class MeshFile:
         y_up = self.up == "y" or (self.up == "auto" and Path(self.path).suffix.lower() in (".gltf", ".glb"))
         turned = piece.moved(UNITS_M[self.unit] * (Z_FROM_Y_UP if y_up else np.eye(3)), np.zeros(3))
         return turned.flipped() if self.flip else turned
+
+
+def parts_of(path: Path) -> tuple[Path, ...]:
+    """The files that a model loads, where it is one that can."""
+    return loaded_by(path) if path.suffix.lower() == ".cao" and path.is_file() else ()
 
 
 def read(path: Path) -> list[Loaded]:

@@ -58,9 +58,11 @@ class Files:
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """The images, whose content enters the sequence's hash."""
+        """The images, and what the model loads, whose content enters the sequence's hash."""
+        from scenes.mesh_file import parts_of  # reads models, as load_model
+
         folder = Path(self.images_path)
-        return images_in(folder) if folder.is_dir() else ()
+        return (*(images_in(folder) if folder.is_dir() else ()), *parts_of(Path(self.model_file)))
 
     def find(self) -> Recording:
         """The recording."""

@@ -5,9 +5,10 @@ import pytest
 
 from scenes.box import Box
 from scenes.building import Building
-from scenes.cao import face_polygon, read_cao, write_cao
+from scenes.cao import face_polygon, loaded_by, read_cao, write_cao
 from scenes.structure import Structure
 from scenes.truss import Truss
+from trajectories.errors import UserError
 
 
 def area(vertices, triangles):
@@ -46,3 +47,66 @@ def test_an_opening_is_left_to_the_faces_in_it():
     largest = np.bincount(structure.triangle_face).argmax()
     assert sizes[largest] <= 8
     assert min(sizes) >= 3
+
+
+ROUND_CAO = """V1
+4
+0 0 0
+0 0 2 # the axis
+1 0 2
+0 1 2
+0
+0
+0
+1
+0 1 0.5 name="tower"
+{circles}
+"""
+
+
+@pytest.mark.parametrize("circles", ["0", "1\n0.5 1 2 3"])
+def test_a_cylinder_is_closed_and_a_circle_at_its_end_is_nothing_new(circles, tmp_path):
+    (tmp_path / "tower.cao").write_text(ROUND_CAO.format(circles=circles))
+    read = read_cao(tmp_path / "tower.cao")
+    a, b, c = (read.vertices[read.triangles[:, k]] for k in range(3))
+    assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(np.pi * 0.25 * 2, rel=0.01)
+    structure = Structure.from_mesh(read.vertices, read.triangles)
+    assert (structure.edge_faces >= 0).all()
+    assert structure.bounds[:, 2].tolist() == [0, 2]
+
+
+def test_a_circle_that_ends_nothing_is_a_disc(tmp_path):
+    (tmp_path / "disc.cao").write_text(ROUND_CAO.format(circles="1\n0.8 0 2 3"))
+    read = read_cao(tmp_path / "disc.cao")
+    assert area(read.vertices, read.triangles) == pytest.approx(np.pi * (2 * 0.25 + 2 * 0.5 * 2 + 0.64), rel=0.01)
+
+
+def test_a_model_may_load_others(tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "tower.cao").write_text(ROUND_CAO.format(circles="0"))
+    write_cao(Box().build(np.random.default_rng(0)).structure, tmp_path / "parts" / "box.cao")
+    text = 'V1\nload("parts/tower.cao")\nload("parts/box.cao")\n0\n0\n0\n0\n0\n0\n'
+    (tmp_path / "all.cao").write_text(text)
+    parts = [read_cao(tmp_path / "parts" / name) for name in ("tower.cao", "box.cao")]
+    assert loaded_by(tmp_path / "all.cao") == (tmp_path / "parts" / "tower.cao", tmp_path / "parts" / "box.cao")
+    read = read_cao(tmp_path / "all.cao")
+    assert len(read.triangles) == sum(len(part.triangles) for part in parts)
+    assert area(read.vertices, read.triangles) == pytest.approx(sum(area(p.vertices, p.triangles) for p in parts))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('V1\nload("me.cao")\n', "line 2: me.cao loads itself"),
+        ('V1\nload("none.cao")\n', "none.cao: not a readable CAO file"),
+        ('V1\nload("../none.cao")\n', "outside the model's folder"),
+        ('V1\nload("a.cao", 0 0 1)\n', "line 2: expected load"),
+        (ROUND_CAO.format(circles="1\n0.5 1 2"), "a circle a radius and three points"),
+        (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 9 0.5"), "a cylinder takes two existing points"),
+        (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 0 0.5"), "a cylinder without length"),
+    ],
+)
+def test_a_wrong_model_is_told(text, message, tmp_path):
+    (tmp_path / "me.cao").write_text(text)
+    with pytest.raises(UserError, match=message):
+        read_cao(tmp_path / "me.cao")

@@ -100,7 +100,7 @@ def test_a_cao_face_may_be_made_of_lines(tmp_path: Path) -> None:
         ("V2\n", "line 1: a CAO model begins with V1"),
         (CUBE_CAO.replace("1 1 0", "1 x 0"), "line 6: expected numbers for the points"),
         (CUBE_CAO[:60], "ends before its points"),
-        (CUBE_CAO.replace("cylinders\n0", "cylinders\n2"), "has 2 cylinders"),
+        (CUBE_CAO.replace("cylinders\n0", "cylinders\n2"), "ends before its cylinders"),
         (CUBE_CAO.replace("4 0 3 2 1", "4 0 3 2 99"), "not a simple polygon of existing points"),
     ],
 )
