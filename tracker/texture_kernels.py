@@ -24,7 +24,7 @@ REACH_TEXELS = 6
 """Half width of the coarse search when the first alignment fails."""
 MOST_COARSE = 6
 """Patches in a frame for which a coarse search is made."""
-PATCH_VARIANCE = 0.12**2
+PATCH_VARIANCE = 0.1**2
 """Variance of a patch along either axis in px^2, beside the common error of all and what noise makes of it."""
 AGREES = 0.85
 """Least correlation of a patch that counts as found."""

@@ -13,7 +13,7 @@ WEAK_STEP = 15.0
 """Grey levels: an edge with this contrast weighs half of one with much."""
 MISSED_TRUST = 0.5
 """A patch that is not found counts for less than one that is: noise alone hides many."""
-OWN_VARIANCE = 0.1**2
+OWN_VARIANCE = 0.08**2
 SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.05**2, 0.25**2, 0.2**2
 COMMON_PART = 0.05
 """Variance of a control point in px^2: its own, and that of the offset which all points of its edge share.
