@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def track_images(
     rate_hz: float = 30.0,
     seed: int = 0,
 ) -> Results:
-    """Track the images of a folder (in the order of their names) or of a video, and write `out`.
+    """Track the images of a folder (in the order of their names, 9.png before 10.png) or of a video, and write `out`.
 
     `out` gets frames.csv, times.csv, estimate.tum (the camera in the model's frame), record.json and overlay.mp4.
     A folder's frames are taken to be 1 / rate_hz apart; a video has its own rate. UserError naming the file at fault.
@@ -93,8 +94,7 @@ def load_model(path: Path) -> Structure:
 def frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[tuple[int, Image]]:
     """Stamps in ns and BGR images of a folder or a video."""
     if source.is_dir():
-        paths = sorted(path for path in source.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-        for frame, path in enumerate(paths):
+        for frame, path in enumerate(in_order(source)):
             yield round(frame * 1e9 / rate_hz), read_image(path, camera)
         return
     if not source.is_file():
@@ -115,6 +115,12 @@ def frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[tuple[int, 
         frame += 1
     if not frame:
         raise UserError(f"{source}: not a readable video")
+
+
+def in_order(folder: Path) -> list[Path]:
+    """Images of a folder in the order of their names, numbers in them by their value: 9.png comes before 10.png."""
+    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    return sorted(images, key=lambda path: [int(n) if n.isdigit() else n for n in re.split(r"([0-9]+)", path.name)])
 
 
 def video_rate(source: Path, rate_hz: float) -> float:

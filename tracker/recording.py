@@ -19,7 +19,7 @@ from scenes.model_files import save_structure
 from scenes.sequence import read_image, write_manifest
 from scenes.structure import Structure
 from tracker.initial_pose import read_init
-from tracker.real import IMAGE_SUFFIXES, load_model
+from tracker.real import IMAGE_SUFFIXES, in_order, load_model
 from tracker.run import versions
 from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text
@@ -167,7 +167,7 @@ def record(
 def images_in(folder: Path) -> tuple[Path, ...]:
     """Images of a folder in the order of their names; UserError when it has none."""
     try:
-        found = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+        found = in_order(folder)
     except OSError as error:
         raise UserError(f"{folder}: not a readable folder: {error.strerror}") from None
     if not found:

@@ -6,7 +6,7 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
 from tracker.initial_pose import INITIALIZATIONS, CoarseGuess, Known, PickedPoints, pose_from_points, read_init
-from tracker.real import track_images
+from tracker.real import in_order, track_images
 from tracker.variants import TRACKERS
 from trajectories.errors import UserError
 
@@ -130,3 +130,12 @@ def test_an_empty_folder_leaves_nothing_behind(files, tmp_path):
             out=tmp_path / "out",
         )
     assert [p.name for p in tmp_path.iterdir()] == ["empty"]
+
+
+def test_images_are_taken_in_the_order_of_their_numbers(tmp_path):
+    names = ["a2.png", "a10.png", "b1_3.jpg", "b1_20.jpg", "b02_1.JPG"]
+    for name in [*reversed(names), "notes.txt"]:
+        (tmp_path / name).touch()
+    assert [path.name for path in in_order(tmp_path)] == names
+    (tmp_path / "0007.png").touch()
+    assert in_order(tmp_path)[0].name == "0007.png"
