@@ -155,7 +155,7 @@ def place(
     faces are visible, and 9 where the point is not in the image.
     """
     n = len(points)
-    lines, J, side = np.empty((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
+    lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
     c, d, w = np.empty(3), np.empty(3), np.empty(3)
     for k in range(n):
         e = keys[k, 0]

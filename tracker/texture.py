@@ -34,7 +34,7 @@ AROUND = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], *product((-CORNER_PX, COR
 """Pixels about a patch's middle that must lie on the same face, the first three on the axes of its texels."""
 LEAST_CORNER = 8.0
 """Least strength of a corner, (grey levels per px)^2."""
-LEAST_HIT = 6
+LEAST_HIT = 2
 """With fewer patches found than this, new ones begin a new common error."""
 MISSES = 6
 """A patch that should be seen and is not found for so many frames is dropped."""
