@@ -15,6 +15,11 @@ ANGULAR_ACCELERATION_RAD_S2 = 10.0
 """The same of its angular acceleration."""
 FIRST_SPEED_M_S = 0.3
 """One standard deviation of the speed while none is known."""
+ACCELERATION_RANGES_S2, FIRST_SPEED_RANGES_S = 3.0, 0.2
+"""Both in ranges to what is looked at, the least that is expected: a model may be in any unit, and its camera any size.
+
+As much as the former are at 1.3 m, where they were chosen.
+"""
 FIRST_RATE_RAD_S = 0.3
 """The same of the angular rate."""
 MAX_SIGMA_PART = 0.15
@@ -38,9 +43,11 @@ class Motion:
         velocity = np.zeros(6) if self.velocity is None else self.velocity
         xi = velocity * MEMORY_S * (1 - np.exp(-dt_s / MEMORY_S))
         pose = Pose(*move(self.cam_from_world.rotation, self.cam_from_world.translation, xi))
-        shift, turn = 0.5 * ACCELERATION_M_S2 * dt_s**2, 0.5 * ANGULAR_ACCELERATION_RAD_S2 * dt_s**2
+        acceleration = max(ACCELERATION_M_S2, ACCELERATION_RANGES_S2 * range_m)
+        shift, turn = 0.5 * acceleration * dt_s**2, 0.5 * ANGULAR_ACCELERATION_RAD_S2 * dt_s**2
         if self.velocity is None:
-            shift, turn = shift + FIRST_SPEED_M_S * dt_s, turn + FIRST_RATE_RAD_S * dt_s
+            shift += max(FIRST_SPEED_M_S, FIRST_SPEED_RANGES_S * range_m) * dt_s
+            turn += FIRST_RATE_RAD_S * dt_s
         covariance = self.covariance.copy()
         covariance.flat[MOVES] += min(shift, MAX_SIGMA_PART * range_m) ** 2
         covariance.flat[TURNS] += min(turn, MAX_SIGMA_RAD) ** 2
