@@ -208,7 +208,7 @@ class EdgeFitter:
         """Visible control points at a pose."""
         m = self.map
         return sample_edges(
-            m.ends, m.faces, m.smooth, m.planes, m.corners, m.owner, m.boxes, m.nodes,
+            m.ends, m.faces, m.smooth, m.rounded, m.planes, m.corners, m.owner, m.boxes, m.nodes,
             R, t, self.cam, self.size, self.bounds, SPACING_PX, MOST_POINTS,
         )  # fmt: skip
 

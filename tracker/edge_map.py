@@ -1,12 +1,12 @@
 """The structure as the compiled kernels take it: edges, faces, and a tree of triangles for hidden-line removal."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.structure import Structure
+from scenes.structure import COPLANAR_ANGLE_DEG, Structure
 from tracker.occlusion_kernels import build_tree
 from trajectories.pose import Array
 
@@ -24,7 +24,8 @@ class EdgeMap:
     faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
     corners (m, 3, 3) and owner (m,) of the triangles in the order of the tree (boxes, nodes); extent (8, 3) the
     corners of the box around it all; stands (e,) whether an edge lies at the bottom of it;
-    smooth (e,) whether the faces beside it are of one rounded surface, so that nothing is seen of it between them.
+    smooth (e,) whether the faces beside it are of one rounded surface, so that nothing is seen of it between them;
+    rounded (e,) whether it is an edge within such a surface or at the border of one.
     """
 
     ends: Array
@@ -38,10 +39,12 @@ class EdgeMap:
     extent: Array
     stands: NDArray[np.bool_]
     smooth: NDArray[np.bool_]
+    rounded: NDArray[np.bool_]
 
     @classmethod
     def of(cls, structure: Structure) -> "EdgeMap":
         """Edge map of a structure."""
+        structure = with_silhouettes(structure)
         corners = structure.vertices[structure.triangles]
         _, first = np.unique(structure.triangle_face, return_index=True)
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
@@ -58,7 +61,22 @@ class EdgeMap:
             np.array(list(product(*structure.bounds.T))),
             (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + 1e-6).all(axis=1),
             _smooth(structure),
+            _rounded(structure),
         )
+
+
+def with_silhouettes(structure: Structure) -> Structure:
+    """The structure with the edges between the faces of rounded surfaces, too, whose outlines are seen."""
+    every = Structure.from_mesh(structure.vertices, structure.triangles, COPLANAR_ANGLE_DEG)
+    if not np.array_equal(every.triangle_face, structure.triangle_face):
+        return structure
+    known = {(a, b) for a, b in np.sort(structure.edge_faces, axis=1).tolist()}
+    faces = np.sort(every.edge_faces, axis=1)
+    new = _smooth(every) & np.array([(a, b) not in known for a, b in faces.tolist()], dtype=np.bool_)
+    if not new.any():
+        return structure
+    edges = np.concatenate([structure.edges, every.edges[new]])
+    return replace(structure, edges=edges, edge_faces=np.concatenate([structure.edge_faces, every.edge_faces[new]]))
 
 
 def _smooth(structure: Structure) -> NDArray[np.bool_]:
@@ -66,6 +84,12 @@ def _smooth(structure: Structure) -> NDArray[np.bool_]:
     one, two = structure.edge_faces.T
     turn = np.einsum("ij,ij->i", structure.face_normals[one], structure.face_normals[two])
     return np.asarray((one >= 0) & (two >= 0) & (turn > np.cos(np.radians(SMOOTH_DEG))))
+
+
+def _rounded(structure: Structure) -> NDArray[np.bool_]:
+    """Whether each edge (e,) lies beside a face that goes over into another one smoothly."""
+    faces = np.unique(structure.edge_faces[_smooth(structure)])
+    return np.asarray(np.isin(structure.edge_faces, faces[faces >= 0]).any(axis=1))
 
 
 def _inward(structure: Structure, corners: Array) -> Array:

@@ -26,6 +26,7 @@ def sample_edges(
     ends: Array,
     faces: Indices,
     smooth: NDArray[np.bool_],
+    rounded: NDArray[np.bool_],
     planes: Array,
     corners: Array,
     owner: Indices,
@@ -105,9 +106,13 @@ def sample_edges(
     n = 0
     q, c = np.empty(3), np.empty(3)
     for _ in range(SAMPLINGS):
-        n = 0
+        n, left_over = 0, 0.5
         for e in range(n_edges):
             count = int(length[e] / spacing + 0.5)
+            if count == 0 and rounded[e]:  # the short edges of a round outline share their points
+                left_over += length[e] / spacing
+                count = int(left_over)
+                left_over -= count
             for k in range(count):
                 s = (k + 0.5) / count
                 near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]

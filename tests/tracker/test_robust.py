@@ -179,8 +179,9 @@ def test_hidden_lines_are_removed():
     m = EdgeMap.of(both)
     pose = look_at(np.array([3.0, 0.0, 0.1]), (0, 0, 0.1))
     points, _ = sample_edges(
-        m.ends, m.faces, m.smooth, m.planes, m.corners, m.owner, m.boxes, m.nodes, pose.rotation, pose.translation,
-        camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-0.5, -0.5, 639.5, 479.5]), 4.0, 400,
+        m.ends, m.faces, m.smooth, m.rounded, m.planes, m.corners, m.owner, m.boxes, m.nodes, pose.rotation,
+        pose.translation, camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-0.5, -0.5, 639.5, 479.5]), 4.0,
+        400,
     )  # fmt: skip
     assert len(points) > 100
     assert (points[:, 0] > 0).all()
