@@ -10,6 +10,7 @@ from tracker.base import Image, Run, TrackResult
 from tracker.clock import StageClock
 from tracker.edge_fit import SURE_SUPPORT, EdgeFitter, Fit
 from tracker.geometry_kernels import inverse6
+from tracker.light import Stretch, light_change, relight
 from tracker.motion import Motion
 from tracker.noise import smoothed
 from tracker.relocate import AWAY_SIGMA, FITTED_SIGMA, GOOD_SUPPORT, REFIT_HALF_PX, Relocator, sigmas
@@ -84,6 +85,8 @@ class RobustRun:
         self.ok_ns: int | None = None
         self.seen_ns: int | None = None
         self.seen_rows: Image | None = None
+        self.ok_rows: Image | None = None
+        self.stretch = Stretch()
         self.support = self.usual_support = 0.0
         self.frames_ok = 0
         self.until_search = 0
@@ -97,10 +100,13 @@ class RobustRun:
             return TrackResult(status="lost")
         dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
         with clock.stage("denoise"):
-            image = smoothed(image)
+            self.stretch = Stretch.needed(image) if self.ok_ns is None else self.stretch
+            raw, image = image, smoothed(self.stretch.of(image))
         with clock.stage("predict"):
             predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)
+        if self.ok_ns is not None and not fit.support >= max(GOOD_SUPPORT, USUAL_PART * self.usual_support):
+            fit, image = self.in_other_light(raw, image, predicted, covariance, fit, clock)
         self.until_search -= 1
         doubted = self.was_wrong and self.frames_ok < YOUNG_FRAMES
         slow = dt_s >= SLOW_S
@@ -128,6 +134,7 @@ class RobustRun:
             self.fitter.learn(image, fit, dt_s)
         self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt_s)
         self.usual_support += max(USUAL_RATE, 1 / (1 + self.frames_ok)) * (fit.support - self.usual_support)
+        self.ok_rows = self.seen_rows
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
         return TrackResult(
             status="ok",
@@ -138,6 +145,25 @@ class RobustRun:
             candidates=fit.candidates,
             inliers=fit.inliers,
         )
+
+    def in_other_light(
+        self, raw: Image, image: Image, predicted: Pose, covariance: Array, fit: Fit, clock: StageClock
+    ) -> tuple[Fit, Image]:
+        """Fit and stretched image, the learned colours taken to the light of now where that is better supported."""
+        if self.ok_rows is None or self.seen_rows is None or self.ok_rows.shape != self.seen_rows.shape:
+            return fit, image
+        stretch, ratio = Stretch.needed(raw), light_change(self.seen_rows, self.ok_rows)
+        stretch = stretch if stretch.differs(self.stretch) else self.stretch
+        if stretch == self.stretch and (ratio == 1).all():
+            return fit, image
+        kept, other_image = self.fitter.appearance.copy(), smoothed(stretch.of(raw))
+        relight(self.fitter.appearance, *self.stretch.towards(stretch, ratio))
+        other = self.fitter.fit(other_image, predicted, covariance, clock)
+        if other.finite and other.support > fit.support:
+            self.stretch = stretch
+            return other, other_image
+        self.fitter.appearance[:] = kept
+        return fit, image
 
     def enough(self, fit: Fit, expected: Motion) -> float:
         """Support that a fit needs: far from where the camera is expected nearly as much as usual."""
