@@ -101,6 +101,14 @@ class Fit:
     evidence: Evidence | None = None
 
     @property
+    def found(self) -> float:
+        """Weight of all that was found: control points, and patches as much as in the support."""
+        seen = self.evidence
+        if seen is None:
+            return 0.0
+        return float(seen.weights.sum() + PATCH_TRUST * np.count_nonzero(seen.patch_weights))
+
+    @property
     def finite(self) -> bool:
         """Whether pose and covariance are numbers."""
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())

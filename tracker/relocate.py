@@ -28,6 +28,11 @@ FOUND_SIGMA, FITTED_SIGMA = 0.04, 0.005
 """One standard deviation of a pose that a search found and of one fitted once, in parts of the range and in rad."""
 AWAY_SIGMA = 0.06
 """One standard deviation by which a guess may be wrong."""
+MORE_FOUND = 0.3
+"""Support that it is worth where e times as much of a pose is found: one that shows a face less has less to miss.
+
+Of a box seen level, 0.77 was found at a pose that hid its top, and 0.68 of 1.6 times as much at the true one.
+"""
 FAR_COST = 0.02
 """Support that a pose needs more for each squared standard deviation that it lies from the guess."""
 
@@ -67,7 +72,7 @@ class Relocator:
 
         def score(fit: Fit) -> float:
             away = (fit.cam_from_world @ guesses[0].inverse()).log()
-            return fit.support - FAR_COST * float(away @ information @ away)
+            return fit.support + MORE_FOUND * float(np.log1p(fit.found)) - FAR_COST * float(away @ information @ away)
 
         clock = StageClock()
         found = sigmas(FOUND_SIGMA, range_m)
