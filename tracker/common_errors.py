@@ -14,7 +14,7 @@ from trajectories.pose import Array, Pose
 
 ALIKE_S = 1.0
 """Time over which the edges of frames err alike beside their offsets."""
-FORGET = 0.5
+FORGET = 0.6
 """Part of what is known that is forgotten in that time: other patches are found by then, which err in another way."""
 
 Indices = NDArray[np.int64]

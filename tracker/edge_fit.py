@@ -13,13 +13,14 @@ from tracker.common_errors import CommonErrors
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array, inverse6, move
 from tracker.hypothesis_kernels import hypotheses
-from tracker.map_kernels import Sums
+from tracker.map_kernels import Sums, surprise
 from tracker.profile_kernels import learn, search, search_range
 from tracker.sampling_kernels import BINS, edge_rows, place, sample_edges
 from tracker.solve_kernels import refine
+from tracker.step_kernels import sharpen
 from tracker.texture import ENOUGH_FOUND, LEAST_HIT, Texture
 from tracker.visible_edges import undistorted_bounds
-from tracker.weight_kernels import support, trust, variances
+from tracker.weight_kernels import crowding, support, trust, variances
 from trajectories.pose import Array, Pose
 
 SPACING_PX = 6.0
@@ -53,6 +54,14 @@ NO_EDGES = (np.zeros(0, dtype=np.int64), np.zeros(0))
 """No control points, and no edges with offsets."""
 LEAST_POINTS = 6
 """With fewer control points and fewer patches nothing is fitted."""
+
+SPREAD_RATE = 0.1
+NARROWEST, WIDEST = 0.3, 16.0
+LEAST_EXPECTED, MOST_SURPRISE = 0.3, 4.0
+"""What the variances of edges' offsets are multiplied by is learned at this rate, within these limits.
+
+From frames with more edges than six unknowns take up; a frame that is fitted wrongly counts for no more than so much.
+"""
 
 Indices = NDArray[np.int64]
 
@@ -125,7 +134,8 @@ class EdgeFitter:
         self.texture = Texture(self.map, camera)
         self.common = CommonErrors(len(self.map.ends) * 3)
         self.appearance = np.zeros((len(self.map.ends) * 3 * BINS, 8))
-        self.learned = 0
+        self.learned, self.spread = 0, 1.0
+        self.sharp = True  # whether frames are as the lens left them, and not smoothed
         self.draws = rng.random((HYPOTHESES, 12))
 
     def fit(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float = 48.0) -> Fit:
@@ -143,7 +153,8 @@ class EdgeFitter:
                 return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
             lines, J, side = self.place(points, keys, R, t)
             rows, first = edge_rows(keys)
-            trusted = trust(lines, keys, side, rows, self.appearance)
+            gap = crowding(lines, keys, side)
+            trusted = trust(gap, rows, self.appearance)
             prior, edges = inverse6(covariance), rows[first[:-1]] // BINS
         with clock.stage("texture"):
             observed, found, vague = self.texture.align(image, R, t)
@@ -181,16 +192,25 @@ class EdgeFitter:
                 )
             if moved < AGAIN_PX:
                 break
+        candidates = int(np.count_nonzero(distance < np.inf))
+        held, patches_held = weights, patch_weights  # what is found by a fit near a pose does not support it
+        if self.sharp:
+            with clock.stage("sharpen"):
+                lines, J, side = self.place(points, keys, R, t)
+                distance, own = sharpen(image, lines, side, rows, first, self.appearance, gap, residual, weights, own)
+                evidence = (points, lines, distance, np.zeros_like(distance), trusted, own, first)
+                shared = self.common.at(edges, spread, R, t)
+                R, t, information, residual, weights, patch_weights, sums, to_patches, to_fit, moved = refine(
+                    *evidence, *patches, shared, *expected, R, t, self.cam, LAST_SCALES
+                )
         with clock.stage("judge"):
-            whole, by_edges = support(
-                weights, trusted, rows, self.appearance, contrast, patch_weights, found, PATCH_TRUST
-            )
+            whole, by_edges = support(held, trusted, rows, self.appearance, contrast, patches_held, found, PATCH_TRUST)
             return Fit(
                 Pose(R, t),
                 inverse6(information),
                 whole,
                 n,
-                int(np.count_nonzero(distance < np.inf)),
+                candidates,
                 int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
                 float(R[2] @ points[n // 2] + t[2]) if n else float("nan"),
                 by_edges,
@@ -242,7 +262,8 @@ class EdgeFitter:
     ) -> tuple[Array, Array]:
         """Variance in px^2 of each control point (n,), and of the offset that those of an edge share (g,)."""
         stands, appearance = self.map.stands, self.appearance
-        return variances(keys, side, rows, first, stands, distance, contrast, trusted, appearance)
+        own, spread = variances(keys, side, rows, first, stands, distance, contrast, trusted, appearance)
+        return own, self.spread * spread
 
     def learn(self, image: Image, fit: Fit, dt_s: float, rate: float = 0.1) -> None:
         """Take up the appearance of edges and faces at the pose of a fit, dt_s after the one before."""
@@ -256,6 +277,10 @@ class EdgeFitter:
             twist = self.common.learn(seen.edges, seen.spread, seen.sums, seen.to_patches, pose, dt_s)
             self.texture.shift(twist, pose)
         self.learned += 1
+        squares, expected = surprise(seen.spread, seen.sums, seen.to_fit, fit.covariance)
+        if expected > LEAST_EXPECTED:
+            ratio = min(MOST_SURPRISE, squares / expected)
+            self.spread = min(WIDEST, max(NARROWEST, self.spread * (1.0 + SPREAD_RATE * (ratio - 1.0))))
         due = hits < ENOUGH_PATCHES or self.learned % TAKE_EVERY == 0
         if due and hits < ENOUGH_FOUND and fit.edge_support >= SURE_SUPPORT:
             if hits < LEAST_HIT:

@@ -169,3 +169,26 @@ def pinned(E: Array, P: Array) -> float:
     N = P.copy()
     eliminate(E + P, N)
     return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
+
+
+@compiled
+def surprise(spread: Array, sums: Sums, step: Array, covariance: Array) -> tuple[float, float]:
+    """Squared offsets of a frame's edges (g,) over their variance, summed, and how large that sum should be.
+
+    The sums are of a pose that a twist step (6,) brings to the fit, whose covariance (6, 6) says how much of an offset
+    the pose takes up; spread (g,) is the variance of each edge's offset in px^2.
+    """
+    S, s, d = sums[0], sums[1], sums[2]
+    squares, expected = 0.0, 0.0
+    for g in range(len(S)):
+        if S[g] <= 0.0:
+            continue
+        left, taken = d[g], 0.0
+        for i in range(6):
+            left -= s[g, i] * step[i]
+            for j in range(6):
+                taken += s[g, i] * covariance[i, j] * s[g, j]
+        variance = spread[g] + 1.0 / S[g]
+        squares += left * left / (S[g] * S[g] * variance)
+        expected += max(0.0, 1.0 - taken / (S[g] * S[g] * variance))
+    return squares, expected

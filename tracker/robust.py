@@ -101,7 +101,9 @@ class RobustRun:
         dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
         with clock.stage("denoise"):
             self.stretch = Stretch.needed(image) if self.ok_ns is None else self.stretch
-            raw, image = image, smoothed(self.stretch.of(image))
+            raw, stretched = image, self.stretch.of(image)
+            image = smoothed(stretched)
+            self.fitter.sharp = image is stretched
         with clock.stage("predict"):
             predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)

@@ -49,9 +49,12 @@ def crowding(lines: Array, keys: Indices, side: Indices) -> Array:
 
 
 @compiled
-def trust(lines: Array, keys: Indices, side: Indices, rows: Indices, appearance: Array) -> Array:
-    """Weight (n,) of each control point: less where edges crowd, contrast is low or appearance is not learned yet."""
-    out = crowding(lines, keys, side)
+def trust(gap: Array, rows: Indices, appearance: Array) -> Array:
+    """Weight (n,) of each control point: less where edges crowd, contrast is low or appearance is not learned yet.
+
+    gap (n,) is the distance in px to another edge, as of `crowding`.
+    """
+    out = gap.copy()
     for p in range(len(out)):
         r = rows[p]
         apart = min(1.0, max(0.02, (out[p] - TOUCHING_PX) / (CROWD_PX - TOUCHING_PX)))
