@@ -56,7 +56,7 @@ LEAST_POINTS = 6
 """With fewer control points and fewer patches nothing is fitted."""
 
 SPREAD_RATE = 0.1
-NARROWEST, WIDEST = 0.3, 16.0
+NARROWEST, WIDEST = 0.6, 16.0
 LEAST_EXPECTED, MOST_SURPRISE = 0.3, 4.0
 """What the variances of edges' offsets are multiplied by is learned at this rate, within these limits.
 
@@ -135,8 +135,12 @@ class EdgeFitter:
         self.common = CommonErrors(len(self.map.ends) * 3)
         self.appearance = np.zeros((len(self.map.ends) * 3 * BINS, 8))
         self.learned, self.spread = 0, 1.0
-        self.sharp = True  # whether frames are as the lens left them, and not smoothed
+        self.sharp = True
         self.draws = rng.random((HYPOTHESES, 12))
+
+    def begin(self, stamp_ns: int, sharp: bool) -> None:
+        """Begin with the frame of a stamp; whether it is as sharp as the lens left it, and not smoothed."""
+        self.texture.now_s, self.sharp = stamp_ns * 1e-9, sharp
 
     def fit(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float = 48.0) -> Fit:
         """Fit to an image (h, w) or (h, w, 3) from a predicted pose with its covariance (6, 6).

@@ -103,7 +103,7 @@ class RobustRun:
             self.stretch = Stretch.needed(image) if self.ok_ns is None else self.stretch
             raw, stretched = image, self.stretch.of(image)
             image = smoothed(stretched)
-            self.fitter.sharp = image is stretched
+            self.fitter.begin(stamp_ns, image is stretched)
         with clock.stage("predict"):
             predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)
@@ -202,6 +202,7 @@ class RobustRun:
     def without_patches(self, image: Image, fit: Fit, clock: StageClock) -> Fit:
         """The fit of the edges alone, all patches forgotten, where they are clearly better supported then."""
         kept, self.fitter.texture = self.fitter.texture, Texture(self.fitter.map, self.camera)
+        self.fitter.texture.now_s = kept.now_s
         alone = self.fitter.fit(image, fit.cam_from_world, sigmas(FITTED_SIGMA, self.range_m), clock, REFIT_HALF_PX)
         if alone.finite and alone.support >= max(ENOUGH_SUPPORT, fit.edge_support + ADVANTAGE):
             return alone

@@ -36,6 +36,8 @@ LEAST_CORNER = 8.0
 """Least strength of a corner, (grey levels per px)^2."""
 LEAST_HIT = 2
 """With fewer patches found than this, new ones begin a new common error."""
+YOUNG_S, NEW_S = 1.0, 0.05
+"""Age at which a patch's variance is but twice that of an old one, and the least age: it may lie on what walks by."""
 MISSES = 6
 """A patch that should be seen and is not found for so many frames is dropped."""
 
@@ -57,6 +59,8 @@ class Texture:
         self.found = np.zeros(MOST_PATCHES, dtype=np.int64)
         self.chosen = np.zeros(0, dtype=np.int64)
         self.turn = 0
+        self.now_s = 0.0
+        self.taken_s = np.zeros(MOST_PATCHES)
 
     def __len__(self) -> int:
         return self.count
@@ -74,7 +78,9 @@ class Texture:
 
         With their correlations (n,) and the variance (n,) of the pixels in px^2.
         """
-        return align(image, self.middles, self.axes, self.texels, self.chosen, R, t, self.cam)
+        observed, score, variance = align(image, self.middles, self.axes, self.texels, self.chosen, R, t, self.cam)
+        age_s = np.maximum(self.now_s - self.taken_s[self.chosen], NEW_S)
+        return observed, score, variance * (1 + YOUNG_S / age_s)
 
     def places(self) -> Array:
         """Middles (n, 3) of the chosen patches in the world."""
@@ -136,6 +142,7 @@ class Texture:
             row = self.count
             self.middles[row], self.axes[row], self.texels[row] = points[0], points[1:] - points[0], texels / norm
             self.face[row], self.missed[row], self.found[row] = face, 0, 0
+            self.taken_s[row] = self.now_s
             self.count += 1
 
     def _spots(self, pose: Pose) -> Indices:
@@ -158,7 +165,7 @@ class Texture:
 
     def _keep(self, rows: NDArray[np.bool_]) -> None:
         kept = np.flatnonzero(rows)
-        for array in (self.middles, self.axes, self.texels, self.face, self.missed, self.found):
+        for array in (self.middles, self.axes, self.texels, self.face, self.missed, self.found, self.taken_s):
             array[: len(kept)] = array[kept]
         self.count = len(kept)
         self.chosen = np.zeros(0, dtype=np.int64)
