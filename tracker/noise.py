@@ -8,7 +8,7 @@ import numpy as np
 from tracker.base import Image
 from tracker.compiled import compiled
 
-ALLOWED = 3
+ALLOWED = 3.5
 """Noise that is left as it is, one standard deviation in grey levels."""
 WIDEST_PX = 4.0
 """Widest smoothing: structure of this size is not lost."""

@@ -26,7 +26,7 @@ ENOUGH_FOUND = 24
 """New patches are taken when fewer than this are found."""
 SPOTS, FIRST_SPOTS = 32, 400
 """Places in a frame where new patches are looked for, and while there are none."""
-APART_PX = 6.0
+APART_PX = 9.0
 EDGE_MARGIN_PX = 8.0
 """Patches are taken no nearer to each other, and to the edges, than this."""
 CORNER_PX = HALF + 3.0
