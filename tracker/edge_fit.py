@@ -1,7 +1,5 @@
 """One image and a predicted pose: control points, search, hypotheses and M-estimation to the pose that fits."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,9 +9,10 @@ from tracker.base import Image
 from tracker.clock import StageClock
 from tracker.common_errors import CommonErrors
 from tracker.edge_map import EdgeMap
+from tracker.fit import PATCH_TRUST, Evidence, Fit
 from tracker.geometry_kernels import camera_array, inverse6, move
 from tracker.hypothesis_kernels import hypotheses
-from tracker.map_kernels import Sums, surprise
+from tracker.map_kernels import surprise
 from tracker.profile_kernels import learn, search, search_range
 from tracker.sampling_kernels import BINS, edge_rows, place, sample_edges
 from tracker.solve_kernels import refine
@@ -44,8 +43,6 @@ TAKE_EVERY = 4
 """Frames from one taking of patches to the next while some are found."""
 SURE_SUPPORT = 0.6
 """Patches are taken where the edges alone support the pose as much as this."""
-PATCH_TRUST = 2.0
-"""Weight of a patch in the support."""
 NOTHING = (
     *(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0), np.zeros(0)),
     np.zeros(1, dtype=np.int64),
@@ -64,63 +61,6 @@ From frames with more edges than six unknowns take up; a frame that is fitted wr
 """
 
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a fit rests on.
-
-    Control points with their keys, rows of appearance, residuals and weights; the patches, their weights and
-    correlations; the edges in view and the variance of their offsets, the sums over them, the twists from the pose of
-    the sums to the patches' pose and to that of the fit; the information (6, 6) of the prediction.
-    """
-
-    points: Array
-    keys: Indices
-    rows: Indices
-    residual: Array
-    weights: Array
-    chosen: Indices
-    patch_weights: Array
-    found: Array
-    edges: Indices
-    spread: Array
-    sums: Sums
-    to_patches: Array
-    to_fit: Array
-    prior: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A pose and how well the edges support it.
-
-    covariance (6, 6); support in [0, 1]: weighted share of the control points and patches that were found, and
-    edge_support that of the control points alone.
-    """
-
-    cam_from_world: Pose
-    covariance: Array
-    support: float
-    control_points: int
-    candidates: int
-    inliers: int
-    range_m: float
-    edge_support: float = 0.0
-    evidence: Evidence | None = None
-
-    @property
-    def found(self) -> float:
-        """Weight of all that was found: control points, and patches as much as in the support."""
-        seen = self.evidence
-        if seen is None:
-            return 0.0
-        return float(seen.weights.sum() + PATCH_TRUST * np.count_nonzero(seen.patch_weights))
-
-    @property
-    def finite(self) -> bool:
-        """Whether pose and covariance are numbers."""
-        return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
 
 
 class EdgeFitter:

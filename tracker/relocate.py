@@ -7,7 +7,8 @@ import numpy as np
 from scenes.camera import Camera
 from tracker.base import Image
 from tracker.clock import StageClock
-from tracker.edge_fit import EdgeFitter, Fit
+from tracker.edge_fit import EdgeFitter
+from tracker.fit import Fit
 from tracker.pose_search import PoseSearch, spread
 from tracker.pose_search_kernels import turned_about
 from trajectories.pose import Array, Pose

@@ -8,7 +8,8 @@ from scenes.camera import Camera
 from scenes.structure import Structure
 from tracker.base import Image, Run, TrackResult
 from tracker.clock import StageClock
-from tracker.edge_fit import SURE_SUPPORT, EdgeFitter, Fit
+from tracker.edge_fit import SURE_SUPPORT, EdgeFitter
+from tracker.fit import Fit
 from tracker.geometry_kernels import inverse6
 from tracker.light import Stretch, light_change, relight
 from tracker.motion import Motion
