@@ -71,7 +71,9 @@ def light_change(now: Image, then: Image) -> Array:
     return np.ones(len(out)) if np.abs(np.log(out)).max() < LEAST_CHANGE else out
 
 
-def relight(appearance: Array, factor: Array, offset: Array) -> None:
-    """Take learned colours, in the first six columns, to another light by a factor and an offset (c,), in place."""
+def relit(appearance: Array, factor: Array, offset: Array) -> Array:
+    """Learned colours, in the first six columns, in another light by a factor and an offset (c,)."""
+    out = appearance.copy()
     for side in (slice(0, len(factor)), slice(3, 3 + len(factor))):
-        appearance[:, side] = appearance[:, side] * factor + offset
+        out[:, side] = out[:, side] * factor + offset
+    return out

@@ -11,7 +11,7 @@ from tracker.clock import StageClock
 from tracker.edge_fit import SURE_SUPPORT, EdgeFitter
 from tracker.fit import Fit
 from tracker.geometry_kernels import inverse6
-from tracker.light import Stretch, light_change, relight
+from tracker.light import Stretch, light_change, relit
 from tracker.motion import Motion
 from tracker.noise import smoothed
 from tracker.relocate import AWAY_SIGMA, FITTED_SIGMA, GOOD_SUPPORT, REFIT_HALF_PX, Relocator, sigmas
@@ -108,6 +108,7 @@ class RobustRun:
         with clock.stage("predict"):
             predicted, covariance = self.motion.predict(dt_s, self.range_m)
         fit = self.fitter.fit(image, predicted, covariance, clock)
+        colours, stretch = self.fitter.appearance, self.stretch
         if self.ok_ns is not None and not fit.support >= max(GOOD_SUPPORT, USUAL_PART * self.usual_support):
             fit, image = self.in_other_light(raw, image, predicted, covariance, fit, clock)
         self.until_search -= 1
@@ -132,6 +133,7 @@ class RobustRun:
         expected = Motion(predicted, covariance)
         self.is_lost = not (fit.finite and fit.support >= self.enough(fit, expected))
         if self.is_lost:
+            self.fitter.appearance, self.stretch = colours, stretch  # nobody knows the light of a view that is not this
             return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
         with clock.stage("learn"):
             self.fitter.learn(image, fit, dt_s)
@@ -159,13 +161,13 @@ class RobustRun:
         stretch = stretch if stretch.differs(self.stretch) else self.stretch
         if stretch == self.stretch and (ratio == 1).all():
             return fit, image
-        kept, other_image = self.fitter.appearance.copy(), smoothed(stretch.of(raw))
-        relight(self.fitter.appearance, *self.stretch.towards(stretch, ratio))
+        colours, other_image = self.fitter.appearance, smoothed(stretch.of(raw))
+        self.fitter.appearance = relit(colours, *self.stretch.towards(stretch, ratio))
         other = self.fitter.fit(other_image, predicted, covariance, clock)
         if other.finite and other.support > fit.support:
             self.stretch = stretch
             return other, other_image
-        self.fitter.appearance[:] = kept
+        self.fitter.appearance = colours
         return fit, image
 
     def enough(self, fit: Fit, expected: Motion) -> float:

@@ -73,3 +73,17 @@ def test_a_dark_first_frame_does_not_decide_for_those_after_it(flight):
         result = run.track(images[i], i * STEP_NS)
         assert result.status == "ok"
         assert pose_error(result.cam_from_world, poses[i])[0] < 0.01
+
+
+def test_the_light_of_a_view_that_is_lost_changes_nothing(flight):
+    poses, images = flight
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    for i in range(3):
+        run.track(images[i], i * STEP_NS)
+    for i in range(3, 7):
+        other = np.roll(dimmed(images[i], 0.4 + 0.1 * i), (200, 317), axis=(0, 1))[::-1]
+        assert run.track(np.ascontiguousarray(other), i * STEP_NS).status == "lost"
+    for i in range(7, 10):
+        result = run.track(images[i], i * STEP_NS)
+        assert result.status == "ok"
+        assert pose_error(result.cam_from_world, poses[i])[0] < 0.01
