@@ -87,7 +87,8 @@ def mspd(points: Array, truth: Poses, estimate: Poses, symmetries: ListOf[Pose],
     at = _pixels(_at(points, estimate), camera)
     each = []
     for symmetry in symmetries:
-        apart = at - _pixels(_at(symmetry.transform(points), truth), camera)
+        with np.errstate(invalid="ignore"):  # a point behind both cameras
+            apart = at - _pixels(_at(symmetry.transform(points), truth), camera)
         distance = np.linalg.norm(apart, axis=2)
         each.append(np.where(np.isnan(distance), np.inf, distance).max(axis=1))
     return np.asarray(np.minimum(np.min(each, axis=0), diagonal_px(camera)))
