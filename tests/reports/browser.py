@@ -18,6 +18,8 @@ FLAGS = (
     "--remote-debugging-pipe", "--window-size=1200,900",
 )  # fmt: skip
 
+NAVIGATED = ("Inspected target navigated or closed", "Execution context was destroyed.")
+
 
 class Page:
     """One open page."""
@@ -57,11 +59,26 @@ class Page:
     def until(self, expression: str, seconds: float = 20.0) -> None:
         """Wait until an expression is true."""
         end = time.monotonic() + seconds
-        while not self.value(expression):
+        while not self.is_true(expression):
             assert time.monotonic() < end, f"never true: {expression}"
             time.sleep(0.05)
 
+    def is_true(self, expression: str) -> bool:
+        """Whether an expression is true now; it is not while the page goes to another address."""
+        answer = self.ask("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if answer.get("error", {}).get("message") in NAVIGATED:
+            return False
+        assert "error" not in answer, answer
+        assert "exceptionDetails" not in answer["result"], (expression, answer)
+        return bool(answer["result"]["result"].get("value"))
+
     def call(self, method: str, **params: Any) -> dict[str, Any]:
+        """Result of a DevTools command."""
+        answer = self.ask(method, **params)
+        assert "error" not in answer, (method, answer)
+        return answer["result"]
+
+    def ask(self, method: str, **params: Any) -> dict[str, Any]:
         """Answer to a DevTools command; events on the way are kept when they tell of an error in the page."""
         self._next += 1
         message = {"id": self._next, "method": method, "params": params}
@@ -73,8 +90,7 @@ class Page:
             if answer.get("method") == "Runtime.exceptionThrown":
                 self.problems.append(json.dumps(answer["params"]))
             if answer.get("id") == self._next:
-                assert "error" not in answer, (method, answer)
-                return answer["result"]
+                return answer
 
     def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._buffer:
