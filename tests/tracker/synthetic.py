@@ -147,3 +147,11 @@ def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
     difference = estimate @ truth.inverse()
     centre = np.linalg.norm(estimate.inverse().translation - truth.inverse().translation)
     return float(centre), float(np.linalg.norm(difference.log()[3:]))
+
+
+def flown(frames, seed):
+    """Poses and noisy frames of a flight around a box at 15 Hz."""
+    poses = orbit(frames, seed=seed)
+    scene = Scene([box_corners()], seed=seed)
+    rng = np.random.default_rng(seed)
+    return poses, [scene.render(pose, noise_rng=rng) for pose in poses]

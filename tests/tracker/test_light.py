@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
+from tests.tracker.synthetic import CAMERA, box, flown, pose_error
 from tracker.light import Stretch, light_change
 from tracker.robust import Robust
 
@@ -13,10 +13,7 @@ STEP_NS = 66_666_667
 @pytest.fixture(scope="module")
 def flight():
     """Poses and frames of 0.7 seconds around a box."""
-    poses = orbit(10, seed=12)
-    scene = Scene([box_corners()], seed=12)
-    rng = np.random.default_rng(12)
-    return poses, [scene.render(pose, noise_rng=rng) for pose in poses]
+    return flown(10, seed=12)
 
 
 def dimmed(image, factor, base=0.0):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from scenes.structure import Structure
-from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, look_at, orbit, pose_error
+from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at, pose_error
 from tracker.edge_map import EdgeMap
 from tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
 from tracker.pose_search import PoseSearch, spread
@@ -21,10 +21,7 @@ STEP_NS = 66_666_667
 @pytest.fixture(scope="module")
 def flight():
     """Poses and noisy frames of 1.3 seconds around a box."""
-    poses = orbit(20, seed=11)
-    scene = Scene([box_corners()], seed=11)
-    rng = np.random.default_rng(11)
-    return poses, [scene.render(pose, noise_rng=rng) for pose in poses]
+    return flown(20, seed=11)
 
 
 def started(first):
