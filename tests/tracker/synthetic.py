@@ -149,7 +149,7 @@ def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
     return float(centre), float(np.linalg.norm(difference.log()[3:]))
 
 
-def flown(frames, seed):
+def flown(frames: int, seed: int) -> tuple[list[Pose], list[NDArray[np.uint8]]]:
     """Poses and noisy frames of a flight around a box at 15 Hz."""
     poses = orbit(frames, seed=seed)
     scene = Scene([box_corners()], seed=seed)
