@@ -1,0 +1,196 @@
+"""What the filter is told besides the IMU: camera poses, positions, heights, optical flow; each predicts itself.
+
+A measurement at the nominal state gives its residual, the Jacobian of that by the error (sign: residual = H error +
+noise), and its noise covariance.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from tracker.fusion.state import ERROR
+from tracker.geometry_kernels import twist_between
+from trajectories.pose import Array, Pose, hat, read_only
+
+POSITION, VELOCITY, ATTITUDE, CAMERA_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(15, 21)
+"""Where the parts of the error stand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Innovation:
+    """residual (m,), H (m, 21) its Jacobian by the error, noise (m, m) its covariance."""
+
+    residual: Array
+    H: Array
+    noise: Array
+
+
+class Measurement(Protocol):
+    """Anything that the filter can be updated with; `rank` orders measurements of one stamp."""
+
+    rank: ClassVar[int]
+
+    @property
+    def stamp_ns(self) -> int:
+        """When it was measured."""
+        ...
+
+    def innovation(self, state: Array, rate_rad_s: Array) -> Innovation | None:
+        """At a nominal state (27,) and a body rate (3,) in rad/s; None where the state cannot predict it."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CameraPose:
+    """A tracker's pose: covariance (6, 6) of the twist xi with cam_from_world_true = exp(xi) @ cam_from_world.
+
+    xi is white noise of that covariance plus the slow bias of the camera's poses.
+    """
+
+    rank: ClassVar[int] = 1
+    stamp_ns: int
+    cam_from_world: Pose
+    covariance: Array
+    cam_from_body: Pose
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", checked(self.covariance, 6))
+        finite("cam_from_world", self.cam_from_world.matrix)
+
+    def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
+        """The twist from the measured to the predicted camera, negated, and how the body's error moves it."""
+        R, C = state[6:15].reshape(3, 3), self.cam_from_body
+        rotation = C.rotation @ R.T
+        translation = C.translation - rotation @ state[0:3]
+        measured = self.cam_from_world
+        e = twist_between(measured.rotation, measured.translation, rotation, translation)
+        # log(exp(d) exp(e)) = e + d - 1/2 ad(e) d to first order in d and in e; ad acts on (translation, rotation).
+        after = np.eye(6)
+        after[:3, :3] -= 0.5 * hat(e[3:])
+        after[:3, 3:] -= 0.5 * hat(e[:3])
+        after[3:, 3:] -= 0.5 * hat(e[3:])
+        turned = np.zeros((6, 6))
+        turned[:3, :3] = turned[3:, 3:] = C.rotation
+        turned[:3, 3:] = hat(C.translation) @ C.rotation
+        by_body = after @ turned
+        H = np.zeros((6, ERROR))
+        H[:, POSITION] = by_body[:, :3] @ -R.T
+        H[:, ATTITUDE] = -by_body[:, 3:]
+        H[:, CAMERA_BIAS] = -np.eye(6)
+        return Innovation(state[21:27] - e, H, self.covariance)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Position:
+    """A GNSS fix: position (3,) m in the world of an antenna at offset_m in the body, and its velocity where known."""
+
+    rank: ClassVar[int] = 2
+    stamp_ns: int
+    position_m: Array
+    covariance: Array
+    velocity_m_s: Array | None = None
+    velocity_covariance: Array | None = None
+    offset_m: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", checked(self.covariance, 3))
+        finite("position_m", self.position_m)
+        if (self.velocity_m_s is None) != (self.velocity_covariance is None):
+            raise ValueError("velocity_m_s and velocity_covariance come together")
+        if self.velocity_m_s is not None and self.velocity_covariance is not None:
+            finite("velocity_m_s", self.velocity_m_s)
+            object.__setattr__(self, "velocity_covariance", checked(self.velocity_covariance, 3))
+
+    def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
+        """Position, and velocity where there is one, less where the antenna is predicted and how fast."""
+        R, arm = state[6:15].reshape(3, 3), np.asarray(self.offset_m, dtype=float)
+        H = np.zeros((3, ERROR))
+        H[:, POSITION], H[:, ATTITUDE] = np.eye(3), -R @ hat(arm)
+        residual = np.asarray(self.position_m) - state[0:3] - R @ arm
+        if self.velocity_m_s is None or self.velocity_covariance is None:
+            return Innovation(residual, H, self.covariance)
+        swing = np.cross(rate_rad_s, arm)
+        H_velocity = np.zeros((3, ERROR))
+        H_velocity[:, VELOCITY], H_velocity[:, ATTITUDE] = np.eye(3), -R @ hat(swing)
+        H_velocity[:, 12:15] = R @ hat(arm)
+        noise = np.zeros((6, 6))
+        noise[:3, :3], noise[3:, 3:] = self.covariance, self.velocity_covariance
+        both = np.concatenate([residual, np.asarray(self.velocity_m_s) - state[3:6] - R @ swing])
+        return Innovation(both, np.vstack([H, H_velocity]), noise)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Height:
+    """A barometer's height above the floor z = 0, m, with its standard deviation (drift included)."""
+
+    rank: ClassVar[int] = 3
+    stamp_ns: int
+    height_m: float
+    sigma_m: float
+
+    def __post_init__(self) -> None:
+        finite("height_m", np.array([self.height_m]))
+        checked(np.array([[self.sigma_m**2]]), 1)
+
+    def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
+        """Height less the predicted one."""
+        H = np.zeros((1, ERROR))
+        H[0, 2] = 1.0
+        return Innovation(np.array([self.height_m - state[2]]), H, np.array([[self.sigma_m**2]]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpticalFlow:
+    """A flow deck over the floor z = 0: flow (2,) in rad/s along body x and y, and the range along the body's -z.
+
+    The model is the Crazyflie firmware's (mm_flow.c): v_x / range - w_y and v_y / range + w_x, w the body's rates.
+    """
+
+    rank: ClassVar[int] = 4
+    LEAST_UPRIGHT: ClassVar[float] = 0.5
+    """Beyond 60 degrees of tilt the deck looks past the floor beneath."""
+    stamp_ns: int
+    flow_rad_s: Array
+    flow_sigma_rad_s: float
+    range_m: float
+    range_sigma_m: float
+
+    def __post_init__(self) -> None:
+        finite("flow_rad_s", np.array([*np.asarray(self.flow_rad_s), self.range_m]))
+        checked(np.diag([self.flow_sigma_rad_s**2, self.range_sigma_m**2]), 2)
+
+    def innovation(self, state: Array, rate_rad_s: Array) -> Innovation | None:
+        """Flow and range less what a floor at z = 0 would show; None when tilted too far, or beneath the floor."""
+        R = state[6:15].reshape(3, 3)
+        up = float(R[2, 2])
+        if up < self.LEAST_UPRIGHT or state[2] <= 0:
+            return None
+        distance = state[2] / up
+        v = R.T @ state[3:6]
+        tilt = -R[2] @ hat(np.array([0.0, 0.0, 1.0]))  # of R33 by the attitude error
+        H = np.zeros((3, ERROR))
+        H[2, 2] = 1.0 / up
+        H[2, ATTITUDE] = -distance / up * tilt
+        flow = np.array([v[0] / distance - rate_rad_s[1], v[1] / distance + rate_rad_s[0]])
+        H[:2, VELOCITY] = R.T[:2] / distance
+        H[:2, ATTITUDE] = hat(v)[:2] / distance
+        H[:2] -= np.outer(v[:2] / distance**2, H[2])
+        H[0, 13], H[1, 12] = 1.0, -1.0  # the rates are readings less the bias
+        residual = np.array([*(np.asarray(self.flow_rad_s) - flow), self.range_m - distance])
+        return Innovation(residual, H, np.diag([self.flow_sigma_rad_s**2] * 2 + [self.range_sigma_m**2]))
+
+
+def finite(name: str, values: Array) -> None:
+    """ValueError when a measurement holds something that is no number."""
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} is not finite: a measurement without a value is no measurement")
+
+
+def checked(covariance: Array, n: int) -> Array:
+    """A covariance (n, n), read-only; ValueError unless it is finite and positive."""
+    out = read_only(covariance, (n, n))
+    if not np.isfinite(out).all() or not math.isfinite(float(np.trace(out))) or np.linalg.eigvalsh(out)[0] <= 0:
+        raise ValueError("the covariance of a measurement is finite and positive; state what you do not know as large")
+    return out

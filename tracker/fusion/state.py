@@ -1,0 +1,119 @@
+"""The filter's state, its error, and its parameters.
+
+World z up, body x forward, y left, z up. The nominal state is position and velocity in the world, rotation
+`world_from_body`, accelerometer and gyroscope bias, and the slow bias of the camera's poses. Its error (21,) is that
+of Sola, Quaternion kinematics for the error-state Kalman filter (2017), section 5, with the attitude error in the
+body (eq. 234), the bias of the camera's poses last:
+
+    position 0:3   velocity 3:6   attitude 6:9   accelerometer bias 9:12   gyroscope bias 12:15   camera bias 15:21
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from trajectories.pose import Array, Pose, read_only
+
+STATE, ERROR = 27, 21
+"""Numbers in a nominal state (rotation as a matrix) and in its error."""
+STANDARD_GRAVITY_M_S2 = 9.80665
+"""Standard acceleration of gravity (ISO 80000-3)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FusionConfig:
+    """What the filter assumes of its sensors; every value is a noise, a physical bound or a probability.
+
+    IMU densities as Kalibr's model has them; the defaults are those of EuRoC's ADIS16448 (Burri et al. 2016). The
+    error of the camera's poses has a white part, which comes with each pose, and a slow one: a first-order
+    Gauss-Markov process of these standard deviations and this time constant, since a tracker's error is not white.
+    A measurement is refused when its normalized innovation lies beyond `gate` of its distribution (chi-square); after
+    `doubt_after` camera poses refused in a row it is the filter that is doubted: its covariance grows until the next
+    one passes. `history_s`: how late a measurement may be.
+    """
+
+    accel_noise_m_s2_sqrt_hz: float = 2.0e-3
+    gyro_noise_rad_s_sqrt_hz: float = 1.6968e-4
+    accel_walk_m_s3_sqrt_hz: float = 3.0e-3
+    gyro_walk_rad_s2_sqrt_hz: float = 1.9393e-5
+    camera_bias_m: float = 0.005
+    camera_bias_rad: float = 0.003
+    camera_bias_s: float = 5.0
+    gravity_m_s2: float = STANDARD_GRAVITY_M_S2
+    gate: float = 0.999
+    doubt_after: int = 5
+    history_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        noises = (
+            self.accel_noise_m_s2_sqrt_hz, self.gyro_noise_rad_s_sqrt_hz, self.accel_walk_m_s3_sqrt_hz,
+            self.gyro_walk_rad_s2_sqrt_hz, self.camera_bias_m, self.camera_bias_rad,
+        )  # fmt: skip
+        if not all(np.isfinite(v) and v >= 0 for v in noises):
+            raise ValueError("noise densities and biases are finite and not negative")
+        if not (0 < self.gate < 1 and self.camera_bias_s > 0 and self.history_s > 0 and self.doubt_after >= 1):
+            raise ValueError("gate lies between 0 and 1; camera_bias_s, history_s and doubt_after are positive")
+
+    @property
+    def densities(self) -> Array:
+        """The process noise as the kernels take it (8,)."""
+        return np.array([
+            self.accel_noise_m_s2_sqrt_hz, self.gyro_noise_rad_s_sqrt_hz, self.accel_walk_m_s3_sqrt_hz,
+            self.gyro_walk_rad_s2_sqrt_hz, self.camera_bias_m, self.camera_bias_rad, self.camera_bias_s,
+            self.gravity_m_s2,
+        ])  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """What the filter knows at a stamp.
+
+    velocity_m_s in the world; biases as they are added to the readings; angular_velocity_rad_s (3,) in the body, None
+    before the first IMU sample. covariance (15, 15) of the error, in the order of this module's docstring without the
+    bias of the camera's poses.
+    """
+
+    stamp_ns: int
+    world_from_body: Pose
+    velocity_m_s: Array
+    accel_bias_m_s2: Array = field(default_factory=lambda: np.zeros(3))
+    gyro_bias_rad_s: Array = field(default_factory=lambda: np.zeros(3))
+    angular_velocity_rad_s: Array | None = None
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        for name in ("velocity_m_s", "accel_bias_m_s2", "gyro_bias_rad_s"):
+            object.__setattr__(self, name, read_only(getattr(self, name), (3,)))
+        covariance = read_only(self.covariance, (15, 15))
+        if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] < -1e-9 * np.abs(covariance).max():
+            raise ValueError("the covariance is finite, symmetric and not negative")
+        object.__setattr__(self, "covariance", covariance)
+
+    @classmethod
+    def at_rest(
+        cls,
+        stamp_ns: int,
+        world_from_body: Pose,
+        *,
+        position_m: float,
+        attitude_rad: float,
+        velocity_m_s: float = 0.01,
+        accel_bias_m_s2: float = 0.05,
+        gyro_bias_rad_s: float = 0.01,
+    ) -> "Estimate":
+        """Standing still at a pose that is known up to these standard deviations (each of one axis)."""
+        sigmas = np.repeat([position_m, velocity_m_s, attitude_rad, accel_bias_m_s2, gyro_bias_rad_s], 3)
+        return cls(
+            stamp_ns=stamp_ns,
+            world_from_body=world_from_body,
+            velocity_m_s=np.zeros(3),
+            covariance=np.diag(sigmas**2),
+        )
+
+    def pack(self) -> Array:
+        """The nominal state (27,) as the kernels take it, without a bias of the camera's poses."""
+        pose = self.world_from_body
+        return np.concatenate([
+            pose.translation, self.velocity_m_s, pose.rotation.ravel(), self.accel_bias_m_s2, self.gyro_bias_rad_s,
+            np.zeros(6),
+        ])  # fmt: skip

@@ -1,0 +1,274 @@
+"""The vehicle's filter: IMU and measurements in any order; each counts at its own stamp, however late it comes."""
+
+from bisect import bisect_left, insort
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from tracker.base import TrackResult
+from tracker.fusion.fusion_kernels import normalized_innovation, propagate, update
+from tracker.fusion.measurements import CameraPose, Measurement
+from tracker.fusion.state import ERROR, Estimate, FusionConfig
+from trajectories.pose import Array, Pose
+
+IMU_RANK = 0
+"""An IMU sample comes before the measurements of its stamp."""
+DOUBT = 2.0
+"""How much the standard deviations of the pose grow at each camera pose refused while the filter is doubted."""
+
+
+class Key(NamedTuple):
+    """When an event counts, and in which order at one stamp; `arrival` decides between two alike."""
+
+    stamp_ns: int
+    rank: int
+    arrival: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One IMU reading: body rate (3,) in rad/s, specific force (3,) in m/s^2."""
+
+    gyro: Array
+    accel: Array
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a measurement.
+
+    d2: its squared normalized innovation, dof its degrees of freedom; both None where it was not compared. why: empty
+    when it was taken.
+    """
+
+    stamp_ns: int
+    kind: str
+    d2: float | None
+    dof: int | None
+    why: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """The filter right after an event: what it takes to go on from there."""
+
+    stamp_ns: int
+    state: Array
+    P: Array
+    sample: Sample | None
+    refused: int
+    verdict: Verdict | None
+
+
+class VehicleFilter:
+    """Error-state Kalman filter of pose, velocity, IMU biases and a slow bias of the camera's poses.
+
+    Events are kept for `history_s` with the state after each. One that comes late is put where it belongs, and all
+    after it is done again, so that the state is the same to the bit as if it had come in time. Readings between two
+    IMU samples lie on the line between them; a measurement counts once a sample at or after its stamp is there.
+    """
+
+    def __init__(self, config: FusionConfig, cam_from_body: Pose, initial: Estimate) -> None:
+        self.config, self.cam_from_body = config, cam_from_body
+        self._densities = config.densities
+        self._gates = {m: float(chdtri(m, 1.0 - config.gate)) for m in range(1, 7)}
+        P = np.zeros((ERROR, ERROR))
+        P[:15, :15] = initial.covariance
+        P[15:18, 15:18] = np.eye(3) * config.camera_bias_m**2
+        P[18:, 18:] = np.eye(3) * config.camera_bias_rad**2
+        self._arrivals = 0
+        self._keys: list[Key] = []
+        self._events: list[Sample | Measurement] = []
+        self._done: list[Checkpoint] = []
+        self._base = Checkpoint(initial.stamp_ns, initial.pack(), P, None, 0, None)
+        self._past: list[Verdict] = []
+
+    def imu(self, stamp_ns: int, gyro_rad_s: Array, accel_m_s2: Array) -> None:
+        """Take one IMU sample; ValueError when it is not finite."""
+        gyro, accel = (np.array(v, dtype=np.float64) for v in (gyro_rad_s, accel_m_s2))
+        if gyro.shape != (3,) or accel.shape != (3,) or not (np.isfinite(gyro).all() and np.isfinite(accel).all()):
+            raise ValueError(f"IMU sample at {stamp_ns}: two finite vectors (3,) are needed")
+        self._put(Key(stamp_ns, IMU_RANK, 0), Sample(gyro, accel))
+
+    def camera(self, stamp_ns: int, result: TrackResult) -> None:
+        """Take a tracker's answer; one that is not `ok`, or claims no covariance, is no measurement."""
+        if result.status != "ok" or result.cam_from_world is None or result.covariance is None:
+            return
+        try:
+            pose = CameraPose(
+                stamp_ns=stamp_ns,
+                cam_from_world=result.cam_from_world,
+                covariance=result.covariance,
+                cam_from_body=self.cam_from_body,
+            )
+        except (ValueError, np.linalg.LinAlgError) as error:
+            self._past.append(Verdict(stamp_ns, "CameraPose", None, None, str(error)))
+            return
+        self.take(pose)
+
+    def take(self, measurement: Measurement) -> None:
+        """Take any measurement; it is refused, and `verdicts` says why, when it is too late or does not fit."""
+        self._arrivals += 1
+        self._put(Key(measurement.stamp_ns, measurement.rank, self._arrivals), measurement)
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """What became of every measurement so far, in the order of their stamps."""
+        return self._past + [c.verdict for c in self._done if c.verdict is not None]
+
+    def estimate(self, stamp_ns: int | None = None) -> Estimate:
+        """What is known at a stamp (default: the last IMU sample's), carried on with the last reading beyond that.
+
+        ValueError for a stamp older than the history.
+        """
+        last = self._last
+        at = last.stamp_ns if stamp_ns is None else stamp_ns
+        state, P, sample = self._at(at)
+        return Estimate(
+            stamp_ns=at,
+            world_from_body=Pose(state[6:15].reshape(3, 3), state[0:3]),
+            velocity_m_s=state[3:6],
+            accel_bias_m_s2=state[15:18],
+            gyro_bias_rad_s=state[18:21],
+            angular_velocity_rad_s=None if sample is None else sample.gyro - state[18:21],
+            covariance=P[:15, :15],
+        )
+
+    def predict_camera(self, stamp_ns: int) -> tuple[Pose, Array]:
+        """Predicted `cam_from_world` and the covariance (6, 6) of its twist: a prior for a tracker."""
+        state, P, _ = self._at(stamp_ns)
+        pose = self.cam_from_body @ Pose(state[6:15].reshape(3, 3), state[0:3]).inverse()
+        there = CameraPose(
+            stamp_ns=stamp_ns, cam_from_world=pose, covariance=np.eye(6), cam_from_body=self.cam_from_body
+        )
+        H = there.innovation(state, np.zeros(3)).H[:, :15]
+        return pose, H @ P[:15, :15] @ H.T
+
+    @property
+    def _last(self) -> Checkpoint:
+        return self._done[-1] if self._done else self._base
+
+    def _put(self, key: Key, event: "Sample | Measurement") -> None:
+        """Put an event where it belongs, and do what can be done."""
+        if key.stamp_ns < self._base.stamp_ns:
+            if key.rank != IMU_RANK:
+                self._past.append(Verdict(key.stamp_ns, type(event).__name__, None, None, "older than the history"))
+            return
+        place = bisect_left(self._keys, key)
+        if key.rank == IMU_RANK and place < len(self._keys) and self._keys[place] == key:
+            return  # the same sample twice
+        insort(self._keys, key)
+        self._events.insert(place, event)
+        if key.rank == IMU_RANK:  # measurements since the sample before it lay on another line
+            while place and self._keys[place - 1].rank != IMU_RANK:
+                place -= 1
+        del self._done[place:]
+        self._go_on()
+        self._forget()
+
+    def _go_on(self) -> None:
+        """Do every event up to the last IMU sample."""
+        covered = next((i for i in range(len(self._keys), 0, -1) if self._keys[i - 1].rank == IMU_RANK), 0)
+        end = self._keys[covered - 1].stamp_ns if covered else None
+        while len(self._done) < len(self._keys):
+            key, event = self._keys[len(self._done)], self._events[len(self._done)]
+            if end is None or key.stamp_ns > end:
+                break
+            before = self._last
+            state, P, sample = self._carried(before, key.stamp_ns, self._reading(len(self._done)))
+            if isinstance(event, Sample):
+                self._done.append(Checkpoint(key.stamp_ns, state, P, event, before.refused, None))
+            else:
+                self._done.append(
+                    self._measured(event, Checkpoint(key.stamp_ns, state, P, sample, before.refused, None))
+                )
+
+    def _reading(self, place: int) -> Sample:
+        """IMU reading at an event's stamp: on the line between the samples around it."""
+        key, event = self._keys[place], self._events[place]
+        if isinstance(event, Sample):
+            return event
+        if self._last.sample is not None and self._last.stamp_ns == key.stamp_ns:
+            return self._last.sample
+        after = next(i for i in range(place + 1, len(self._keys)) if self._keys[i].rank == IMU_RANK)
+        later, last = self._events[after], self._last
+        assert isinstance(later, Sample)
+        if last.sample is None:
+            return later
+        span = self._keys[after].stamp_ns - last.stamp_ns
+        share = (key.stamp_ns - last.stamp_ns) / span if span else 0.0
+        gyro = last.sample.gyro + share * (later.gyro - last.sample.gyro)
+        return Sample(gyro, last.sample.accel + share * (later.accel - last.sample.accel))
+
+    def _carried(self, before: Checkpoint, stamp_ns: int, reading: Sample) -> tuple[Array, Array, Sample]:
+        """State and covariance at a stamp, by the mean of the readings at both ends."""
+        dt = (stamp_ns - before.stamp_ns) * 1e-9
+        if dt <= 0:
+            return before.state, before.P, reading
+        first = reading if before.sample is None else before.sample
+        gyro, accel = 0.5 * (first.gyro + reading.gyro), 0.5 * (first.accel + reading.accel)
+        state, P = propagate(before.state, before.P, gyro, accel, dt, self._densities)
+        return state, P, reading
+
+    def _measured(self, event: Measurement, at: Checkpoint) -> Checkpoint:
+        """After a measurement: updated when it passes the gate, otherwise as before, with the verdict."""
+        assert at.sample is not None
+        kind, camera = type(event).__name__, isinstance(event, CameraPose)
+        found = event.innovation(at.state, at.sample.gyro - at.state[18:21])
+        if found is None:
+            return self._verdict(at, Verdict(at.stamp_ns, kind, None, None, "the state cannot predict it"), at.refused)
+        m, P = len(found.residual), at.P
+        d2 = normalized_innovation(P, found.residual, found.H, found.noise)
+        if camera and at.refused >= self.config.doubt_after and not d2 <= self._gates[m]:
+            P = self._doubted(P)
+            d2 = normalized_innovation(P, found.residual, found.H, found.noise)
+        if not d2 <= self._gates[m]:
+            why = f"beyond the gate: {d2:.1f} > {self._gates[m]:.1f}"
+            at = Checkpoint(at.stamp_ns, at.state, P, at.sample, at.refused, None)
+            return self._verdict(at, Verdict(at.stamp_ns, kind, d2, m, why), at.refused + camera)
+        state, P = update(at.state, P, found.residual, found.H, found.noise)
+        at = Checkpoint(at.stamp_ns, state, P, at.sample, at.refused, None)
+        return self._verdict(at, Verdict(at.stamp_ns, kind, d2, m), 0 if camera else at.refused)
+
+    @staticmethod
+    def _doubted(P: Array) -> Array:
+        """Larger standard deviations of position, velocity and attitude."""
+        scale = np.ones(ERROR)
+        scale[:9] = DOUBT
+        return np.asarray(P * np.outer(scale, scale))
+
+    @staticmethod
+    def _verdict(at: Checkpoint, verdict: Verdict, refused: int) -> Checkpoint:
+        return Checkpoint(at.stamp_ns, at.state, at.P, at.sample, refused, verdict)
+
+    def _at(self, stamp_ns: int) -> tuple[Array, Array, Sample | None]:
+        """State, covariance and reading at a stamp."""
+        last = self._last
+        if stamp_ns >= last.stamp_ns:
+            if last.sample is None:
+                if stamp_ns > last.stamp_ns:
+                    raise ValueError(f"no IMU sample yet: nothing is known at {stamp_ns}")
+                return last.state, last.P, None
+            return self._carried(last, stamp_ns, last.sample)
+        place = bisect_left(self._keys, Key(stamp_ns + 1, IMU_RANK, 0)) - 1
+        before = self._done[place] if place >= 0 else self._base
+        if stamp_ns < self._base.stamp_ns:
+            raise ValueError(f"{stamp_ns} is older than the history of {self.config.history_s} s")
+        after = next(c for c in self._done[place + 1 :] if c.sample is not None)
+        if before.sample is None or after.sample is None:
+            return self._carried(before, stamp_ns, after.sample or Sample(np.zeros(3), np.zeros(3)))
+        share = (stamp_ns - before.stamp_ns) / max(after.stamp_ns - before.stamp_ns, 1)
+        gyro = before.sample.gyro + share * (after.sample.gyro - before.sample.gyro)
+        reading = Sample(gyro, before.sample.accel + share * (after.sample.accel - before.sample.accel))
+        return self._carried(before, stamp_ns, reading)
+
+    def _forget(self) -> None:
+        """Drop events older than the history."""
+        oldest = self._last.stamp_ns - round(self.config.history_s * 1e9)
+        drop = min(bisect_left(self._keys, Key(oldest, IMU_RANK, 0)), len(self._done))
+        if drop:
+            self._past += [c.verdict for c in self._done[:drop] if c.verdict is not None]
+            self._base = self._done[drop - 1]
+            del self._keys[:drop], self._events[:drop], self._done[:drop]
