@@ -29,7 +29,7 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
         value = -1.0
     if value >= 1.0 and not percent:
         raise click.BadParameter(
-            f"{text!r} would be {100 * value:g} %: write {number}% for {number} percent, or a share below 1 such as 0.05"
+            f"{text!r} would be {100 * value:g} %: write {number}% for {number} percent, or a share below 1 as in 0.05"
         )
     if not 0.0 <= value < 10.0:
         raise click.BadParameter(f"{text!r} is no share from 0% to 1000%: write 5% or 0.05")

@@ -105,7 +105,7 @@ def test_a_load_places_its_model_as_visp_does(tmp_path):
     one = read_cao(tmp_path / "brick.cao")
     alone = one.vertices
     tu, t = Rotation.from_rotvec([0.3, -0.2, 0.5]), [0.1, 0.2, 0.3]
-    turned = Rotation.from_euler("z", 90, degrees=True).apply(alone) + [1, 0, 0]
+    turned = Rotation.from_euler("z", 90, degrees=True).apply(alone) + np.array([1, 0, 0])
     expected = tu.apply(np.concatenate([alone, turned])) + t
     read = read_cao(tmp_path / "all.cao")
     np.testing.assert_allclose(read.vertices, expected, atol=1e-12)
