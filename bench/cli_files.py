@@ -87,7 +87,7 @@ def pick_command(
 ALIGNMENTS = ["none", "se3", "sim3", "yaw", "scale", "origin", "origin-scale"]
 UNITS = ["frames", "m", "deg", "rad", "s"]
 ASSOCIATIONS = ["one-to-one", "evo", "evo-interpolated"]
-FORMATS = ["tum", "euroc", "kitti"]
+FORMATS = ["tum", "euroc", "kitti", "uavbench"]
 MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 
 
@@ -105,10 +105,14 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.option("--mode", type=click.Choice(MODES), default="uavbench", help="Conventions of another tool.")
 @click.option("--reference-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
 @click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
+@click.option("--mount", type=FILE, help="Sequence folder by whose mount camera and body poses are converted.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate_command(reference: Path, estimate: Path, as_json: bool, **options: Any) -> None:
-    """Score the trajectory file ESTIMATE against REFERENCE: ATE, RPE and coverage."""
+    """Score the trajectory ESTIMATE against REFERENCE: ATE, RPE and coverage.
+
+    Each is a file of TUM, EuRoC, KITTI or uavbench's own form, or a folder of a sequence, an export or results.
+    """
     import json
 
     from reports.evaluate import evaluate_files

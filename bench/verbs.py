@@ -90,7 +90,7 @@ def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, o
     if kind not in TRACKERS:
         raise unknown_name("tracker", kind, list(TRACKERS))
     results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
-    click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / 'estimate.tum'}")
+    click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
 
 
 def schema() -> str:

@@ -179,6 +179,9 @@ def test_a_recorded_trajectory_is_flown_as_given(tmp_path: Path) -> None:
     seen = fly(FlightSpec(path=cam), mount, BOX, 0)
     pose = (mount.cam_from_body @ seen.pose(50).inverse()).inverse()
     np.testing.assert_allclose(pose.matrix, given.pose(1).matrix, atol=1e-12)
+    write_tum(given, tmp_path / "said.tum", "world_from_cam")
+    with pytest.raises(UserError, match=r"said\.tum: says that it holds world_from_cam, and frame = 'body'"):
+        fly(FlightSpec(path=Recorded(str(tmp_path / "said.tum"))), Mount(), BOX, 0)
     gap = given.select(np.delete(np.arange(40), slice(10, 25)))
     write_tum(gap, tmp_path / "gap.tum")
     with pytest.raises(UserError, match=r"1\.600 s without a pose after pose 9"):
