@@ -34,12 +34,14 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 @click.argument("sequence", type=FILE)
 @click.option("--format", "form", type=click.Choice(["euroc", "tum", "kitti", "bop", "video"]), required=True)
 @click.option("--out", type=FILE, required=True, help="Folder that is made.")
-def export_command(sequence: Path, form: str, out: Path) -> None:
-    """Write the folder SEQUENCE in the form of another tool."""
+@click.option("--undistort", is_flag=True, help="Take the lens's distortion out of the images.")
+def export_command(sequence: Path, form: str, out: Path, undistort: bool) -> None:
+    """Write the folder SEQUENCE in the form of another tool, and tell what that form has no place for."""
     from scenes.exports import export
     from scenes.sequence import Sequence
 
-    export(Sequence.load(sequence), form, out)
+    for line in export(Sequence.load(sequence), form, out, undistort=undistort):
+        click.echo(f"not held: {line}", err=True)
     click.echo(out)
 
 

@@ -29,6 +29,7 @@ from scenes.structure import Structure
 from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text
 from trajectories.flight import Flight, fly
+from trajectories.flight_summary import flown_summary
 from trajectories.pose import Array, Pose
 from trajectories.sensors import write_flight
 from trajectories.streams import stream
@@ -69,7 +70,9 @@ def generate(
         _, *readings = write_flight(flight, spec.sensors, scene.surroundings, spec.seed, new)
         camera.save(new / "camera.toml")
         save_structure(scene.built.structure, new)
-        _write_info(new, spec, scene, source, {"content_hash": content_hash, "sensors": _by_file(spec, readings)})
+        summary = flown_summary(spec.flight, spec.mount, scene.surroundings, spec.seed, flight)
+        more = {"flight": summary.to_json(), "sensors": _by_file(spec, readings), "content_hash": content_hash}
+        _write_info(new, spec, scene, source, more)
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
 

@@ -120,13 +120,14 @@ def write_tum(trajectory: Trajectory, path: Path, frame: str = "") -> None:
 
 
 def write_euroc(trajectory: Trajectory, path: Path, motion: Array | None = None) -> None:
-    """Write an EuRoC ground-truth file; `motion` (n, 9) adds velocity in the world, gyro and accelerometer biases."""
+    """Write an EuRoC ground-truth file; `motion` (n, 3 or 9) adds velocity in the world, then biases (gyro, accel)."""
     header = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"
     table = np.column_stack([trajectory.positions_m, trajectory.quaternions_wxyz])
     if motion is not None:
         header += ", v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1]"
-        header += "".join(f", b_w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
-        header += "".join(f", b_a_RS_S_{axis} [m s^-2]" for axis in "xyz")
+        if motion.shape[1] > 3:
+            header += "".join(f", b_w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
+            header += "".join(f", b_a_RS_S_{axis} [m s^-2]" for axis in "xyz")
         table = np.column_stack([table, motion])
     rows = zip(trajectory.stamps_ns.tolist(), table.tolist(), strict=True)
     write_text(path, header + "\n" + "".join(f"{ns},{_join(',', row)}\n" for ns, row in rows))
