@@ -2,10 +2,9 @@
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from bench.content import canonical
 from bench.works import Render
 from scenes.scene import flown_around
 from scenes.spec import SequenceSpec
@@ -25,9 +24,13 @@ NOISY = {"Noise", "AnalogLink"}
 
 @dataclass(frozen=True)
 class Extent:
-    """What a sequence will be, or why its flight cannot be planned; measured: its bytes are those on disk."""
+    """What each of the sequences of one name will be, one per seed, or why their flight cannot be planned.
+
+    bytes are those of one sequence, on disk where one is rendered (measured), else about.
+    """
 
     name: str
+    seeds: int
     frames: int
     summary: FlightSummary | None
     bytes: float
@@ -36,19 +39,12 @@ class Extent:
 
 
 def extents(renders: Iterable[Render]) -> list[Extent]:
-    """Extent of each rendered sequence; those that differ by their seed alone are planned once."""
-    known: dict[str, Extent] = {}
-    out = []
+    """Extent of the rendered sequences by name; those that differ by their seed alone are planned once."""
+    by_name: dict[str, list[Render]] = {}
     for render in renders:
-        if not isinstance(render.spec, SequenceSpec):
-            continue
-        key = json.dumps(canonical(replace(render.spec, name="", seed=0)), sort_keys=True)
-        if key not in known:
-            known[key] = _extent(render.spec)
-        extent = replace(known[key], name=render.spec.name)
-        on_disk = sum(path.stat().st_size for path in render.folder.rglob("*") if path.is_file())
-        out.append(replace(extent, bytes=float(on_disk), measured=True) if on_disk else extent)
-    return out
+        if isinstance(render.spec, SequenceSpec):
+            by_name.setdefault(render.spec.name.rpartition("-s")[0], []).append(render)
+    return [_extent(name, alike) for name, alike in by_name.items()]
 
 
 def table_of_extents(renders: Iterable[Render]) -> str:
@@ -56,18 +52,21 @@ def table_of_extents(renders: Iterable[Render]) -> str:
     found = extents(renders)
     if not found:
         return ""
-    lines = [f"\n{'sequence':<36} {'frames':>7} {'flight, s':>10} {'top m/s':>8} {'MB':>9}"]
+    lines = [f"\n{'each sequence':<36} {'seeds':>7} {'frames':>7} {'flight, s':>10} {'top m/s':>8} {'MB':>9}"]
     for each in found:
-        seconds = f"{each.summary.duration_s:>10.1f}" if each.summary else f"{'-':>10}"
+        seconds = f"{each.summary.duration_s:.1f}" if each.summary else "-"
         top = each.summary.speed_planned_m_s if each.summary else None
-        speed = "-" if top is None else f"{top:.2f}"
-        about = "" if each.measured else " about"
-        lines.append(f"{each.name:<36} {each.frames:>7} {seconds} {speed:>8} {each.bytes / 1e6:>9.1f}{about}")
-    total_s = sum(each.summary.duration_s for each in found if each.summary)
-    total = f"{sum(each.frames for each in found):>7} {total_s:>10.1f} {'':>8}"
-    lines.append(f"{f'{len(found)} sequences':<36} {total} {sum(each.bytes for each in found) / 1e6:>9.1f}")
-    told = dict.fromkeys(each.problem or (each.summary.shortfall() if each.summary else "") for each in found)
-    return "\n".join([*lines, *(line for line in told if line)])
+        speed, about = "-" if top is None else f"{top:.2f}", "" if each.measured else " about"
+        head = f"{each.name:<36} {each.seeds:>7} {each.frames:>7} {seconds:>10}"
+        lines.append(f"{head} {speed:>8} {each.bytes / 1e6:>9.1f}{about}")
+    seeds, frames = sum(each.seeds for each in found), sum(each.seeds * each.frames for each in found)
+    total_s = sum(each.seeds * each.summary.duration_s for each in found if each.summary)
+    total_mb = sum(each.seeds * each.bytes for each in found) / 1e6
+    lines.append(f"{'all sequences':<36} {seeds:>7} {frames:>7} {total_s:>10.1f} {'':>8} {total_mb:>9.1f}")
+    for each in found:
+        if told := each.problem or (each.summary.shortfall() if each.summary else ""):
+            lines.append(f"{each.name}: {told}")
+    return "\n".join(lines)
 
 
 def shortfalls(markers: Iterable[Path]) -> list[str]:
@@ -80,13 +79,19 @@ def shortfalls(markers: Iterable[Path]) -> list[str]:
     return lines
 
 
-def _extent(spec: SequenceSpec) -> Extent:
+def _extent(name: str, alike: list[Render]) -> Extent:
+    spec = alike[0].spec
+    assert isinstance(spec, SequenceSpec)
     try:
         summary = planned_summary(spec.flight, spec.mount, flown_around(spec), spec.seed)
     except UserError as error:
-        return Extent(spec.name, 0, None, 0.0, problem=f"{spec.name}: path {path_name(spec.flight.path)}: {error}")
+        return Extent(name, len(alike), 0, None, 0.0, problem=f"path {path_name(spec.flight.path)}: {error}")
     frames = int(summary.duration_s * spec.rate_hz + 1e-9) + 1
-    return Extent(spec.name, frames, summary, _bytes(spec, frames, summary.duration_s))
+    rendered = next((render.folder for render in alike if (render.folder / "sequence.json").is_file()), None)
+    if rendered is None:
+        return Extent(name, len(alike), frames, summary, _bytes(spec, frames, summary.duration_s))
+    size = float(sum(path.stat().st_size for path in rendered.rglob("*") if path.is_file()))
+    return Extent(name, len(alike), frames, summary, size, measured=True)
 
 
 def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:

@@ -202,6 +202,16 @@ def test_structure_path_wind_and_airframe_are_in_the_files(table, dataset):
     assert thrust.mean() == pytest.approx(0.03 * 9.80665, rel=0.05)
 
 
+def test_the_flight_in_the_record_is_that_of_the_files(table, dataset, info):
+    flight, said = columns(dataset / "flight.csv"), info["flight"]
+    assert (said["path"], said["speed_asked_m_s"], said["duration_asked_s"]) == ("orbit", 0.4, None)
+    assert said["duration_s"] == pytest.approx(flight["stamp_ns"][-1] / 1e9, abs=0.01)
+    speeds = np.linalg.norm([flight[f"v{a}_m_s"] for a in "xyz"], axis=0)
+    assert said["speed_flown_m_s"] == pytest.approx(speeds.max(), rel=0.02)
+    steps = np.diff([flight[f"p{a}_m"] for a in "xyz"], axis=1)
+    assert said["length_m"] == pytest.approx(np.linalg.norm(steps, axis=0).sum(), abs=0.01)
+
+
 def test_what_truth_and_crlb_ask_for_is_there(dataset):
     frames = len(columns_of_text(dataset / "frames.csv"))
     for folder, suffix in (("depth", "png"), ("mask", "png"), ("edges", "csv")):
