@@ -61,7 +61,8 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
         truth: "body in the world, its velocity in the world, biases of imu0; 100 rows a second and one at each image",
     }
     files |= {f"mav0/imu{k}": f"rates and specific forces of `{name}`" for k, name in enumerate(imus)}
-    limits = [f"Biases: those of imu{k} (`{name}`) are not held." for k, name in enumerate(imus) if k]
+    limits = [f"Parameters: `{name}` is not described in sequence.json." for name, imu in imus.items() if not imu]
+    limits += [f"Biases: those of imu{k} (`{name}`) are not held." for k, name in enumerate(imus) if k]
     if any(any(imu.get("offset_m", ())) for imu in imus.values()):
         limits.append(
             "Body: an IMU sits beside the body's origin (see its T_BS); a tool that takes the IMU as the body must "
@@ -71,8 +72,13 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
 
 
 def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
-    """Parameters of each sensor of a sequence that reads rates and specific forces, by its file."""
-    sensors = sensors_of(sequence)
+    """Parameters of each sensor of a sequence that reads rates and specific forces, by its file.
+
+    A file of readings that the sequence's record does not name has none that are known.
+    """
+    sensors = dict(sensors_of(sequence))
+    for path in sorted(sequence.folder.glob("imu*.csv")):
+        sensors.setdefault(path.name, {})
     return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(_header(sequence.folder / name))}
 
 
@@ -91,7 +97,10 @@ def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
     stamps = read_integers(readings, ["stamp_ns"])[:, 0].tolist()
     rows = zip(stamps, read_numbers(readings, READINGS).tolist(), strict=True)
     write_text(folder / "data.csv", "\n".join([head, *(f"{ns},{','.join(map(repr, row))}" for ns, row in rows)]) + "\n")
-    body_from_imu = Pose(np.eye(3), np.array(imu.get("offset_m", (0.0, 0.0, 0.0))))
+    try:
+        body_from_imu = Pose(np.eye(3), np.array(imu.get("offset_m", (0.0, 0.0, 0.0)), dtype=np.float64))
+    except (ValueError, TypeError) as error:
+        raise UserError(f"{readings.parent / 'sequence.json'}: offset_m of {readings.name}: {error}") from None
     text = f"sensor_type: imu\ncomment: simulated {imu.get('kind', 'IMU')}\n{_t_bs(body_from_imu)}"
     if "rate_hz" in imu:
         text += f"rate_hz: {float(imu['rate_hz'])!r}\n"

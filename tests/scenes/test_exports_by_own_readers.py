@@ -235,6 +235,23 @@ def test_euroc_tells_what_it_does_not_hold(plain, tmp_path):
         assert word in (out / "README.md").read_text()
 
 
+def test_an_imu_that_the_record_does_not_describe_is_exported_and_told(plain, tmp_path):
+    shutil.copytree(plain, tmp_path / "older")
+    path = tmp_path / "older" / "sequence.json"
+    info = json.loads(path.read_text())
+    del info["sensors"]["imu.csv"]
+    path.write_text(json.dumps(info))
+    out = exported(tmp_path / "older", "euroc", tmp_path)
+    rows = values(out / "mav0" / "imu1" / "data.csv")
+    assert [int(row[0]) for row in rows] == stamps(plain / "imu.csv")
+    assert "rate_hz" not in yaml(out / "mav0" / "imu1" / "sensor.yaml")
+    assert "`imu.csv` is not described" in notes(out)
+    for broken in ([], {"imu.csv": []}, {"imu.csv": {"offset_m": "x"}}, {"../imu.csv": {}}, {"no.csv": {}}):
+        path.write_text(json.dumps(info | {"sensors": broken}))
+        with pytest.raises(UserError):
+            exported(tmp_path / "older", "euroc", tmp_path / "broken")
+
+
 def test_tum(plain, tmp_path):
     tum = exported(plain, "tum", tmp_path)
     assert "# frame: world_from_cam" in (tum / "groundtruth.txt").read_text()
