@@ -34,12 +34,14 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 @click.argument("sequence", type=FILE)
 @click.option("--format", "form", type=click.Choice(["euroc", "tum", "kitti", "bop", "video"]), required=True)
 @click.option("--out", type=FILE, required=True, help="Folder that is made.")
-def export_command(sequence: Path, form: str, out: Path) -> None:
-    """Write the folder SEQUENCE in the form of another tool."""
+@click.option("--undistort", is_flag=True, help="Take the lens's distortion out of the images.")
+def export_command(sequence: Path, form: str, out: Path, undistort: bool) -> None:
+    """Write the folder SEQUENCE in the form of another tool, and tell what that form has no place for."""
     from scenes.exports import export
     from scenes.sequence import Sequence
 
-    export(Sequence.load(sequence), form, out)
+    for line in export(Sequence.load(sequence), form, out, undistort=undistort):
+        click.echo(f"not held: {line}", err=True)
     click.echo(out)
 
 
@@ -87,7 +89,7 @@ def pick_command(
 ALIGNMENTS = ["none", "se3", "sim3", "yaw", "scale", "origin", "origin-scale"]
 UNITS = ["frames", "m", "deg", "rad", "s"]
 ASSOCIATIONS = ["one-to-one", "evo", "evo-interpolated"]
-FORMATS = ["tum", "euroc", "kitti"]
+FORMATS = ["tum", "euroc", "kitti", "uavbench"]
 MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 
 
@@ -105,10 +107,14 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.option("--mode", type=click.Choice(MODES), default="uavbench", help="Conventions of another tool.")
 @click.option("--reference-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
 @click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
+@click.option("--mount", type=FILE, help="Sequence folder by whose mount camera and body poses are converted.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate_command(reference: Path, estimate: Path, as_json: bool, **options: Any) -> None:
-    """Score the trajectory file ESTIMATE against REFERENCE: ATE, RPE and coverage."""
+    """Score the trajectory ESTIMATE against REFERENCE: ATE, RPE and coverage.
+
+    Each is a file of TUM, EuRoC, KITTI or uavbench's own form, or a folder of a sequence, an export or results.
+    """
     import json
 
     from reports.evaluate import evaluate_files

@@ -21,13 +21,18 @@ def margin_options(command: Any) -> Any:
 
 
 def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
-    """A share from `5%` or `0.05`."""
+    """A share from `5%` or `0.05`; 1 and more must carry its `%`, for `5` may mean 5 % or 500 %."""
+    number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
-        value = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+        value = float(number) / (100.0 if percent else 1.0)
     except ValueError:
         value = -1.0
+    if value >= 1.0 and not percent:
+        raise click.BadParameter(
+            f"{text!r} would be {100 * value:g} %: write {number}% for {number} percent, or a share below 1 as in 0.05"
+        )
     if not 0.0 <= value < 10.0:
-        raise click.BadParameter(f"{text!r} is no share: write 5% or 0.05")
+        raise click.BadParameter(f"{text!r} is no share from 0% to 1000%: write 5% or 0.05")
     return value
 
 

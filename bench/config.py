@@ -146,11 +146,13 @@ def _told(path: Path, messages: list[str]) -> str:
 def _explain(model: type[BaseModel], error: Any) -> str:
     """One line of a validation error: key path, what is wrong, and the nearest valid name."""
     keys, tables = zip(*_walk(model, error["loc"]), strict=True) if error["loc"] else ((), ())
-    path = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
+    path = _path(keys)
     context = error.get("ctx", {})
     match error["type"]:
         case "extra_forbidden":
             valid = [name for name in tables[-1].model_fields if name != "kind"] if tables[-1] else []
+            if elsewhere := _elsewhere(keys, tables):
+                return f"{path}: unknown key here; did you mean {elsewhere!r}?"
             return f"{path}: unknown key{_nearest(str(keys[-1]), valid)}"
         case "union_tag_invalid":
             valid = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
@@ -165,6 +167,24 @@ def _explain(model: type[BaseModel], error: Any) -> str:
             got = error["input"]
             shown = f", got {got!r}" if not isinstance(got, dict | list) else ""
             return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{shown}"
+
+
+def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
+    """Path of a misplaced key in one of the tables around it, or in a table beside it; "" where there is none."""
+    name = str(keys[-1])
+    for depth in range(len(keys) - 2, -1, -1):
+        if tables[depth] is not None and name in tables[depth].model_fields:
+            return _path((*keys[:depth], name))
+    for beside, field in tables[-1].model_fields.items() if tables[-1] else ():
+        inner = _bare(field.annotation)
+        if isinstance(inner, type) and issubclass(inner, BaseModel) and name in inner.model_fields:
+            return _path((*keys[:-1], beside, name))
+    return ""
+
+
+def _path(keys: tuple[Any, ...]) -> str:
+    """Dotted path of keys in a config; None is a step that has no key."""
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
 
 
 def _nearest(name: str, valid: list[str]) -> str:

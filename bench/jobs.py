@@ -49,7 +49,7 @@ def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
 def frames(spec: Spec) -> float:
     """How many frames a sequence will have; a guess of a minute where nothing says how long it takes."""
     path = spec.flight.path if isinstance(spec, SequenceSpec) else spec.source
-    return float(getattr(path, "duration_s", 60.0)) * spec.rate_hz
+    return float(getattr(path, "duration_s", None) or 60.0) * spec.rate_hz
 
 
 def clean_leftovers(folder: Path, sequences: Iterable[str] = ("*",)) -> None:

@@ -13,6 +13,7 @@ import click
 from bench.config import load_suite, suite_model
 from bench.estimate import dry_run, remember
 from bench.executors import dask_pool, local_pool
+from bench.extent import shortfalls, table_of_extents
 from bench.folder import suite_folder
 from bench.graph import Outcome, run_graph
 from bench.jobs import plan
@@ -20,6 +21,7 @@ from bench.peers.registry import absent
 from bench.shard import Shard
 from bench.slurm import run_shards
 from bench.suite_files import suite_file
+from bench.works import Render
 from trajectories.errors import unknown_name
 
 
@@ -48,6 +50,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
     jobs = plan(shard.of(suite) if shard else suite, folder, last=last)
     if where.dry_run:
         click.echo(dry_run(jobs, folder, where.slurm or where.workers))
+        click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
         return 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if where.slurm:
@@ -74,6 +77,8 @@ def tell(outcome: Outcome, folder: Path) -> None:
     count = f"{len(outcome.done)} jobs done, {len(outcome.fresh)} were fresh, {len(outcome.failed)} failed"
     cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes together"
     click.echo(f"{count}; {cost}", err=True)
+    for line in shortfalls(job.marker for job in outcome.done if job.verb == "render"):
+        click.echo(line, err=True)
     for name, why in outcome.failed.items():
         click.echo(f"FAILED {name}: {why}", err=True)
     if outcome.tracebacks:
@@ -90,7 +95,7 @@ def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, o
     if kind not in TRACKERS:
         raise unknown_name("tracker", kind, list(TRACKERS))
     results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
-    click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / 'estimate.tum'}")
+    click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
 
 
 def schema() -> str:

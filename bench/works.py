@@ -9,11 +9,14 @@ from bench.config import Protocol
 from bench.external import External
 from bench.graph import OnStep
 from bench.peers.peer import Peer
+from scenes.sequence import Sequence
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization
 from tracker.recording import RecordingSpec, record
+from tracker.results import Results
 from tracker.run import KNOWN
+from trajectories.trajectory import Trajectory
 
 Spec = SequenceSpec | RecordingSpec
 
@@ -50,7 +53,6 @@ class Track:
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the results folder."""
         from bench.external import track_external
-        from scenes.sequence import Sequence
         from tracker.base import TrackResult
         from tracker.run import track_sequence
 
@@ -71,7 +73,7 @@ class Track:
         record = {**results.record, "label": self.label, "content_hash": content_hash}
         if isinstance(self.tracker, Peer):
             record["tracker"] = self.tracker.record
-        replace(results, record=record).save(self.folder)
+        replace(results, record=record).save(self.folder, groundtruth(sequence, results))
 
 
 @dataclass(frozen=True)
@@ -85,14 +87,19 @@ class Restart:
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the results folder."""
         from reports.protocols import PROTOCOLS
-        from scenes.sequence import Sequence
 
         track = self.track
         run = PROTOCOLS[self.protocol]
-        restarted = run(track.tracker, Sequence.load(track.sequence), rate_hz=track.rate_hz, seed=track.seed)
+        sequence = Sequence.load(track.sequence)
+        restarted = run(track.tracker, sequence, rate_hz=track.rate_hz, seed=track.seed)
         results = restarted.results
         record = {**results.record, "label": track.label, "content_hash": content_hash}
-        replace(results, record=record).save(self.folder)
+        replace(results, record=record).save(self.folder, groundtruth(sequence, results))
+
+
+def groundtruth(sequence: Sequence, results: Results) -> Trajectory | None:
+    """True `world_from_body` at the frames of results, None where nobody knows it."""
+    return None if sequence.recorded else sequence.truth.select(results.frames)
 
 
 @dataclass(frozen=True)
@@ -106,8 +113,6 @@ class Score:
         """Write `score.json` in the results folder."""
         from reports.recorded import score_recorded
         from reports.score import score
-        from scenes.sequence import Sequence
-        from tracker.results import Results
 
         sequence, results = Sequence.load(self.sequence), Results.load(self.results)
         scored = score_recorded(sequence, results) if sequence.recorded else score(sequence, results)

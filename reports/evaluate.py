@@ -15,9 +15,9 @@ from reports.association import NS, Association, PosePairs, associate
 from reports.rpe import Stretch, Unit, motion_error_sizes, stretches
 from reports.segments import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from reports.summary import ErrorSummary
+from reports.trajectory_files import Found, find_trajectory, mount_of
 from tracker.run import versions
 from trajectories.errors import UserError, unknown_name
-from trajectories.formats import read_trajectory
 from trajectories.trajectory import Trajectory
 
 Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
@@ -80,7 +80,7 @@ class Evaluation:
         record, names = self.record, ("rmse", "mean", "median", "std", "min", "max")
         lines = [
             *(
-                f"{side:<11}{{file}}: {{format}}, {{poses}} poses".format(**record[side])
+                f"{side:<11}{{file}}: {{format}}, {{poses}} poses, {{frame}}".format(**record[side])
                 for side in ("reference", "estimate")
             ),
             f"pairs      {record['pairs']} ({record['association']}, within {record['max_difference_s']:g} s), "
@@ -120,12 +120,15 @@ def evaluate_files(
     mode: Mode = "uavbench",
     reference_format: str | None = None,
     estimate_format: str | None = None,
+    mount: Path | None = None,
     plot: Path | None = None,
 ) -> Evaluation:
-    """Evaluation of two files in TUM, KITTI or EuRoC form, guessed unless given; UserError for a user's mistake.
+    """Evaluation of two trajectories, of TUM, KITTI, EuRoC or uavbench's own files, or of folders that hold one.
 
-    t_offset_s is added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `plot`: a
-    figure of paths and errors is written there (.pdf or .png).
+    t_offset_s is added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `mount` is a
+    sequence folder whose mount turns the estimate into the frame that the reference says. `plot`: a figure of paths
+    and errors is written there (.pdf or .png). UserError for a user's mistake, and for two files that say different
+    frames.
     """
     if mode not in MODES:
         raise unknown_name("mode", mode, list(MODES))
@@ -145,15 +148,12 @@ def evaluate_files(
         ),
         segments=preset.segments,
     )
-    p, p_format = read_trajectory(reference, reference_format)
-    q, q_format = read_trajectory(estimate, estimate_format)
-    if "kitti" in (p_format, q_format):
+    first, second = find_trajectory(reference, reference_format), find_trajectory(estimate, estimate_format)
+    second = _in_one_frame(first, second, mount)
+    p, q = first.trajectory, second.trajectory
+    if not (first.stamped and second.stamped):
         p, q = paired_by_row(p, q, reference, estimate)
-    files = {
-        "mode": mode,
-        "reference": {"file": str(reference), "format": p_format, "poses": len(p)},
-        "estimate": {"file": str(estimate), "format": q_format, "poses": len(q)},
-    }
+    files = {"mode": mode, "reference": _about(first), "estimate": _about(second)}
     try:
         found = evaluate(p, q, options, files)
     except UserError as error:
@@ -239,6 +239,25 @@ def paired_by_row(p: Trajectory, q: Trajectory, reference: Path, estimate: Path)
             "can only be compared row by row"
         )
     return p, Trajectory(p.stamps_ns, q.positions_m, q.quaternions_wxyz)
+
+
+def _in_one_frame(reference: Found, estimate: Found, mount: Path | None) -> Found:
+    """The estimate in the frame of the reference; UserError where both say one and they differ, without a mount."""
+    if reference.frame is None or estimate.frame is None or reference.frame == estimate.frame:
+        return estimate
+    if mount is None or not {reference.frame, estimate.frame} <= {"world_from_body", "world_from_cam"}:
+        raise UserError(
+            f"{reference.file} says that it holds {reference.frame}, and {estimate.file} {estimate.frame}: poses of "
+            "different frames, which cannot be compared. Give files of one frame, or --mount SEQUENCE, the folder of "
+            "the sequence, by whose cam_from_body the estimate is converted"
+        )
+    return estimate.seen_as(reference.frame, mount_of(mount))
+
+
+def _about(found: Found) -> dict[str, Any]:
+    """What the record says of a file."""
+    frame = found.frame or "frame not said"
+    return {"file": str(found.file), "format": found.format, "poses": len(found.trajectory), "frame": frame}
 
 
 def _given(value: T | None, default: T) -> T:

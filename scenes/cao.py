@@ -3,8 +3,10 @@
 Read as what they are; written with one polygon for each planar face of a structure, and no diagonal of a triangle.
 """
 
+import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,29 +17,46 @@ from scenes.solids import ear_clip
 from scenes.structure import Structure
 from trajectories.errors import UserError
 from trajectories.files import write_text
-from trajectories.pose import Array
+from trajectories.pose import Array, Pose, rotation_exp
 
 STRAIGHT = 1e-6
 """Sine of the angle below which two sides of a polygon are one."""
-LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*\)""", re.IGNORECASE)
+LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*((?:,\s*\w+\s*=\s*\[[^\]]*\]\s*)*)\)""", re.IGNORECASE)
+PARAMETER = re.compile(r"(\w+)\s*=\s*\[([^\]]*)\]")
+UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180}
+"""Radians per unit of an angle."""
+SIZES = {"t": 3, "tu": 3, "R": 9}
+"""Numbers of each parameter of a load: translation, theta-u vector, or rotation matrix by rows (ViSP 3.7)."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The own rows of one file of a model, numbered, and the pose that its loads give it."""
+
+    path: Path
+    rows: list[tuple[int, str]]
+    model_from_piece: Pose
 
 
 def read_cao(path: Path) -> Loaded:
     """Triangles of a CAO model and of those that it loads; UserError naming the file and the line that is wrong.
 
+    A load may place its model: `load("part.cao", t=[x; y; z], tu=[a; b; c])`, t in metres and tu (the axis times the
+    angle) in radians, or each with `deg` behind it; points go to exp(tu) p + t, loads in loads one after the other.
     What is round becomes flat pieces (`scenes.round`); a circle that ends a cylinder is that cylinder's end already.
     """
-    return _joined([_piece(file, iter(rows)) for file, rows in _files(path)], path.stem)
+    pieces = _files(path)
+    return _joined([_placed(_piece(piece), piece.model_from_piece) for piece in pieces], path.stem)
 
 
 def loaded_by(path: Path) -> tuple[Path, ...]:
     """The models that a CAO model loads; UserError as `read_cao`."""
-    return tuple(file for file, _ in _files(path)[:-1])
+    return tuple(piece.path for piece in _files(path)[:-1])
 
 
-def _files(path: Path, above: tuple[Path, ...] = ()) -> list[tuple[Path, list[tuple[int, str]]]]:
+def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | None = None) -> list[Piece]:
     """The files of a model and their own rows, those that are loaded before the one that loads them."""
-    above = (*above, path.resolve())
+    above, model_from_file = (*above, path.resolve()), model_from_file or Pose.identity()
     out, own = [], []
     for number, row in _rows(path):
         if not row.lower().startswith("load"):
@@ -45,16 +64,61 @@ def _files(path: Path, above: tuple[Path, ...] = ()) -> list[tuple[Path, list[tu
             continue
         found = LOAD.fullmatch(row)
         if not found:
-            raise UserError(f'{path}: line {number}: expected load("FILE"), got {row!r}')
+            raise UserError(
+                f'{path}: line {number}: expected load("FILE"), or load("FILE", t=[x; y; z], tu=[a; b; c]), got {row!r}'
+            )
+        try:
+            file_from_loaded = _placement(found[2])
+        except ValueError as error:
+            raise UserError(f"{path}: line {number}: {error}") from None
         file = path.parent / found[1]
         if file.resolve() in above or not file.resolve().is_relative_to(above[0].parent):
             raise UserError(f"{path}: line {number}: {found[1]} loads itself, or lies outside the model's folder")
-        out += _files(file, above)
-    return [*out, (path, own)]
+        out += _files(file, above, model_from_file @ file_from_loaded)
+    return [*out, Piece(path, own, model_from_file)]
 
 
-def _piece(path: Path, rows: Iterator[tuple[int, str]]) -> Loaded:
-    """Triangles of what a model's own rows say."""
+def _placement(text: str) -> Pose:
+    """Pose `file_from_loaded` of the parameters of a load; ValueError saying what is wrong with them."""
+    given: dict[str, list[float]] = {}
+    for name, values in PARAMETER.findall(text):
+        if name not in SIZES:
+            raise ValueError(f"unknown parameter {name!r} of load (valid: {', '.join(SIZES)})")
+        if name in given:
+            raise ValueError(f"{name} is given twice")
+        words = re.split(r"[;,]", values)
+        given[name] = [_angle(word) if name == "tu" else _number(word) for word in words]
+        if len(words) != SIZES[name]:
+            raise ValueError(f"{name}=[{values}] has {len(words)} numbers, expected {SIZES[name]} with ; between them")
+    if "tu" in given and "R" in given:
+        raise ValueError("a load takes tu or R, not both")
+    R = np.array(given["R"]).reshape(3, 3) if "R" in given else rotation_exp(np.array(given.get("tu", [0.0] * 3)))
+    if not (np.abs(R @ R.T - np.eye(3)).max() < 1e-4 and np.linalg.det(R) > 0):
+        raise ValueError("R is not a rotation (1e-4)")
+    return Pose(R, np.array(given.get("t", [0.0] * 3)))
+
+
+def _angle(word: str) -> float:
+    """Radians of an angle such as `90 deg`, `1.57 rad` or `1.57`."""
+    found = re.fullmatch(r"(.*?)\s*(deg|rad|)", word.strip())
+    assert found
+    return _number(found[1]) * UNITS[found[2]]
+
+
+def _number(word: str) -> float:
+    value = float(word)
+    if not math.isfinite(value):
+        raise ValueError(f"{word.strip()} is not finite")
+    return value
+
+
+def _placed(piece: Loaded, model_from_piece: Pose) -> Loaded:
+    return piece.moved(model_from_piece.rotation, model_from_piece.translation)
+
+
+def _piece(piece: Piece) -> Loaded:
+    """Triangles of what a model's own rows say, in its own frame."""
+    path, rows = piece.path, iter(piece.rows)
 
     def numbers(what: str) -> list[str]:
         number, row = next(rows, (0, ""))
@@ -71,6 +135,8 @@ def _piece(path: Path, rows: Iterator[tuple[int, str]]) -> Loaded:
     number, first = next(rows, (0, ""))
     if first.upper() != "V1":
         raise UserError(f"{path}: line {number}: a CAO model begins with V1, got {first!r}")
+    if len(piece.rows) == 1:  # it does nothing but load others
+        return Loaded(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
     points = np.array([[float(v) for v in row[:3]] for row in block("points")]).reshape(-1, 3)
     lines = [[int(v) for v in row[:2]] for row in block("lines")]
     from_lines = [[int(v) for v in row[1 : 1 + int(row[0])]] for row in block("faces of lines")]

@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,6 +29,7 @@ from scenes.structure import Structure
 from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text
 from trajectories.flight import Flight, fly
+from trajectories.flight_summary import flown_summary
 from trajectories.pose import Array, Pose
 from trajectories.sensors import write_flight
 from trajectories.streams import stream
@@ -65,11 +67,12 @@ def generate(
         source = with_effects(ideal, spec.effects, spec.seed)
         rows = _write_frames(new, spec, source, flight, scene.built.structure, limit, on_frame)
         _write_truth(new, flight, rows)
-        write_flight(flight, spec.sensors, scene.surroundings, spec.seed, new)
-        write_flight(flight, spec.flight.sensors, scene.surroundings, spec.seed, new)
+        _, *readings = write_flight(flight, spec.sensors, scene.surroundings, spec.seed, new)
         camera.save(new / "camera.toml")
         save_structure(scene.built.structure, new)
-        _write_info(new, spec, scene, source, content_hash)
+        summary = flown_summary(spec.flight, spec.mount, scene.surroundings, spec.seed, flight)
+        more = {"flight": summary.to_json(), "sensors": _by_file(spec, readings), "content_hash": content_hash}
+        _write_info(new, spec, scene, source, more)
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
 
@@ -204,7 +207,12 @@ def _write_truth(folder: Path, flight: Flight, rows: NDArray[np.int64]) -> None:
     write_text(folder / "truth.csv", "\n".join([",".join(TRUTH_COLUMNS), *lines]) + "\n")
 
 
-def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: Source, content_hash: str) -> None:
+def _by_file(spec: SequenceSpec, readings: list[str]) -> dict[str, Any]:
+    """What each sensor is, by the file of its readings."""
+    return {name: described(sensor) for name, sensor in zip(readings, spec.sensors, strict=True)}
+
+
+def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: Source, more: dict[str, Any]) -> None:
     try:
         own = version("uavbench")
     except PackageNotFoundError:
@@ -218,7 +226,7 @@ def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: Source, 
         "depth_m_per_unit": DEPTH_M_PER_UNIT,
         "deviation": scene.built.deviation,
         "config": described(spec),
-        "content_hash": content_hash,
+        **more,
         "versions": {"uavbench": own, "numpy": np.__version__, "opencv": cv2.__version__, "gl": gl.version()},
     }
     write_text(folder / "sequence.json", json.dumps(info, indent=1) + "\n")

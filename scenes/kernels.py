@@ -179,3 +179,24 @@ def round_off(values: Any, out: Any) -> None:
     """Values rounded to 8 bits, clipped to 0..255."""
     for i in range(values.size):
         out[i] = np.uint8(min(max(values[i], 0.0), 255.0) + 0.5)
+
+
+@compiled
+def fill_triangles(corners: Any, out: Any) -> None:
+    """Set the pixels of out (h, w) whose centre lies in one of the triangles (n, 3, 2) of pixels, or on its border."""
+    h, w = out.shape
+    for k in range(corners.shape[0]):
+        ax, ay = corners[k, 0, 0], corners[k, 0, 1]
+        bx, by = corners[k, 1, 0], corners[k, 1, 1]
+        cx, cy = corners[k, 2, 0], corners[k, 2, 1]
+        left, right = max(0.0, np.ceil(min(ax, bx, cx))), min(w - 1.0, np.floor(max(ax, bx, cx)))
+        top, bottom = max(0.0, np.ceil(min(ay, by, cy))), min(h - 1.0, np.floor(max(ay, by, cy)))
+        if not (left <= right and top <= bottom):
+            continue
+        for v in range(int(top), int(bottom) + 1):
+            for u in range(int(left), int(right) + 1):
+                first = (bx - ax) * (v - ay) - (by - ay) * (u - ax)
+                second = (cx - bx) * (v - by) - (cy - by) * (u - bx)
+                third = (ax - cx) * (v - cy) - (ay - cy) * (u - cx)
+                if (first >= 0 and second >= 0 and third >= 0) or (first <= 0 and second <= 0 and third <= 0):
+                    out[v, u] = 1

@@ -30,6 +30,12 @@ class Scene:
         return Renderer(self.parts, self.light, width, height, self.movers, self.sky)
 
 
+def flown_around(spec: SequenceSpec) -> Surroundings:
+    """What a flight keeps clear of and looks at, without building all that is only seen."""
+    structure = spec.structure.build(stream(spec.seed, "structure")).structure
+    return Surroundings(structure.vertices, structure.triangles)
+
+
 def build_scene(spec: SequenceSpec) -> Scene:
     """Structure, environment and clutter of a spec, lit."""
     built = spec.structure.build(stream(spec.seed, "structure"))
@@ -48,5 +54,5 @@ def build_scene(spec: SequenceSpec) -> Scene:
     drawn = tuple(map(smooth_corners, shaded)) if plainly else bake(shaded, occluder, environment.light, reach)
     drawn += merged(p for p in solid if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
-    flown_around = Surroundings(built.structure.vertices, built.structure.triangles)
-    return Scene(built, drawn, movers, environment.light, environment.sky, flown_around)
+    surroundings = Surroundings(built.structure.vertices, built.structure.triangles)
+    return Scene(built, drawn, movers, environment.light, environment.sky, surroundings)

@@ -10,8 +10,11 @@ from scenes.as_built import Deviation
 from scenes.camera import Camera
 from scenes.parts import BuiltClutter, BuiltEnvironment, BuiltStructure
 from scenes.source import Source
+from trajectories.barometer import Barometer
 from trajectories.errors import UserError
 from trajectories.flight import FlightSpec
+from trajectories.flow_deck import FlowDeck
+from trajectories.imu import Imu
 from trajectories.mount import Mount
 from trajectories.pose import Array
 from trajectories.sensor import SensorSpec
@@ -90,9 +93,9 @@ class CameraSpec:
 class SequenceSpec:
     """One sequence: what is flown around, how, and what the camera does to the images.
 
-    sensors ride on the body; deviation is what the built structure differs by from the designed one; truth names the
-    extra ground truth written beside every frame, crlb_every that every n-th frame gets its Cramer-Rao bound (0: none);
-    neither changes the images.
+    sensors ride on the body, those that are named and no others; deviation is what the built structure differs by from
+    the designed one; truth names the extra ground truth written beside every frame, crlb_every that every n-th frame
+    gets its Cramer-Rao bound (0: none); neither changes the images.
     """
 
     name: str
@@ -105,7 +108,7 @@ class SequenceSpec:
     clutter: tuple[ClutterSpec, ...] = ()
     effects: tuple[EffectSpec, ...] = ()
     rate_hz: Annotated[float, Gt(0)] = 15.0
-    sensors: tuple[SensorSpec, ...] = ()
+    sensors: tuple[SensorSpec, ...] = (Imu(), FlowDeck(), Barometer())
     deviation: Deviation = field(default_factory=Deviation)
     truth: tuple[Literal["depth", "mask", "edges"], ...] = ()
     crlb_every: Annotated[int, Ge(0)] = 0

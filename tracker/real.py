@@ -38,7 +38,8 @@ def track_images(
 ) -> Results:
     """Track the images of a folder (in the order of their names, 9.png before 10.png) or of a video, and write `out`.
 
-    `out` gets frames.csv, times.csv, estimate.tum (the camera in the model's frame), record.json and overlay.mp4.
+    `out` gets frames.csv, times.csv, estimate_world_from_cam.tum (world: the model's frame), record.json and
+    overlay.mp4.
     A folder's frames are taken to be 1 / rate_hz apart; a video has its own rate. UserError naming the file at fault.
     """
     lens = Camera.load(camera)

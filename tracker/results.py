@@ -3,7 +3,8 @@
     record.json    what made them: tracker and parameters, rate, seed, sequence, versions, content hash
     frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where there is none
     times.csv      frame, wall time of each stage in ms
-    estimate.tum   world_from_body of the frames that are ok
+    estimate_world_from_body.tum      the frames that are ok; estimate_world_from_cam.tum where no mount is known
+    groundtruth_world_from_body.tum   the same for the truth at every tracked frame, where there is one
 
 All but times.csv is the same, byte for byte, on every run.
 """
@@ -22,7 +23,8 @@ from scenes.tables import read_json, read_table
 from tracker.base import Status, TrackResult
 from trajectories.errors import UserError
 from trajectories.files import new_folder, write_text
-from trajectories.pose import Array, Pose
+from trajectories.formats import write_tum
+from trajectories.pose import Pose
 from trajectories.trajectory import Trajectory
 
 POSE_COLUMNS = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
@@ -78,8 +80,13 @@ class Results:
         poses = [cam_from_world.inverse() @ mount for cam_from_world in self.cam_from_world]
         return Trajectory.from_poses(self.stamps_ns[self.ok].tolist(), poses)
 
-    def save(self, folder: Path) -> None:
-        """Write the folder, whole or not at all."""
+    @property
+    def frame(self) -> str:
+        """What `estimate` is: `world_from_body`, or `world_from_cam` where the mount says that the camera is all."""
+        return "world_from_cam" if np.array_equal(self.cam_from_body.matrix, np.eye(4)) else "world_from_body"
+
+    def save(self, folder: Path, groundtruth: Trajectory | None = None) -> None:
+        """Write the folder, whole or not at all; `groundtruth` is in the frame of `estimate`."""
         with new_folder(folder) as new:
             write_text(new / "record.json", json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
             _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
@@ -89,7 +96,9 @@ class Results:
                 for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
             ]
             _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
-            write_text(new / "estimate.tum", _tum(self.estimate))
+            write_tum(self.estimate, new / f"estimate_{self.frame}.tum", self.frame)
+            if groundtruth is not None:
+                write_tum(groundtruth, new / f"groundtruth_{self.frame}.tum", self.frame)
 
     @classmethod
     def load(cls, folder: Path) -> "Results":
@@ -149,18 +158,3 @@ def _write_csv(path: Path, columns: list[str], rows: list[list[str]]) -> None:
         writer = csv.writer(handle, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)
-
-
-def _tum(trajectory: Trajectory) -> str:
-    """TUM lines: seconds, position, quaternion xyzw."""
-    lines = []
-    for stamp, p, (w, x, y, z) in zip(
-        trajectory.stamps_ns.tolist(),
-        trajectory.positions_m.tolist(),
-        trajectory.quaternions_wxyz.tolist(),
-        strict=True,
-    ):
-        numbers: Array = np.array([*p, x, y, z, w])
-        seconds, rest = divmod(stamp, 1_000_000_000)
-        lines.append(f"{seconds}.{rest:09d} " + " ".join(f"{v:.12g}" for v in numbers) + "\n")
-    return "".join(lines)

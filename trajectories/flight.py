@@ -7,21 +7,17 @@ import numpy as np
 from annotated_types import Ge, Interval
 
 from trajectories.airframes import AirframeSpec, Crazyflie
-from trajectories.barometer import Barometer
 from trajectories.control import Geometric
 from trajectories.errors import UserError
 from trajectories.flight_checks import check_camera, check_plan, check_saturation, crash_error, crash_step
-from trajectories.flow_deck import FlowDeck
 from trajectories.flown import Flight
 from trajectories.hand_pilot import HandPilot
-from trajectories.imu import Imu
 from trajectories.mount import Mount
 from trajectories.paths import PATHS, PathSpec
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_NS, STEP_S, Quadrotor
 from trajectories.record import RECORD
 from trajectories.reference import Guidance, Planned, Replay
-from trajectories.sensor import SensorSpec
 from trajectories.simulate import simulate
 from trajectories.streams import stream
 from trajectories.surroundings import Surroundings
@@ -32,7 +28,7 @@ __all__ = ["Flight", "FlightSpec", "fly", "path_name"]
 
 @dataclass(frozen=True)
 class FlightSpec:
-    """What is flown: a path, a vehicle, its controller, the wind and its sensors, and what is asked of the flight.
+    """What is flown: a path, a vehicle, its controller, the wind, and what is asked of the flight.
 
     A plan must keep clearance_m between the vehicle's sphere and everything else. Motors may be at their limits for
     saturation_share of the time. A crash is an error, or, with on_crash "record", ends the record there.
@@ -42,7 +38,6 @@ class FlightSpec:
     airframe: AirframeSpec = field(default_factory=Crazyflie)
     control: Geometric = field(default_factory=Geometric)
     wind: WindSpec = field(default_factory=Still)
-    sensors: tuple[SensorSpec, ...] = (Imu(), FlowDeck(), Barometer())
     clearance_m: Annotated[float, Ge(0)] = 0.1
     saturation_share: Annotated[float, Interval(ge=0, le=1)] = 0.05
     on_crash: Literal["error", "record"] = "error"

@@ -3,8 +3,11 @@
 tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark)
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
 kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
+
+What moves is said by a comment `# frame: world_from_body` at the top of a file, or by such words in its name.
 """
 
+import re
 from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -18,6 +21,10 @@ from trajectories.trajectory import Trajectory
 
 KITTI_RATE_HZ = 10.0
 """Rate of the KITTI odometry sequences."""
+LEAST_NS_STEP = 1000
+"""Stamps that are whole numbers at least so far apart are nanoseconds, never seconds."""
+FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILINE)
+FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
 Lines = list[tuple[int, list[str]]]
 
 
@@ -33,11 +40,16 @@ def read_trajectory(path: Path, format: str | None = None) -> tuple[Trajectory, 
 
 
 def guess_format(path: Path) -> str:
-    """Name of the format that a file's first line of numbers looks like; UserError when it looks like none."""
-    number, cells = _lines(path)[0]
+    """Name of the format that a file's lines of numbers look like; UserError when it looks like none.
+
+    Eight numbers or more are euroc where the first one counts nanoseconds: a whole number that grows by
+    LEAST_NS_STEP and more, or has twelve digits and more in a file of one pose.
+    """
+    lines = _lines(path)
+    number, cells = lines[0]
     if len(cells) == 12 and "," not in _text(path).splitlines()[number - 1]:
         return "kitti"
-    if len(cells) >= 8 and cells[0].lstrip("+-").isdigit() and len(cells[0]) >= 12:
+    if len(cells) >= 8 and _in_nanoseconds([cells[0] for _, cells in lines]):
         return "euroc"
     if len(cells) == 8:
         return "tum"
@@ -45,6 +57,20 @@ def guess_format(path: Path) -> str:
         f"{path}: line {number} has {len(cells)} values, so it is neither tum (8), kitti (12) nor euroc "
         "(8 or more, integer nanoseconds first)"
     )
+
+
+def declared_frame(path: Path) -> str | None:
+    """What a trajectory file says that it holds, such as `world_from_body`, in its first comments or in its name.
+
+    None where it says nothing; UserError where comment and name differ.
+    """
+    comments = re.match(r"(?:\s*#[^\n]*\n)*", _text(path))
+    said = FRAME_COMMENT.findall(comments[0] if comments else "")
+    named = FRAME_NAME.findall(path.name)
+    found = list(dict.fromkeys([*said, *named]))
+    if len(found) > 1:
+        raise UserError(f"{path}: says that it holds {' and '.join(found)}; correct its `# frame:` or its name")
+    return found[0] if found else None
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -78,26 +104,31 @@ def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
     return _trajectory(path, lines, stamps, matrices[:, :, 3], quaternion_from_rotation(R))
 
 
-def write_tum(trajectory: Trajectory, path: Path) -> None:
-    """Write a TUM file: seconds with nine decimals, so that the stamps read back exactly."""
+def write_tum(trajectory: Trajectory, path: Path, frame: str = "") -> None:
+    """Write a TUM file: seconds with nine decimals, so that the stamps read back exactly.
+
+    `frame` is what the poses are, such as `world_from_body`; comments say so, which readers of the format skip.
+    """
+    head = f"# frame: {frame}\n# timestamp_s tx_m ty_m tz_m qx qy qz qw\n" if frame else ""
     rows = zip(
         trajectory.stamps_ns.tolist(),
         trajectory.positions_m.tolist(),
         trajectory.quaternions_wxyz[:, [1, 2, 3, 0]].tolist(),
         strict=True,
     )
-    write_text(path, "".join(f"{seconds(ns)} {_join(' ', p)} {_join(' ', q)}\n" for ns, p, q in rows))
+    write_text(path, head + "".join(f"{seconds(ns)} {_join(' ', p)} {_join(' ', q)}\n" for ns, p, q in rows))
 
 
-def write_euroc(trajectory: Trajectory, path: Path, velocities_m_s: Array | None = None) -> None:
-    """Write an EuRoC ground-truth file; with velocities (n, 3) in the world, also those and biases of zero."""
+def write_euroc(trajectory: Trajectory, path: Path, motion: Array | None = None) -> None:
+    """Write an EuRoC ground-truth file; `motion` (n, 3 or 9) adds velocity in the world, then biases (gyro, accel)."""
     header = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"
     table = np.column_stack([trajectory.positions_m, trajectory.quaternions_wxyz])
-    if velocities_m_s is not None:
+    if motion is not None:
         header += ", v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1]"
-        header += "".join(f", b_w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
-        header += "".join(f", b_a_RS_S_{axis} [m s^-2]" for axis in "xyz")
-        table = np.column_stack([table, velocities_m_s, np.zeros((len(table), 6))])
+        if motion.shape[1] > 3:
+            header += "".join(f", b_w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
+            header += "".join(f", b_a_RS_S_{axis} [m s^-2]" for axis in "xyz")
+        table = np.column_stack([table, motion])
     rows = zip(trajectory.stamps_ns.tolist(), table.tolist(), strict=True)
     write_text(path, header + "\n" + "".join(f"{ns},{_join(',', row)}\n" for ns, row in rows))
 
@@ -112,6 +143,13 @@ def seconds(stamp_ns: int) -> str:
     """Stamp in seconds with nine decimals, exactly."""
     whole, rest = divmod(abs(stamp_ns), 10**9)
     return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+
+
+def _in_nanoseconds(stamps: list[str]) -> bool:
+    if not all(stamp.lstrip("+-").isdigit() for stamp in (stamps[0], stamps[-1])):
+        return False
+    span = int(stamps[-1]) - int(stamps[0])
+    return len(stamps[0]) >= 12 or (len(stamps) > 1 and span >= LEAST_NS_STEP * (len(stamps) - 1))
 
 
 def _text(path: Path) -> str:

@@ -4,7 +4,7 @@ import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -13,6 +13,7 @@ from trajectories import exact
 from trajectories.errors import UserError
 from trajectories.motion import fly_through, stop_and_go
 from trajectories.mount import Mount
+from trajectories.pace import paced
 from trajectories.pose import Array
 from trajectories.reference import Planned, planned
 from trajectories.surroundings import Surroundings
@@ -52,6 +53,7 @@ class FacadeRaster:
 
     The facade faces the bearing facade_deg. Lanes run across it, lane_spacing_m apart, from from_height_m to
     to_height_m (by default that of the structure), distance_m before it, and end margin_m inside its edges.
+    All of it takes duration_s, or is flown at speed_m_s (0.8 where neither is given).
     """
 
     facade_deg: float = 0.0
@@ -60,8 +62,10 @@ class FacadeRaster:
     from_height_m: Annotated[float, Gt(0)] = 1.0
     to_height_m: Annotated[float, Gt(0)] | None = None
     margin_m: float = 0.0
-    speed_m_s: Annotated[float, Gt(0)] = 0.8
+    speed_m_s: Annotated[float, Gt(0)] | None = None
+    duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
+    usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the raster; UserError when no lane is left."""
@@ -80,7 +84,7 @@ class FacadeRaster:
             for aside in (low, high) if i % 2 == 0 else (high, low):
                 points.append(frame.point(ahead, aside, float(height)))
         yaws = np.full(len(points), np.radians(self.facade_deg) + np.pi)
-        return planned(*stop_and_go(np.array(points), yaws, self.speed_m_s, self.acceleration_m_s2, YAW_RATE_RAD_S))
+        return _stopping(self, np.array(points), yaws)
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,7 @@ class GirderFollow:
     The structure runs along the bearing along_deg; the vehicle keeps distance_m from its side at height_m and flies
     overrun_m beyond its ends (less than 0: stays inside them). stretch_m flies only a part of it: from and to, in
     metres along the bearing from the structure's middle.
+    All of it takes duration_s, or is flown at speed_m_s (0.8 where neither is given).
     """
 
     along_deg: float = 0.0
@@ -99,8 +104,10 @@ class GirderFollow:
     look_ahead_deg: Annotated[float, Ge(-80)] = 20.0
     overrun_m: float = 0.0
     stretch_m: tuple[float, float] | None = None
-    speed_m_s: Annotated[float, Gt(0)] = 0.8
+    speed_m_s: Annotated[float, Gt(0)] | None = None
+    duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
+    usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the way there and back; UserError when overrun_m leaves no way."""
@@ -112,7 +119,7 @@ class GirderFollow:
         inward = np.radians(self.along_deg) + (-1.0 if left else 1.0) * np.pi / 2
         turn = np.radians(self.look_ahead_deg) * (1.0 if left else -1.0)
         yaws = inward + np.array([turn, turn, -turn, -turn])
-        return planned(*stop_and_go(np.array(points), yaws, self.speed_m_s, self.acceleration_m_s2, YAW_RATE_RAD_S))
+        return _stopping(self, np.array(points), yaws)
 
 
 @dataclass(frozen=True)
@@ -122,6 +129,7 @@ class UndersidePass:
     The bridge runs along the bearing along_deg; the lanes lie offsets_m to the left of its middle, at height_m, and
     reach overrun_m beyond its ends (less than 0: stay inside them). stretch_m flies only a part of it, such as one
     span between two piers: from and to, in metres along the bearing from the bridge's middle.
+    All of it takes duration_s, or is flown at speed_m_s (0.8 where neither is given).
     """
 
     along_deg: float = 0.0
@@ -129,8 +137,10 @@ class UndersidePass:
     height_m: Annotated[float, Gt(0)] = 2.0
     overrun_m: float = 0.0
     stretch_m: tuple[float, float] | None = None
-    speed_m_s: Annotated[float, Gt(0)] = 0.8
+    speed_m_s: Annotated[float, Gt(0)] | None = None
+    duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
+    usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the lanes, every other one backwards; UserError when overrun_m leaves no way."""
@@ -144,9 +154,23 @@ class UndersidePass:
             for ahead in (start, end) if i % 2 == 0 else (end, start):
                 points.append(frame.point(ahead, middle + offset, self.height_m))
                 yaws.append(np.radians(self.along_deg) + np.pi * (i % 2))
-        return planned(
-            *stop_and_go(np.array(points), np.array(yaws), self.speed_m_s, self.acceleration_m_s2, YAW_RATE_RAD_S)
-        )
+        return _stopping(self, np.array(points), np.array(yaws))
+
+
+def _stopping(
+    path: "FacadeRaster | GirderFollow | UndersidePass | Waypoints", points: Array, yaws: Array, dwell_s: float = 0.0
+) -> Planned:
+    """Plan through points (k, 3), at rest at each of them, in the path's duration or at its speed."""
+
+    def through(speed_m_s: float) -> Array:
+        return np.column_stack(stop_and_go(points, yaws, speed_m_s, path.acceleration_m_s2, YAW_RATE_RAD_S, dwell_s))
+
+    table = paced(path, through, _length(points))
+    return planned(table[:, :3], table[:, 3])
+
+
+def _length(points: Array) -> float:
+    return math.fsum(exact.length(np.diff(points, axis=0)).tolist())
 
 
 def _run(frame: Frame, overrun_m: float, stretch_m: tuple[float, float] | None) -> tuple[float, float]:
@@ -168,23 +192,29 @@ class Waypoints:
     """Straight lines through the points of a CSV file with the columns x_m, y_m, z_m, yaw_deg.
 
     With stop the vehicle rests at each point (dwell_s longer than it must); without, it cuts the corners.
+    All of it takes duration_s, or is flown at speed_m_s (0.5 where neither is given).
     """
 
     file: str = "waypoints.csv"
     stop: bool = True
     dwell_s: Annotated[float, Ge(0)] = 0.0
-    speed_m_s: Annotated[float, Gt(0)] = 0.5
+    speed_m_s: Annotated[float, Gt(0)] | None = None
+    duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
+    usual_speed_m_s: ClassVar[float] = 0.5
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan through the points; UserError naming the file and line."""
         table = read_waypoints(Path(self.file))
         points, yaws = table[:, :3], np.radians(table[:, 3])
         if self.stop:
-            return planned(
-                *stop_and_go(points, yaws, self.speed_m_s, self.acceleration_m_s2, YAW_RATE_RAD_S, self.dwell_s)
-            )
-        return planned(*fly_through(points, yaws, self.speed_m_s, self.acceleration_m_s2, YAW_RATE_RAD_S))
+            return _stopping(self, points, yaws, self.dwell_s)
+
+        def past(speed_m_s: float) -> Array:
+            return np.column_stack(fly_through(points, yaws, speed_m_s, self.acceleration_m_s2, YAW_RATE_RAD_S))
+
+        table = paced(self, past, _length(points))
+        return planned(table[:, :3], table[:, 3])
 
 
 def read_waypoints(path: Path) -> Array:

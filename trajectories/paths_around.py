@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -11,6 +11,7 @@ from trajectories import exact
 from trajectories.errors import UserError
 from trajectories.motion import progress
 from trajectories.mount import Mount
+from trajectories.pace import paced
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_S
 from trajectories.reference import Planned, planned
@@ -42,8 +43,9 @@ def facing(positions: Array, target: Array) -> Array:
 class Orbit:
     """Circles around the structure's centre at one height, looking at it.
 
-    The circle lies distance_m outside the corners of the structure's bounds and begins at start_deg. Where its curve
-    asks for more than acceleration_m_s2, it is flown slower than speed_m_s.
+    The circle lies distance_m outside the corners of the structure's bounds and begins at start_deg. It takes
+    duration_s, or is flown at speed_m_s (0.3 where neither is given); where its curve asks for more than
+    acceleration_m_s2, it is flown slower. It begins and ends at rest.
     """
 
     distance_m: Annotated[float, Gt(0)] = 1.0
@@ -51,8 +53,10 @@ class Orbit:
     turns: Annotated[float, Gt(0)] = 1.0
     start_deg: float = 0.0
     direction: Direction = "counter-clockwise"
-    speed_m_s: Annotated[float, Gt(0)] = 0.3
+    speed_m_s: Annotated[float, Gt(0)] | None = None
+    duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
+    usual_speed_m_s: ClassVar[float] = 0.3
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the orbit."""
@@ -64,7 +68,9 @@ class Orbit:
 class PierSpiral:
     """A helix around a pier, from one height to another, looking at its axis.
 
-    The axis stands at centre_m, by default that of the structure; radius_m is from the axis; rise_m is per turn.
+    The axis stands at centre_m, by default that of the structure; radius_m is from the axis; rise_m is per turn. It
+    takes duration_s, or is flown at speed_m_s (0.8 where neither is given), slower where its curve asks for more than
+    acceleration_m_s2.
     """
 
     radius_m: Annotated[float, Gt(0)] = 3.0
@@ -74,8 +80,10 @@ class PierSpiral:
     centre_m: tuple[float, float] | None = None
     start_deg: float = 0.0
     direction: Direction = "counter-clockwise"
-    speed_m_s: Annotated[float, Gt(0)] = 0.8
+    speed_m_s: Annotated[float, Gt(0)] | None = None
+    duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
+    usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the helix."""
@@ -88,8 +96,12 @@ def _helix(path: Orbit | PierSpiral, centre: Array, radius: float, angle: float,
     """Plan of a helix through `angle` radians around a vertical axis."""
     per_radian = math.hypot(radius, (high - low) / angle)
     # Centripetal acceleration is radius (speed / per_radian)^2; half of the limit is left for speeding up.
-    speed = min(path.speed_m_s, per_radian * float(np.sqrt(0.5 * path.acceleration_m_s2 / radius)))
-    way = progress(angle * per_radian, speed, 0.5 * path.acceleration_m_s2) / per_radian
+    fastest = per_radian * float(np.sqrt(0.5 * path.acceleration_m_s2 / radius))
+
+    def way_at(speed_m_s: float) -> Array:
+        return progress(angle * per_radian, min(speed_m_s, fastest), 0.5 * path.acceleration_m_s2) / per_radian
+
+    way = paced(path, way_at, angle * per_radian)
     sign = 1.0 if path.direction == "counter-clockwise" else -1.0
     around = np.radians(path.start_deg) + sign * way
     positions = np.column_stack(
@@ -106,7 +118,8 @@ def _helix(path: Orbit | PierSpiral, centre: Array, radius: float, angle: float,
 class Approach:
     """Straight towards the structure and back again, looking at it, `cycles` times.
 
-    Distances are horizontal, from the corners of the structure's bounds, along the bearing from_deg.
+    Distances are horizontal, from the corners of the structure's bounds, along the bearing from_deg. All of it takes
+    duration_s, or is flown at speed_m_s (0.3 where neither is given).
     """
 
     far_m: Annotated[float, Gt(0)] = 3.0
@@ -114,16 +127,23 @@ class Approach:
     height_m: Annotated[float, Gt(0)] = 0.5
     from_deg: float = 30.0
     cycles: Annotated[int, Ge(1)] = 1
-    speed_m_s: Annotated[float, Gt(0)] = 0.3
+    speed_m_s: Annotated[float, Gt(0)] | None = None
+    duration_s: Annotated[float, Gt(0)] | None = None
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
+    usual_speed_m_s: ClassVar[float] = 0.3
 
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the approach and retreat."""
         if self.near_m >= self.far_m:
             raise UserError(f"near_m {self.near_m} must be less than far_m {self.far_m}")
-        way = progress(self.far_m - self.near_m, self.speed_m_s, self.acceleration_m_s2)
-        there_and_back = np.concatenate([way, way[::-1][1:]])
-        travelled = np.concatenate([there_and_back, *[there_and_back[1:]] * (self.cycles - 1)])
+        length = self.far_m - self.near_m
+
+        def travelled_at(speed_m_s: float) -> Array:
+            way = progress(length, speed_m_s, self.acceleration_m_s2)
+            there_and_back = np.concatenate([way, way[::-1][1:]])
+            return np.concatenate([there_and_back, *[there_and_back[1:]] * (self.cycles - 1)])
+
+        travelled = paced(self, travelled_at, 2 * self.cycles * length)
         distance = reach(surroundings) + self.far_m - travelled
         xy = surroundings.centre[:2] + distance[:, None] * bearing(self.from_deg)
         positions = np.column_stack([xy, np.full(len(xy), self.height_m)])

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from trajectories.errors import UserError
-from trajectories.formats import read_trajectory
+from trajectories.formats import declared_frame, read_trajectory
 from trajectories.mount import Mount
 from trajectories.pose import Array, Pose, quaternion_from_rotation
 from trajectories.quadrotor import STEP_NS
@@ -18,6 +18,8 @@ from trajectories.trajectory import Trajectory
 
 LONGEST_GAP_S = 1.0
 """Longest time between two recorded poses that is still bridged."""
+FRAMES = {"body": "world_from_body", "camera": "world_from_cam"}
+"""What a file may say that it holds, by `frame`."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,12 @@ class Recorded:
     def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Replay:
         """The recorded motion at every step; UserError naming the file when it has too few poses or a long gap."""
         given, _ = read_trajectory(Path(self.file), self.format)
+        said, meant = (
+            declared_frame(Path(self.file)),
+            {"body": "world_from_body", "camera": "world_from_cam"}[self.frame],
+        )
+        if said in ("world_from_body", "world_from_cam") and said != meant:
+            raise UserError(f"{self.file}: says that it holds {said}, and frame = {self.frame!r} takes {meant}")
         gaps = np.diff(given.stamps_ns)
         if len(given) < 4:
             raise UserError(f"{self.file}: needs at least four poses, has {len(given)}")

@@ -40,9 +40,7 @@ def contents(folder, *patterns):
 
 
 def truth_and_estimates(folder):
-    return contents(
-        folder, "sequences/*/*.*", "sequences/*/frames/*", "results/*/*/frames.csv", "results/*/*/estimate.tum"
-    )
+    return contents(folder, "sequences/*/*.*", "sequences/*/frames/*", "results/*/*/frames.csv", "results/*/*/*.tum")
 
 
 def finished(folder):

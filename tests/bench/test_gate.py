@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from bench.cli import main
+from bench.cli_gate import share
 from bench.gate import Margins, gate, overall
 from bench.gate_reports import to_junit, to_text
 from reports.score import PoseErrors
@@ -178,6 +179,23 @@ def test_command_and_reports(sides, tmp_path):
     for bad in ("x", "-1%", "nan"):
         assert CliRunner().invoke(main, ["gate", str(base), "--baseline", str(base), "--margin", bad]).exit_code == 2
     assert CliRunner().invoke(main, ["gate", str(tmp_path / "no"), "--baseline", str(base)]).exit_code == 2
+
+
+@pytest.mark.parametrize("option", ["--margin", "--latency-margin", "--coverage-margin", "--resolution"])
+@pytest.mark.parametrize("command", [["gate", ".", "--baseline", "."], ["compare", "HEAD"]])
+def test_a_number_of_one_and_more_must_say_percent(option, command):
+    for bad in ("5", "1", "1.0", "0x5", "inf", "1e2"):
+        result = CliRunner().invoke(main, [*command, option, bad])
+        assert result.exit_code == 2
+        assert f"Invalid value for '{option}'" in result.output
+    assert "write 5% for 5 percent, or a share below 1" in " ".join(
+        CliRunner().invoke(main, [*command, option, "5"], terminal_width=200).output.replace("│", " ").split()
+    )
+
+
+def test_shares_are_read_with_and_without_percent():
+    read = {text: share(None, None, text) for text in ("5%", "0.05", "100%", "400 %", "0", "0.99")}
+    assert read == {"5%": 0.05, "0.05": 0.05, "100%": 1.0, "400 %": 4.0, "0": 0.0, "0.99": 0.99}
 
 
 def test_reports_hold_whatever_a_tracker_says(sides):

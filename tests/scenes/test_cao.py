@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from scenes.box import Box
 from scenes.building import Building
@@ -94,9 +95,44 @@ def test_a_model_may_load_others(tmp_path):
     assert area(read.vertices, read.triangles) == pytest.approx(sum(area(p.vertices, p.triangles) for p in parts))
 
 
+def test_a_load_places_its_model_as_visp_does(tmp_path):
+    """A row of bricks that loads a brick, placed by a model that loads the row: exp(tu) p + t, twice."""
+    brick = Box().build(np.random.default_rng(0)).structure
+    write_cao(brick, tmp_path / "brick.cao")
+    (tmp_path / "row.cao").write_text('V1\nload("brick.cao")\nload("brick.cao", t=[1; 0; 0], tu=[0; 0; 90 deg])\n')
+    outer = 'load("row.cao", tu=[0.3; -0.2 rad; 0.5], t=[0.1;0.2;0.3])  # placed'
+    (tmp_path / "all.cao").write_text(f"V1\n{outer}\n0\n0\n0\n0\n0\n0\n")
+    one = read_cao(tmp_path / "brick.cao")
+    alone = one.vertices
+    tu, t = Rotation.from_rotvec([0.3, -0.2, 0.5]), [0.1, 0.2, 0.3]
+    turned = Rotation.from_euler("z", 90, degrees=True).apply(alone) + np.array([1, 0, 0])
+    expected = tu.apply(np.concatenate([alone, turned])) + t
+    read = read_cao(tmp_path / "all.cao")
+    np.testing.assert_allclose(read.vertices, expected, atol=1e-12)
+    assert area(read.vertices, read.triangles) == pytest.approx(2 * area(alone, one.triangles))
+    by_matrix = 'V1\nload("brick.cao", t=[1; 0; 0], R=[0; -1; 0; 1; 0; 0; 0; 0; 1])\n'
+    (tmp_path / "matrix.cao").write_text(by_matrix)
+    np.testing.assert_allclose(read_cao(tmp_path / "matrix.cao").vertices, turned, atol=1e-12)
+
+
+def test_a_placed_cylinder_keeps_its_shape(tmp_path):
+    (tmp_path / "tower.cao").write_text(ROUND_CAO.format(circles="0"))
+    (tmp_path / "placed.cao").write_text('V1\nload("tower.cao", t=[5; 0; 0], tu=[0; 90deg; 0])\n')
+    placed = read_cao(tmp_path / "placed.cao")
+    structure = Structure.from_mesh(placed.vertices, placed.triangles)
+    np.testing.assert_allclose(structure.bounds, [[5, -0.5, -0.5], [7, 0.5, 0.5]], atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ('V1\nload("a.cao", t=[0; 1])\n', r"line 2: t=\[0; 1\] has 2 numbers, expected 3"),
+        ('V1\nload("a.cao", t=[0; 1; x])\n', "line 2: could not convert string to float"),
+        ('V1\nload("a.cao", tu=[0; 1; 2 grad])\n', "line 2: could not convert string to float"),
+        ('V1\nload("a.cao", t=[0; 1; nan])\n', "line 2: nan is not finite"),
+        ('V1\nload("a.cao", s=[0; 1; 1])\n', "line 2: unknown parameter 's' of load"),
+        ('V1\nload("a.cao", R=[1; 0; 0; 0; 1; 0; 0; 0; -1])\n', "line 2: R is not a rotation"),
+        ('V1\nload("a.cao", tu=[0; 0; 0], tu=[0; 0; 0])\n', "line 2: tu is given twice"),
         ('V1\nload("me.cao")\n', "line 2: me.cao loads itself"),
         ('V1\nload("none.cao")\n', "none.cao: not a readable CAO file"),
         ('V1\nload("../none.cao")\n', "outside the model's folder"),

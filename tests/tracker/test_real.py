@@ -112,7 +112,7 @@ def test_a_folder_of_images_is_tracked(files, tmp_path):
     for found, true in zip(results.cam_from_world, POSES, strict=True):
         assert pose_error(found, true)[0] < 0.01
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
-        "estimate.tum", "frames.csv", "overlay.mp4", "record.json", "times.csv",
+        "estimate_world_from_cam.tum", "frames.csv", "overlay.mp4", "record.json", "times.csv",
     }  # fmt: skip
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
     assert cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 6

@@ -66,7 +66,9 @@ def test_results_read_back_as_written(tmp_path):
     for a, b in zip(results.cam_from_world, again.cam_from_world, strict=True):
         np.testing.assert_allclose(a.matrix, b.matrix, atol=1e-15)
     np.testing.assert_allclose(again.estimate.positions_m, results.estimate.positions_m, atol=1e-14)
-    assert len((tmp_path / "r/estimate.tum").read_text().splitlines()) == 2
+    head, _, *rows = (tmp_path / "r/estimate_world_from_body.tum").read_text().splitlines()
+    assert head == "# frame: world_from_body"
+    assert len(rows) == 2
     assert (tmp_path / "r/record.json").read_bytes() == (tmp_path / "s/record.json").read_bytes()
 
 
@@ -85,7 +87,7 @@ def test_a_bad_row_is_named(tmp_path):
 def test_a_run_is_the_same_on_every_run(sequence, kind, tmp_path):
     for name in ("a", "b"):
         track_sequence(TRACKERS[kind](), sequence, rate_hz=15, seed=0).save(tmp_path / name)
-    for file in ("frames.csv", "estimate.tum", "record.json"):
+    for file in ("frames.csv", "estimate_world_from_body.tum", "record.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 

@@ -7,7 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trajectories.errors import UserError
-from trajectories.formats import READERS, WRITERS, read_kitti, read_trajectory, read_tum, write_euroc, write_tum
+from trajectories.formats import (
+    READERS,
+    WRITERS,
+    declared_frame,
+    read_kitti,
+    read_trajectory,
+    read_tum,
+    write_euroc,
+    write_tum,
+)
 from trajectories.trajectory import Trajectory
 
 
@@ -29,6 +38,33 @@ def test_written_files_read_back_and_are_guessed(name: str, tmp_path: Path) -> N
         np.testing.assert_array_equal(read.stamps_ns, flown.stamps_ns)
         np.testing.assert_array_equal(read.quaternions_wxyz, flown.quaternions_wxyz)
     np.testing.assert_allclose(read.rotations, flown.rotations, atol=1e-15)
+
+
+@pytest.mark.parametrize("start_ns", [0, 5, 10**9, 1_403_636_580_838_555_574])
+@pytest.mark.parametrize("name", list(WRITERS))
+def test_the_format_is_guessed_whatever_the_first_stamp(name: str, start_ns: int, tmp_path: Path) -> None:
+    flown = some(start_ns=0)
+    stamps = flown.stamps_ns - flown.stamps_ns[0] + start_ns
+    WRITERS[name](Trajectory(stamps, flown.positions_m, flown.quaternions_wxyz), tmp_path / "t")
+    assert read_trajectory(tmp_path / "t")[1] == name
+
+
+def test_whole_seconds_are_no_nanoseconds(tmp_path: Path) -> None:
+    (tmp_path / "t").write_text("".join(f"{1403636580 + 5 * k} 0 0 0 0 0 0 1\n" for k in range(5)))
+    assert read_trajectory(tmp_path / "t")[1] == "tum"
+
+
+def test_a_file_says_its_frame_by_comment_or_name(tmp_path: Path) -> None:
+    write_tum(some(), tmp_path / "a.tum", "world_from_cam")
+    write_tum(some(), tmp_path / "b_world_from_body.tum")
+    write_tum(some(), tmp_path / "c.tum")
+    write_tum(some(), tmp_path / "d_world_from_body.tum", "world_from_cam")
+    said = [declared_frame(tmp_path / name) for name in ("a.tum", "b_world_from_body.tum", "c.tum")]
+    assert said == ["world_from_cam", "world_from_body", None]
+    assert len(read_tum(tmp_path / "a.tum")) == 20
+    assert len(file_interface.read_tum_trajectory_file(str(tmp_path / "a.tum")).timestamps) == 20
+    with pytest.raises(UserError, match="says that it holds world_from_cam and world_from_body"):
+        declared_frame(tmp_path / "d_world_from_body.tum")
 
 
 @settings(max_examples=60, deadline=None)
@@ -57,7 +93,7 @@ def test_evo_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) -> N
     ):
         path = tmp_path / f"t.{name}"
         if name == "euroc":
-            write_euroc(flown, path, velocities_m_s=np.zeros((len(flown), 3)))
+            write_euroc(flown, path, motion=np.zeros((len(flown), 9)))
         else:
             WRITERS[name](flown, path)
         theirs = reader(str(path))

@@ -10,9 +10,11 @@ from tests.trajectories.scene import BOX, DECK, PIER, WALL, both
 from trajectories.airframes import Iris
 from trajectories.errors import UserError
 from trajectories.flight import FlightSpec, fly
+from trajectories.flight_summary import flown_summary, planned_summary
 from trajectories.formats import write_tum
 from trajectories.motion import fly_through, progress, stop_and_go
 from trajectories.mount import Mount
+from trajectories.pace import asked_speed
 from trajectories.paths import PATHS, PathSpec
 from trajectories.paths_along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
 from trajectories.paths_around import Approach, FigureEight, Hover, Orbit, PierSpiral
@@ -88,11 +90,62 @@ def test_a_plan_is_smooth_starts_at_rest_and_keeps_its_limits(
     assert np.linalg.norm(t[0, 3:6]) < 1e-3 and np.linalg.norm(t[-1, 3:6]) < 1e-3
     assert np.abs(np.diff(t[:, 6:9], axis=0)).max() / STEP_S < 60.0  # jerk, m/s^3
     if hasattr(path, "speed_m_s"):
-        assert np.linalg.norm(t[:, 3:6], axis=1).max() <= path.speed_m_s * (1 + 1e-6)
+        assert np.linalg.norm(t[:, 3:6], axis=1).max() <= (asked_speed(path) or np.inf) * (1 + 1e-6)
         assert np.linalg.norm(t[:, 6:9], axis=1).max() <= path.acceleration_m_s2 * 1.01
     resting = plan.rows(-3, 5, None)
     np.testing.assert_array_equal(resting[:3, 0:3], np.tile(t[0, 0:3], (3, 1)))
     assert not resting[:3, 3:9].any() and not resting[:3, 10:].any()
+
+
+PACED = [(path, surroundings) for path, surroundings, _ in PLANS if hasattr(path, "usual_speed_m_s")]
+
+
+@pytest.mark.parametrize(("path", "surroundings"), PACED, ids=lambda v: type(v).__name__)
+def test_a_path_takes_the_time_that_it_is_given(path: PathSpec, surroundings: Surroundings) -> None:
+    """Twice and 1.2 times what it takes at its usual speed, to the step, and as fast as that needs."""
+    plain = replace(path, speed_m_s=None)  # type: ignore[type-var]
+    usual = plain.plan(surroundings, Mount(), np.random.default_rng(0)).table
+    for factor in (1.2, 2.0):
+        duration = round(factor * (len(usual) - 1)) * STEP_S
+        timed = replace(plain, duration_s=duration).plan(surroundings, Mount(), np.random.default_rng(0)).table
+        assert len(timed) == round(duration / STEP_S) + 1
+        np.testing.assert_allclose(timed[[0, -1], :3], usual[[0, -1], :3], atol=1e-6)
+        speeds = np.linalg.norm(timed[:, 3:6], axis=1)
+        assert speeds[-1] < 1e-3 and speeds.max() < np.linalg.norm(usual[:, 3:6], axis=1).max()
+        assert np.flatnonzero(speeds > 1e-3)[-1] > 0.98 * len(timed)  # it does not hurry and wait
+        assert np.linalg.norm(timed[:, 6:9], axis=1).max() <= path.acceleration_m_s2 * 1.01
+
+
+@pytest.mark.parametrize(("path", "surroundings"), PACED, ids=lambda v: type(v).__name__)
+def test_a_path_takes_a_duration_or_a_speed(path: PathSpec, surroundings: Surroundings) -> None:
+    both = replace(path, speed_m_s=0.4, duration_s=9.0)  # type: ignore[type-var]
+    with pytest.raises(UserError, match="give duration_s or speed_m_s, not both"):
+        both.plan(surroundings, Mount(), np.random.default_rng(0))
+    hasty = replace(path, speed_m_s=None, duration_s=0.5)  # type: ignore[type-var]
+    with pytest.raises(UserError, match=r"duration_s 0.5: .* m from rest to rest take .* s or more at"):
+        hasty.plan(surroundings, Mount(), np.random.default_rng(0))
+    asked = replace(path, speed_m_s=path.usual_speed_m_s)  # type: ignore[type-var]
+    usual = replace(path, speed_m_s=None)  # type: ignore[type-var]
+    tables = [each.plan(surroundings, Mount(), np.random.default_rng(0)).table for each in (asked, usual)]
+    np.testing.assert_array_equal(*tables)
+
+
+def test_what_a_path_does_not_reach_is_told() -> None:
+    spec = FlightSpec(path=Orbit(speed_m_s=1.5))
+    planned = planned_summary(spec, Mount(), BOX, 0)
+    assert (planned.speed_asked_m_s, planned.duration_asked_s) == (1.5, None)
+    table = Orbit(speed_m_s=1.5).plan(BOX, Mount(), np.random.default_rng(0)).table
+    assert planned.duration_s == pytest.approx((len(table) - 1) * STEP_S)
+    assert planned.speed_planned_m_s == pytest.approx(np.linalg.norm(table[:, 3:6], axis=1).max())
+    assert "path orbit: at most 0.56 m/s where 1.5 m/s were asked for, 18" in planned.shortfall()
+    assert planned_summary(FlightSpec(path=Orbit(speed_m_s=0.3)), Mount(), BOX, 0).shortfall() == ""
+    flight = fly(spec, Mount(), BOX, 0)
+    flown = flown_summary(spec, Mount(), BOX, 0, flight)
+    assert flown.duration_s == pytest.approx(planned.duration_s)
+    assert flown.speed_flown_m_s == pytest.approx(np.linalg.norm(flight.velocities_m_s, axis=1).max())
+    assert flown.length_m == pytest.approx(2 * np.pi * 1.25, rel=0.02)
+    timed = planned_summary(FlightSpec(path=Orbit(duration_s=30.0)), Mount(), BOX, 0)
+    assert (timed.speed_asked_m_s, timed.duration_asked_s, timed.duration_s) == (None, 30.0, 30.0)
 
 
 @pytest.mark.parametrize(("path", "surroundings", "mount"), PLANS, ids=lambda v: type(v).__name__)
@@ -179,6 +232,9 @@ def test_a_recorded_trajectory_is_flown_as_given(tmp_path: Path) -> None:
     seen = fly(FlightSpec(path=cam), mount, BOX, 0)
     pose = (mount.cam_from_body @ seen.pose(50).inverse()).inverse()
     np.testing.assert_allclose(pose.matrix, given.pose(1).matrix, atol=1e-12)
+    write_tum(given, tmp_path / "said.tum", "world_from_cam")
+    with pytest.raises(UserError, match=r"said\.tum: says that it holds world_from_cam, and frame = 'body'"):
+        fly(FlightSpec(path=Recorded(str(tmp_path / "said.tum"))), Mount(), BOX, 0)
     gap = given.select(np.delete(np.arange(40), slice(10, 25)))
     write_tum(gap, tmp_path / "gap.tum")
     with pytest.raises(UserError, match=r"1\.600 s without a pose after pose 9"):

@@ -1,0 +1,81 @@
+"""`--dry-run` tells frames, seconds and megabytes of each sequence, and what its path does not reach."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main
+from bench.config import load_suite
+from bench.extent import extents, shortfalls
+from bench.works import Render
+from trajectories.flight_summary import FlightSummary
+
+SUITE = """
+title = "Paces"
+seeds = [0, 1, 2]
+rates_hz = [5.0]
+[sequences.timed]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "orbit", duration_s = 30.0 }
+[sequences.hasty]
+rate_hz = 10.0
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "orbit", speed_m_s = 1.5 }
+truth = ["depth"]
+[sequences.never]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "orbit", duration_s = 2.0 }
+[sequences.pilot]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 4.0 }
+[trackers]
+hold = { kind = "hold" }
+"""
+
+
+@pytest.fixture
+def suite(tmp_path):
+    (tmp_path / "paces.toml").write_text(SUITE)
+    return tmp_path / "paces.toml"
+
+
+def test_the_dry_run_tells_how_much_each_sequence_is(suite, tmp_path):
+    done = CliRunner().invoke(main, ["render", str(suite), "--out", str(tmp_path / "out"), "--dry-run"])
+    assert done.exit_code == 0, done.output
+    rows = {line.split()[0]: line.split() for line in done.output.split("each sequence")[1].splitlines()[1:]}
+    assert rows["timed"][1:4] == ["3", "451", "30.0"]
+    assert rows["hasty"][1:3] == ["3", str(int(10 * float(rows["hasty"][3])) + 1)]
+    assert rows["pilot"][1:5] == ["3", "61", "4.0", "-"]
+    megabytes = {name: float(rows[name][5]) for name in ("timed", "hasty", "pilot")}
+    assert megabytes["timed"] == pytest.approx(451 * 640 * 480 * 1.2e-6, rel=0.1)
+    assert rows["all"][2:4] == ["12", str(3 * (451 + 61 + int(rows["hasty"][2])))]
+    assert "hasty: path orbit: at most 0.56 m/s where 1.5 m/s were asked for" in done.output
+    assert "never: path orbit: duration_s 2: 7.85 m from rest to rest take" in done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_rendered_is_weighed(suite, tmp_path):
+    renders = [Render(spec, tmp_path / spec.name) for spec in load_suite(suite).sequences]
+    (tmp_path / "timed-s1").mkdir()
+    (tmp_path / "timed-s1" / "sequence.json").write_text("x" * 1000)
+    found = {each.name: each for each in extents(renders)}
+    assert (found["timed"].bytes, found["timed"].measured) == (1000.0, True)
+    assert not found["hasty"].measured
+    assert found["never"].problem
+
+
+def test_a_render_tells_what_was_not_reached(tmp_path):
+    slow = FlightSummary(
+        path="orbit", duration_s=14.7, duration_asked_s=None, speed_asked_m_s=1.5, speed_planned_m_s=0.88,
+        nearly_still_s=3.0, length_m=8.0, speed_flown_m_s=0.87,
+    )  # fmt: skip
+    for name, flight in (("slow", slow.to_json()), ("fine", slow.to_json() | {"speed_planned_m_s": 1.5})):
+        (tmp_path / name).write_text(json.dumps({"name": name, "flight": flight}))
+    (tmp_path / "recording").write_text(json.dumps({"name": "recording"}))
+    (line,) = shortfalls(tmp_path / name for name in ("slow", "fine", "recording"))
+    assert line.startswith("slow: path orbit: at most 0.88 m/s where 1.5 m/s were asked for, 14.7 s, its first 3.0 s")
