@@ -30,11 +30,6 @@ def read_cao(path: Path) -> Loaded:
     return _joined([_piece(file, iter(rows)) for file, rows in _files(path)], path.stem)
 
 
-def loaded_by(path: Path) -> tuple[Path, ...]:
-    """The models that a CAO model loads; UserError as `read_cao`."""
-    return tuple(file for file, _ in _files(path)[:-1])
-
-
 def _files(path: Path, above: tuple[Path, ...] = ()) -> list[tuple[Path, list[tuple[int, str]]]]:
     """The files of a model and their own rows, those that are loaded before the one that loads them."""
     above = (*above, path.resolve())

@@ -75,7 +75,7 @@ def cache_of(function: Callable[..., Any]) -> NullCache:
     """Cache of a kernel; one that keeps nothing where there is no source to know it by, or no place to keep it."""
     try:
         folder = None if function.__closure__ else folder_of(key_of(function.__module__))
-    except (OSError, SyntaxError):
+    except OSError:
         folder = None
     return NullCache() if folder is None else KernelCache(folder, f"{function.__module__}.{function.__qualname__}")
 
@@ -84,7 +84,7 @@ def cache_of(function: Callable[..., Any]) -> NullCache:
 def key_of(module: str) -> str:
     """Hash of the source of a module and of all that it imports, of numba, LLVM and Python, and of the CPU.
 
-    OSError or SyntaxError when a source cannot be read.
+    OSError when a source cannot be read.
     """
     files = sources(module)
     if not files:
