@@ -82,13 +82,26 @@ def load_tracker(path: Path) -> Tracker:
 
 def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
     """Tracker of a table that stands in a file; UserError naming the file and every key that is wrong."""
-    one: Any = choice(Tracker, extra)
-    table = _check(path, create_model("File", __config__=STRICT, tracker=(one, ...)), {"tracker": data})
+    tracker: Tracker = _one(Tracker, "tracker", data, path, extra)
+    return tracker
+
+
+def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initialization:
+    """Where the first pose comes from, of a table that stands in a file; UserError as `tracker_of`."""
+    start: Initialization = _one(Initialization, "start", data, path, extra)
+    return start
+
+
+def _one(protocol: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
+    """The one plug-in that a table says, told in errors by a key."""
+    kind: Any = choice(protocol, extra)
+    fields: Any = {key: (kind, ...)}
+    table = _check(path, create_model("File", __config__=STRICT, **fields), {key: data})
     errors: list[str] = []
-    tracker: Tracker = build(table.tracker, "tracker", errors)
+    plugin = build(getattr(table, key), key, errors)
     if errors:
         raise UserError(_told(path, errors))
-    return tracker
+    return plugin
 
 
 @cache
