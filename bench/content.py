@@ -3,7 +3,8 @@
 import hashlib
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -37,12 +38,30 @@ def canonical(value: Any) -> Any:
     if type(value) in PLAIN:
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        return _of_plugin(value)
+        if not _looked:
+            return _of_plugin(value)
+        if id(value) not in _looked[-1]:
+            _looked[-1][id(value)] = (value, _of_plugin(value))
+        return _looked[-1][id(value)][1]
     if isinstance(value, Mapping):
         return {str(k): canonical(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [canonical(v) for v in value]
     return value
+
+
+@contextmanager
+def one_look() -> Iterator[None]:
+    """Look at each plug-in and its files once only within this, however many jobs it is in the key of."""
+    _looked.append({})
+    try:
+        yield
+    finally:
+        _looked.pop()
+
+
+_looked: list[dict[int, tuple[Any, Any]]] = []
+"""By identity: plug-ins, kept alive, and their canonical forms."""
 
 
 def _of_plugin(value: Any) -> dict[str, Any]:

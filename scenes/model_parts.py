@@ -3,13 +3,16 @@
 import json
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
 
+from trajectories.sources import stamp
+
 REFERENCES = {
-    ".obj": (re.compile(r"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE | re.IGNORECASE), ".mtl"),
-    ".mtl": (re.compile(r"^\s*(?:map_\w+|bump|disp|decal|norm|refl)\s+(.+?)\s*$", re.MULTILINE | re.IGNORECASE), ""),
-    ".ply": (re.compile(r"^\s*comment\s+texturefile\s+(.+?)\s*$", re.MULTILINE | re.IGNORECASE), ""),
+    ".obj": (re.compile(r"^[ \t]*mtllib[ \t]+(.+)$", re.MULTILINE | re.IGNORECASE), ".mtl"),
+    ".mtl": (re.compile(r"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+(.+)$", re.MULTILINE | re.IGNORECASE), ""),
+    ".ply": (re.compile(r"^[ \t]*comment[ \t]+texturefile[ \t]+(.+)$", re.MULTILINE | re.IGNORECASE), ""),
     ".cao": (re.compile(r"""load\s*\(\s*["']([^"']+)["']""", re.IGNORECASE), ".cao"),
     ".gltf": (re.compile(r'"uri"\s*:\s*("(?:[^"\\]|\\.)*")'), ""),
 }
@@ -22,17 +25,24 @@ HEADER_BYTES = 1 << 16
 
 def parts_of(path: Path) -> tuple[Path, ...]:
     """The files that a model refers to and that are there, at any depth, each once; more rather than fewer."""
-    found: dict[Path, None] = {}
+    found: dict[Path, Path] = {}
     waiting = [(path, path.suffix.lower().replace(".glb", ".gltf"))]
     while waiting:
         file, kind = waiting.pop()
-        if kind in REFERENCES and file.is_file():
-            pattern, next_kind = REFERENCES[kind]
-            for match in pattern.finditer(_text(file, kind)):
-                parts = [part for name in _names(match[1][:LONGEST]) if _there(part := file.parent / name)]
-                waiting += [(part, next_kind) for part in parts if part not in found]
-                found.update(dict.fromkeys(parts))
-    return tuple(found)
+        if kind not in REFERENCES or not _there(file):
+            continue
+        for name in _named(file, stamp(file), kind):
+            if _there(part := file.parent / name) and (real := part.resolve()) not in found:
+                found[real] = part
+                waiting.append((part, REFERENCES[kind][1]))
+    return tuple(found.values())
+
+
+@lru_cache(maxsize=1024)
+def _named(path: Path, _: tuple[int, ...], kind: str) -> tuple[str, ...]:
+    """All that the references in a file may mean."""
+    matches = REFERENCES[kind][0].finditer(_text(path, kind))
+    return tuple(dict.fromkeys(name for match in matches for name in _names(match[1][:LONGEST])))
 
 
 def _text(path: Path, kind: str) -> str:
@@ -55,7 +65,7 @@ def _names(given: str) -> Iterator[str]:
         if not given.startswith("data:"):
             yield given
         return
-    words = given.replace("\\", "/").split(" ")
+    words = given.strip().replace("\\", "/").split(" ")
     yield from (" ".join(words[first:]) for first in range(len(words)) if words[first])
     yield from (word for word in words[:-1] if word)
 

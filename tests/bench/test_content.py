@@ -10,6 +10,7 @@ from bench.config import load_tracker
 from bench.content import content_hash
 from bench.external import External
 from scenes.mesh_file import MeshFile
+from scenes.model_parts import parts_of
 from trajectories.errors import UserError
 
 PLUGIN = """
@@ -231,6 +232,14 @@ def test_a_model_is_all_files_that_it_refers_to(tmp_path, name):
         (tmp_path / part).write_text((tmp_path / part).read_text() + "\n#")
         hashes.append(content_hash(model))
     assert len(set(hashes)) == len(hashes)
+
+
+def test_models_that_load_each_other_in_circles_are_looked_at_once(tmp_path):
+    (tmp_path / "sub").mkdir()
+    for name, other in (("a", "b"), ("b", "a")):
+        text = "".join(f'load("sub/../{other}.cao")\n load("./sub/../{name}.cao")\n' for _ in range(3))
+        write(tmp_path / f"{name}.cao", f"V1\n{text}")
+    assert {path.name for path in parts_of(tmp_path / "a.cao")} == {"a.cao", "b.cao"}
 
 
 def test_a_binary_gltf_refers_by_its_first_chunk(tmp_path):
