@@ -1,33 +1,32 @@
-"""Two versions of the repository on the same frames: `uavbench compare BASE_REF HEAD_REF`.
+"""Two versions of a repository on the same frames: `uavbench compare BASE_REF HEAD_REF`.
 
-The frames are rendered once, by the uavbench that runs. Then both versions' trackers run on them in turn, base and
+All that is of a version comes from its own tree: uavbench itself where the repository has it, the suite's tables of
+trackers, their programs, files and plug-ins. The frames are those of the head's suite, rendered once by the uavbench
+that runs. Then both versions' trackers run on them in turn, base and
 head and head and base, several times over, so that whatever else the machine does meets both alike; of each frame's
 times the smallest counts. The scores are computed by one version, the running one, and the gate decides.
 """
 
-import io
 import json
 import os
-import subprocess
-import sys
-import tarfile
-import tempfile
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
+from bench.compare_sides import Side, at_work, file_of, statements
 from bench.config import Suite, load_suite
+from bench.config_paths import FREE
 from bench.content import content_hash
 from bench.gate import Margins
 from bench.gate_reports import pronounce
 from bench.suite_files import suite_file
 from bench.verbs import Where, bring_up_to
+from bench.versions import version
 from reports.score import score
 from scenes.sequence import Sequence
 from tracker.results import Results
@@ -39,39 +38,26 @@ LEAST_MS = 0.05
 """Times below this are alike: their ratio says nothing."""
 
 
-@dataclass(frozen=True)
-class Version:
-    """One version at work: its commit, and the process that runs its trackers."""
-
-    commit: str
-    server: "subprocess.Popen[str]"
-
-    def track(self, ask: dict[str, Any]) -> dict[str, Any]:
-        """The server's answer to one request; UserError when it is gone."""
-        assert self.server.stdin is not None and self.server.stdout is not None
-        try:
-            self.server.stdin.write(json.dumps(ask) + "\n")
-            self.server.stdin.flush()
-            answer: dict[str, Any] = json.loads(self.server.stdout.readline())
-        except (OSError, ValueError):
-            raise UserError(
-                f"version {self.commit} cannot run trackers for comparison: it ended, or has no bench/track_server.py"
-            ) from None
-        return answer
-
-
 def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
     """Compare two versions; the gate's exit code, 1 when the frames cannot be rendered."""
     out = out.resolve()
-    file = suite_file(suite_name).resolve()
-    suite = load_suite(file)
-    code = bring_up_to("render", str(file), out / "head", Where(workers=workers))
-    if code:
-        return code
+    given = suite_file(suite_name)
+    file = given.parent.resolve() / given.name
     with ExitStack() as stack:
-        versions = {side: stack.enter_context(version(ref)) for side, ref in zip(SIDES, refs, strict=True)}
-        click.echo(f"base {versions['base'].commit}, head {versions['head'].commit}, {repeats} repeats", err=True)
-        times, unknown = run_in_turn(versions, suite, file, out, repeats)
+        versions = dict(zip(SIDES, (stack.enter_context(version(ref)) for ref in refs), strict=True))
+        flown = file_of(versions["head"], file)
+        with reading_from(versions["head"].environment([])[FREE] if flown != file else None):
+            suite = load_suite(flown)
+            code = bring_up_to("render", str(flown), out / "head", Where(workers=workers))
+        if code:
+            return code
+        labels = [*suite.trackers]
+        sides = {name: stack.enter_context(at_work(each, file, labels)) for name, each in versions.items()}
+        commits = ", ".join(f"{name} {side.version.commit}" for name, side in sides.items())
+        click.echo(f"{commits}, {repeats} repeats", err=True)
+        for line in statements(sides, file):
+            click.echo(line, err=True)
+        times, unknown = run_in_turn(sides, suite, flown, out, repeats)
     for label, why in unknown.items():
         click.echo(f"not compared, unknown to the base: {label} ({why})", err=True)
     known = [label for label in suite.trackers if label not in unknown]
@@ -84,17 +70,36 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     return pronounce(out / "head", out / "base", margins, out / "gate")
 
 
+@contextmanager
+def reading_from(folders: str | None) -> Iterator[None]:
+    """Let suites read from these folders too, for a time."""
+    before = os.environ.get(FREE)
+    if folders is not None:
+        os.environ[FREE] = folders
+    try:
+        yield
+    finally:
+        os.environ.pop(FREE, None)
+        if before is not None:
+            os.environ[FREE] = before
+
+
 Times = dict[tuple[str, str, str, int, str], list[list[float]]]
 """(label, run, sequence, seed, side) -> per repeat the time of each frame in ms."""
 
 
 def run_in_turn(
-    versions: dict[str, Version], suite: Suite, file: Path, out: Path, repeats: int
+    sides: dict[str, Side], suite: Suite, flown: Path, out: Path, repeats: int
 ) -> tuple[Times, dict[str, str]]:
-    """Times of all runs, and why the base could not run a tracker; the results are in the folders of both sides."""
-    tables = tomllib.loads(file.read_text(encoding="utf-8"))["trackers"]
+    """Times of all runs, and why the base could not run a tracker; the results are in the folders of both sides.
+
+    flown: the file of the suite whose sequences and `start` these are.
+    """
+    start = tomllib.loads(flown.read_text(encoding="utf-8")).get("start")
+    for label, why in sides["head"].unknown.items():
+        raise UserError(f"head, {label}: {why}")
     times: Times = {}
-    unknown: dict[str, str] = {}
+    unknown: dict[str, str] = dict(sides["base"].unknown)
     for repeat in range(repeats):
         for number, spec in enumerate(suite.sequences):
             for label, rate_hz in [(label, rate) for label in suite.trackers for rate in suite.rates_hz]:
@@ -103,16 +108,14 @@ def run_in_turn(
                     if label in unknown:
                         continue
                     ask = {
-                        "suite": str(file),
-                        "label": label,
-                        "tracker": tables[label],
                         "rate_hz": rate_hz,
                         "seed": spec.seed,
                         "sequence": str(out / "head" / "sequences" / spec.name),
                         "out": str(out / side / "results" / spec.name / run),
-                        "content_hash": content_hash(versions[side].commit, label, rate_hz, spec.seed, spec.name),
+                        "content_hash": content_hash(sides[side].version.commit, label, rate_hz, spec.seed, spec.name),
+                        **({"start": start} if start else {}),
                     }
-                    answer = versions[side].track(ask)
+                    answer = sides[side].track(label, ask)
                     if "error" in answer and side == "base":
                         unknown[label] = str(answer["error"]).splitlines()[-1].strip()
                     elif "error" in answer:
@@ -160,40 +163,3 @@ def score_all(out: Path, side: str, suite: Suite, labels: list[str]) -> None:
         for run in [f"{label}@{rate:g}hz" for label in labels for rate in suite.rates_hz]:
             results = out / side / "results" / spec.name / run
             score(sequence, Results.load(results)).save(results / "score.json")
-
-
-@contextmanager
-def version(ref: str) -> Iterator[Version]:
-    """A version of the repository that the current folder is in, at work; `.` is the working tree as it stands."""
-    with tempfile.TemporaryDirectory(prefix="uavbench-version-") as scratch:
-        if ref == ".":
-            commit, tree = "working tree", Path(git("rev-parse", "--show-toplevel").decode().strip())
-        else:
-            commit, tree = git("rev-parse", "--short", "--verify", f"{ref}^{{commit}}").decode().strip(), Path(scratch)
-            with tarfile.open(fileobj=io.BytesIO(git("archive", "--format=tar", commit))) as archive:
-                archive.extractall(tree, filter="data")
-        server = subprocess.Popen(
-            [sys.executable, "-m", "bench.track_server"],
-            cwd=tree,
-            env={**os.environ, "PYTHONPATH": str(tree)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        try:
-            yield Version(commit, server)
-        finally:
-            server.kill()
-            server.communicate()
-
-
-def git(*arguments: str) -> bytes:
-    """Output of git; UserError with its own words when it fails."""
-    try:
-        done = subprocess.run(["git", *arguments], capture_output=True, check=True)
-    except FileNotFoundError:
-        raise UserError("compare needs git") from None
-    except subprocess.CalledProcessError as error:
-        words = error.stderr.decode(errors="replace").strip().splitlines()
-        raise UserError(f"git {' '.join(arguments[:2])}: {words[-1] if words else 'failed'}") from None
-    return done.stdout

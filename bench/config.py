@@ -3,7 +3,7 @@
 import difflib
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -47,7 +47,7 @@ class Suite:
 def load_suite(path: Path) -> Suite:
     """Suite of a TOML file; UserError naming the file and every key that is wrong."""
     data, extra = _read(path)
-    checked = _check(path, suite_model(extra), data)
+    checked = _check(path, suite_model(extra), data, _repeated(data))
     errors: list[str] = []
     sequences = tuple(
         build(table, f"{kind}.{name}", errors, name=f"{name}-s{seed}", seed=seed)
@@ -65,11 +65,13 @@ def load_suite(path: Path) -> Suite:
         for rate in checked.rates_hz
         if spec is not None and rate > spec.rate_hz
     ]
+    errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
     if errors:
         raise UserError(_told(path, list(dict.fromkeys(errors))))
-    protocols = tuple(dict.fromkeys(checked.protocols))
     flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
-    return Suite(path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, protocols, flights)
+    return Suite(
+        path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, tuple(checked.protocols), flights
+    )
 
 
 def load_tracker(path: Path) -> Tracker:
@@ -80,13 +82,26 @@ def load_tracker(path: Path) -> Tracker:
 
 def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
     """Tracker of a table that stands in a file; UserError naming the file and every key that is wrong."""
-    one: Any = choice(Tracker, extra)
-    table = _check(path, create_model("File", __config__=STRICT, tracker=(one, ...)), {"tracker": data})
+    tracker: Tracker = _one(Tracker, "tracker", data, path, extra)
+    return tracker
+
+
+def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initialization:
+    """Where the first pose comes from, of a table that stands in a file; UserError as `tracker_of`."""
+    start: Initialization = _one(Initialization, "start", data, path, extra)
+    return start
+
+
+def _one(protocol: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
+    """The one plug-in that a table says, told in errors by a key."""
+    kind: Any = choice(protocol, extra)
+    fields: Any = {key: (kind, ...)}
+    table = _check(path, create_model("File", __config__=STRICT, **fields), {key: data})
     errors: list[str] = []
-    tracker: Tracker = build(table.tracker, "tracker", errors)
+    plugin = build(getattr(table, key), key, errors)
     if errors:
         raise UserError(_told(path, errors))
-    return tracker
+    return plugin
 
 
 @cache
@@ -102,7 +117,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         __config__=STRICT,
         __doc__="A uavbench suite: what is rendered, which trackers run on it, and at which rates.",
         title=(str, ...),
-        seeds=(Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1)], [0]),
+        seeds=(Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1)], [0]),
         rates_hz=(Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)], ...),
         start=(start, Field(default_factory=known)),
         protocols=(list[Protocol], []),
@@ -126,9 +141,36 @@ def _read(path: Path) -> tuple[dict[str, Any], Extra]:
         raise UserError(f"{path}: {error}") from None
 
 
-def _check(path: Path, model: type[BaseModel], data: dict[str, Any]) -> Any:
-    """The config as its model; UserError with a line for each mistake."""
+def _repeated(data: dict[str, Any]) -> list[str]:
+    """A line for each seed, rate or protocol that is there already, or whose results would lie in one folder."""
+    lines = []
+    for key in ("seeds", "rates_hz", "protocols"):
+        first: dict[str, int] = {}
+        given: list[Any] = data[key] if isinstance(data.get(key), list) else []
+        for i, value in enumerate(given):
+            written = f"{value:g}" if key == "rates_hz" and isinstance(value, float) else str(value)
+            same = first.setdefault(written, i)
+            if same != i:
+                alike = f", {given[same]!r}: both are written {written}" if value != given[same] else ""
+                lines.append(f"{key}[{i}]: {value!r} is there already, as {key}[{same}]{alike}; leave one out")
+    return lines
+
+
+def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:
+    """A line for each rate that means the same frames of a sequence as one before it."""
+    strides = [round(min(spec.rate_hz / rate, 1e9)) for rate in rates_hz]
+    return [
+        f"rates_hz[{i}]: {rate:g} Hz is every {stride}. frame of sequence {spec.name} ({spec.rate_hz:g} Hz), "
+        f"and so is {rates_hz[strides.index(stride)]:g} Hz; leave one out"
+        for i, (rate, stride) in enumerate(zip(rates_hz, strides, strict=True))
+        if strides.index(stride) != i and rate <= spec.rate_hz
+    ]
+
+
+def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Sequence[str] = ()) -> Any:
+    """The config as its model; UserError with a line for each mistake, and for those that are known already."""
     config, mistakes = located(data, path.parent)
+    mistakes += more
     try:
         checked = model.model_validate_json(json.dumps(config, default=str))
     except ValidationError as error:

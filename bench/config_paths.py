@@ -42,8 +42,11 @@ def located(config: Any, folder: Path, at: str = "") -> tuple[Any, list[str]]:
 
 
 def _beside(word: Any, folder: Path) -> Any:
-    """A word of a command, or a file: the file beside the config where there is one."""
-    return str((folder / word).resolve()) if isinstance(word, str) and _is_file(folder / word) else word
+    """A word of a command, or a file: the file beside the config where there is one.
+
+    A link stays one: the interpreter of a virtual environment is a link whose own place says which environment.
+    """
+    return str(folder.resolve() / word) if isinstance(word, str) and _is_file(folder / word) else word
 
 
 def _outside(name: str, folder: Path, at: str) -> list[str]:

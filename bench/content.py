@@ -1,22 +1,30 @@
 """Content hashes: a result is fresh when the hash of all that entered it is the one it carries."""
 
 import hashlib
-import inspect
 import json
-from collections.abc import Mapping
+import platform
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from bench.config_paths import names_a_file
+from bench.plugin_files import bench_key, files_of, is_file, plugin_key
+from trajectories.sources import file_digest
 
 PACKAGES = {"trajectories", "scenes", "tracker", "reports", "bench"}
 PLAIN = {float, int, str, bool, type(None)}
 ROOT = Path(__file__).parent.parent
-LIBRARIES = ["numpy", "scipy", "opencv-python-headless", "numba", "mujoco", "trimesh", "pyrender", "PyOpenGL"]
-"""Libraries whose version may change a frame or an estimate."""
+LIBRARIES = [
+    *("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "mujoco", "trimesh", "pillow", "ifcopenshell"),
+    *("pyrender", "PyOpenGL", "pandas", "matplotlib"),
+]
+"""Libraries whose version may change a frame, an estimate, a score or a figure."""
+WORK = Path(__file__).parent / "works.py"
+"""What every job does."""
 
 
 def content_hash(*parts: Any) -> str:
@@ -30,18 +38,11 @@ def canonical(value: Any) -> Any:
     if type(value) in PLAIN:
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        cls = type(value)
-        form = {f.name: canonical(getattr(value, f.name)) for f in fields(cls)}
-        form["class"] = f"{cls.__module__}:{cls.__qualname__}"
-        if cls.__module__.split(".")[0] not in PACKAGES:
-            form["source"] = _file_digest(Path(inspect.getfile(cls)))
-        if hasattr(value, "entering_files"):
-            form["entering_files"] = [_file_digest(path) for path in value.entering_files]
-        for name in form:
-            path = getattr(value, name, None)
-            if names_a_file(name) and isinstance(path, str) and Path(path).is_file():
-                form[name] = _file_digest(Path(path))
-        return form
+        if not _looked:
+            return _of_plugin(value)
+        if id(value) not in _looked[-1]:
+            _looked[-1][id(value)] = (value, _of_plugin(value))
+        return _looked[-1][id(value)][1]
     if isinstance(value, Mapping):
         return {str(k): canonical(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -49,15 +50,65 @@ def canonical(value: Any) -> Any:
     return value
 
 
+@contextmanager
+def one_look() -> Iterator[None]:
+    """Look at each plug-in and its files once only within this, however many jobs it is in the key of."""
+    _looked.append({})
+    try:
+        yield
+    finally:
+        _looked.pop()
+
+
+_looked: list[dict[int, tuple[Any, Any]]] = []
+"""By identity: plug-ins, kept alive, and their canonical forms."""
+
+
+def _of_plugin(value: Any) -> dict[str, Any]:
+    """Class, code, fields and files of a dataclass: a field that names a file stands for its content."""
+    cls = type(value)
+    form = {f.name: canonical(getattr(value, f.name)) for f in fields(cls)}
+    form["class"] = f"{cls.__module__}:{cls.__qualname__}"
+    top = cls.__module__.partition(".")[0]
+    if top == "bench":
+        form["code"] = bench_key(cls)
+    elif top not in PACKAGES:
+        form["code"] = plugin_key(cls)
+    named = [*getattr(value, "entering_files", ()), *map(Path, getattr(value, "input_files", ()))]
+    form["entering"] = [file_form(path) for path in named]
+    for f in fields(cls):
+        given = getattr(value, f.name)
+        if names_a_file(f.name) and given and isinstance(given, str):
+            form[f.name] = [file_form(path) for path in files_of(Path(given), whole=top not in PACKAGES)]
+    return form
+
+
+def file_form(path: Path) -> list[str]:
+    """Name and content of a file; the whole path where there is none, or none that can be read."""
+    try:
+        return [path.name, file_digest(path)] if is_file(path) else [str(path), "no file"]
+    except OSError:
+        return [str(path), "not readable"]
+
+
 @cache
 def code_hash(*packages: str) -> str:
-    """Hash of the sources of these packages and of the versions of the libraries under them."""
-    digest = hashlib.sha256(json.dumps({name: version(name) for name in LIBRARIES}).encode())
+    """Hash of what a job does, of the sources of these packages and of the versions of the libraries under them."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    under = [python, file_digest(WORK), *(f"{name} {_version(name)}" for name in LIBRARIES)]
+    digest = hashlib.sha256(json.dumps(under).encode())
     for package in packages:
         for path in sorted((ROOT / package).rglob("*")):
-            if path.suffix in {".py", ".xml", ".html", ".css", ".js", ".toml"}:
+            if path.is_file() and path.parent.name != "__pycache__":
                 digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return ""
 
 
 def carried_hash(path: Path) -> str | None:
@@ -66,7 +117,3 @@ def carried_hash(path: Path) -> str | None:
         return str(json.loads(path.read_text(encoding="utf-8"))["content_hash"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def _file_digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -5,7 +5,6 @@ at a time on standard input, says `ready` once and then one line for each frame,
 and it cannot look ahead. docs/external-trackers.md is the protocol in full.
 """
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -17,6 +16,7 @@ import cv2
 import numpy as np
 from annotated_types import Ge, Gt, MinLen
 
+from bench.command_files import command_files
 from bench.external_job import imu_lines, job_folder, keep, write_frames, write_job
 from bench.external_process import Process
 from bench.external_rows import Fault, TrackerFault, read_estimates, read_row
@@ -61,10 +61,9 @@ class External:
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """Files whose content enters every result: on the command line, the input_files, and the protocol's own."""
+        """Files whose content enters every result: what the command is made of, the input_files, the protocol's own."""
         own = sorted(Path(__file__).parent.glob("external*.py"))
-        named = [Path(name) for name in (*self.command, *self.input_files) if os.sep in name]
-        return (*own, *(path for path in named if path.is_file()))
+        return (*own, *command_files(self.command), *map(Path, self.input_files))
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run in the stream form; it ends with the last reference to it. UserError in the folder form."""

@@ -37,14 +37,15 @@ ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
 class Measured:
     """What the gate compares of one run: its coverage, and its errors by metric, NaN where one is undefined.
 
-    crash: what went wrong, "" if nothing did; frames: hash of what made the frames, "" if any will do; how: the parts
-    of the score's record that must agree.
+    crash: what went wrong, "" if nothing did; frames: hash of what made the frames, images: that of the frames as they
+    are, "" if any will do; how: the parts of the score's record that must agree.
     """
 
     coverage: float
     errors: Mapping[str, float]
     crash: str = ""
     frames: str = ""
+    images: str = ""
     how: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -55,6 +56,7 @@ class Measured:
             errors={metric: value(score) for metric, (_, value) in ERRORS.items()},
             crash=(score.errors or ("no word of why",))[0] if score.status == "crashed" else "",
             frames=str(score.record.get("sequence", {}).get("content_hash", "")),
+            images=str(score.record.get("sequence", {}).get("images", "")),
             how={part: score.record.get(part) for part in HOW},
         )
 
@@ -98,6 +100,11 @@ def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
     if base.frames and base.frames != head.frames:
         raise UserError(
             f"{what}: baseline and results are of different frames; use `uavbench compare`, or make the baseline anew"
+        )
+    if base.images and head.images and base.images != head.images:
+        raise UserError(
+            f"{what}: baseline and results are of the same flight, but its images differ: another GL driver, CPU or "
+            "library rendered them; use `uavbench compare`, or copy the folder `sequences` of one to the other"
         )
     for part in HOW:
         if base.how.get(part) != head.how.get(part):

@@ -15,7 +15,7 @@ from glob import escape
 from pathlib import Path
 
 from bench.config import Protocol, Suite
-from bench.content import code_hash, content_hash
+from bench.content import code_hash, content_hash, one_look
 from bench.graph import Job
 from bench.peers.registry import absent
 from bench.works import Render, Report, Restart, Score, Spec, Track
@@ -31,6 +31,11 @@ START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0
 
 def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
     """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`."""
+    with one_look():
+        return _plan(suite, folder, last)
+
+
+def _plan(suite: Suite, folder: Path, last: str) -> list[Job]:
     renders = {spec.name: _render_job(spec, folder) for spec in suite.sequences}
     away = absent(suite.trackers)
     tracks = [

@@ -5,18 +5,22 @@ whole, a JSON Schema comes for free, and the packages below need no validation l
 """
 
 import importlib
+import sys
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
+from bench.plugin_files import loaded
 from bench.plugins import PLUGINS
 from trajectories.errors import UserError
 
 Extra = tuple[tuple[str, type], ...]
+INPUT_FILES = "input_files"
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
@@ -49,6 +53,8 @@ def model_of(
             members[f.name] = (annotation, Field(default_factory=f.default_factory))
         else:
             members[f.name] = (annotation, ...)
+    if kind is not None and ":" in kind:
+        members.setdefault(INPUT_FILES, (tuple[str, ...], ()))
     doc = (cls.__doc__ or "").split("\n")[0]
     name = cls.__name__ if kind is None else f"{cls.__name__}:{kind}"
     model: type[BaseModel] = create_model(name, __config__=STRICT, __doc__=doc, **members)
@@ -59,7 +65,8 @@ def model_of(
 def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
     """Dataclass instance of a checked model; a ValueError of its own is added to `errors` under its key path.
 
-    `given` are the fields that the config does not give.
+    `given` are the fields that the config does not give. A user's own plug-in may be given `input_files`, further files
+    whose change makes its results stale; it carries them whether it has such a field or not.
     """
     if isinstance(model, tuple | list):
         return tuple(build(item, f"{at}[{i}]", errors) for i, item in enumerate(model))
@@ -71,11 +78,24 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
         for name in type(model).model_fields
         if name in model.model_fields_set and name != "kind"
     }
+    files = () if INPUT_FILES in {f.name for f in fields(cls)} else values.pop(INPUT_FILES, ())
+    errors += [f"{at}.{INPUT_FILES}: {name} is no file" for name in files if not Path(name).is_file()]
     try:
-        return cls(**values, **given)
+        made = cls(**values, **given)
     except (ValueError, UserError) as error:
         errors.append(f"{at}: {error}")
         return None
+    if files:
+        _carry(made, files, at, errors)
+    return made
+
+
+def _carry(made: Any, files: tuple[str, ...], at: str, errors: list[str]) -> None:
+    """Give a plug-in the names of its input files, though it has no field for them."""
+    try:
+        object.__setattr__(made, INPUT_FILES, files)
+    except AttributeError:  # a class with slots
+        errors.append(f"{at}.{INPUT_FILES}: {type(made).__name__} needs a field `{INPUT_FILES}: tuple[str, ...] = ()`")
 
 
 def own_plugins(data: Any) -> Extra:
@@ -97,12 +117,16 @@ def own_plugins(data: Any) -> Extra:
 def import_plugin(name: str) -> type:
     """Class of a plug-in named `module:attribute`; UserError saying what is wrong with the name."""
     module, _, attribute = name.partition(":")
+    before = frozenset(sys.modules)
     try:
         cls = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(f"plug-in {name!r} cannot be imported: {error}; is its folder on PYTHONPATH?") from None
+    except Exception as error:  # whatever the module raises
+        told = str(error) if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
+        raise UserError(f"plug-in {name!r} cannot be imported: {told}; is its folder on PYTHONPATH?") from None
     if not (isinstance(cls, type) and is_dataclass(cls)):
         raise UserError(f"plug-in {name!r} must be a dataclass of its parameters")
+    for made_in in {module, cls.__module__}:
+        loaded[made_in] = loaded.get(made_in, frozenset()) | (frozenset(sys.modules) - before)
     return cls
 
 

@@ -9,19 +9,37 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bench.config import tracker_of
-from bench.models import own_plugins
+from bench.config import start_of, tracker_of
+from bench.models import Extra, own_plugins
 from bench.works import Track
 from tracker.results import Results
+from tracker.run import KNOWN
+from trajectories.errors import UserError
+from trajectories.sources import sources
 
 
 def track(ask: dict[str, Any]) -> dict[str, Any]:
-    """Run one tracker and write its results; wall time of each frame in ms."""
-    tracker = tracker_of(ask["tracker"], Path(ask["suite"]), own_plugins(ask["tracker"]))
-    out = Path(ask["out"])
-    work = Track(ask["label"], tracker, ask["rate_hz"], ask["seed"], Path(ask["sequence"]), out)
+    """Run one tracker and write its results; wall time of each frame in ms, and that its `start` was followed."""
+    suite, out = Path(ask["suite"]), Path(ask["out"])
+    plugins = own_plugins(ask["tracker"])
+    if "not_from" in ask:
+        expect_elsewhere(plugins, Path(ask["not_from"]))
+    tracker = tracker_of(ask["tracker"], suite, plugins)
+    start = start_of(ask["start"], suite, own_plugins(ask["start"])) if "start" in ask else KNOWN
+    work = Track(ask["label"], tracker, ask["rate_hz"], ask["seed"], Path(ask["sequence"]), out, start)
     work(ask["content_hash"], lambda done, total: None)
-    return {"total_ms": [row.stage_ms.get("total") for row in Results.load(out).rows]}
+    return {"total_ms": [row.stage_ms.get("total") for row in Results.load(out).rows], "started": True}
+
+
+def expect_elsewhere(plugins: Extra, folder: Path) -> None:
+    """UserError when a plug-in of this version was imported from a folder that is not this version's."""
+    for kind, cls in plugins:
+        for path in sorted(sources(cls.__module__)):
+            if path.is_relative_to(folder):
+                raise UserError(
+                    f"{kind} is not this version's: {path} was imported; give its folder on PYTHONPATH, so that each "
+                    "version's own can be found"
+                )
 
 
 def main() -> None:

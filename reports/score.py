@@ -180,7 +180,11 @@ def how(sequence: Sequence, results: Results) -> dict[str, Any]:
         "rpe_pairs": "all pairs",
         "success": {"translation_m": SUCCESS_M, "rotation_deg": SUCCESS_DEG},
         "std_ddof": 0,
-        "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
+        "sequence": {
+            "name": sequence.name,
+            "content_hash": sequence.content_hash,
+            "images": sequence.images_hash,
+        },
         "results": {k: results.record.get(k) for k in ("tracker", "rate_hz", "seed", "content_hash", "versions")},
         "versions": dict(_versions()),
     }

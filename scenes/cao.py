@@ -49,11 +49,6 @@ def read_cao(path: Path) -> Loaded:
     return _joined([_placed(_piece(piece), piece.model_from_piece) for piece in pieces], path.stem)
 
 
-def loaded_by(path: Path) -> tuple[Path, ...]:
-    """The models that a CAO model loads; UserError as `read_cao`."""
-    return tuple(piece.path for piece in _files(path)[:-1])
-
-
 def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | None = None) -> list[Piece]:
     """The files of a model and their own rows, those that are loaded before the one that loads them."""
     above, model_from_file = (*above, path.resolve()), model_from_file or Pose.identity()

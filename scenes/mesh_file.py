@@ -8,11 +8,12 @@ import numpy as np
 from annotated_types import Ge, Interval
 
 from scenes import materials, noise
-from scenes.cao import loaded_by, read_cao
+from scenes.cao import read_cao
 from scenes.ifc import read_ifc
 from scenes.loaded import Loaded
 from scenes.materials import Material
 from scenes.mesh_checks import check, check_file
+from scenes.model_parts import parts_of
 from scenes.parts import BuiltStructure, Part
 from scenes.solids import Solid, covered
 from scenes.structure import CREASE_ANGLE_DEG, Structure
@@ -77,11 +78,6 @@ class MeshFile:
         y_up = self.up == "y" or (self.up == "auto" and Path(self.path).suffix.lower() in (".gltf", ".glb"))
         turned = piece.moved(UNITS_M[self.unit] * (Z_FROM_Y_UP if y_up else np.eye(3)), np.zeros(3))
         return turned.flipped() if self.flip else turned
-
-
-def parts_of(path: Path) -> tuple[Path, ...]:
-    """The files that a model loads, where it is one that can."""
-    return loaded_by(path) if path.suffix.lower() == ".cao" and path.is_file() else ()
 
 
 def read(path: Path) -> list[Loaded]:

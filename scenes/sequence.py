@@ -99,6 +99,17 @@ class Sequence:
         """Hash of everything that made this sequence."""
         return str(self._said("content_hash"))
 
+    @property
+    def images_hash(self) -> str:
+        """Hash of the images as they are, as the manifest has them; "" without one.
+
+        The same config gives others where the GL driver or the CPU is another one.
+        """
+        path = self.folder / "manifest.json"
+        named = read_json(path).get("sha256", {}) if path.is_file() else {}
+        images = sorted((name, digest) for name, digest in named.items() if name.startswith("frames/"))
+        return hashlib.sha256(json.dumps(images).encode()).hexdigest() if images else ""
+
     def _said(self, key: str) -> Any:
         """What `sequence.json` says of a key; UserError when it says nothing."""
         if key not in self.info:

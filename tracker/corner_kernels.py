@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
 from tracker.texture_kernels import HALF, SIDE
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 Image = NDArray[np.uint8]

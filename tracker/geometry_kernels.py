@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from scenes.camera import Camera
-from tracker.compiled import compiled
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}

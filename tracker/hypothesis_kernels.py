@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
 from tracker.geometry_kernels import solve6
 from tracker.solve_kernels import add_row
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 HYPOTHESIS_INFORMATION = 1.0 / 0.7**2

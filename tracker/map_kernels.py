@@ -8,8 +8,8 @@ each offset is tied to D alone, and can be taken out by itself.
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
 from tracker.geometry_kernels import eliminate
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 Indices = NDArray[np.int64]

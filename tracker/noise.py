@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from tracker.base import Image
-from tracker.compiled import compiled
+from trajectories.kernels import compiled
 
 ALLOWED = 3.5
 """Noise that is left as it is, one standard deviation in grey levels."""

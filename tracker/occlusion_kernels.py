@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 LEAF_TRIANGLES = 4

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 CANDIDATES = 4

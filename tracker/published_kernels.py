@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
 from tracker.geometry_kernels import move, normal_row, solve6, twist_between
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 

@@ -16,6 +16,7 @@ from annotated_types import Ge, Gt
 from scenes.camera import Camera
 from scenes.folders import disk_errors, refuse_foreign
 from scenes.model_files import save_structure
+from scenes.model_parts import parts_of
 from scenes.sequence import read_image, write_manifest
 from scenes.structure import Structure
 from tracker.initial_pose import read_init
@@ -59,8 +60,6 @@ class Files:
     @property
     def entering_files(self) -> tuple[Path, ...]:
         """The images, and what the model loads, whose content enters the sequence's hash."""
-        from scenes.mesh_file import parts_of  # reads models, as load_model
-
         folder = Path(self.images_path)
         return (*(images_in(folder) if folder.is_dir() else ()), *parts_of(Path(self.model_file)))
 
@@ -89,7 +88,10 @@ class VispCube:
     def entering_files(self) -> tuple[Path, ...]:
         """The images and what comes with them, whose content enters the sequence's hash."""
         root = self.root
-        return (*images_in(root / VISP_CUBE), root / "mbt/cube.cao", root / "mbt/cube.0.pos") if root else ()
+        if root is None:
+            return ()
+        model = root / "mbt/cube.cao"
+        return (*images_in(root / VISP_CUBE), model, *parts_of(model), root / "mbt/cube.0.pos")
 
     def find(self) -> Recording:
         """The recording; UserError saying what to install."""

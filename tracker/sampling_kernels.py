@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
 from tracker.geometry_kernels import normal_row, project
 from tracker.occlusion_kernels import hidden
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 BINS = 8

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
 from tracker.geometry_kernels import eliminate, move, normal_row, project, solve6, twist_between
 from tracker.map_kernels import Sums
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 HYPOTHESIS_INFORMATION = 1.0 / 0.7**2

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from tracker.compiled import compiled
 from tracker.profile_kernels import Image, Indices
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 CODES = np.arange(256) / 255

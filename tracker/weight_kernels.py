@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tracker.compiled import compiled
 from tracker.profile_kernels import FIRST_ERROR
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 CROWD_PX, TOUCHING_PX = 8.0, 2.0

@@ -1,8 +1,10 @@
 """Two versions of the repository on the same frames, from a git repository made for the test."""
 
 import json
+import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,11 @@ from click.testing import CliRunner
 
 from bench.cli import main
 from bench.compare import smallest
+from bench.compare_sides import at_work, statements
+from bench.versions import placed, version
+from scenes.sequence import Sequence
+from tracker.results import Results
+from trajectories.errors import UserError
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
@@ -72,6 +79,162 @@ def test_a_version_against_itself_passes_and_against_a_worse_one_fails(repositor
     result, worse = compare(repository, monkeypatch, "base", ".")
     assert result.exit_code == 1, result.output
     assert "ATE" in {f["metric"] for f in worse["findings"] if f["verdict"] == "fail"}
+
+
+OFFSET = """
+title = "offset"
+rates_hz = [15.0]
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "indoor" }
+flight.path = { kind = "hand-pilot", duration_s = 0.3 }
+camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
+[trackers]
+stream = { kind = "external", command = ["python3", "../programs/stream.py"] }
+folder = { kind = "external", command = ["python3", "../programs/folder.py"], mode = "folder" }
+plugin = { kind = "my_trackers.off:Off" }
+table = { kind = "my_trackers.off:Off", more = 0.0 }
+same = { kind = "hold" }
+"""
+READ = """
+import sys, tomllib
+from offset import OFF
+with open("init.toml", "rb") as file:
+    M = tomllib.load(file)["cam_from_model"]
+T = [M[i][3] for i in range(3)]
+from math import sqrt
+def row(stamp):
+    w = sqrt(max(0.0, 1 + M[0][0] + M[1][1] + M[2][2])) / 2
+    x, y, z = ((M[a][b] - M[b][a]) / (4 * w) for a, b in ((2, 1), (0, 2), (1, 0)))
+    n = sqrt(w * w + x * x + y * y + z * z)
+    return ",".join(map(repr, [T[0] + OFF, T[1], T[2], w / n, x / n, y / n, z / n]))
+"""
+STREAM = (
+    READ
+    + """
+print("ready", flush=True)
+while line := sys.stdin.buffer.readline():
+    words = line.decode().strip().split(",")
+    if words[0] == "frame":
+        sys.stdin.buffer.read(int(words[2]) * int(words[3]) * int(words[4]))
+        print(f"{words[1]},ok,{row(words[1])}", flush=True)
+"""
+)
+FOLDER = (
+    READ
+    + """
+rows = ["stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz"]
+for line in open("frames.csv").read().split()[1:]:
+    stamp = line.split(",")[0]
+    rows.append(f"{stamp},ok,{row(stamp)}")
+open("estimates.csv", "w").write("\\n".join(rows) + "\\n")
+"""
+)
+PLUGIN = """
+from dataclasses import dataclass
+import numpy as np
+from my_trackers.helper import OFF
+from tracker.base import TrackResult
+from trajectories.pose import Pose
+
+@dataclass(frozen=True)
+class Off:
+    more: float = 0.0
+    def start(self, structure, camera, cam_from_world, rng):
+        return Run(Pose(np.eye(3), np.array([OFF + self.more, 0.0, 0.0])) @ cam_from_world)
+
+class Run:
+    def __init__(self, pose):
+        self.pose = pose
+    def track(self, image, stamp_ns):
+        return TrackResult(status="ok", cam_from_world=self.pose)
+"""
+
+
+@pytest.fixture
+def foreign(tmp_path, monkeypatch):
+    """A repository that holds trackers, their suite and nothing of uavbench; in the working tree all are 30 cm off."""
+    files = {
+        "suites/offset.toml": OFFSET,
+        "programs/stream.py": STREAM,
+        "programs/folder.py": FOLDER,
+        "programs/offset.py": "OFF = 0.0\n",
+        "source/my_trackers/__init__.py": "",
+        "source/my_trackers/off.py": PLUGIN,
+        "source/my_trackers/helper.py": "OFF = 0.0\n",
+        "tracker.py": "raise RuntimeError('not this one')\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path / "source")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["source", str(ROOT)]))
+    git(tmp_path, "init", "-q")
+    git(tmp_path, "add", "-A")
+    git(tmp_path, "commit", "-qm", "base")
+    yield tmp_path
+    for name in [name for name in sys.modules if name.split(".")[0] == "my_trackers"]:
+        del sys.modules[name]
+
+
+def git(folder, *arguments):
+    identity = ["-c", "user.name=test", "-c", "user.email=test@example.org", "-c", "commit.gpgsign=false"]
+    subprocess.run(["git", *identity, *arguments], cwd=folder, check=True, capture_output=True)
+
+
+def off(folder, side, label):
+    """How far along the camera's x a side's first pose is from the truth, m."""
+    results = Results.load(folder / "out/compare" / side / "results/box-s0" / f"{label}@15hz")
+    sequence = Sequence.load(folder / "out/compare/head/sequences/box-s0")
+    return float((results.rows[0].cam_from_world @ sequence.true_cam_from_world(0).inverse()).translation[0])
+
+
+def test_all_of_a_version_comes_from_its_own_tree(foreign):
+    (foreign / "programs/offset.py").write_text("OFF = 0.3\n")
+    (foreign / "source/my_trackers/helper.py").write_text("OFF = 0.3\n")
+    suite = foreign / "suites/offset.toml"
+    suite.write_text(suite.read_text().replace("more = 0.0", "more = 0.2") + 'new = { kind = "hold" }\n')
+    (foreign / "notes.txt").write_text("not in git")
+    arguments = ["compare", "HEAD", "--suite", "suites/offset.toml", "--repeats", "1", "--jobs", "1"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code in (1, 3), result.output
+    moved = {label: (off(foreign, "base", label), off(foreign, "head", label)) for label in LABELS}
+    expected = {"same": (0, 0), "table": (0, 0.5), "stream": (0, 0.3), "folder": (0, 0.3), "plugin": (0, 0.3)}
+    assert {label: pytest.approx(pair, abs=1e-9) for label, pair in expected.items()} == moved
+    assert "not compared, unknown to the base: new" in result.output
+    assert "same on both sides: notes.txt" in result.output
+    git(foreign, "commit", "-qam", "worse")
+    result = CliRunner().invoke(main, ["compare", "HEAD~1", "HEAD", *arguments[2:]])
+    assert result.exit_code in (1, 3), result.output
+    assert {label: (off(foreign, "base", label), off(foreign, "head", label)) for label in LABELS} == moved
+
+
+LABELS = ("same", "table", "stream", "folder", "plugin")
+
+
+def test_what_the_base_lacks_and_what_is_not_in_git_is_told(foreign, tmp_path_factory):
+    with version("HEAD") as base:
+        (foreign / "programs/later.py").write_text("print('later')")
+        git(foreign, "add", "programs/later.py")
+        later = {"kind": "external", "command": ["python3", "later.py"]}
+        assert placed(base, later, foreign / "programs").missing == ("programs/later.py",)
+        with pytest.raises(UserError, match=r"absent\.toml"), at_work(base, foreign / "suites/absent.toml", []):
+            pass
+    (foreign / "suites/new.toml").write_text(OFFSET)
+    git(foreign, "add", "suites/new.toml")
+    elsewhere = tmp_path_factory.mktemp("elsewhere") / "offset.toml"
+    program = foreign / "programs" / "stream.py"
+    elsewhere.write_text(OFFSET.replace("../programs/stream.py", str(program)))
+    with version("HEAD") as base:
+        with at_work(base, foreign / "suites/new.toml", ["stream"]) as side:
+            assert side.tables["stream"]["command"][1] == str(base.folder / "programs/stream.py")
+            assert next(iter(statements({"base": side}, foreign / "suites/new.toml"))).endswith("the file as it stands")
+        with at_work(base, elsewhere, ["stream", "folder"]) as side:
+            assert side.tables["stream"]["command"][1] == str(base.folder / "programs/stream.py")
+            told = list(statements({"base": side}, elsewhere))
+            assert any("lies outside of the repository" in line for line in told)
+            assert any(line.startswith("folder: nothing of its program") for line in told)
 
 
 def test_a_ref_that_is_none_is_a_users_mistake(repository, monkeypatch):

@@ -101,6 +101,32 @@ def test_each_mistake_names_its_key(tmp_path, old, new, key, told):
     assert any(m.startswith(key) and told in m for m in mistakes(tmp_path, GOOD.replace(old, new)))
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("rates_hz = [15.0]", "seeds = [0, 3, 0, 0]\nrates_hz = [15.0]", ["seeds[2]: 0", "seeds[3]: 0"]),
+        ("rates_hz = [15.0]", "rates_hz = [15.0, 14.9999999, 1]", ["rates_hz[1]: 14.9999999"]),
+        ("rates_hz = [15.0]", "rates_hz = [3, 15.0, 3.0]", ["rates_hz[2]: 3"]),
+        ("rates_hz = [15.0]", "rates_hz = [15.0, 14.0]", ["rates_hz[1]: 14 Hz is every 1. frame"]),
+        ("rates_hz = [15.0]", "rates_hz = [7.5, 5, 8]", ["rates_hz[2]: 8 Hz is every 2. frame"]),
+        ("rates_hz = [15.0]", 'rates_hz = [15.0]\nprotocols = ["reset", "reset"]', ["protocols[1]: 'reset'"]),
+        ("[sequences.box]", "[sequences.Box]", ["sequences.Box"]),
+        ("hold =", "hold = { kind = 'hold' }\nHold =", ["trackers.Hold"]),
+        ("hold =", "'hold ' =", ["trackers.hold "]),
+    ],
+)
+def test_what_would_count_twice_or_share_a_folder_is_refused(tmp_path, old, new, told):
+    lines = mistakes(tmp_path, GOOD.replace(old, new))
+    assert len(lines) == len(told)
+    for line, start in zip(lines, told, strict=True):
+        assert line.startswith(start)
+
+
+def test_what_is_there_twice_is_told_with_the_other_mistakes(tmp_path):
+    text = GOOD.replace("rates_hz = [15.0]", "seeds = [1, 1]\nrates_hz = [15.0, 15]").replace("title", "titel")
+    assert len(mistakes(tmp_path, text)) == 4
+
+
 @pytest.mark.parametrize("text", ["title = ", "\x00", "[a]\n[a]"])
 def test_a_broken_file_is_one_clear_error(tmp_path, text):
     assert "TOML" in mistakes(tmp_path, text)[0]

@@ -134,6 +134,19 @@ def test_a_new_crash_fails_with_its_reason(sides):
     assert "ZeroDivisionError" in findings[0].reason
 
 
+def test_the_same_flight_rendered_otherwise_is_refused(sides):
+    def head(images):
+        def seen(score):
+            return replace(score, record={**score.record, "sequence": {**score.record["sequence"], "images": images}})
+
+        return lambda rng: [seen(score) for score in drawn(rng)]
+
+    gate(*sides(head("mesa"), base=head("mesa")(np.random.default_rng(0))))
+    gate(*sides(head("mesa")))  # a score from before images were looked at
+    with pytest.raises(UserError, match="images differ: another GL driver"):
+        gate(*sides(head("gpu"), base=head("mesa")(np.random.default_rng(0))))
+
+
 def test_other_frames_or_another_way_of_scoring_are_refused(sides):
     with pytest.raises(UserError, match="different frames"):
         gate(*sides(lambda rng: drawn(rng, frames="g")))

@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from scenes.box import Box
 from scenes.building import Building
-from scenes.cao import face_polygon, loaded_by, read_cao, write_cao
+from scenes.cao import face_polygon, read_cao, write_cao
+from scenes.model_parts import parts_of
 from scenes.structure import Structure
 from scenes.truss import Truss
 from trajectories.errors import UserError
@@ -89,7 +90,7 @@ def test_a_model_may_load_others(tmp_path):
     text = 'V1\nload("parts/tower.cao")\nload("parts/box.cao")\n0\n0\n0\n0\n0\n0\n'
     (tmp_path / "all.cao").write_text(text)
     parts = [read_cao(tmp_path / "parts" / name) for name in ("tower.cao", "box.cao")]
-    assert loaded_by(tmp_path / "all.cao") == (tmp_path / "parts" / "tower.cao", tmp_path / "parts" / "box.cao")
+    assert set(parts_of(tmp_path / "all.cao")) == {tmp_path / "parts" / "tower.cao", tmp_path / "parts" / "box.cao"}
     read = read_cao(tmp_path / "all.cao")
     assert len(read.triangles) == sum(len(part.triangles) for part in parts)
     assert area(read.vertices, read.triangles) == pytest.approx(sum(area(p.vertices, p.triangles) for p in parts))

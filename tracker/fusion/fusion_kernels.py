@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from tracker.compiled import compiled
+from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 

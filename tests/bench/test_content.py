@@ -1,0 +1,259 @@
+"""What is in the key of a result: everything whose change may change it."""
+
+import importlib
+import itertools
+import os
+
+import pytest
+
+from bench.config import load_tracker
+from bench.content import content_hash
+from bench.external import External
+from scenes.mesh_file import MeshFile
+from scenes.model_parts import parts_of
+from trajectories.errors import UserError
+
+PLUGIN = """
+from dataclasses import dataclass
+{imports}
+
+@dataclass(frozen=True)
+class Mine:
+    gain: float = 1.0
+    def start(self, structure, camera, cam_from_world, rng): ...
+"""
+names = (f"plugin_of_test_{number}" for number in itertools.count())
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+def tracker(folder, name, more=""):
+    (folder / "tracker.toml").write_text(f'kind = "{name}:Mine"\n{more}')
+    importlib.invalidate_caches()
+    return load_tracker(folder / "tracker.toml")
+
+
+def write(path, text=""):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+WAYS = {
+    "import": ("import {name}_a", "{name}_a.py"),
+    "from": ("from {name}_a import b", "{name}_a.py"),
+    "of what it imports": ("import {name}_chain", "{name}_a.py"),
+    "in a function": ("def late():\n    import {name}_a", "{name}_a.py"),
+    "by a computed name": ("import importlib\nimportlib.import_module('_'.join(['{name}', 'a']))", "{name}_a.py"),
+    "by a name": ("def late():\n    import importlib\n    importlib.import_module('{name}_a')", "{name}_a.py"),
+    "of a package": ("from {name}_p.deep import inner", "{name}_p/deep/inner.py"),
+    "its package's file": ("import {name}_p.deep", "{name}_p/__init__.py"),
+    "data beside it": ("WEIGHTS = '{name}.npy'", "{name}.npy"),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_plugin_is_all_that_it_imports(folder, way):
+    name = next(names)
+    imports, edited = (text.format(name=name) for text in WAYS[way])
+    write(folder / f"{name}.py", PLUGIN.format(imports=imports))
+    write(folder / f"{name}_a.py", "b = 1\n")
+    write(folder / f"{name}_chain.py", f"from {name}_a import b\n")
+    for inside in ("__init__.py", "deep/__init__.py", "deep/inner.py"):
+        write(folder / f"{name}_p" / inside, "b = 1\n")
+    write(folder / f"{name}.npy", "1")
+    write(folder / f"{name}_unrelated.py", "b = 1\n")
+    mine = tracker(folder, name)
+    before = content_hash(mine)
+    write(folder / f"{name}_unrelated.py", "b = 2\n")
+    assert content_hash(mine) == before
+    write(folder / edited, "b = 2\n")
+    assert content_hash(mine) != before
+
+
+def test_a_plugin_in_a_package_is_the_whole_package(folder):
+    name = next(names)
+    write(folder / name / "__init__.py")
+    write(folder / name / "mine.py", PLUGIN.format(imports="from . import helper"))
+    write(folder / name / "helper.py", "b = 1\n")
+    weights = write(folder / name / "data" / "weights.bin", "1")
+    mine = tracker(folder, f"{name}.mine")
+    hashes = [content_hash(mine)]
+    for path in (folder / name / "helper.py", weights, folder / name / "__init__.py"):
+        path.write_text("c = 3\n")
+        hashes.append(content_hash(mine))
+    assert len(set(hashes)) == 4
+    write(folder / name / "__pycache__" / "helper.pyc", "compiled")
+    assert content_hash(mine) == hashes[-1]
+
+
+def test_an_installed_plugin_and_what_it_imports_count_by_version_and_content(folder, monkeypatch):
+    name, other = next(names), next(names)
+    for dist, files in ((name, [f"{name}/__init__.py", f"{name}/data.bin"]), (other, [f"{other}.py"])):
+        write(folder / f"{dist}-1.0.dist-info" / "METADATA", f"Name: {dist}\nVersion: 1.0\n")
+        write(folder / f"{dist}-1.0.dist-info" / "RECORD", "".join(f"{file},,\n" for file in files))
+        for file in files:
+            write(folder / file, PLUGIN.format(imports=f"import {other}") if file.endswith("__init__.py") else "1")
+    monkeypatch.setattr("trajectories.sources.INSTALLED", (folder,))
+    from bench import plugin_files
+    from trajectories.sources import editable
+
+    plugin_files._distributions.cache_clear()
+    editable.cache_clear()
+    mine = tracker(folder, name)
+    hashes = [content_hash(mine)]
+    write(folder / name / "data.bin", "2")  # edited in place
+    hashes.append(content_hash(mine))
+    for dist in (name, other):
+        write(folder / f"{dist}-1.0.dist-info" / "METADATA", f"Name: {dist}\nVersion: 1.1\n")
+        hashes.append(content_hash(mine))
+    assert len(set(hashes)) == 4
+    editable.cache_clear()
+    plugin_files._distributions.cache_clear()
+
+
+def test_input_files_of_a_plugin_without_such_a_field(folder):
+    name = next(names)
+    write(folder / f"{name}.py", PLUGIN.format(imports=""))
+    write(folder / "net.bin", "1")
+    mine = tracker(folder, name, 'input_files = ["net.bin"]')
+    before = content_hash(mine)
+    assert before != content_hash(tracker(folder, name))
+    write(folder / "net.bin", "2")
+    assert content_hash(mine) != before
+    with pytest.raises(UserError, match=r"tracker\.input_files: .*none\.bin is no file"):
+        tracker(folder, name, 'input_files = ["none.bin"]')
+
+
+def test_a_plugin_that_raises_when_it_is_imported_is_named(folder):
+    name = next(names)
+    write(folder / f"{name}.py", "1 / 0")
+    with pytest.raises(UserError, match="cannot be imported: ZeroDivisionError"):
+        tracker(folder, name)
+
+
+def program(path, text="#!/bin/sh\n"):
+    write(path, text).chmod(0o755)
+    return path
+
+
+def test_a_program_on_path_counts_by_its_content(tmp_path, monkeypatch):
+    found = program(tmp_path / "bin" / "mytracker")
+    monkeypatch.setenv("PATH", f"{found.parent}:{os.environ['PATH']}")
+    tracker = External(command=("mytracker",))
+    before = content_hash(tracker)
+    program(found, "#!/bin/sh\nexit 1\n")
+    assert content_hash(tracker) != before
+    program(tmp_path / "nearer" / "mytracker", "#!/bin/sh\nexit 2\n")
+    here = content_hash(tracker)
+    monkeypatch.setenv("PATH", f"{tmp_path / 'nearer'}:{os.environ['PATH']}")
+    assert content_hash(tracker) != here
+
+
+@pytest.mark.parametrize(
+    ("command", "edited"),
+    [
+        (["python3", "run.py"], "helper.py"),
+        (["python3", "run.py"], "package/inner.py"),
+        (["python3", "run.py"], "weights.npy"),
+        (["python3", "-m", "module"], "on_path/module.py"),
+        (["python3", "-m", "inside"], "on_path/inside/__main__.py"),
+        (["./run"], "helper.py"),
+        (["true", "net.bin"], "net.bin"),
+        (["true", "--weights=ABOVE/net.bin"], "net.bin"),
+    ],
+)
+def test_a_command_is_its_scripts_with_what_they_import(tmp_path, monkeypatch, command, edited):
+    script = "import helper\nfrom package import inner\nopen('weights.npy')\n"
+    write(tmp_path / "run.py", script)
+    program(tmp_path / "run", f"#!/usr/bin/env python3\n{script}")
+    for name in ("helper.py", "package/__init__.py", "package/inner.py", "weights.npy", "net.bin", "other.py"):
+        write(tmp_path / name, "1")
+    for name in ("module.py", "inside/__init__.py", "inside/__main__.py"):
+        write(tmp_path / "on_path" / name, "1")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "on_path"))
+    words = ", ".join(f'"{word.replace("ABOVE", str(tmp_path))}"' for word in command)
+    write(tmp_path / "tracker.toml", f'kind = "external"\ncommand = [{words}]\n')
+    tracker = load_tracker(tmp_path / "tracker.toml")
+    before = content_hash(tracker)
+    write(tmp_path / "other.py", "2")
+    assert content_hash(tracker) == before
+    write(tmp_path / edited, "2")
+    assert content_hash(tracker) != before
+
+
+def test_a_link_stays_the_interpreter_of_its_environment(tmp_path):
+    site = tmp_path / ".venv" / "lib" / "python3.11" / "site-packages"
+    metadata = write(site / "net-1.0.dist-info" / "METADATA", "1.0")
+    settings = write(tmp_path / ".venv" / "pyvenv.cfg", "home = /usr/bin")
+    base = program(tmp_path / "base" / "python3.11")
+    source = write(tmp_path / "source" / "mine" / "core.py", "1")
+    write(site / "mine.pth", f"{source.parents[1]}\n")
+    link = tmp_path / ".venv" / "bin" / "python"
+    link.parent.mkdir()
+    link.symlink_to(base)
+    write(tmp_path / "run.py", "from mine import core\n")
+    write(tmp_path / "tracker.toml", 'kind = "external"\ncommand = [".venv/bin/python", "run.py"]\n')
+    tracker = load_tracker(tmp_path / "tracker.toml")
+    assert tracker.command == (str(link), str(tmp_path / "run.py"))
+    hashes = [content_hash(tracker)]
+    for path in (base, metadata, settings, source):
+        path.write_text("#!/bin/sh\n# changed\n")
+        hashes.append(content_hash(tracker))
+    assert len(set(hashes)) == 5
+
+
+MODELS = {
+    "a.obj": ("mtllib my materials.mtl\n", {"my materials.mtl": "newmtl a\n  map_Kd -s 1 1 1 my brick.png\n"}),
+    "b.obj": ("  MTLLIB sub/b.mtl\n", {"sub/b.mtl": "map_bump b.png\n", "sub/b.png": ""}),
+    "c.gltf": (
+        '{"buffers": [{"uri": "c%20d.bin"}], "images": [{"uri" : "\\u0063.png"}]}',
+        {"c d.bin": "", "c.png": ""},
+    ),
+    "d.ply": ("ply\nformat ascii 1.0\ncomment TextureFile d.jpg\nend_header\n", {"d.jpg": ""}),
+    "e.cao": ('V1\nload("f.cao")\n', {"f.cao": 'V1\n load ( "g.cao", t=[1, 2, 3])\n', "g.cao": 'V1\nload("f.cao")\n'}),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_is_all_files_that_it_refers_to(tmp_path, name):
+    text, parts = MODELS[name]
+    write(tmp_path / name, text)
+    write(tmp_path / "my brick.png", "1")
+    for part, content in parts.items():
+        write(tmp_path / part, content)
+    model = MeshFile(path=str(tmp_path / name))
+    hashes = [content_hash(model)]
+    for part in [name, *parts, *(["my brick.png"] if name == "a.obj" else [])]:
+        (tmp_path / part).write_text((tmp_path / part).read_text() + "\n#")
+        hashes.append(content_hash(model))
+    assert len(set(hashes)) == len(hashes)
+
+
+def test_models_that_load_each_other_in_circles_are_looked_at_once(tmp_path):
+    (tmp_path / "sub").mkdir()
+    for name, other in (("a", "b"), ("b", "a")):
+        text = "".join(f'load("sub/../{other}.cao")\n load("./sub/../{name}.cao")\n' for _ in range(3))
+        write(tmp_path / f"{name}.cao", f"V1\n{text}")
+    assert {path.name for path in parts_of(tmp_path / "a.cao")} == {"a.cao", "b.cao"}
+
+
+def test_a_binary_gltf_refers_by_its_first_chunk(tmp_path):
+    text = b'{"buffers": [{"uri": "a.bin"}]} '
+    write(tmp_path / "a.bin", "1")
+    head = b"glTF" + (2).to_bytes(4, "little") + (20 + len(text)).to_bytes(4, "little")
+    (tmp_path / "a.glb").write_bytes(head + len(text).to_bytes(4, "little") + b"JSON" + text)
+    before = content_hash(MeshFile(path=str(tmp_path / "a.glb")))
+    write(tmp_path / "a.bin", "2")
+    assert content_hash(MeshFile(path=str(tmp_path / "a.glb"))) != before
+
+
+def test_the_name_of_a_folder_is_not_in_the_key_of_a_model(tmp_path):
+    for name in ("here", "there"):
+        write(tmp_path / name / "a.obj", "v 0 0 0\n")
+    here, there = (MeshFile(path=str(tmp_path / name / "a.obj")) for name in ("here", "there"))
+    assert content_hash(here) == content_hash(there)
