@@ -10,8 +10,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from numba import types
+import numba
 
+types: Any = numba.types
 ELEMENTS = {
     "f": types.float64,
     "s": types.float32,

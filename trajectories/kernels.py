@@ -19,10 +19,12 @@ KERNELS: list["Kernel"] = []
 """Every kernel with declared arguments in the modules that were imported, callees first."""
 
 
-class Kernel(CPUDispatcher):  # type: ignore[misc]
+class Kernel(CPUDispatcher):
     """A kernel that is compiled for the types of its declared arguments alone, whoever calls it first."""
 
     declared: tuple[Any, ...] = ()
+    targetctx: Any
+    _cache: Any
 
     def compile(self, sig: Any) -> Any:
         """Machine code for the declared types, whatever those of a call are; kept on disk."""
@@ -30,7 +32,8 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             for types in self.declared:
                 super().compile(types)
             self.disable_compile()
-        return next(iter(self.overloads.values())).entry_point
+        code: Any = next(iter(self.overloads.values()))
+        return code.entry_point
 
     def load(self) -> bool:
         """Whether the kernel is there: loaded from the disk now, or compiled before."""
@@ -64,10 +67,10 @@ def compiled(arguments: Any, **tuples: Any) -> Any:
     call is compiled for what each of them calls it with.
     """
     if not isinstance(arguments, str):
-        return _kept(numba.jit(**OPTIONS)(arguments), arguments)
+        return _kept(cast(Any, numba).jit(**OPTIONS)(arguments), arguments)
 
     def decorate(function: F) -> F:
-        if numba.config.DISABLE_JIT:
+        if cast(Any, numba).config.DISABLE_JIT:
             return function
         kernel = Kernel(function, targetoptions=dict(OPTIONS))
         kernel.declared = argument_types(arguments, tuples)
