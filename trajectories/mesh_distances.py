@@ -3,7 +3,7 @@
 import numpy as np
 
 from trajectories.kernels import compiled
-from trajectories.mesh_tree import MAX_DEPTH, TREE, Tree
+from trajectories.mesh_tree import MAX_DEPTH, Tree
 from trajectories.pose import Array
 
 
@@ -14,7 +14,7 @@ def mesh_distances(tree: Tree, points: Array) -> Array:
     return out
 
 
-@compiled("Tree f2 f1!", Tree=TREE)
+@compiled
 def _distances(tree: Tree, points: Array, out: Array) -> None:
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(points.shape[0]):
@@ -41,7 +41,7 @@ def _distances(tree: Tree, points: Array, out: Array) -> None:
         out[i] = np.sqrt(best)
 
 
-@compiled("f1 f1 f1")
+@compiled
 def _box_squared(p: Array, low: Array, high: Array) -> float:
     """Squared distance of a point to an axis-aligned box."""
     total = 0.0
@@ -51,7 +51,7 @@ def _box_squared(p: Array, low: Array, high: Array) -> float:
     return total
 
 
-@compiled("f1 f1 f1 f1")
+@compiled
 def _triangle_squared(p: Array, a: Array, b: Array, c: Array) -> float:
     """Squared distance of a point to a triangle: to its plane above its inside, else to the nearest side."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -68,7 +68,7 @@ def _triangle_squared(p: Array, a: Array, b: Array, c: Array) -> float:
     return min(_segment_squared(p, a, b), _segment_squared(p, b, c), _segment_squared(p, c, a))
 
 
-@compiled("f1 f1 f1")
+@compiled
 def _segment_squared(p: Array, a: Array, b: Array) -> float:
     """Squared distance of a point to a segment."""
     dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]

@@ -29,7 +29,7 @@ def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.i
     return out
 
 
-@compiled("Tree f2~ f3 f0 b0 f2!", Tree=TREE)
+@compiled("Tree f2~ f3~ f0 b0 f2!", Tree=TREE)
 def _distances(tree: Tree, origins: Array, directions: Array, within: float, any_will_do: bool, out: Array) -> None:
     """Distance (n, k) to the first triangle, or to any, nearer than `within`; `within` where there is none."""
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
@@ -56,7 +56,7 @@ def _distances(tree: Tree, origins: Array, directions: Array, within: float, any
             out[i, j] = best
 
 
-@compiled("Tree f2 f1 i1!", Tree=TREE)
+@compiled
 def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int64]) -> None:
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(origins.shape[0]):
@@ -79,7 +79,7 @@ def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int
                 top += 2
 
 
-@compiled("f1~ f1 f1 f1 f0")
+@compiled("f1~ f1~ f1 f1 f0")
 def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float) -> bool:
     """Whether a ray meets a box within `far`."""
     near = 0.0
@@ -94,7 +94,7 @@ def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float
     return near <= far
 
 
-@compiled("f1~ f1 f1 f1 f1")
+@compiled("f1~ f1~ f1 f1 f1")
 def _ray_triangle(o: Array, d: Array, a: Array, b: Array, c: Array) -> float:
     """Distance along a ray to a triangle, inf when it misses (Moller & Trumbore 1997)."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -113,7 +113,7 @@ def _ray_triangle(o: Array, d: Array, a: Array, b: Array, c: Array) -> float:
     return float(distance) if distance > 0.0 else float(np.inf)
 
 
-@compiled("f1 f1 f1 f1")
+@compiled
 def _side(direction: Array, a: Array, b: Array, c: Array) -> int:
     """1 where a ray leaves through a triangle's outside, -1 where it enters."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
