@@ -36,6 +36,16 @@ def check_command(tracker: Path, keep: Path) -> None:
     sys.exit(1 if line.startswith("faulty") else 0)
 
 
+@click.command("warm-up")
+def warm_up_command() -> None:
+    """Compile all kernels now, which the first command that needs them would wait for otherwise."""
+    from bench.plugins import PLUGINS  # so that every module with kernels is there
+    from trajectories.warm_up import kernels_of, prepare
+
+    prepare("bench.plugins")
+    click.echo(f"{len(kernels_of(['bench.plugins']))} kernels for {len(PLUGINS)} kinds of plug-ins are compiled")
+
+
 @click.group("peers")
 def peers_group() -> None:
     """Trackers of others to compare with: ViSP's, and OpenCV contrib's."""
@@ -58,4 +68,10 @@ def peers_setup_command(name: str) -> None:
     click.echo(setup(name))
 
 
-COMMANDS: tuple[click.Command, ...] = (list_command, schema_command, check_command, peers_group)
+COMMANDS: tuple[click.Command, ...] = (
+    list_command,
+    schema_command,
+    check_command,
+    warm_up_command,
+    peers_group,
+)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tracker.order_kernels import falling
 from tracker.texture_kernels import HALF, SIDE
 from trajectories.kernels import compiled
 from trajectories.pose import Array
@@ -15,7 +16,7 @@ CLIMB = 6
 """Farthest that a corner is from its spot along either axis, px."""
 
 
-@compiled
+@compiled("u3 i0 i0")
 def corner_strength(image: Image, x: int, y: int) -> float:
     """Smaller eigenvalue of the gradients' second moments over a patch, per texel (Shi & Tomasi 1994)."""
     channel = 1 if image.shape[2] > 1 else 0
@@ -32,7 +33,7 @@ def corner_strength(image: Image, x: int, y: int) -> float:
     return (0.5 * (xx + yy) - math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)) / texels
 
 
-@compiled
+@compiled("u3 i2 f2 f0 f2 f0 f0 i0")
 def strong_pixels(
     image: Image, spots: Indices, away: Array, away_px: float, known: Array, apart_px: float, least: float, most: int
 ) -> Array:
@@ -59,7 +60,7 @@ def strong_pixels(
         strength[s], pixels[s, 0], pixels[s, 1] = best, x, y
     out = np.empty((most, 2))
     n = 0
-    for s in np.argsort(-strength):
+    for s in falling(strength):
         if n == most or strength[s] < least:
             break
         x, y = float(pixels[s, 0]), float(pixels[s, 1])
@@ -73,7 +74,7 @@ def strong_pixels(
     return out[:n].copy()
 
 
-@compiled
+@compiled("f0 f0 f2 i0 f0")
 def far_from(x: float, y: float, others: Array, count: int, distance: float) -> bool:
     """Whether a pixel is at least so far from the first `count` of others (k, 2)."""
     for k in range(count):
@@ -83,7 +84,7 @@ def far_from(x: float, y: float, others: Array, count: int, distance: float) -> 
     return True
 
 
-@compiled
+@compiled("f1 f1 f3 i1 f3 i2")
 def first_hit(eye: Array, ray: Array, corners: Array, owner: Indices, boxes: Array, nodes: Indices) -> int:
     """The face that a ray (3,) from the eye meets first, -1 for none (Moller & Trumbore 1997)."""
     tiny = 1e-300

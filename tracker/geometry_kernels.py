@@ -22,7 +22,7 @@ def camera_array(camera: Camera) -> Array:
     return out
 
 
-@compiled
+@compiled("f0 f0 f1")
 def distort(x: float, y: float, cam: Array) -> tuple[float, float]:
     """Distorted normalized coordinates (Brown-Conrady; Kannala & Brandt 2006)."""
     if cam[4] == 0.0:
@@ -44,14 +44,14 @@ def distort(x: float, y: float, cam: Array) -> tuple[float, float]:
     return x * scale, y * scale
 
 
-@compiled
+@compiled("f0 f0 f0 f1")
 def project(x: float, y: float, z: float, cam: Array) -> tuple[float, float]:
     """Pixel of a point in the camera frame, z > 0."""
     u, v = distort(x / z, y / z, cam)
     return cam[0] * u + cam[2], cam[1] * v + cam[3]
 
 
-@compiled
+@compiled("f0 f0 f0 f0 f0 f1 f1!")
 def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, row: Array) -> None:
     """Motion in px along the image normal (nx, ny) per unit of a twist of the camera, into row (6,)."""
     a, b = x / z, y / z
@@ -74,7 +74,7 @@ def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, r
     row[5] = x * g1 - y * g0
 
 
-@compiled
+@compiled("f2 f1 f1")
 def move(R: Array, t: Array, xi: Array) -> tuple[Array, Array]:
     """exp(xi) @ (R, t)."""
     wx, wy, wz = xi[3], xi[4], xi[5]
@@ -107,7 +107,7 @@ def move(R: Array, t: Array, xi: Array) -> tuple[Array, Array]:
     return R_out, t_out
 
 
-@compiled
+@compiled("f2 f1 f2 f1")
 def twist_between(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
     """The twist (6,) with exp(twist) @ (R, t) = (R_to, t_to), for turns well below half a turn."""
     E, d = np.zeros((3, 3)), t_to.copy()
@@ -130,7 +130,7 @@ def twist_between(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
     return np.array([d[0] - 0.5 * ax + c * bx, d[1] - 0.5 * ay + c * by, d[2] - 0.5 * az + c * bz, wx, wy, wz])
 
 
-@compiled
+@compiled("f2 f1 f1!")
 def solve6(A: Array, b: Array, x: Array) -> bool:
     """Solve the symmetric positive system A x = b of six unknowns (Cholesky); False when A is not positive."""
     L = np.empty((6, 6))
@@ -158,7 +158,7 @@ def solve6(A: Array, b: Array, x: Array) -> bool:
     return True
 
 
-@compiled
+@compiled("f2! f2!")
 def eliminate(M: Array, N: Array) -> None:
     """Put M^-1 N into N (6, k), by Gauss-Jordan elimination with partial pivoting; M (6, 6) is used up."""
     k = N.shape[1]
@@ -186,7 +186,7 @@ def eliminate(M: Array, N: Array) -> None:
                     N[r, j] -= f * N[i, j]
 
 
-@compiled
+@compiled("f2")
 def inverse6(A: Array) -> Array:
     """Inverse of a symmetric positive matrix (6, 6); NaN where it is none."""
     out, unit, column = np.empty((6, 6)), np.zeros(6), np.zeros(6)
@@ -196,5 +196,6 @@ def inverse6(A: Array) -> Array:
         if not solve6(A, unit, column):
             out[:] = math.nan
             return out
-        out[:, j] = column
+        for i in range(6):
+            out[i, j] = column[i]
     return 0.5 * (out + out.T)

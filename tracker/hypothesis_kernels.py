@@ -14,7 +14,7 @@ HYPOTHESIS_INFORMATION = 1.0 / 0.7**2
 Indices = NDArray[np.int64]
 
 
-@compiled
+@compiled("f2 f2 f2 f1 i1 f2 f2 f0")
 def hypotheses(
     J: Array,
     distance: Array,
@@ -44,8 +44,10 @@ def hypotheses(
                 counts[p] += 1
     for h in range(len(draws) + 1 if n > 0 else 0):
         if h > 0:
-            A[:] = prior
-            b[:] = 0.0
+            for i in range(6):
+                b[i] = 0.0
+                for j in range(6):
+                    A[i, j] = prior[i, j]
             for s in range(3):
                 # Edges are drawn by their number of control points: a point first, then its edge.
                 p = min(n - 1, int(draws[h - 1, 4 * s] * n))
@@ -91,5 +93,6 @@ def hypotheses(
                 break
         if cost < best_cost:
             best_cost = cost
-            best[:] = x
+            for i in range(6):
+                best[i] = x[i]
     return best, best_cost / max(1, n // stride)

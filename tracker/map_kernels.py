@@ -22,7 +22,7 @@ patches.
 """
 
 
-@compiled
+@compiled("f2~ f1")
 def adjoint(R: Array, t: Array) -> Array:
     """X (6, 6) that makes a twist of the camera of one in the world, for cam_from_world (R, t)."""
     X = np.zeros((6, 6))
@@ -36,7 +36,7 @@ def adjoint(R: Array, t: Array) -> Array:
     return X
 
 
-@compiled
+@compiled("f2~ f1~")
 def times(X: Array, v: Array) -> Array:
     """X v of a square matrix."""
     out = np.zeros(len(v))
@@ -46,7 +46,7 @@ def times(X: Array, v: Array) -> Array:
     return out
 
 
-@compiled
+@compiled("f2~ f2")
 def turned(X: Array, C: Array) -> Array:
     """X C X^T of matrices (6, 6)."""
     half, out = np.zeros((6, 6)), np.zeros((6, 6))
@@ -61,7 +61,7 @@ def turned(X: Array, C: Array) -> Array:
     return out
 
 
-@compiled
+@compiled("f2 f1 f1 f1")
 def explained(tie: Array, seen: Array, moment: Array, least: Array) -> tuple[Array, Array]:
     """Information (6, 6) and vector (6,) on D that the edges' offsets may explain instead.
 
@@ -79,7 +79,7 @@ def explained(tie: Array, seen: Array, moment: Array, least: Array) -> tuple[Arr
     return A, v
 
 
-@compiled
+@compiled("f2 f2 f1 f1 f1 i1 f1 f2 f1")
 def shared_at(
     known: Array,
     tie: Array,
@@ -97,15 +97,24 @@ def shared_at(
     variance of each edge's offset in px^2 beforehand. Returns information (6, 6) and vector (6,) on D as a twist of the
     camera with the offsets of the edges in view left in, and the tie (g, 6), information (g,) and vector (g,) of those.
     """
-    A, v = explained(tie[edges], seen[edges], moment[edges], least[edges])
+    n = len(edges)
+    ties, information, vector, lower = np.empty((n, 6)), np.empty(n), np.empty(n), np.empty(n)
+    for g in range(n):
+        k = edges[g]
+        information[g], vector[g], lower[g] = seen[k], moment[k], least[k]
+        for i in range(6):
+            ties[g, i] = tie[k, i]
+    A, v = explained(ties, information, vector, lower)
     X = adjoint(R.T, -times(R.T, t)).T
-    ties = np.empty((len(edges), 6))
-    for g in range(len(edges)):
-        ties[g] = times(X, tie[edges[g]])
-    return turned(X, known + A), times(X, v), ties, seen[edges] + 1.0 / spread, moment[edges]
+    for g in range(n):
+        row = times(X, ties[g])
+        information[g] += 1.0 / spread[g]
+        for i in range(6):
+            ties[g, i] = row[i]
+    return turned(X, known + A), times(X, v), ties, information, vector
 
 
-@compiled
+@compiled("f2! f1! f2! f1! f1! f1! i1 f1 (f1 f2 f1 f2 f1 f2) f1 f2 f1 f0")
 def take_up(
     whole: Array,
     vector: Array,
@@ -137,10 +146,12 @@ def take_up(
         least[k] = 1.0 / spread[g]
         seen[k] += part * S[g]
         moment[k] += part * left
-        tie[k] += part * times(X, s[g])
+        row = times(X, s[g])
+        for i in range(6):
+            tie[k, i] += part * row[i]
 
 
-@compiled
+@compiled("f2 f1! f2 f1 f1! f1 f2 f1")
 def centre(
     whole: Array, vector: Array, tie: Array, seen: Array, moment: Array, least: Array, R: Array, t: Array
 ) -> tuple[Array, Array]:
@@ -151,7 +162,8 @@ def centre(
     A, v = explained(tie, seen, moment, least)
     known = whole - A
     D = np.empty((6, 1))
-    D[:, 0] = vector - v
+    for i in range(6):
+        D[i, 0] = vector[i] - v[i]
     eliminate(known.copy(), D)
     vector -= times(whole, D[:, 0])
     for e in range(len(seen)):
@@ -160,7 +172,7 @@ def centre(
     return times(adjoint(R, t), D[:, 0]), known
 
 
-@compiled
+@compiled("f2 f2")
 def pinned(E: Array, P: Array) -> float:
     """How well patches of information P (6, 6) tell the pose against what edges of information E say of it, 0 to 1.
 
@@ -171,7 +183,7 @@ def pinned(E: Array, P: Array) -> float:
     return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
 
 
-@compiled
+@compiled("f1 (f1 f2 f1 f2 f1 f2) f1 f2")
 def surprise(spread: Array, sums: Sums, step: Array, covariance: Array) -> tuple[float, float]:
     """Squared offsets of a frame's edges (g,) over their variance, summed, and how large that sum should be.
 

@@ -26,7 +26,7 @@ def smoothed(image: Image) -> Image:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), min(WIDEST_PX, sigma_px)), dtype=np.uint8)
 
 
-@compiled
+@compiled("u3")
 def noise_level(image: Image) -> float:
     """One standard deviation of an image's noise in grey levels (Immerkaer 1996, with a median in place of the mean).
 

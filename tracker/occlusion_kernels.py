@@ -39,7 +39,7 @@ def build_tree(corners: Array) -> tuple[Array, NDArray[np.int64], NDArray[np.int
     return np.array(boxes), np.array(nodes, dtype=np.int64), order
 
 
-@compiled
+@compiled("f1 f1 f3 i1 f3 i2 i0 i0")
 def hidden(
     eye: Array,
     point: Array,

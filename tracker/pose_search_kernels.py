@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracker.geometry_kernels import move
+from tracker.order_kernels import falling
 from trajectories.kernels import compiled
 from trajectories.pose import Array
 
@@ -18,7 +19,7 @@ PATTERN_LEVELS, PATTERN_SWEEPS = 4, 3
 Indices = NDArray[np.int64]
 
 
-@compiled
+@compiled("u3 f0")
 def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     """Maxima of the colour gradient by direction (ORIENTATIONS, h, w): 0 on an edge pixel, 1 elsewhere.
 
@@ -58,7 +59,7 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     return out
 
 
-@compiled
+@compiled("f2 f2 i2 f2 f2 f1 f1 f1")
 def seen_points(
     points: Array, direction: Array, faces: Indices, planes: Array, R: Array, t: Array, f: Array, size: Array
 ) -> tuple[Array, Indices, int]:
@@ -99,7 +100,7 @@ def seen_points(
     return pixel, bins, n
 
 
-@compiled
+@compiled("f2 f2 i2 f2 f3 f2 f1 s3 f2 i0")
 def score_poses(
     points: Array,
     direction: Array,
@@ -142,7 +143,7 @@ def score_poses(
     return scores, best
 
 
-@compiled
+@compiled("f2 f1 f1 f1")
 def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Array]:
     """Pose (R, t) changed by a (6,).
 
@@ -150,7 +151,8 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Arr
     by the angles a[4] to the right and a[5] down.
     """
     still, shift = np.zeros(6), np.zeros(6)
-    still[3:] = a[:3]
+    for i in range(3):
+        still[3 + i] = a[i]
     shift[3], shift[4] = -a[5], a[4]
     R1, t1 = move(R, t - focus, still)
     for i in range(3):
@@ -158,7 +160,7 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Arr
     return move(R1, t1, shift)
 
 
-@compiled
+@compiled("f2 f2 f2 f1 f1 s3")
 def chamfer(points: Array, direction: Array, R: Array, t: Array, f: Array, distance: NDArray[np.float32]) -> float:
     """Mean over edge points (n, 3) of 1 - distance to the nearest edge pixel of their direction; 0.3 out of view."""
     h, w = distance.shape[1], distance.shape[2]
@@ -184,7 +186,7 @@ def chamfer(points: Array, direction: Array, R: Array, t: Array, f: Array, dista
     return total / max(1, len(points))
 
 
-@compiled
+@compiled("f2 f2 f2 f1 f1 f1 s3 f2 f1 i0")
 def search_about(
     points: Array,
     direction: Array,
@@ -205,7 +207,7 @@ def search_about(
     for k in range(len(changes)):
         R1, t1 = turned_about(R, t, focus, changes[k])
         first[k] = chamfer(points, direction, R1, t1, f, distance)
-    order = np.argsort(-first)
+    order = falling(first)
     out, scores = np.zeros((most, 6)), np.full(most, -1.0)
     n = 0
     for k in order:
@@ -236,6 +238,8 @@ def search_about(
                 if not moved:
                     break
             step *= 0.5
-        out[n], scores[n] = a, best
+        scores[n] = best
+        for i in range(6):
+            out[n, i] = a[i]
         n += 1
     return out[:n], scores[:n]

@@ -37,7 +37,7 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled
+@compiled("u3 f0 f0 f0 f0 i0 f2!")
 def sample_profile(image: Image, u: float, v: float, nu: float, nv: float, m: int, out: Array) -> bool:
     """Colours (2 m + 1, 3) at steps of 1 px along the normal, bilinear; False when it leaves the image.
 
@@ -63,7 +63,7 @@ def sample_profile(image: Image, u: float, v: float, nu: float, nv: float, m: in
     return True
 
 
-@compiled
+@compiled("f2 i0 f0 f0 f0")
 def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
     """Where the step is steepest, in px from row k of a profile: the top of a parabola through three slopes.
 
@@ -82,7 +82,7 @@ def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> floa
     return max(-1.0, min(1.0, 0.5 * (slope[0] - slope[2]) / bend)) if bend < 0.0 else 0.0
 
 
-@compiled
+@compiled("u3 f2 i1 i1 f2 f1")
 def search(
     image: Image, lines: Array, side: Indices, rows: Indices, appearance: Array, half: Array
 ) -> tuple[Array, Array, Array]:
@@ -160,7 +160,7 @@ def search(
     return distance, penalty, contrast
 
 
-@compiled
+@compiled("u3 f2 i1 i1 f1 f1 f2! f0")
 def learn(
     image: Image,
     lines: Array,
@@ -200,13 +200,13 @@ def learn(
         appearance[r, 6] += 1.0
 
 
-@compiled
+@compiled("f0")
 def first_square(step: float) -> float:
     """Mean square error in px^2 to expect of an edge with a step in grey levels, before any was seen."""
     return min(1.0, 0.01 + (FIRST_ERROR / max(step, 1.0)) ** 2)
 
 
-@compiled
+@compiled("f2 f2 f0 f0")
 def search_range(J: Array, P: Array, least: float, most: float) -> Array:
     """Half length (n,) of each search line: three standard deviations of the predicted point along its normal."""
     out = np.empty(len(J))

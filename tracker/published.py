@@ -22,6 +22,7 @@ from tracker.search import SEARCH_PX, Candidates
 from tracker.segments import grey
 from tracker.visible_edges import visible_edges
 from trajectories.pose import Array, Pose
+from trajectories.warm_up import prepare
 
 MIN_MATCHES = 5
 """Fewer matched control points than this fix no pose (the paper's PnP takes five points)."""
@@ -56,6 +57,7 @@ class Published(ABC):
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run at a known first pose."""
+        prepare(__name__)
         return PublishedRun(self, structure, camera, cam_from_world, rng)
 
 

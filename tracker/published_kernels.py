@@ -10,7 +10,7 @@ from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 
-@compiled
+@compiled("f2 f2 f2 f0 f0 f2!")
 def crossings(pixels: Array, normals: Array, segments: Array, search_px: float, max_sine: float, out: Array) -> None:
     """Signed distances (n, k) at which the search lines cross segments (m, 4): the k nearest, then inf.
 
@@ -40,7 +40,7 @@ def crossings(pixels: Array, normals: Array, segments: Array, search_px: float, 
             out[i, place] = d
 
 
-@compiled
+@compiled("i2 f2 f2 f2 f2!")
 def twists_of(rows: NDArray[np.int64], wanted: Array, J: Array, prior: Array, out: Array) -> None:
     """Twists (h, 6) that move the control points rows (h, k), with Jacobians J (n, 6), by wanted (h, k) px."""
     for h in range(len(rows)):
@@ -55,7 +55,7 @@ def twists_of(rows: NDArray[np.int64], wanted: Array, J: Array, prior: Array, ou
             out[h] = np.nan
 
 
-@compiled
+@compiled("f2 f1 f2 f2 f0")
 def cheapest(twists: Array, extra: Array, J: Array, distances: Array, inlier_px: float) -> int:
     """The twist (h,) of least cost, the first of equals.
 
@@ -83,7 +83,7 @@ def cheapest(twists: Array, extra: Array, J: Array, distances: Array, inlier_px:
     return best
 
 
-@compiled
+@compiled("f2 f2 f1 f1 f2 f1 f2 i0")
 def gauss_newton(
     points_m: Array, normals: Array, target: Array, cam: Array, R: Array, t: Array, prior: Array, iterations: int
 ) -> tuple[Array, Array, Array]:
@@ -92,6 +92,7 @@ def gauss_newton(
     prior (6, 6) holds it to where it starts; cam is an array of a camera without distortion.
     """
     R_first, t_first = R, t
+    R, t = R.copy(), t.copy()
     information = prior.copy()
     row, xi = np.zeros(6), np.zeros(6)
     for _ in range(iterations):

@@ -18,6 +18,7 @@ from tracker.relocate import AWAY_SIGMA, FITTED_SIGMA, GOOD_SUPPORT, REFIT_HALF_
 from tracker.texture import Texture
 from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
+from trajectories.warm_up import prepare
 
 YOUNG_FRAMES, DOUBTED_SUPPORT = 5, 0.68
 """A run does not trust its first predictions, nor, where the given pose was wrong, fits with less support than this."""
@@ -70,6 +71,7 @@ class Robust:
         """Begin a run near a first pose; UserError when that pose is not finite."""
         if not np.isfinite(cam_from_world.matrix).all():
             raise UserError("the first pose is not finite; give numbers")
+        prepare(__name__)
         return RobustRun(structure, camera, cam_from_world, rng)
 
 

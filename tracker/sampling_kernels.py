@@ -21,7 +21,7 @@ SAMPLINGS = 3
 Indices = NDArray[np.int64]
 
 
-@compiled
+@compiled("f3 i2 b1 b1 f2 f3 i1 f3 i2 f2 f1 f1 f1 f1 f0 i0")
 def sample_edges(
     ends: Array,
     faces: Indices,
@@ -126,7 +126,7 @@ def sample_edges(
                     continue
                 if n == len(points) or hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
                     continue
-                points[n] = q
+                points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
                 keys[n, 0], keys[n, 1], keys[n, 2] = e, visible[e], min(BINS - 1, int(s * BINS))
                 n += 1
         if n > 0.7 * most or spacing <= spacing_px:
@@ -135,7 +135,7 @@ def sample_edges(
     return points[:n].copy(), keys[:n].copy()
 
 
-@compiled
+@compiled("i2")
 def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
     """Row of appearance (n,) of each control point, and the rows (e + 1,) where each edge's control points start."""
     n = len(keys)
@@ -150,7 +150,7 @@ def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
     return rows, first[: e + 1].copy()
 
 
-@compiled
+@compiled("f2 i2 f3 f3 f2 f1 f1 f1")
 def place(
     points: Array, keys: Indices, ends: Array, inward: Array, R: Array, t: Array, cam: Array, size: Array
 ) -> tuple[Array, Array, Indices]:

@@ -16,7 +16,7 @@ PATCHES_HELD = 0.01
 Indices = NDArray[np.int64]
 
 
-@compiled
+@compiled("f2! f1! f1 f0 f0")
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
     """Add the equation row . x = d of weight w to the normal equations (lower half of A)."""
     for i in range(6):
@@ -26,7 +26,7 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
             A[i, j] += wi * row[j]
 
 
-@compiled
+@compiled("f2 f2 f2 f2 f1 f1 i1 f2 f2 f1 f1 (f2 f1 f2 f1 f1) f2 f2 f1 f2 f1 f1 f1")
 def refine(
     points: Array,
     lines: Array,
@@ -61,6 +61,7 @@ def refine(
     """
     n, k = distance.shape
     m, edges = len(places), len(first) - 1
+    R, t = R.copy(), t.copy()
     weights, residual, patch_weights = np.zeros(n), np.zeros(n), np.zeros(m)
     row, c, step, x_patch = np.zeros(6), np.empty(3), np.zeros(6), np.zeros(6)
     E, e, P, q, A, b = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)
@@ -158,7 +159,7 @@ def refine(
     return R, t, A, residual, weights, patch_weights, (S, s, d, E, e, P), x_patch, step, farthest
 
 
-@compiled
+@compiled("f2!")
 def mirror(A: Array) -> None:
     """Copy the lower half of a matrix (6, 6) to the upper one."""
     for i in range(6):

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from tracker.order_kernels import insert
 from tracker.profile_kernels import Image, Indices
 from trajectories.kernels import compiled
 from trajectories.pose import Array
@@ -38,7 +39,7 @@ SLOPE = np.exp(-0.5 * np.square(AT / BLUR_PX)) / (math.sqrt(2 * math.pi) * BLUR_
 """H and H' at AT."""
 
 
-@compiled
+@compiled("u3 f2 i1 i1 i1 f2 f1 f1 f1 f1")
 def sharpen(
     image: Image,
     lines: Array,
@@ -64,18 +65,19 @@ def sharpen(
             if weights[p] > 0.0:
                 start, total = start + weights[p] * residual[p], total + weights[p]
         start /= max(total, 1e-12)
-        noises = np.full(first[g + 1] - first[g], np.inf)
+        noises = np.empty(first[g + 1] - first[g])
         count = 0
         for p in range(first[g], first[g + 1]):
             found[p, 2] = np.inf
             step = learned_light(appearance[rows[p]], image.shape[2], colour)
             reach = min(REACH_PX, int(gap[p] - CLEAR_PX))
             if weights[p] > 0.0 and side[p] != 9 and step > 0.0 and reach >= LEAST_REACH_PX:
-                found[p] = fit_step(image, lines[p], start, reach, colour, LEAST_STEP * step)
+                place, spread, noise = fit_step(image, lines[p], start, reach, colour, LEAST_STEP * step)
+                found[p, 0], found[p, 1], found[p, 2] = place, spread, noise
                 if found[p, 2] < np.inf:
-                    noises[p - first[g]] = found[p, 2]
+                    insert(noises, count, found[p, 2])
                     count += 1
-        most = MOST_NOISE * np.sort(noises)[count // 2] if count > 0 else 0.0
+        most = MOST_NOISE * noises[count // 2] if count > 0 else 0.0
         for p in range(first[g], first[g + 1]):
             if found[p, 2] <= most and abs(found[p, 0] - start) < FARTHEST_PX:
                 distance[p, 0], variance[p] = found[p, 0], OWN_FINE + found[p, 1] + appearance[rows[p], 7]
@@ -84,7 +86,7 @@ def sharpen(
     return distance, variance
 
 
-@compiled
+@compiled("f1 i0 f1!")
 def learned_light(row: Array, channels: int, colour: Array) -> float:
     """Learned step of light of an edge, 0 where nothing is learned; its direction in the channels' space in colour."""
     colour[:] = 0.0
@@ -101,7 +103,7 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled
+@compiled("u3 f1 f0 i0 f1 f0")
 def fit_step(
     image: Image, line: Array, start: float, reach: int, colour: Array, least: float
 ) -> tuple[float, float, float]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tracker.geometry_kernels import normal_row, project
 from tracker.occlusion_kernels import hidden
+from tracker.order_kernels import sort_falling
 from trajectories.kernels import compiled
 from trajectories.pose import Array
 
@@ -33,7 +34,7 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled
+@compiled("u3 f0 f0 f2 f0 f0 f2!")
 def sample_patch(image: Image, u: float, v: float, A: Array, da: float, db: float, out: Array) -> bool:
     """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or without contrast.
 
@@ -75,7 +76,7 @@ def sample_patch(image: Image, u: float, v: float, A: Array, da: float, db: floa
     return True
 
 
-@compiled
+@compiled("f2 f2")
 def correlation(a: Array, b: Array) -> float:
     """Sum of products of two patches."""
     total = 0.0
@@ -85,7 +86,7 @@ def correlation(a: Array, b: Array) -> float:
     return total
 
 
-@compiled
+@compiled("f1 f2 f2 f1 f1 f2!")
 def warp(middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array) -> tuple[float, float, bool]:
     """Pixel of a patch's middle, its texel steps in px into A (2, 2), and whether it is seen like when it was taken."""
     x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
@@ -105,7 +106,7 @@ def warp(middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array) -
     return u, v, 0.35 < area < 3.0 and largest < 2.0
 
 
-@compiled
+@compiled("i0 f2 i1 i1 f2 f3 i1 f3 i2 f2 f1 f1 f1 i0")
 def choose(
     count: int,
     middles: Array,
@@ -145,20 +146,19 @@ def choose(
         n += 1
     rows = rows[:n]
     if n > most:
-        order = np.argsort(-hits[rows].astype(np.float64), kind="mergesort")
-        rows = rows[order]
-    kept = np.empty(most, np.int64)
+        sort_falling(rows, hits)
+    shown = np.zeros(count, np.bool_)
     m = 0
     for k in range(n):
         if m == most:
             break
         if not hidden(eye, middles[rows[k]], corners, owner, boxes, nodes, face[rows[k]], face[rows[k]]):
-            kept[m] = rows[k]
+            shown[rows[k]] = True
             m += 1
-    return np.sort(kept[:m])
+    return np.flatnonzero(shown)
 
 
-@compiled
+@compiled("u3 f2 f3 f3 i1 f2 f1 f1")
 def align(
     image: Image, middles: Array, axes: Array, texels: Array, chosen: Indices, R: Array, t: Array, cam: Array
 ) -> tuple[Array, Array, Array]:
@@ -202,7 +202,7 @@ def align(
     return observed, score, variance
 
 
-@compiled
+@compiled("u3 f0 f0 f2 f0 f0 f2 f2!")
 def _refine(
     image: Image, u: float, v: float, A: Array, da: float, db: float, ref: Array, now: Array
 ) -> tuple[float, float, float, float]:
@@ -240,7 +240,7 @@ def _refine(
     return da, db, correlation(now, ref), 0.5 * (h00 + h11) / det
 
 
-@compiled
+@compiled("i1 f1 f1 i1! i1! i0")
 def count_hits(
     chosen: Indices, weights: Array, found: Array, hits: Indices, missed: Indices, most: int
 ) -> tuple[int, bool]:
@@ -258,7 +258,7 @@ def count_hits(
     return n, tired
 
 
-@compiled
+@compiled("i0 f2! f3 f1 f2 f1 f1")
 def shift_places(count: int, middles: Array, axes: Array, twist: Array, R: Array, t: Array, cam: Array) -> None:
     """Move the patches on their planes so that a pose moved by -twist (6,) sees them where it saw them."""
     A = np.empty((2, 2))

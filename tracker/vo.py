@@ -21,6 +21,7 @@ from tracker.segments import grey
 from trajectories.mesh_rays import ray_distances
 from trajectories.mesh_tree import build_tree
 from trajectories.pose import Array, Pose
+from trajectories.warm_up import prepare
 
 MIN_CORNERS = 12
 """Fewer corners with a known place than this fix no pose."""
@@ -37,6 +38,7 @@ class Vo:
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run at a known first pose."""
+        prepare(__name__)
         return VoRun(self, structure, camera, cam_from_world)
 
 

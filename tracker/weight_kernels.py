@@ -26,7 +26,7 @@ face; an edge that stands on the ground 0.05 to 0.4 px, by its shadow.
 Indices = NDArray[np.int64]
 
 
-@compiled
+@compiled("f2 i2 i1")
 def crowding(lines: Array, keys: Indices, side: Indices) -> Array:
     """Distance in px (n,) along each normal to the nearest control point of another, nearly parallel edge."""
     n = len(lines)
@@ -48,7 +48,7 @@ def crowding(lines: Array, keys: Indices, side: Indices) -> Array:
     return gap
 
 
-@compiled
+@compiled("f1 i1 f2")
 def trust(gap: Array, rows: Indices, appearance: Array) -> Array:
     """Weight (n,) of each control point: less where edges crowd, contrast is low or appearance is not learned yet.
 
@@ -66,7 +66,7 @@ def trust(gap: Array, rows: Indices, appearance: Array) -> Array:
     return out
 
 
-@compiled
+@compiled("i2 i1 i1 i1 b1 f2 f2 f1 f2")
 def variances(
     keys: Indices,
     side: Indices,
@@ -102,7 +102,7 @@ def variances(
     return own, shared
 
 
-@compiled
+@compiled("f1 f1 i1 f2 f2 f1 f1 f0")
 def support(
     weights: Array,
     trusted: Array,

@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 
 from annotated_types import Ge, Gt
 
+from trajectories.kernel_types import named_tuple
 from trajectories.kernels import compiled
 from trajectories.pose import Array, read_only
 from trajectories.quadrotor import GRAVITY_M_S2, STEP_S
@@ -71,6 +72,9 @@ class Gains(NamedTuple):
     integral_limit: float
     attitude: Array
     rate: Array
+
+
+GAINS = named_tuple(Gains, "f0 f0 f0 f0 f1 f1")
 
 
 @compiled

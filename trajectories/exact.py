@@ -107,7 +107,7 @@ def _of_two(operation: int, x: ArrayLike, y: ArrayLike) -> Array:
     return out[()]
 
 
-@compiled
+@compiled("i0 f1 f1 f1!")
 def _each(operation: int, x: Array, y: Array, out: Array) -> None:
     for i in range(x.size):
         if operation == SIN:

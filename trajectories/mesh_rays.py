@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajectories.kernels import compiled
-from trajectories.mesh_tree import MAX_DEPTH, Tree
+from trajectories.mesh_tree import MAX_DEPTH, TREE, Tree
 from trajectories.pose import Array
 
 
@@ -29,7 +29,7 @@ def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.i
     return out
 
 
-@compiled
+@compiled("Tree f2~ f3~ f0 b0 f2!", Tree=TREE)
 def _distances(tree: Tree, origins: Array, directions: Array, within: float, any_will_do: bool, out: Array) -> None:
     """Distance (n, k) to the first triangle, or to any, nearer than `within`; `within` where there is none."""
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
@@ -79,7 +79,7 @@ def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int
                 top += 2
 
 
-@compiled
+@compiled("f1~ f1~ f1 f1 f0")
 def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float) -> bool:
     """Whether a ray meets a box within `far`."""
     near = 0.0
@@ -94,7 +94,7 @@ def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float
     return near <= far
 
 
-@compiled
+@compiled("f1~ f1~ f1 f1 f1")
 def _ray_triangle(o: Array, d: Array, a: Array, b: Array, c: Array) -> float:
     """Distance along a ray to a triangle, inf when it misses (Moller & Trumbore 1997)."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trajectories.kernel_types import named_tuple
 from trajectories.pose import Array
 
 LEAF = 4
@@ -24,6 +25,9 @@ class Tree(NamedTuple):
     counts: NDArray[np.int64]
     child: NDArray[np.int64]
     corners: Array
+
+
+TREE = named_tuple(Tree, "f2! f2! i1! i1! i1! f3!")
 
 
 def build_tree(corners: Array) -> Tree:

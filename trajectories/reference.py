@@ -85,7 +85,7 @@ def planned(positions_m: Array, yaws_rad: Array) -> Planned:
     return Planned(read_only(table))
 
 
-@compiled
+@compiled("f2! f2 f1")
 def fill_rates(table: Array, jerk: Array, yaw_rate: Array) -> None:
     """Fill body rates 10:13 and the rate of the specific thrust 16 of reference rows (n, 17) from their accelerations.
 

@@ -7,6 +7,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from trajectories import exact
+from trajectories.kernel_types import named_tuple
 from trajectories.kernels import compiled
 from trajectories.pose import Array, read_only
 from trajectories.quadrotor import GRAVITY_M_S2, Quadrotor
@@ -27,6 +28,9 @@ class Plant(NamedTuple):
     inverse_inertia: Array
     mix: Array
     unmix: Array
+
+
+PLANT = named_tuple(Plant, "f0 f0 f0 f0 f1 f1 f1 f2 f2 f2 f2")
 
 
 def plant(vehicle: Quadrotor) -> Plant:

@@ -5,13 +5,13 @@ import math
 import numpy as np
 
 from trajectories.air import Air
-from trajectories.control import Gains, thrust_commands
+from trajectories.control import GAINS, Gains, thrust_commands
 from trajectories.kernels import compiled
 from trajectories.pose import Array
 from trajectories.quadrotor import STEP_S, Quadrotor, compile_mjcf, physics
 from trajectories.record import RECORD_COLUMNS
 from trajectories.reference import Guidance, Seen
-from trajectories.rigid_body import Plant, accelerations, drag_force, plant, rotor_speed_sum
+from trajectories.rigid_body import PLANT, Plant, accelerations, drag_force, plant, rotor_speed_sum
 from trajectories.surroundings import Surroundings
 from trajectories.vectors import add, less, rotation, scaled, vector
 
@@ -53,7 +53,7 @@ def trim(plant: Plant, gains: Gains, wind_m_s: Array, speed_sum: float) -> Array
     return np.asarray(np.clip(-push / plant.mass, -gains.integral_limit, gains.integral_limit))
 
 
-@compiled
+@compiled("Plant Gains f1 f1 f1 f1 f1 f1! f1! f1! f1!", Plant=PLANT, Gains=GAINS)
 def _step(
     plant: Plant,
     gains: Gains,

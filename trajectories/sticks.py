@@ -114,7 +114,7 @@ class Assist:
         return rows
 
 
-@compiled
+@compiled("f1! f1 f2! f2! f1!")
 def _follow(state: Array, command: Array, rows: Array, jerks: Array, yaw_rates: Array) -> None:
     """Second-order lags from command to velocity and yaw rate, integrated exactly for a constant jerk per step."""
     w, u, h = VELOCITY_BANDWIDTH_RAD_S, YAW_BANDWIDTH_RAD_S, STEP_S

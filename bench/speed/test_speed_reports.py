@@ -1,6 +1,6 @@
 """How fast trajectories are scored, and a whole study scored, bootstrapped and plotted."""
 
-import importlib
+import importlib.util
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench.speed.drawn import make_sequence, results_of, true_rows
+from bench.speed.rounds import absent
 from reports.evaluate import Options, evaluate
 from reports.figures_statistics import critical_difference, win_table
 from reports.score import score
@@ -15,7 +17,6 @@ from reports.statistics import compare_pairs, ranks
 from reports.style import house_style
 from reports.tables import summary_table
 from reports.tables_write import write_tables
-from tests.reports.drawn import make_sequence, results_of, true_rows
 from tracker.base import TrackResult
 from trajectories.pose import Pose
 from trajectories.trajectory import Trajectory
@@ -49,6 +50,9 @@ def test_ate_and_rpe_with_association(benchmark: Any, align: Any) -> None:
 
 def test_evo_on_the_same_poses(benchmark: Any) -> None:
     """The oracle on the same poses: association, APE and RPE of translation and rotation."""
+    if importlib.util.find_spec("evo") is None:
+        absent(benchmark, "evo, which is not installed")
+        return
     metrics, sync, poses = (importlib.import_module(f"evo.core.{name}") for name in ("metrics", "sync", "trajectory"))
 
     def run() -> list[float]:

@@ -7,10 +7,13 @@ import json
 import subprocess
 import sys
 import time
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from bench.speed.rounds import figure
 
 SEQUENCES = 24
 SUITE = f"""
@@ -46,12 +49,20 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_share_of_the_harness_in_a_suite(benchmark: Any, suite: Path, tmp_path: Path) -> None:
     """All wall time of the command that is not inside a job: starts, imports, planning, waiting, in percent."""
-    wall_s, jobs_s = benchmark.pedantic(run, (suite, tmp_path / "out", 1), rounds=1)
-    benchmark.extra_info["percent_of_the_wall_time"] = 100 * (wall_s - jobs_s) / wall_s
+    out = (tmp_path / str(k) for k in count())
+
+    def percent() -> float:
+        wall_s, jobs_s = run(suite, next(out), 1)
+        return 100 * (wall_s - jobs_s) / wall_s
+
+    figure(benchmark, "percent_of_the_wall_time", percent)
 
 
 def test_two_workers_against_one(benchmark: Any, suite: Path, tmp_path: Path) -> None:
     """One worker's wall time over that of two."""
-    one_s, _ = run(suite, tmp_path / "one", 1)
-    two_s, _ = benchmark.pedantic(run, (suite, tmp_path / "two", 2), rounds=1)
-    benchmark.extra_info["times_as_fast"] = one_s / two_s
+    out = (tmp_path / str(k) for k in count())
+
+    def ratio() -> float:
+        return run(suite, next(out), 1)[0] / run(suite, next(out), 2)[0]
+
+    figure(benchmark, "times_as_fast", ratio)

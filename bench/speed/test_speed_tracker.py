@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from bench.speed.synthetic import CAMERA, Scene, box, box_corners, orbit
 from bench.speed.test_speed_scenes import first_of
 from scenes import generate
 from scenes.camera import Camera
@@ -17,7 +18,6 @@ from scenes.light import encode
 from scenes.scene import build_scene
 from scenes.source import make_source, render_camera
 from scenes.structure import Structure
-from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
 from tracker.base import Image, Run, Tracker
 from tracker.segments import detect_segments, grey
 from tracker.variants import TRACKERS

@@ -18,7 +18,10 @@ from scenes.sequence import Sequence
 from tracker.results import Results
 from trajectories.errors import UserError
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(shutil.which("git") is None, reason="absent: git"),
+]
 ROOT = Path(__file__).parents[2]
 SUITE = """
 title = "compare"

@@ -18,6 +18,8 @@ FLAGS = (
     "--remote-debugging-pipe", "--window-size=1200,900",
 )  # fmt: skip
 
+PATIENCE_S = 60.0
+"""A state that has not come by then will not come, on a machine that is as busy as may be."""
 NAVIGATED = ("Inspected target navigated or closed", "Execution context was destroyed.")
 
 
@@ -56,12 +58,21 @@ class Page:
         for kind in ("mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
-    def until(self, expression: str, seconds: float = 20.0) -> None:
-        """Wait until an expression is true."""
-        end = time.monotonic() + seconds
+    def until(self, expression: str) -> None:
+        """Wait until an expression is true: what a test asserts of a page it awaits, for a page answers in its time."""
+        end = time.monotonic() + PATIENCE_S
         while not self.is_true(expression):
             assert time.monotonic() < end, f"never true: {expression}"
             time.sleep(0.05)
+
+    def until_text(self, selector: str, start: str) -> None:
+        """Wait until the text of the first element that a CSS selector finds begins as said."""
+        text = f"document.querySelector({json.dumps(selector)})?.textContent"
+        self.until(f"({text} ?? '').startsWith({json.dumps(start)})")
+
+    def until_is(self, expression: str, wanted: Any) -> None:
+        """Wait until the value of an expression is the wanted one."""
+        self.until(f"JSON.stringify({expression}) === JSON.stringify({json.dumps(wanted)})")
 
     def is_true(self, expression: str) -> bool:
         """Whether an expression is true now; it is not while the page goes to another address."""
@@ -120,6 +131,6 @@ def browser() -> Iterator[Page]:
             yield Page(to_write, from_read)
         finally:
             process.terminate()
-            process.wait(timeout=20)
+            process.wait(timeout=PATIENCE_S)
             os.close(to_write)
             os.close(from_read)

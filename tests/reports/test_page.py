@@ -20,10 +20,10 @@ def test_the_summary_sorts_and_failures_come_first(report: Path) -> None:
         assert sorted(names) == ["hold@15hz", "hold@1hz", "lsd@15hz", "lsd@1hz"]
         column = "[...document.querySelectorAll('#summary-table tbody tr')].map(r => Number(r.cells[2].dataset.v))"
         page.click("#summary-table th:nth-child(3) button")
-        assert page.value(column) == sorted(page.value(column), reverse=True)
+        page.until_is(column, sorted(page.value(column), reverse=True))
         page.click("#summary-table th:nth-child(3) button")
-        assert page.value(column) == sorted(page.value(column))
-        assert page.value("document.querySelector('#summary-table th:nth-child(3)').ariaSort") == "ascending"
+        page.until_is("document.querySelector('#summary-table th:nth-child(3)').ariaSort", "ascending")
+        page.until_is(column, sorted(page.value(column)))
         told = page.value("[...document.querySelectorAll('.failures li strong')].map(e => e.textContent)")
         scores = json.loads((report / "scores.json").read_text())["scores"]
         shares = {f"{s['label']}, {s['rate_hz']:g} Hz": s["tracking"]["success"] for s in scores}
@@ -44,7 +44,7 @@ def test_image_overlay_and_curve_move_together(report: Path) -> None:
         page.click(".failures li a")
         page.until("document.querySelector('#view') !== null && document.readyState === 'complete'")
         page.until("document.querySelector('#position').textContent !== ''")
-        assert page.text("#state").startswith("lost")
+        page.until_text("#state", "lost")
         pixels = "document.querySelector('#view').getContext('2d').getImageData(0, 0, 320, 240).data.join()"
         page.until("document.querySelector('#view').getContext('2d').getImageData(5, 5, 1, 1).data[0] > 60")
         page.value("document.querySelector('#run').value = '0'")
@@ -52,14 +52,15 @@ def test_image_overlay_and_curve_move_together(report: Path) -> None:
         shown, view, curve = page.text("#shown"), page.value(pixels), page.value(CURVE)
         page.value("document.querySelector('#frame').value = 30")
         page.value("document.querySelector('#frame').dispatchEvent(new Event('input'))")
-        assert page.text("#shown") == "30" != shown
-        assert page.text("#seconds") == "2.00 s"
-        assert page.value(CURVE) != curve
+        assert shown != "30"
+        page.until_text("#shown", "30")
+        page.until_text("#seconds", "2.00 s")
+        page.until(f"{CURVE} !== {json.dumps(curve)}")
         page.until(f"{pixels} !== {json.dumps(view)}")
         held = float(page.text("#position").split()[0])
         page.value("document.querySelector('#run').value = '2'")
         page.value("document.querySelector('#run').dispatchEvent(new Event('change'))")
-        assert float(page.text("#position").split()[0]) < held
+        page.until(f"parseFloat(document.querySelector('#position').textContent) < {held}")
         page.click("#play")
         page.until("document.querySelector('#shown').textContent !== '30'")
         page.click("#play")

@@ -49,7 +49,7 @@ print(outer(made), sum(outer.stats.cache_hits.values()))
 def tree(tmp_path):
     folder = tmp_path / "tree" / "trajectories"
     folder.mkdir(parents=True)
-    for name in ("__init__", "kernels", "kernel_cache", "sources", "files"):
+    for name in ("__init__", "kernels", "kernel_types", "kernel_cache", "sources", "files"):
         shutil.copy(ROOT / "trajectories" / f"{name}.py", folder)
     for name, text in TREE.items():
         (folder / f"{name}.py").write_text(text)

@@ -12,7 +12,7 @@ from trajectories.kernels import compiled
 from trajectories.pose import Array
 
 
-@compiled
+@compiled("f1~")
 def rotation(phi: Array) -> Array:
     """Exp(phi) (3, 3), Rodrigues (eq. 78)."""
     a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -24,7 +24,7 @@ def rotation(phi: Array) -> Array:
     return combination(phi, 1.0, s, c)
 
 
-@compiled
+@compiled("f1~ f0 f0 f0")
 def combination(phi: Array, one: float, s: float, c: float) -> Array:
     """The matrix one I + s [phi]x + c [phi]x [phi]x."""
     x, y, z = phi[0], phi[1], phi[2]
@@ -35,7 +35,7 @@ def combination(phi: Array, one: float, s: float, c: float) -> Array:
     ])  # fmt: skip
 
 
-@compiled
+@compiled("f1")
 def first_integral(phi: Array) -> Array:
     """Integral of Exp(u phi) over u from 0 to 1: the left Jacobian of SO(3) (eq. 145)."""
     a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -45,7 +45,7 @@ def first_integral(phi: Array) -> Array:
     return combination(phi, 1.0, (1.0 - math.cos(a)) / a2, (a - math.sin(a)) / (a2 * a))
 
 
-@compiled
+@compiled("f1")
 def second_integral(phi: Array) -> Array:
     """Integral of `first_integral`, which a constant specific force moves the position by (Bloesch et al. 2012)."""
     a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -55,7 +55,7 @@ def second_integral(phi: Array) -> Array:
     return combination(phi, 0.5, (a - math.sin(a)) / (a2 * a), (0.5 * a2 + math.cos(a) - 1.0) / (a2 * a2))
 
 
-@compiled
+@compiled("f2 f2")
 def product(A: Array, B: Array) -> Array:
     """A @ B with sums in a fixed order."""
     n, m = A.shape[0], B.shape[1]
@@ -69,7 +69,7 @@ def product(A: Array, B: Array) -> Array:
     return out
 
 
-@compiled
+@compiled("f2 f1")
 def turned(A: Array, v: Array) -> Array:
     """A v for a matrix (3, 3)."""
     return np.array([
@@ -79,7 +79,7 @@ def turned(A: Array, v: Array) -> Array:
     ])  # fmt: skip
 
 
-@compiled
+@compiled("f1 f2 f1 f1 f0 f1")
 def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> tuple[Array, Array]:
     """State and covariance after dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2.
 
@@ -160,7 +160,7 @@ def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, dens
     return out, P_new
 
 
-@compiled
+@compiled("f2 f2!")
 def cholesky(S: Array, L: Array) -> bool:
     """Lower factor L of a symmetric matrix S; False when it is not positive."""
     n = S.shape[0]
@@ -178,7 +178,7 @@ def cholesky(S: Array, L: Array) -> bool:
     return True
 
 
-@compiled
+@compiled("f2 f2")
 def solved(L: Array, B: Array) -> Array:
     """X with L L' X = B."""
     n, m = B.shape
@@ -197,7 +197,7 @@ def solved(L: Array, B: Array) -> Array:
     return X
 
 
-@compiled
+@compiled("f2 f1 f2 f2")
 def normalized_innovation(P: Array, residual: Array, H: Array, N: Array) -> float:
     """Squared Mahalanobis distance of a residual (m,), H (m, 21) its Jacobian, N (m, m) its noise; NaN if singular."""
     S = product(product(H, P), np.ascontiguousarray(H.T)) + N
@@ -212,7 +212,7 @@ def normalized_innovation(P: Array, residual: Array, H: Array, N: Array) -> floa
     return total
 
 
-@compiled
+@compiled("f1 f2 f1 f2 f2")
 def update(state: Array, P: Array, residual: Array, H: Array, N: Array) -> tuple[Array, Array]:
     """State and covariance after a measurement (eq. 273 to 275, Joseph's form), error injected (282) and reset (285).
 

@@ -12,6 +12,7 @@ from tracker.fusion.fusion_kernels import normalized_innovation, propagate, upda
 from tracker.fusion.measurements import CameraPose, Measurement
 from tracker.fusion.state import ERROR, Estimate, FusionConfig
 from trajectories.pose import Array, Pose
+from trajectories.warm_up import prepare
 
 IMU_RANK = 0
 """An IMU sample comes before the measurements of its stamp."""
@@ -71,6 +72,7 @@ class VehicleFilter:
     """
 
     def __init__(self, config: FusionConfig, cam_from_body: Pose, initial: Estimate) -> None:
+        prepare(__name__)
         self.config, self.cam_from_body = config, cam_from_body
         self._densities = config.densities
         self._gates = {m: float(chdtri(m, 1.0 - config.gate)) for m in range(1, 7)}

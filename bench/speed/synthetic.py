@@ -1,0 +1,159 @@
+"""A quick ray caster of textured boxes on a textured floor, to test trackers without the renderer."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.camera import Camera
+from scenes.structure import Structure
+from trajectories.pose import Array, Pose
+
+CAMERA = Camera.from_field_of_view(640, 480, 65.0)
+BOX_TRIANGLES = np.array(
+    [
+        [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+        [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+    ]
+)  # fmt: skip
+
+
+def box_corners(size: Sequence[float] = (0.4, 0.3, 0.3), centre: Sequence[float] = (0.0, 0.0)) -> Array:
+    """Corners (8, 3) of a box on the ground, m."""
+    x, y, z = size
+    return np.array(
+        [[centre[0] + (i - 0.5) * x, centre[1] + (j - 0.5) * y, k * z] for k in (0, 1) for j in (0, 1) for i in (0, 1)]
+    )
+
+
+def box(size: Sequence[float] = (0.4, 0.3, 0.3)) -> Structure:
+    """A box on the ground."""
+    return Structure.from_mesh(box_corners(size), BOX_TRIANGLES)
+
+
+def look_at(eye: Array, target: Sequence[float] | Array, roll: float = 0.0) -> Pose:
+    """cam_from_world of a camera at `eye` that looks at `target`, turned about its axis by roll (rad)."""
+    z = np.asarray(target, float) - eye
+    z /= np.linalg.norm(z)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    c, s = np.cos(roll), np.sin(roll)
+    R = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.array([x, y, z])
+    return Pose(R, -R @ np.asarray(eye, float))
+
+
+def orbit(n: int, *, rate_hz: float = 15.0, range_m: float = 1.1, speed_m_s: float = 0.25, seed: int = 0) -> list[Pose]:
+    """Poses of a smooth hand-flown orbit: the range, height and aim wander."""
+    rng = np.random.default_rng(seed)
+    phase = rng.uniform(0, 2 * np.pi, 8)
+    t = np.arange(n) / rate_hz
+
+    def wave(i: int, period: float) -> Array:
+        return np.asarray(np.sin(2 * np.pi * t / period + phase[i]))
+
+    angle = phase[7] + t * speed_m_s / range_m + 0.08 * wave(0, 3.1)
+    radius = range_m * (1 + 0.12 * wave(1, 5.3))
+    height = 0.55 + 0.15 * wave(2, 6.7) + 0.03 * wave(3, 1.3)
+    eyes = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+    aims = np.stack([0.05 * wave(4, 2.3), 0.05 * wave(5, 1.9), 0.15 + 0.04 * wave(6, 1.7)], axis=1)
+    return [look_at(e, a, r) for e, a, r in zip(eyes, aims, 0.05 * wave(0, 2.7), strict=True)]
+
+
+def texture(
+    rng: np.random.Generator, colour: Any, contrast: float, size: int = 512, scale: int = 8
+) -> NDArray[np.float32]:
+    """Grey noise of several octaves around a colour (b, g, r)."""
+    out = np.zeros((size, size))
+    for octave in range(5):
+        n = max(2, size // (scale * 2**octave) + 2)
+        out += cv2.resize(rng.normal(size=(n, n)), (size, size), interpolation=cv2.INTER_CUBIC) / (octave + 1)
+    out *= contrast / out.std()
+    return np.clip(np.asarray(colour)[None, None] + out[..., None], 0, 255).astype(np.float32)
+
+
+@dataclass
+class Scene:
+    """Boxes (corner arrays) on a floor, each face with a texture and a brightness of its own."""
+
+    boxes: list[Array]
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(self.seed)
+        self.floor = texture(rng, (95, 105, 110), 14, scale=16)
+        self.faces = []
+        for corners in self.boxes:
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            for axis in range(3):
+                for side, at in ((-1, low), (1, high)):
+                    if axis == 2 and side == -1:
+                        continue
+                    u, v = (a for a in range(3) if a != axis)
+                    shade = {0: 0.75, 1: 0.9, 2: 1.15}[axis] * (1.0 if side > 0 else 0.85)
+                    tex = texture(rng, np.array((90, 130, 165)) * shade, 7)
+                    self.faces.append((axis, side, at[axis], u, v, low, high, tex))
+
+    def render(
+        self,
+        cam_from_world: Pose,
+        camera: Camera = CAMERA,
+        noise_rng: np.random.Generator | None = None,
+        supersample: int = 2,
+    ) -> NDArray[np.uint8]:
+        """BGR image (h, w, 3) uint8; shot noise when a generator is given."""
+        s = supersample
+        x = (np.arange(camera.width * s) - (s - 1) / 2) / s
+        y = (np.arange(camera.height * s) - (s - 1) / 2) / s
+        pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        flat = camera.undistort(pixels)
+        rays = np.column_stack(
+            [(flat[:, 0] - camera.cx) / camera.fx, (flat[:, 1] - camera.cy) / camera.fy, np.ones(len(flat))]
+        )
+        d = rays @ cam_from_world.rotation
+        o = cam_from_world.inverse().translation
+        image = np.full((len(d), 3), 180.0, np.float32)
+        depth = np.full(len(d), np.inf)
+        t = -o[2] / np.where(d[:, 2] == 0, 1e-12, d[:, 2])
+        hit = (t > 0) & (t < 50)
+        image[hit] = _sample(self.floor, (o[:2] + t[hit, None] * d[hit, :2]) / 1.5)
+        depth[hit] = t[hit]
+        for axis, side, at, u, v, low, high, tex in self.faces:
+            if side * (o[axis] - at) <= 0:
+                continue
+            t = (at - o[axis]) / np.where(d[:, axis] == 0, 1e-12, d[:, axis])
+            pu, pv = o[u] + t * d[:, u], o[v] + t * d[:, v]
+            hit = (t > 0) & (t < depth) & (pu >= low[u]) & (pu <= high[u]) & (pv >= low[v]) & (pv <= high[v])
+            image[hit] = _sample(tex, np.column_stack([pu[hit] - low[u], pv[hit] - low[v]]) / 0.5)
+            depth[hit] = t[hit]
+        full = image.reshape(camera.height * s, camera.width * s, 3)
+        small = cv2.resize(full, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+        if noise_rng is not None:
+            small = small + noise_rng.normal(size=small.shape) * np.sqrt(4.0 + 0.06 * small)
+        return np.asarray(np.clip(small + 0.5, 0, 255), dtype=np.uint8)
+
+
+def _sample(tex: NDArray[np.float32], uv: Array) -> Any:
+    size = tex.shape[0]
+    xy = (np.mod(uv, 1.0) * (size - 1)).astype(np.float32)
+    n = len(xy)
+    xy = np.resize(xy, (-(-n // 1024) * 1024, 2)).reshape(-1, 1024, 2)  # cv2.remap takes no more than 32767 rows
+    return cv2.remap(tex, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR).reshape(-1, 3)[:n]
+
+
+def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
+    """Distance of the camera centres in m, angle in rad."""
+    difference = estimate @ truth.inverse()
+    centre = np.linalg.norm(estimate.inverse().translation - truth.inverse().translation)
+    return float(centre), float(np.linalg.norm(difference.log()[3:]))
+
+
+def flown(frames: int, seed: int) -> tuple[list[Pose], list[NDArray[np.uint8]]]:
+    """Poses and noisy frames of a flight around a box at 15 Hz."""
+    poses = orbit(frames, seed=seed)
+    scene = Scene([box_corners()], seed=seed)
+    rng = np.random.default_rng(seed)
+    return poses, [scene.render(pose, noise_rng=rng) for pose in poses]

@@ -1,0 +1,116 @@
+"""A tracker that was started compiles nothing, whatever it is shown; two processes share the work."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.tracker.synthetic import CAMERA, box, flown
+from tracker.variants import TRACKERS
+from trajectories.kernel_types import argument_types
+from trajectories.kernels import KERNELS, compiled
+from trajectories.warm_up import kernels_of, prepare
+
+FRAME_NS = 66_666_667
+FLIGHT = """
+import json
+import sys
+import numpy as np
+from numba.core import event
+from tests.tracker.synthetic import CAMERA, box
+from tracker.variants import TRACKERS
+
+heard = []
+class Listener(event.Listener):
+    def on_start(self, event):
+        heard.append(str(event.data["dispatcher"]))
+    def on_end(self, event):
+        pass
+
+with np.load(sys.argv[1]) as flight:
+    images, first = flight["images"], flight["first"]
+from trajectories.pose import Pose
+event.register("numba:compile", Listener())
+told = {}
+for kind in sorted(TRACKERS):
+    for grey in (False, True):
+        run = TRACKERS[kind]().start(box(), CAMERA, Pose(first[:3, :3], first[:3, 3]), np.random.default_rng(0))
+        heard.clear()
+        lost = 0
+        for k, image in enumerate(images):
+            image = np.ascontiguousarray(image[..., 1]) if grey else image
+            lost += run.track(image, k * 66_666_667).status == "lost"
+        told[f"{kind} {grey}"] = [lost, *heard]
+print(json.dumps(told))
+"""
+
+
+@pytest.fixture(scope="module")
+def flight_file(tmp_path_factory):
+    """Frames that are tracked, blank ones, and some from elsewhere, after which a tracker must find the box again."""
+    poses, images = flown(16, seed=5)
+    blank = np.full_like(images[0], 70)
+    shown = [*images[:6], blank, blank, *images[12:], images[2]]
+    path = tmp_path_factory.mktemp("flight") / "flight.npz"
+    np.savez(path, images=np.array(shown), first=poses[0].matrix)
+    return path
+
+
+def test_no_frame_of_any_kind_compiles_anything(flight_file):
+    code = [sys.executable, "-c", FLIGHT, str(flight_file)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    done = subprocess.run(code, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert set(told) == {f"{kind} {grey}" for kind in TRACKERS for grey in (False, True)}
+    assert {run: heard for run, (_, *heard) in told.items() if heard} == {}
+    assert told["robust False"][0] >= 2  # frames were lost, and so poses searched
+
+
+def test_a_started_tracker_has_all_its_kernels_and_they_take_no_other_types():
+    TRACKERS["robust"]().start(box(), CAMERA, flown(1, seed=5)[0][0], np.random.default_rng(0))
+    kernels = kernels_of(["tracker.robust"])
+    assert len(kernels) > 50
+    for kernel in kernels:
+        assert tuple(kernel.signatures) == kernel.declared
+    with pytest.raises(TypeError):
+        next(k for k in kernels if k.py_func.__name__ == "inverse6")(np.eye(6, dtype=np.complex128))
+
+
+def test_kernels_of_a_fresh_machine_are_compiled_and_told_of_once(tmp_path):
+    code = "import tracker.noise\nfrom trajectories.warm_up import kernels_of, prepare\n"
+    code += "prepare('tracker.noise')\nprint({len(k.signatures) for k in kernels_of(['tracker.noise'])})"
+    path = os.pathsep.join(p for p in sys.path if p)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": path}
+    runs = [
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+        for _ in range(2)
+    ]
+    assert [run.stdout for run in runs] == ["{1}\n", "{1}\n"]
+    assert [run.stderr.startswith("compiling kernels") for run in runs] == [True, False]
+
+
+def test_a_kernel_is_compiled_for_what_it_declares_whoever_calls_it():
+    @compiled("f1 i0 | f2 i0")
+    def first_of(values, k):
+        return values.flat[k]
+
+    KERNELS.remove(first_of)
+    frozen = np.arange(3.0)
+    frozen.flags.writeable = False
+    assert first_of(frozen, 1) == first_of(np.arange(3.0), 1) == first_of(np.arange(4.0).reshape(2, 2), 1) == 1.0
+    assert tuple(first_of.signatures) == first_of.declared == argument_types("f1 i0 | f2 i0", {})
+
+
+def test_words_that_are_no_types_are_refused():
+    with pytest.raises(ValueError, match="'q7' is not the type of an argument"):
+        argument_types("f1 q7", {})
+
+
+def test_preparing_twice_does_nothing():
+    prepare("tracker.published")
+    prepare("tracker.published")
+    assert all(kernel.overloads for kernel in kernels_of(["tracker.published"]))

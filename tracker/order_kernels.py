@@ -1,0 +1,47 @@
+"""Compiled orders: each sort is compiled once, for it takes long to compile."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajectories.kernels import compiled
+from trajectories.pose import Array
+
+Indices = NDArray[np.int64]
+
+
+@compiled("f1")
+def falling(values: Array) -> Indices:
+    """Rows of values (n,), the greatest first; equal ones in no order that means anything."""
+    return np.argsort(-values)
+
+
+@compiled("i1! i1")
+def sort_falling(rows: Indices, counts: Indices) -> None:
+    """Sort rows (n,) in place by their counts, the greatest first, equal ones as they were (merge sort)."""
+    n = len(rows)
+    merged = np.empty(n, np.int64)
+    width = 1
+    while width < n:
+        for low in range(0, n, 2 * width):
+            middle, high = min(low + width, n), min(low + 2 * width, n)
+            i, j = low, middle
+            for k in range(low, high):
+                if i < middle and (j >= high or counts[rows[i]] >= counts[rows[j]]):
+                    merged[k] = rows[i]
+                    i += 1
+                else:
+                    merged[k] = rows[j]
+                    j += 1
+        for k in range(n):
+            rows[k] = merged[k]
+        width *= 2
+
+
+@compiled("f1! i0 f0")
+def insert(rising: Array, count: int, value: float) -> None:
+    """Insert a value into the first `count` of rising values (n,), in place, so that they go on rising."""
+    k = count
+    while k > 0 and rising[k - 1] > value:
+        rising[k] = rising[k - 1]
+        k -= 1
+    rising[k] = value

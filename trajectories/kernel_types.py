@@ -1,0 +1,62 @@
+"""The types of a kernel's arguments, in short.
+
+One word for each argument: its element (f float64, s float32, i int64, u uint8, w uint64, b bool) and its number of
+dimensions, 0 for a number. An array is contiguous and only read; `!` after it says that it is written in place, `~`
+that it may be strided. A tuple of arguments stands in parentheses, a named tuple is a word of its own, and `|`
+separates forms that a kernel is compiled for: ``"f2! i1 f0 (f1 f2)"``.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numba
+
+types: Any = numba.types
+ELEMENTS = {
+    "f": types.float64,
+    "s": types.float32,
+    "i": types.int64,
+    "u": types.uint8,
+    "w": types.uint64,
+    "b": types.boolean,
+}
+WORD = re.compile(r"(?P<element>[fsiuwb])(?P<dimensions>\d)(?P<marks>[!~]*)")
+
+
+def argument_types(text: str, tuples: Mapping[str, Any]) -> tuple[tuple[Any, ...], ...]:
+    """Numba's types of each form of arguments that a text names; ValueError where a word is none.
+
+    tuples are the named tuples among them, as `named_tuple` makes them.
+    """
+    return tuple(_form(form, tuples) for form in text.split("|"))
+
+
+def named_tuple(cls: type, text: str) -> Any:
+    """Numba's type of a named tuple, by the types of its fields."""
+    ((*fields,),) = argument_types(text, {})
+    return types.NamedTuple(fields, cls)
+
+
+def _form(text: str, tuples: Mapping[str, Any]) -> tuple[Any, ...]:
+    levels: list[list[Any]] = [[]]
+    for word in text.replace("(", " ( ").replace(")", " ) ").split():
+        if word == "(":
+            levels.append([])
+        elif word == ")":
+            members = levels.pop()
+            levels[-1].append(types.Tuple(members))
+        else:
+            levels[-1].append(tuples[word] if word in tuples else _argument(word))
+    (found,) = levels
+    return tuple(found)
+
+
+def _argument(word: str) -> Any:
+    found = WORD.fullmatch(word)
+    if found is None:
+        raise ValueError(f"{word!r} is not the type of an argument")
+    element, dimensions, marks = ELEMENTS[found["element"]], int(found["dimensions"]), found["marks"]
+    if dimensions == 0:
+        return element
+    return types.Array(element, dimensions, "A" if "~" in marks else "C", readonly="!" not in marks)
