@@ -1,6 +1,6 @@
 """The results of one tracker on one sequence, and their folder.
 
-    record.json    what made them: tracker and parameters, rate, seed, sequence, versions, content hash
+    record.json    what made them: tracker and parameters, rate, seed, sequence, versions, hash, list of files
     frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where there is none
     times.csv      frame, wall time of each stage in ms
     estimate.tum   world_from_body of the frames that are ok
@@ -25,6 +25,8 @@ from trajectories.files import new_folder, write_text
 from trajectories.pose import Array, Pose
 from trajectories.trajectory import Trajectory
 
+MARKER = "record.json"
+"""The file of a results folder that lists the others."""
 POSE_COLUMNS = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 COVARIANCE_COLUMNS = [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
 COUNT_COLUMNS = ["segments", "control_points", "candidates", "inliers"]
@@ -80,16 +82,20 @@ class Results:
 
     def save(self, folder: Path) -> None:
         """Write the folder, whole or not at all."""
-        with new_folder(folder) as new:
-            write_text(new / "record.json", json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
-            _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
-            stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
-            times = [
-                [str(frame), *(_cell(row.stage_ms.get(name)) for name in stages)]
-                for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
-            ]
-            _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
-            write_text(new / "estimate.tum", _tum(self.estimate))
+        with new_folder(folder, MARKER) as new:
+            self.write(new)
+
+    def write(self, new: Path) -> None:
+        """Write the files into a new folder."""
+        write_text(new / MARKER, json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
+        _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
+        stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
+        times = [
+            [str(frame), *(_cell(row.stage_ms.get(name)) for name in stages)]
+            for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
+        ]
+        _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
+        write_text(new / "estimate.tum", _tum(self.estimate))
 
     @classmethod
     def load(cls, folder: Path) -> "Results":

@@ -11,7 +11,7 @@ from bench.config import load_suite
 from bench.estimate import dry_run, remember
 from bench.folder import suite_folder
 from bench.graph import Outcome
-from bench.jobs import clean_leftovers, plan
+from bench.jobs import plan
 from bench.shard import Shard
 from trajectories.errors import UserError
 
