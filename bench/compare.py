@@ -24,15 +24,16 @@ import numpy as np
 
 from bench.config import Suite, load_suite
 from bench.content import content_hash
+from bench.folder import resolved
 from bench.gate import Margins
 from bench.gate_reports import pronounce
 from bench.suite_files import suite_file
 from bench.verbs import Where, bring_up_to
 from reports.score import score
 from scenes.sequence import Sequence
-from tracker.results import Results
+from tracker.results import MARKER, Results
 from trajectories.errors import UserError
-from trajectories.files import write_text
+from trajectories.files import mark, refuse_foreign, refuse_foreign_file, write_text
 
 SIDES = ("base", "head")
 LEAST_MS = 0.05
@@ -62,7 +63,9 @@ class Version:
 
 def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
     """Compare two versions; the gate's exit code, 1 when the frames cannot be rendered."""
-    out = out.resolve()
+    out = resolved(out)
+    for path in (out / "base" / "suite.json", out / "head" / "timing.json"):
+        refuse_foreign_file(path)
     file = suite_file(suite_name).resolve()
     suite = load_suite(file)
     code = bring_up_to("render", str(file), out / "head", Where(workers=workers))
@@ -80,7 +83,8 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     for side in SIDES:
         describe(out / side, suite, known)
         score_all(out, side, suite, known)
-    write_text(out / "head" / "timing.json", json.dumps({"runs": smallest(times, known)}, indent=1) + "\n")
+    runs = smallest(times, known)
+    write_text(out / "head" / "timing.json", json.dumps({"runs": runs}, indent=1) + "\n", sealed=True)
     return pronounce(out / "head", out / "base", margins, out / "gate")
 
 
@@ -112,7 +116,11 @@ def run_in_turn(
                         "out": str(out / side / "results" / spec.name / run),
                         "content_hash": content_hash(versions[side].commit, label, rate_hz, spec.seed, spec.name),
                     }
+                    results = Path(ask["out"])
+                    refuse_foreign(results, MARKER)
                     answer = versions[side].track(ask)
+                    if "error" not in answer:
+                        mark(results, MARKER)  # an older version does not
                     if "error" in answer and side == "base":
                         unknown[label] = str(answer["error"]).splitlines()[-1].strip()
                     elif "error" in answer:
@@ -150,7 +158,7 @@ def describe(folder: Path, suite: Suite, labels: list[str]) -> None:
         "trackers": labels,
         "rates_hz": list(suite.rates_hz),
     }
-    write_text(folder / "suite.json", json.dumps(about, indent=1) + "\n")
+    write_text(folder / "suite.json", json.dumps(about, indent=1) + "\n", sealed=True)
 
 
 def score_all(out: Path, side: str, suite: Suite, labels: list[str]) -> None:

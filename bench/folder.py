@@ -20,6 +20,13 @@ DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "failed": 1, "made": 4}
 """Folders in which something is written under a temporary name, and how many levels below."""
 
 
+def resolved(folder: Path) -> Path:
+    """The folder itself, links followed; UserError for a link that leads nowhere."""
+    if folder.is_symlink() and not folder.exists():
+        raise UserError(f"{folder}: is a link that leads nowhere; name another folder with --out")
+    return folder.resolve()
+
+
 @contextmanager
 def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iterator[Path]:
     """The folder, made or taken up again; UserError when it holds something else or is in use.
@@ -79,7 +86,8 @@ def _refuse_foreign(folder: Path) -> None:
     if not folder.is_dir() or is_sealed(folder / SUITE):
         return
     for path in sorted(folder.iterdir()):
-        if not (path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)):
+        early = path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)
+        if not early and not is_sealed(folder / SUITE):  # another shard may have written it meanwhile
             raise UserError(
                 f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder with --out"
             )

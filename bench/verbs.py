@@ -13,7 +13,7 @@ import click
 from bench.config import load_suite, suite_model
 from bench.estimate import SECONDS, dry_run, remember
 from bench.executors import dask_pool, local_pool
-from bench.folder import suite_folder
+from bench.folder import resolved, suite_folder
 from bench.graph import Outcome, run_graph
 from bench.jobs import plan
 from bench.peers.registry import absent
@@ -44,7 +44,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
     1 when a job failed otherwise.
     """
     suite = load_suite(suite_file(suite_name))
-    folder = (out or Path("out") / suite.name).resolve()
+    folder = resolved(out or Path("out") / suite.name)
     shard = Shard.parse(where.shard) if where.shard else None
     last = "score" if shard and verb == "report" else verb
     jobs = plan(shard.of(suite) if shard else suite, folder, last=last)

@@ -2,10 +2,8 @@
 
 import errno
 
-DISK_ERRORS = frozenset(
-    getattr(errno, name)
-    for name in "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST".split()
-)
+_NAMES = "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
+DISK_ERRORS = frozenset(number for number, name in errno.errorcode.items() if name in _NAMES.split())
 """Of a disk that is full, read-only or not this user's, and of a name that it cannot have."""
 
 
