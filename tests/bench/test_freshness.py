@@ -224,3 +224,62 @@ def test_the_check_of_a_fresh_suite_reads_no_file_of_it(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "open", lambda path, *a, **k: (read.append(path), opened(path, *a, **k))[1])
     assert len(fresh_jobs(suite(tmp_path))) == 4
     assert not [path for path in read if path.suffix == ".csv"]
+
+
+FULL = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from bench.graph import run_graph
+from bench.verbs import tell
+from tests.bench.test_freshness import suite
+root = Path(sys.argv[1])
+(root / "filler").write_bytes(b"0" * 40 * 4096)
+outcome = run_graph(suite(root), ThreadPoolExecutor(1))
+outcome.tracebacks["a"] = "x" * 100_000  # more than fits
+tell(outcome, root)
+print(sorted(outcome.failed), outcome.users_mistake, [path.name for path in root.rglob("*") if path.is_file()])
+"""
+
+
+def test_a_full_disk_is_told_as_such_and_is_left_as_it_was(tmp_path):
+    inside = f"mount -t tmpfs -o size={48 * 4096} none {tmp_path} && exec {sys.executable} -c '{FULL}' {tmp_path}"
+    command = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", inside]
+    if shutil.which("unshare") is None or subprocess.run([*command[:4], "true"], check=False).returncode:
+        pytest.skip("no mounts of its own for a user on this machine")
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert process.returncode == 0, process.stderr
+    assert "Traceback" not in process.stderr
+    assert "No space left on device" in process.stderr
+    failed, *_ = process.stdout.rpartition(" [")
+    assert failed.endswith("True")
+    assert "report" in failed
+    assert "failures.txt" not in process.stdout
+    assert "uavbench-" not in process.stdout
+
+
+def test_what_failed_before_is_not_told_after_a_success(tmp_path):
+    from bench.graph import Outcome
+    from bench.verbs import tell
+
+    tell(Outcome(failed={"a": "oops"}, tracebacks={"a": "Traceback: oops"}), tmp_path)
+    assert "oops" in (tmp_path / "failures.txt").read_text()
+    tell(Outcome(), tmp_path)
+    assert not (tmp_path / "failures.txt").exists()
+    (tmp_path / "failures.txt").write_text("a user's own")
+    tell(Outcome(), tmp_path)
+    tell(Outcome(failed={"a": "oops"}, tracebacks={"a": "Traceback: oops"}), tmp_path)
+    assert (tmp_path / "failures.txt").read_text() == "a user's own"
+
+
+@pytest.mark.parametrize("verb", ["run", "render"])
+def test_a_name_that_no_disk_takes_is_a_mistake_that_is_told(tmp_path, verb):
+    from click.testing import CliRunner
+
+    from bench.cli import main
+    from tests.bench.small_suites import small_suite
+
+    result = CliRunner().invoke(main, [verb, str(small_suite(tmp_path)), "--out", str(tmp_path / ("n" * 256))])
+    assert result.exit_code == 2
+    assert "too long" in result.output
+    assert "Traceback" not in result.output
