@@ -10,10 +10,11 @@ import json
 import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from trajectories.errors import UserError
 from trajectories.files import noting, owning, refuse_foreign, tree, write_text
 
 RECORDS = "made"
@@ -101,7 +102,8 @@ class Place:
         if len(whole) < len(now):
             return False
         if whole != record.files:
-            Record(content_hash, whole).write(self.record)
+            with suppress(OSError, UserError):  # a folder that is only looked at
+                Record(content_hash, whole).write(self.record)
         return True
 
     @contextmanager
@@ -125,16 +127,20 @@ class Place:
         folder = self.marker.parent
         if not self.lists or not os.path.lexists(folder):
             return
-        with owning(self._known(Record.read(self.record))):
+        known = self._known(Record.read(self.record))
+        if folder.is_dir() and not folder.is_symlink() and all(folder / name in known for name in tree(folder)):
+            return
+        with owning(known):
             refuse_foreign(folder, self.lists)
 
-    def _known(self, record: Record) -> list[Path]:
+    def _known(self, record: Record) -> set[Path]:
         """Files on this record, and those in the job's own folder that are another job's."""
         folder = self.marker.parent
-        known = [self.root / name for name in record.files]
+        known = {self.root / name for name in record.files}
         if self.lists and folder.is_dir() and not folder.is_symlink():
             within = folder.relative_to(self.root)
-            known += [folder / name for name in tree(folder) if self._record_of((within / name).as_posix()).is_file()]
+            others = [name for name in tree(folder) if folder / name not in known]
+            known |= {folder / name for name in others if self._record_of((within / name).as_posix()).is_file()}
         return known
 
     def _record_of(self, marker: str) -> Path:
