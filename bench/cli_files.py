@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from trajectories.errors import UserError
+from trajectories.files import refuse_foreign_file
 
 FILE = click.Path(path_type=Path)
 
@@ -58,8 +59,10 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
     columns, _, rows = board.partition("x")
     if not (columns.isdigit() and rows.isdigit()):
         raise UserError(f"--board {board!r}: write the numbers of inner corners as 7x8")
+    for path in (out, out.with_suffix(".png")):
+        refuse_foreign_file(path)
     found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model)
-    found.camera.save(out)
+    found.camera.save(out, sealed=True)
     write_coverage(found, out.with_suffix(".png"))
     click.echo(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")
     click.echo(f"corners in {100 * found.covered:.0f} % of the image: {out.with_suffix('.png')}")

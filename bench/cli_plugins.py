@@ -29,7 +29,10 @@ def check_command(tracker: Path, keep: Path) -> None:
     """Try TRACKER, a TOML file with the table of one tracker, on a tiny sequence; explain every fault."""
     from bench.check import check
     from bench.config import load_tracker
+    from bench.external_job import KEPT_MARKER
+    from trajectories.files import refuse_foreign
 
+    refuse_foreign(keep, KEPT_MARKER)
     line = ""
     for line in check(load_tracker(tracker), keep):
         click.echo(line)

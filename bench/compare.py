@@ -22,6 +22,7 @@ from bench.compare_sides import Side, at_work, file_of, statements
 from bench.config import Suite, load_suite
 from bench.config_paths import FREE
 from bench.content import content_hash
+from bench.folder import resolved
 from bench.gate import Margins
 from bench.gate_reports import pronounce
 from bench.suite_files import suite_file
@@ -29,9 +30,9 @@ from bench.verbs import Where, bring_up_to
 from bench.versions import version
 from reports.score import score
 from scenes.sequence import Sequence
-from tracker.results import Results
+from tracker.results import MARKER, Results
 from trajectories.errors import UserError
-from trajectories.files import write_text
+from trajectories.files import mark, refuse_foreign, refuse_foreign_file, write_text
 
 SIDES = ("base", "head")
 LEAST_MS = 0.05
@@ -40,7 +41,9 @@ LEAST_MS = 0.05
 
 def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
     """Compare two versions; the gate's exit code, 1 when the frames cannot be rendered."""
-    out = out.resolve()
+    out = resolved(out)
+    for path in (out / "base" / "suite.json", out / "head" / "timing.json"):
+        refuse_foreign_file(path)
     given = suite_file(suite_name)
     file = given.parent.resolve() / given.name
     with ExitStack() as stack:
@@ -66,7 +69,8 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     for side in SIDES:
         describe(out / side, suite, known)
         score_all(out, side, suite, known)
-    write_text(out / "head" / "timing.json", json.dumps({"runs": smallest(times, known)}, indent=1) + "\n")
+    runs = smallest(times, known)
+    write_text(out / "head" / "timing.json", json.dumps({"runs": runs}, indent=1) + "\n", sealed=True)
     return pronounce(out / "head", out / "base", margins, out / "gate")
 
 
@@ -115,7 +119,11 @@ def run_in_turn(
                         "content_hash": content_hash(sides[side].version.commit, label, rate_hz, spec.seed, spec.name),
                         **({"start": start} if start else {}),
                     }
+                    results = Path(ask["out"])
+                    refuse_foreign(results, MARKER)
                     answer = sides[side].track(label, ask)
+                    if "error" not in answer:
+                        mark(results, MARKER)  # an older version does not
                     if "error" in answer and side == "base":
                         unknown[label] = str(answer["error"]).splitlines()[-1].strip()
                     elif "error" in answer:
@@ -153,7 +161,7 @@ def describe(folder: Path, suite: Suite, labels: list[str]) -> None:
         "trackers": labels,
         "rates_hz": list(suite.rates_hz),
     }
-    write_text(folder / "suite.json", json.dumps(about, indent=1) + "\n")
+    write_text(folder / "suite.json", json.dumps(about, indent=1) + "\n", sealed=True)
 
 
 def score_all(out: Path, side: str, suite: Suite, labels: list[str]) -> None:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from bench.graph import Job, Outcome
+from bench.graph import Job, Outcome, fresh_jobs
 from trajectories.files import write_text
 
 SECONDS = "seconds.json"
@@ -13,15 +13,16 @@ SECONDS = "seconds.json"
 def remember(outcome: Outcome, folder: Path) -> None:
     """Keep what each job took, for the next estimate."""
     if outcome.seconds:
-        write_text(folder / SECONDS, json.dumps({**remembered(folder), **outcome.seconds}, indent=1) + "\n")
+        table = {"seconds": {**remembered(folder), **outcome.seconds}}
+        write_text(folder / SECONDS, json.dumps(table, indent=1) + "\n", sealed=True)
 
 
 def remembered(folder: Path) -> dict[str, float]:
     """Seconds of the jobs done in this folder, by name; none when there is no such file or it is not whole."""
     try:
-        table = json.loads((folder / SECONDS).read_text(encoding="utf-8"))
+        table = json.loads((folder / SECONDS).read_text(encoding="utf-8"))["seconds"]
         return {str(name): float(seconds) for name, seconds in table.items()}
-    except (OSError, ValueError, AttributeError, TypeError):
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return {}
 
 
@@ -33,6 +34,7 @@ def kind(job: Job) -> str:
 def dry_run(jobs: Iterable[Job], folder: Path, workers: int) -> str:
     """Table of what is there and what is to be done, with the time it will take."""
     jobs = list(jobs)
+    fresh = {id(job) for job in fresh_jobs(jobs)}
     took = remembered(folder)
     measured: dict[str, list[tuple[float, float]]] = {}
     for job in jobs:
@@ -42,7 +44,7 @@ def dry_run(jobs: Iterable[Job], folder: Path, workers: int) -> str:
     total_s = longest_s = 0.0
     for name in dict.fromkeys(map(kind, jobs)):
         same = [job for job in jobs if kind(job) == name]
-        todo = [job for job in same if not job.fresh]
+        todo = [job for job in same if id(job) not in fresh]
         known = measured.get(name, [])
         scale = sum(s for s, _ in known) / sum(w for _, w in known) if known else 1.0
         times = [scale * job.weight for job in todo]

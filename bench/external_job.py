@@ -31,6 +31,9 @@ from scenes.structure import Structure
 from trajectories.files import new_folder, write_text
 from trajectories.pose import Pose
 
+KEPT_MARKER = "uavbench.json"
+"""File of a kept folder that lists the others."""
+
 
 @contextmanager
 def job_folder() -> Iterator[Path]:
@@ -68,7 +71,7 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
 
 def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
     """Keep a job folder whose run went wrong, with the faults in faults.txt; links in it are not followed."""
-    with new_folder(kept) as new:
+    with new_folder(kept, KEPT_MARKER) as new:
         shutil.copytree(folder, new, symlinks=True, dirs_exist_ok=True, ignore=_not_worth_keeping)
         write_text(new / "faults.txt", "".join(f"{fault}\n" for fault in faults))
 

@@ -27,9 +27,9 @@ def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int
 
 def write_reports(findings: list[Finding], margins: Margins, folder: Path) -> None:
     """Write gate.json, gate.xml (JUnit) and gate.md."""
-    write_text(folder / "gate.json", to_json(findings, margins))
-    write_text(folder / "gate.xml", to_junit(findings))
-    write_text(folder / "gate.md", to_markdown(findings))
+    write_text(folder / "gate.json", to_json(findings, margins), sealed=True)
+    write_text(folder / "gate.xml", to_junit(findings), sealed=True)
+    write_text(folder / "gate.md", to_markdown(findings), sealed=True)
 
 
 def cells(finding: Finding) -> list[str]:

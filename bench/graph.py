@@ -17,7 +17,8 @@ import cv2
 from tqdm import tqdm
 
 from bench.content import carried_hash, content_hash
-from trajectories.errors import UserError
+from bench.made import Place
+from trajectories.errors import DISK_ERRORS, UserError, told_of_disk
 
 OnStep = Callable[[int, int], None]
 
@@ -35,8 +36,9 @@ class Job:
     """One idempotent step of a suite.
 
     verb and name are what is shown; marker is the JSON file that carries the content hash once the output is whole.
-    without: what to do instead when needs failed, given why by the names of all jobs that failed; None, or a work of
-    None, fails this job too.
+    root: the suite's folder, by default the marker's; lists: the file that lists the others of the marker's folder,
+    where that is this job's own. without: what to do instead when needs failed, given why by the names of all jobs
+    that failed; None, or a work of None, fails this job too.
     """
 
     verb: str
@@ -46,12 +48,19 @@ class Job:
     content_hash: str
     needs: tuple["Job", ...] = ()
     weight: float = 1.0
+    root: Path | None = None
+    lists: str = ""
     without: Callable[[Mapping[str, str]], Work | None] | None = None
 
     @property
+    def place(self) -> Place:
+        """Where it writes."""
+        return Place(self.root or self.marker.parent, self.marker, self.lists)
+
+    @property
     def fresh(self) -> bool:
-        """Whether the output is there, made from just what would make it now."""
-        return carried_hash(self.marker) == self.content_hash
+        """Whether the output is there as it was written, made from just what would make it now."""
+        return _is_done(self.place, self.content_hash)
 
 
 @dataclass
@@ -89,13 +98,28 @@ def start_worker(progress: Any) -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
 
-def run_job(name: str, work: Work, content_hash: str, marker: Path) -> tuple[float, float]:
+def fresh_jobs(jobs: list[Job]) -> list[Job]:
+    """Jobs that are fresh, as are all that they need: what was damaged is made anew with all that was made of it.
+
+    Needs stand before the jobs that need them.
+    """
+    fresh: dict[int, Job] = {}
+    for job in jobs:
+        if all(id(need) in fresh for need in job.needs) and job.fresh:
+            fresh[id(job)] = job
+    return list(fresh.values())
+
+
+def run_job(
+    name: str, work: Work, content_hash: str, marker: Path, root: Path | None = None, lists: str = ""
+) -> tuple[float, float]:
     """Do one job in a worker; seconds it took and the worker's peak memory in MB.
 
     A job that is done already is left alone: a cluster may ask again when the worker that did it was lost.
     """
     begin = time.perf_counter()
-    if carried_hash(marker) == content_hash:
+    place = Place(root or marker.parent, marker, lists)
+    if _is_done(place, content_hash):
         return 0.0, 0.0
 
     def on_step(done: int, total: int) -> None:
@@ -103,18 +127,28 @@ def run_job(name: str, work: Work, content_hash: str, marker: Path) -> tuple[flo
             _progress.put((name, done / max(total, 1)))
 
     try:
-        work(content_hash, on_step)
+        with place.writing(content_hash):
+            work(content_hash, on_step)
     except UserError as error:
         raise UserError(str(error)) from error
+    except OSError as error:
+        if error.errno not in DISK_ERRORS:
+            raise JobFaultError(f"{type(error).__name__}: {error}") from error
+        raise UserError(told_of_disk(error)) from error
     except Exception as error:
         raise JobFaultError(f"{type(error).__name__}: {error}") from error
     return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outcome:
-    """Run every job that is not fresh, after the jobs it needs; a job whose need failed fails too or does without."""
+    """Run every job that is not fresh, after the jobs it needs; a job whose need failed fails too or does without.
+
+    UserError before anything is done where a job's folder holds what uavbench did not write.
+    """
     begin = time.perf_counter()
-    outcome = Outcome(fresh=[job for job in jobs if job.fresh])
+    for job in jobs:
+        job.place.refuse_foreign()
+    outcome = Outcome(fresh=fresh_jobs(jobs))
     fresh = {id(job) for job in outcome.fresh}
     todo = [job for job in jobs if id(job) not in fresh]
     awaited = {id(job): sum(id(need) not in fresh for need in job.needs) for job in todo}
@@ -127,7 +161,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     peaks: dict[str, float] = {}
 
     def start(job: Job) -> None:
-        future = executor.submit(run_job, job.name, job.work, job.content_hash, job.marker)
+        future = executor.submit(run_job, job.name, job.work, job.content_hash, job.marker, job.root, job.lists)
         running[future] = job
         future.add_done_callback(settled.put)
 
@@ -166,6 +200,10 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     workers = sorted(peaks.values(), reverse=True)[: getattr(executor, "_max_workers", 1)]
     outcome.wall_s, outcome.peak_mb = time.perf_counter() - begin, own + sum(workers)
     return outcome
+
+
+def _is_done(place: Place, content_hash: str) -> bool:
+    return carried_hash(place.marker) == content_hash and place.is_whole(content_hash)
 
 
 def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, peaks: dict[str, float]) -> None:

@@ -4,14 +4,13 @@ DIR/suite.json                          what this folder is
 DIR/sequences/SEQUENCE/                 rendered sequences
 DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
 DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that gives true poses on the way
+DIR/made/                               what each job wrote, with digests
 DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
 DIR/index.html ...                      the report
 """
 
-import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from glob import escape
 from pathlib import Path
 
 from bench.config import Protocol, Suite
@@ -23,6 +22,7 @@ from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization
 from tracker.recording import RecordingSpec
+from tracker.results import MARKER
 
 VERBS = ("render", "track", "score", "report")
 START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0.05, 1.0
@@ -57,17 +57,6 @@ def frames(spec: Spec) -> float:
     return float(getattr(path, "duration_s", None) or 60.0) * spec.rate_hz
 
 
-def clean_leftovers(folder: Path, sequences: Iterable[str] = ("*",)) -> None:
-    """Remove what a killed process had begun to write of these sequences (temporary names start with a dot)."""
-    of_one = ("sequences/.{}-*", "results/.{}-*", "results/{}/.*-*", "results/{}/*/.*-*", "restarts/{}/*/.*-*")
-    for pattern in (".*-*", *(p.format(escape(name) if name != "*" else name) for name in sequences for p in of_one)):
-        for path in folder.glob(pattern):
-            if path.is_dir():
-                shutil.rmtree(path)
-            else:
-                path.unlink()
-
-
 def _render_job(spec: Spec, folder: Path) -> Job:
     output = folder / "sequences" / spec.name
     packages = ("trajectories", "scenes", *(["tracker"] if isinstance(spec, RecordingSpec) else []))
@@ -77,6 +66,8 @@ def _render_job(spec: Spec, folder: Path) -> Job:
         name=f"render {spec.name}",
         work=Render(spec, output),
         marker=output / "sequence.json",
+        root=folder,
+        lists="manifest.json",
         content_hash=content_hash(spec, code_hash(*packages)),
         weight=START_S + RENDER_S * frames(spec) + (BOUND_S * frames(spec) / every if every else 0.0),
     )
@@ -97,7 +88,9 @@ def _track_job(
         verb="track",
         name=f"track {spec.name} {run}",
         work=Track(label, tracker, rate_hz, spec.seed, folder / "sequences" / spec.name, output, start),
-        marker=output / "record.json",
+        marker=output / MARKER,
+        root=folder,
+        lists=MARKER,
         content_hash=content_hash(label, tracker, rate_hz, spec.seed, start, render.content_hash, code_hash("tracker")),
         needs=(render,),
         weight=TRACK_S * frames(spec) * rate_hz / spec.rate_hz,
@@ -111,7 +104,7 @@ def _restart_job(track: Job, protocol: Protocol, folder: Path) -> Job:
         track,
         name=f"{track.name} {protocol}",
         work=Restart(track.work, protocol, output),
-        marker=output / "record.json",
+        marker=output / MARKER,
         content_hash=content_hash(track.content_hash, protocol, code_hash("reports")),
     )
 
@@ -123,6 +116,7 @@ def _score_job(track: Job, folder: Path) -> Job:
         name=track.name.replace("track", "score", 1),
         work=Score(track.work.sequence, track.work.folder),
         marker=track.work.folder / "score.json",
+        root=folder,
         content_hash=content_hash(track.content_hash, code_hash("reports")),
         needs=(track,),
         weight=SCORE_S,
@@ -139,6 +133,7 @@ def _report_job(suite: Suite, scores: list[Job], restarts: list[Job], away: Mapp
         name="report",
         work=work,
         marker=folder / "report.json",
+        root=folder,
         content_hash=content_hash(suite.title, [job.content_hash for job in needs], away),
         needs=needs,
         weight=REPORT_S * (1 + len(scores)),

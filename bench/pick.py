@@ -26,7 +26,7 @@ from tracker.overlay import PIECES
 from tracker.real import frames, load_model
 from tracker.visible_edges import to_image, visible_edges
 from trajectories.errors import UserError
-from trajectories.files import write_text
+from trajectories.files import refuse_foreign_file, write_text
 from trajectories.pose import Array
 
 PAGE = Path(__file__).parent / "pick.html"
@@ -81,7 +81,7 @@ class Picking:
             f"    {{ model_m = {point}, image_px = {[round(v, 3) for v in pixel]} }},\n"
             for point, pixel in zip(points.tolist(), pixels.tolist(), strict=True)
         ]
-        write_text(self.out, "points = [\n" + "".join(rows) + "]\n")
+        write_text(self.out, "points = [\n" + "".join(rows) + "]\n", sealed=True)
         return {"saved": str(self.out), "rms_px": solved["rms_px"]}
 
     def _read(self, pairs: Iterable[Any]) -> tuple[Array, Array]:
@@ -99,6 +99,7 @@ class Picking:
 
 def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, browser: bool) -> None:
     """Pick points on the first image of a folder or a video; UserError naming the file at fault."""
+    refuse_foreign_file(out)
     lens = Camera.load(camera)
     first = next(frames(source, lens, 1.0), None)
     if first is None:

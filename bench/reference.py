@@ -91,9 +91,9 @@ def _default(field: "Field[Any]") -> str:
 @click.argument("folder", type=click.Path(path_type=Path))
 def main(folder: Path) -> None:
     """Write the reference into FOLDER."""
-    write_text(folder / "commands.md", commands())
-    write_text(folder / "plugins.md", plugins())
-    write_text(folder / "suite.schema.json", schema() + "\n")
+    write_text(folder / "commands.md", commands(), sealed=True)
+    write_text(folder / "plugins.md", plugins(), sealed=True)
+    write_text(folder / "suite.schema.json", schema() + "\n", sealed=True)
 
 
 if __name__ == "__main__":

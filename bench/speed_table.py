@@ -16,12 +16,15 @@ from typing import Any
 import click
 
 from trajectories.errors import UserError
+from trajectories.files import refuse_foreign_file, write_text
 
 SPEED = Path(__file__).parent / "speed"
 
 
 def speed(only: str, save: Path | None) -> int:
     """Run the benchmarks whose name holds `only` and print the table; 1 when one failed or missed its goal."""
+    if save is not None:
+        refuse_foreign_file(save)
     goals = tomllib.loads((SPEED / "goals.toml").read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "speed.json"
@@ -46,7 +49,7 @@ def speed(only: str, save: Path | None) -> int:
                 f"the benchmarks did not run (they need `pip install 'uavbench[speed]'`): {words[-1] if words else ''}"
             ) from None
         if save is not None:
-            save.write_text(json.dumps(results, indent=1), encoding="utf-8")
+            write_text(save, json.dumps(results, indent=1) + "\n", sealed=True)
     lines, met = table(results["benchmarks"], goals)
     click.echo(
         f"{results['machine_info']['cpu'].get('brand_raw', 'unknown processor')}; least and median of the rounds"

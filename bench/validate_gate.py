@@ -238,9 +238,9 @@ def main(
     for changed in ["", *(name for name in scores if name not in labels)]:
         rows[changed] = measured(scores, labels, changed, comparisons, Margins(error=margin))
         click.echo(table({changed: rows[changed]}).splitlines()[-1])
-    write_text(out / "validation.md", table(rows))
+    write_text(out / "validation.md", table(rows), sealed=True)
     about = {"reruns": reruns, "new_noise": sigma, "comparisons": comparisons, "margin": margin, "measured": rows}
-    write_text(out / "validation.json", json.dumps(about, indent=1) + "\n")
+    write_text(out / "validation.json", json.dumps(about, indent=1) + "\n", sealed=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """What the commands do."""
 
 import json
-import signal
+from collections.abc import Iterator
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,10 @@ from typing import Any
 import click
 
 from bench.config import load_suite, suite_model
-from bench.estimate import dry_run, remember
+from bench.estimate import SECONDS, dry_run, remember
 from bench.executors import dask_pool, local_pool
 from bench.extent import shortfalls, table_of_extents
-from bench.folder import suite_folder
+from bench.folder import resolved, suite_folder
 from bench.graph import Outcome, run_graph
 from bench.jobs import plan
 from bench.peers.registry import absent
@@ -22,7 +22,9 @@ from bench.shard import Shard
 from bench.slurm import run_shards
 from bench.suite_files import suite_file
 from bench.works import Render
-from trajectories.errors import unknown_name
+from trajectories.errors import UserError, unknown_name
+from trajectories.files import write_text
+from trajectories.seals import is_sealed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +46,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
     1 when a job failed otherwise.
     """
     suite = load_suite(suite_file(suite_name))
-    folder = (out or Path("out") / suite.name).resolve()
+    folder = resolved(out or Path("out") / suite.name)
     shard = Shard.parse(where.shard) if where.shard else None
     last = "score" if shard and verb == "report" else verb
     jobs = plan(shard.of(suite) if shard else suite, folder, last=last)
@@ -52,14 +54,14 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
         click.echo(dry_run(jobs, folder, where.slurm or where.workers))
         click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
         return 0
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     if where.slurm:
         run_shards(verb, suite_name, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
         outcome = run_graph(jobs, executor, progress)
-        if shard is None:
-            remember(outcome, folder)
         tell(outcome, folder)
+        if shard is None:
+            with told_at_most(folder / SECONDS):
+                remember(outcome, folder)
         for label, why in absent(suite.trackers).items():
             click.echo(f"absent: {label}: {why}", err=True)
         if last == "report" and "report" not in outcome.failed:
@@ -81,10 +83,25 @@ def tell(outcome: Outcome, folder: Path) -> None:
         click.echo(line, err=True)
     for name, why in outcome.failed.items():
         click.echo(f"FAILED {name}: {why}", err=True)
-    if outcome.tracebacks:
-        path = folder / "failures.txt"
-        path.write_text("\n".join(f"{name}\n{text}" for name, text in outcome.tracebacks.items()), encoding="utf-8")
-        click.echo(f"details: {path}", err=True)
+    path = folder / "failures.txt"
+    with told_at_most(path):
+        if outcome.tracebacks:
+            text = "\n".join(f"{name}\n{text}" for name, text in outcome.tracebacks.items())
+            write_text(path, f"{text.rstrip()}\n", sealed=True)
+            click.echo(f"details: {path}", err=True)
+        elif is_sealed(path):
+            path.unlink()  # of an earlier run
+
+
+@contextmanager
+def told_at_most(path: Path) -> Iterator[None]:
+    """Tell of a file that cannot be written, and go on: the work itself is done."""
+    try:
+        yield
+    except UserError as error:
+        click.echo(f"not written: {error}", err=True)
+    except OSError as error:
+        click.echo(f"not written: {path}: {error.strerror or error}", err=True)
 
 
 def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, out: Path, rate_hz: float) -> None:

@@ -134,6 +134,10 @@ def evaluate_files(
         raise unknown_name("mode", mode, list(MODES))
     if plot is not None and plot.suffix not in (".pdf", ".png"):
         raise UserError(f"{plot}: a plot is written as .pdf or .png")
+    if plot is not None:
+        from reports.style import refuse_foreign_figure
+
+        refuse_foreign_figure(plot.with_suffix(""), [plot.suffix])
     preset = MODES[mode]
     options = Options(
         align=_given(align, preset.align),

@@ -42,4 +42,4 @@ def plot_evaluation(found: Evaluation, path: Path) -> None:
         rows = np.column_stack([t, pairs.reference_m, pairs.estimate_m, metres, degrees]).tolist()
         places = [f"{what}_{axis}_m" for what in ("reference", "estimate") for axis in "xyz"]
         columns = ["time_s", *places, "position_error_m", "rotation_error_deg"]
-        save_figure(figure, path.with_suffix(""), columns, rows, suffixes=(path.suffix,))
+        save_figure(figure, path.with_suffix(""), columns, rows, suffixes=(path.suffix,), sealed=True)

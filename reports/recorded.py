@@ -64,7 +64,7 @@ class RecordedScore:
     def save(self, path: Path, content_hash: str = "") -> None:
         """Write `score.json`; the hash is of what made it."""
         text = json.dumps({"content_hash": content_hash, **asdict(self)}, indent=1, allow_nan=False)
-        write_text(path, text + "\n")
+        write_text(path, text + "\n", sealed=True)
 
     @classmethod
     def load(cls, path: Path) -> "RecordedScore":

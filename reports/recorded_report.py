@@ -31,7 +31,7 @@ from scenes.sequence import Sequence
 from tracker.results import Results
 from tracker.run import versions
 from trajectories.errors import UserError
-from trajectories.files import new_file, write_text
+from trajectories.files import in_parts, new_file, write_text
 
 COLUMNS: tuple[Column, ...] = (
     Column(head="coverage", unit="%", best="max", decimals=1),
@@ -67,6 +67,7 @@ class Shown:
         return f"{self.score.sequence}_{self.score.run}".replace("/", "-").replace(" ", "-").replace(":", "-")
 
 
+@in_parts("report.json")
 def write_recorded_report(
     folder: Path,
     title: str,

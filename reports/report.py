@@ -29,7 +29,7 @@ from reports.style import house_style
 from reports.tables import DETAILS, details, summary_table
 from reports.tables_write import write_tables
 from trajectories.errors import UserError
-from trajectories.files import write_text
+from trajectories.files import in_parts, write_text
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class ReportEntry:
     why: str = ""
 
 
+@in_parts("report.json")
 def write_report(
     folder: Path,
     title: str,

@@ -93,7 +93,8 @@ class Score:
 
     def save(self, path: Path, content_hash: str = "") -> None:
         """Write `score.json`; the hash is of what made it."""
-        write_text(path, json.dumps({"content_hash": content_hash, **self.to_json()}, indent=1, allow_nan=False) + "\n")
+        text = json.dumps({"content_hash": content_hash, **self.to_json()}, indent=1, allow_nan=False)
+        write_text(path, text + "\n", sealed=True)
 
     @classmethod
     def load(cls, path: Path) -> "Score":

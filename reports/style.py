@@ -14,7 +14,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from trajectories.files import new_file
+from trajectories.files import new_file, owning, refuse_foreign_file
+from trajectories.seals import is_sealed_with
 
 ONE_COLUMN_IN = 3.50
 TWO_COLUMNS_IN = 7.16
@@ -91,22 +92,38 @@ def save_figure(
     columns: Sequence[str] = (),
     rows: Iterable[Sequence[Any]] = (),
     suffixes: Sequence[str] = (".pdf", ".png"),
+    sealed: bool = False,
 ) -> list[Path]:
-    """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns; close the figure."""
+    """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns; close the figure.
+
+    sealed: as `new_file` has it, for a figure that stands alone.
+    """
+    numbers = stem.with_name(stem.name + ".csv")
+    if sealed:
+        refuse_foreign_figure(stem, suffixes)
     layout = figure.get_layout_engine()
     if layout is not None:  # once, not once per file
         layout.execute(figure)
         figure.set_layout_engine(None)
-    written = []
-    for suffix in suffixes:
-        written.append(stem.with_name(stem.name + suffix))
-        with new_file(written[-1]) as temporary:
+    figures = [stem.with_name(stem.name + suffix) for suffix in suffixes]
+    if columns:
+        with owning([numbers] if sealed else []):
+            write_csv(numbers, columns, rows)
+    for suffix, path in zip(suffixes, figures, strict=True):
+        with new_file(path, sealed=sealed, beside=numbers if columns else None) as temporary:
             figure.savefig(temporary, dpi=PNG_DPI, metadata=NO_METADATA[suffix])
     plt.close(figure)
-    if columns:
-        written.append(stem.with_name(stem.name + ".csv"))
-        write_csv(written[-1], columns, rows)
-    return written
+    return [*figures, numbers] if columns else figures
+
+
+def refuse_foreign_figure(stem: Path, suffixes: Sequence[str]) -> None:
+    """UserError when a file of a sealed figure, or of its numbers, is there and not as uavbench wrote it."""
+    numbers = stem.with_name(stem.name + ".csv")
+    figures = [stem.with_name(stem.name + suffix) for suffix in suffixes]
+    for path in figures:
+        refuse_foreign_file(path)
+    with owning([numbers] if any(is_sealed_with(path, numbers) for path in figures) else []):
+        refuse_foreign_file(numbers)
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -94,11 +94,11 @@ class Camera:
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         return _pixels(cv2.undistortPoints(points, self.K, self.coefficients, P=self.K, criteria=criteria))
 
-    def save(self, path: Path) -> None:
-        """Write `camera.toml`."""
+    def save(self, path: Path, *, sealed: bool = False) -> None:
+        """Write `camera.toml`; sealed as `new_file` has it."""
         lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
         lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
-        write_text(path, "\n".join(lines) + "\n")
+        write_text(path, "\n".join(lines) + "\n", sealed=sealed)
 
     @classmethod
     def load(cls, path: Path) -> "Camera":

@@ -1,18 +1,10 @@
-"""Care with a user's disk: nothing foreign is replaced, and a full disk is told as such."""
+"""A full or read-only disk is told as such."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from trajectories.errors import UserError
-
-
-def refuse_foreign(folder: Path, marker: str) -> None:
-    """UserError when `folder` exists, is not empty, and has no file `marker` that shows it to be one of ours."""
-    if folder.is_file():
-        raise UserError(f"{folder}: is a file; name a folder to write to")
-    if folder.is_dir() and not (folder / marker).is_file() and any(folder.iterdir()):
-        raise UserError(f"{folder}: holds something else (no {marker} in it); name an empty or a new folder")
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from scenes.contact_sheet import write_contact_sheet
 from scenes.crlb import FrameBounds, write_bounds
 from scenes.described import described
 from scenes.effects import EFFECTS
-from scenes.folders import disk_errors, refuse_foreign
+from scenes.folders import disk_errors
 from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
 from scenes.light import encode
 from scenes.model_files import save_structure
@@ -27,7 +27,7 @@ from scenes.source import Source, make_source, render_camera
 from scenes.spec import EffectSpec, SequenceSpec
 from scenes.structure import Structure
 from trajectories.errors import UserError
-from trajectories.files import new_folder, write_text
+from trajectories.files import new_folder, refuse_foreign, write_text
 from trajectories.flight import Flight, fly
 from trajectories.flight_summary import flown_summary
 from trajectories.pose import Array, Pose
@@ -48,7 +48,7 @@ def generate(
     UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is
     full, or the folder holds something else than a sequence.
     """
-    refuse_foreign(folder, "sequence.json")
+    refuse_foreign(folder, "manifest.json")
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
     camera = spec.camera.camera()
@@ -56,7 +56,7 @@ def generate(
     path = camera_path(flight, spec.mount.cam_from_body)
     with (
         disk_errors(folder),
-        new_folder(folder) as new,
+        new_folder(folder, "manifest.json") as new,
         scene.renderer(pinhole.width, pinhole.height) as renderer,
         FrameBounds(scene.renderer, camera, path, spec.effects, spec.camera.lens_blur_px)
         if spec.crlb_every

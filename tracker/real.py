@@ -15,11 +15,11 @@ from scenes.structure import Structure
 from tracker.base import Image, Tracker, TrackResult
 from tracker.initial_pose import read_init
 from tracker.overlay import draw_edges
-from tracker.results import Results
+from tracker.results import MARKER, Results
 from tracker.run import parameters, track_frame, versions
 from tracker.variants import tracker_kind
 from trajectories.errors import UserError
-from trajectories.files import new_file
+from trajectories.files import new_folder, refuse_foreign
 from trajectories.streams import stream
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
@@ -42,6 +42,7 @@ def track_images(
     overlay.mp4.
     A folder's frames are taken to be 1 / rate_hz apart; a video has its own rate. UserError naming the file at fault.
     """
+    refuse_foreign(out, MARKER)
     lens = Camera.load(camera)
     structure = load_model(model)
     first = read_init(init, lens)
@@ -49,10 +50,12 @@ def track_images(
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with new_file(out.parent / f"{out.name}-overlay.mp4") as video:
+    with new_folder(out, MARKER) as new:
         writer = cv2.VideoWriter(
-            str(video), cv2.VideoWriter.fourcc(*"mp4v"), video_rate(source, rate_hz), (lens.width, lens.height)
+            str(new / "overlay.mp4"),
+            cv2.VideoWriter.fourcc(*"mp4v"),
+            video_rate(source, rate_hz),
+            (lens.width, lens.height),
         )
         for frame, (stamp_ns, image) in enumerate(frames(source, lens, rate_hz)):
             result, error = track_frame(run, image, stamp_ns)
@@ -78,10 +81,7 @@ def track_images(
             "content_hash": hashlib.sha256(json.dumps(made_by, sort_keys=True).encode()).hexdigest(),
         }
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
-        results.save(out)
-        video.replace(out / "overlay.mp4")
-        video.touch()
-    (out.parent / f"{out.name}-overlay.mp4").unlink()
+        results.write(new)
     return results
 
 

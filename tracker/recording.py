@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 
 from scenes.camera import Camera
-from scenes.folders import disk_errors, refuse_foreign
+from scenes.folders import disk_errors
 from scenes.model_files import save_structure
 from scenes.model_parts import parts_of
 from scenes.sequence import read_image, write_manifest
@@ -23,7 +23,7 @@ from tracker.initial_pose import read_init
 from tracker.real import IMAGE_SUFFIXES, in_order, load_model
 from tracker.run import versions
 from trajectories.errors import UserError
-from trajectories.files import new_folder, write_text
+from trajectories.files import new_folder, refuse_foreign, write_text
 from trajectories.pose import Pose
 
 VISP_IMAGES = (Path("/usr/share/visp-images-data/ViSP-images"), Path("/usr/local/share/visp-images-data/ViSP-images"))
@@ -138,9 +138,9 @@ def record(
 
     UserError when something of it is not there, an image is not readable, or the folder holds something else.
     """
-    refuse_foreign(folder, "sequence.json")
+    refuse_foreign(folder, "manifest.json")
     recording = spec.source.find()
-    with disk_errors(folder), new_folder(folder) as new:
+    with disk_errors(folder), new_folder(folder, "manifest.json") as new:
         (new / "frames").mkdir()
         lines = ["frame,stamp_ns,file"]
         for frame, image in enumerate(recording.images):

@@ -1,6 +1,6 @@
 """The results of one tracker on one sequence, and their folder.
 
-    record.json    what made them: tracker and parameters, rate, seed, sequence, versions, content hash
+    record.json    what made them: tracker and parameters, rate, seed, sequence, versions, hash, list of files
     frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where there is none
     times.csv      frame, wall time of each stage in ms
     estimate_world_from_body.tum      the frames that are ok; estimate_world_from_cam.tum where no mount is known
@@ -27,6 +27,8 @@ from trajectories.formats import write_tum
 from trajectories.pose import Pose
 from trajectories.trajectory import Trajectory
 
+MARKER = "record.json"
+"""The file of a results folder that lists the others."""
 POSE_COLUMNS = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 COVARIANCE_COLUMNS = [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
 COUNT_COLUMNS = ["segments", "control_points", "candidates", "inliers"]
@@ -87,18 +89,22 @@ class Results:
 
     def save(self, folder: Path, groundtruth: Trajectory | None = None) -> None:
         """Write the folder, whole or not at all; `groundtruth` is in the frame of `estimate`."""
-        with new_folder(folder) as new:
-            write_text(new / "record.json", json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
-            _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
-            stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
-            times = [
-                [str(frame), *(_cell(row.stage_ms.get(name)) for name in stages)]
-                for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
-            ]
-            _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
-            write_tum(self.estimate, new / f"estimate_{self.frame}.tum", self.frame)
-            if groundtruth is not None:
-                write_tum(groundtruth, new / f"groundtruth_{self.frame}.tum", self.frame)
+        with new_folder(folder, MARKER) as new:
+            self.write(new, groundtruth)
+
+    def write(self, new: Path, groundtruth: Trajectory | None = None) -> None:
+        """Write the files into a new folder; `groundtruth` is in the frame of `estimate`."""
+        write_text(new / MARKER, json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
+        _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
+        stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
+        times = [
+            [str(frame), *(_cell(row.stage_ms.get(name)) for name in stages)]
+            for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
+        ]
+        _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
+        write_tum(self.estimate, new / f"estimate_{self.frame}.tum", self.frame)
+        if groundtruth is not None:
+            write_tum(groundtruth, new / f"groundtruth_{self.frame}.tum", self.frame)
 
     @classmethod
     def load(cls, folder: Path) -> "Results":

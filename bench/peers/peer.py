@@ -49,7 +49,7 @@ class Peer(ABC):
     @classmethod
     def mark(cls, versions: dict[str, str]) -> None:
         """Note that it is set up."""
-        write_text(cls.folder() / "peer.json", json.dumps(versions, indent=1, sort_keys=True) + "\n")
+        write_text(cls.folder() / "peer.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", sealed=True)
 
     @abstractmethod
     def command(self) -> tuple[str, ...]:

@@ -1,12 +1,15 @@
 """Every peer by its name: set up, present or absent."""
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 from bench.peers.opencv_rapid import OpencvRapid
 from bench.peers.peer import Peer
 from bench.peers.visp import Visp
 from tracker.base import Tracker
-from trajectories.errors import unknown_name
+from trajectories.errors import UserError, unknown_name
+from trajectories.files import write_text
+from trajectories.seals import is_sealed
 
 PEERS: dict[str, type[Peer]] = {"visp": Visp, "opencv-rapid": OpencvRapid}
 """Name -> parameters of every peer."""
@@ -29,5 +32,16 @@ def setup(name: str) -> str:
     if name not in PEERS:
         raise unknown_name("peer", name, list(PEERS))
     peer = PEERS[name]
+    _claim(peer.folder())
     peer.mark(peer.setup())
     return str(peer.folder())
+
+
+def _claim(folder: Path) -> None:
+    """Mark a folder as made for a peer; UserError when it holds something else."""
+    marker = folder / "setup.json"
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise UserError(f"{folder}: is no folder; name another place in UAVBENCH_PEERS")
+    if folder.is_dir() and any(folder.iterdir()) and not is_sealed(marker):
+        raise UserError(f"{folder}: holds something that `uavbench peers setup` did not write; move it")
+    write_text(marker, '{\n "made": "by uavbench peers setup"\n}\n', sealed=True)

@@ -14,6 +14,7 @@ from annotated_types import Ge, Gt
 
 from bench.peers.peer import Peer
 from trajectories.errors import UserError
+from trajectories.files import new_file, owning
 
 SOURCE = Path(__file__).parent / "visp_runner.cpp"
 PACKAGES = ("g++", "libvisp-dev")
@@ -47,13 +48,15 @@ class Visp(Peer):
         """Compile the runner against the system's ViSP, which is installed first where this user may."""
         headers = _headers() or _install()
         folder = cls.folder()
-        folder.mkdir(parents=True, exist_ok=True)
-        build = ["g++", "-O2", "-std=c++17", f"-I{headers}", "-I/usr/include/opencv4", "-o", f"{folder}/visp_runner"]
-        build += [str(SOURCE), *(f"-l{name}" for name in VISP + OPENCV)]
-        done = subprocess.run(build, capture_output=True, text=True)
-        if done.returncode:
-            last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
-            raise UserError(f"visp: the runner cannot be compiled: {last}; needs the packages {' '.join(PACKAGES)}")
+        runner = folder / "visp_runner"
+        with owning([runner]), new_file(runner) as new:
+            build = ["g++", "-O2", "-std=c++17", f"-I{headers}", "-I/usr/include/opencv4", "-o", str(new)]
+            build += [str(SOURCE), *(f"-l{name}" for name in VISP + OPENCV)]
+            done = subprocess.run(build, capture_output=True, text=True)
+            if done.returncode:
+                last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
+                raise UserError(f"visp: the runner cannot be compiled: {last}; needs the packages {' '.join(PACKAGES)}")
+        runner.chmod(0o755)
         return {"visp": _value(headers / "visp3/core/vpConfig.h", "VISP_VERSION")}
 
 

@@ -142,18 +142,29 @@ def test_mistakes_end_with_code_2_and_no_traceback(suite, done, tmp_path):
     assert [p.name for p in other.iterdir()] == ["thesis.tex"]
 
 
-def test_a_truncated_image_is_named(suite, done, tmp_path):
+def test_what_was_damaged_is_made_again_to_the_same_end(suite, done, tmp_path):
     out = tmp_path / "out"
     subprocess.run(["cp", "-r", done[0], out], check=True)
+    whole = truth_and_estimates(out)
     image = out / "sequences" / "box-s1" / "frames" / "000003.png"
     image.write_bytes(image.read_bytes()[:-100])
-    for record in out.glob("results/box-s1/*/record.json"):
-        record.unlink()
+    table = out / "results" / "box-s0" / "lsd@15hz" / "frames.csv"
+    table.write_bytes(b"?" * table.stat().st_size)
+    run = uavbench("score", suite, "--out", out)
+    assert run.returncode == 0, run.stderr
+    assert "11 jobs done, 7 were fresh" in run.stderr  # a sequence with four runs and scores, and a run with its score
+    assert truth_and_estimates(out) == whole
+
+
+def test_a_users_file_in_a_folder_of_results_is_named_and_nothing_is_done(suite, done, tmp_path):
+    out = tmp_path / "out"
+    subprocess.run(["cp", "-r", done[0], out], check=True)
+    (out / "results" / "box-s0" / "lsd@15hz" / "notes.txt").write_text("mine")
     run = uavbench("run", suite, "--out", out)
     assert run.returncode == 2
-    assert "000003.png" in run.stderr
-    assert "truncated" in run.stderr
+    assert "notes.txt" in run.stderr
     assert "Traceback" not in run.stderr
+    assert (out / "results" / "box-s0" / "lsd@15hz" / "notes.txt").read_text() == "mine"
 
 
 def test_a_model_out_of_the_first_view_is_named(tmp_path):

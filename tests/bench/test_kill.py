@@ -1,6 +1,6 @@
-"""kill -9 at random moments of a suite: after the same command again, all is as after an undisturbed run.
+"""A suite ended at random moments, main process or workers: after the same command again all is as undisturbed.
 
-Three moments in CI; fifty with UAVBENCH_NIGHTLY=1.
+Four moments in CI; fifty with UAVBENCH_NIGHTLY=1.
 """
 
 import contextlib
@@ -9,6 +9,8 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,22 +18,50 @@ import pytest
 from tests.bench.small_suites import small_suite
 
 pytestmark = pytest.mark.slow
-MOMENTS = 50 if os.environ.get("UAVBENCH_NIGHTLY") else 3
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+WHOM = ("main", "a worker", "all")
+CASES = list(product(SIGNALS, WHOM))
+MOMENTS = 50 if os.environ.get("UAVBENCH_NIGHTLY") else 4
+LEFT_ALONE = ("times.csv", "seconds.json", "latency.json")
+"""Files of wall times."""
 
 
 def final(folder):
-    """All that must be the same: everything but wall times, locks and what tells of them."""
+    """All that must be the same: everything but wall times, what shows them, locks and records."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for pattern in ("sequences/**/*", "results/*/*/*.csv", "results/*/*/*.tum", "results/*/*/record.json", "*.json")
         for path in sorted(folder.glob(pattern))
-        if path.is_file() and path.name not in ("times.csv", "seconds.json")
+        if path.is_file() and path.name not in LEFT_ALONE
     }
 
 
 def start(suite, out):
-    command = [sys.executable, "-m", "bench.cli", "score", str(suite), "--out", str(out), "--jobs", "2"]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+    command = [sys.executable, "-m", "bench.cli", "run", str(suite), "--out", str(out), "--jobs", "2"]
+    return subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a background job ignores it
+    )
+
+
+def children(pid):
+    with contextlib.suppress(OSError):
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return []
+
+
+def end(process, how, whom, rng):
+    """Send a signal; a process may have ended by itself."""
+    with contextlib.suppress(ProcessLookupError):
+        if whom == "all":
+            os.killpg(process.pid, how)
+        elif whom == "main":
+            process.send_signal(how)
+        elif some := children(process.pid):
+            os.kill(int(rng.choice(some)), how)
 
 
 @pytest.fixture(scope="module")
@@ -47,12 +77,14 @@ def undisturbed(tmp_path_factory):
 @pytest.mark.parametrize("moment", range(MOMENTS))
 def test_killed_and_resumed_is_as_undisturbed(undisturbed, tmp_path, moment):
     suite, expected, took_s = undisturbed
-    share = float(np.random.default_rng(moment).uniform(0.05, 1.0))
+    rng = np.random.default_rng(moment)
+    how, whom = CASES[(5 * moment) % len(CASES)]
     process = start(suite, tmp_path / "out")
-    time.sleep(share * took_s)
-    with contextlib.suppress(ProcessLookupError):  # it was done already
-        os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
+    time.sleep(float(rng.uniform(0.05, 1.0)) * took_s)
+    end(process, how, whom, rng)
+    text, _ = process.communicate()
+    if how != signal.SIGKILL and whom != "a worker":
+        assert b"Traceback" not in text, text.decode()
     again = start(suite, tmp_path / "out")
     text, _ = again.communicate()
     assert again.returncode == 0, text.decode()

@@ -1,7 +1,11 @@
 """Plans: shards, dry runs, time estimates, and a plan of ten thousand jobs."""
 
 import json
+import secrets
+import subprocess
+import sys
 import time
+from dataclasses import astuple
 
 import pytest
 from click.testing import CliRunner
@@ -9,9 +13,10 @@ from click.testing import CliRunner
 from bench.cli import main
 from bench.config import load_suite
 from bench.estimate import dry_run, remember
-from bench.folder import suite_folder
+from bench.folder import clean_leftovers, suite_folder
 from bench.graph import Outcome
-from bench.jobs import clean_leftovers, plan
+from bench.jobs import plan
+from bench.made import Stamp
 from bench.shard import Shard
 from trajectories.errors import UserError
 
@@ -45,6 +50,9 @@ def suite(tmp_path, seeds):
 def mark(job):
     job.marker.parent.mkdir(parents=True, exist_ok=True)
     job.marker.write_text(json.dumps({"content_hash": job.content_hash}))
+    job.place.record.parent.mkdir(parents=True, exist_ok=True)
+    files = {job.marker.relative_to(job.root).as_posix(): astuple(Stamp.of(job.marker))}
+    job.place.record.write_text(json.dumps({"content_hash": job.content_hash, "files": files}))
 
 
 def test_shards_are_a_partition(tmp_path):
@@ -75,16 +83,54 @@ def test_two_shards_share_a_folder_the_same_one_twice_does_not(tmp_path):
         pass
 
 
-def test_a_shard_leaves_the_half_written_files_of_the_others(tmp_path):
-    whole = suite(tmp_path, 1)
-    for name in ("a-s0", "b-s0"):
-        (tmp_path / "sequences" / f".{name}-xyz").mkdir(parents=True)
-        (tmp_path / "results" / name / ".hold@15hz-xyz").mkdir(parents=True)
-    clean_leftovers(tmp_path, [spec.name for spec in Shard(1, 2).of(whole).sequences])
-    left = sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob(".*"))
-    assert left == ["results/b-s0/.hold@15hz-xyz", "sequences/.b-s0-xyz"]
-    clean_leftovers(tmp_path)
-    assert not list(tmp_path.rglob(".*"))
+def test_leftovers_go_on_every_level_and_what_a_user_has_there_stays(tmp_path):
+    for name in (
+        "sequences",
+        "results/b-s0",
+        "results/b-s0/hold@15hz",
+        "restarts/b-s0/hold@15hz",
+        "failed/b-s0",
+        "made/a",
+    ):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / ".my-notes").touch()
+        token = secrets.token_hex(16)
+        (tmp_path / name / f".a-uavbench-{token}.owner").symlink_to(f"uavbench elsewhere 1 1 {token}")
+        (tmp_path / name / f".a-uavbench-{token}" / "frames").mkdir(parents=True)
+    before = sorted(tmp_path.rglob("*"))
+    clean_leftovers(tmp_path, alone=False)
+    assert sorted(tmp_path.rglob("*")) == before, "those of another shard's machine"
+    clean_leftovers(tmp_path, alone=True)
+    assert {p.name for p in tmp_path.rglob(".*")} == {".my-notes"}
+
+
+START = """
+import sys
+from pathlib import Path
+from bench.config import load_suite
+from bench.folder import clean_leftovers, suite_folder
+from bench.shard import Shard
+suite, number, folder = load_suite(Path(sys.argv[1])), int(sys.argv[2]), Path(sys.argv[3])
+print("ready", flush=True)
+sys.stdin.read()
+for again in range(20):
+    with suite_folder(folder / str(again), suite, Shard(number, 4)):
+        pass
+"""
+
+
+def test_shards_that_start_together_in_one_folder_do_not_trip_over_each_other(tmp_path):
+    suite(tmp_path, 1)
+    (tmp_path / "out").mkdir()
+    command = [sys.executable, "-c", START, str(tmp_path / "many.toml")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    shards = [subprocess.Popen([*command, str(n), str(tmp_path / "out")], **pipes) for n in range(1, 5)]
+    assert [shard.stdout.readline() for shard in shards] == ["ready\n"] * 4
+    for shard in shards:
+        shard.stdin.close()
+    assert [(shard.wait(), shard.stderr.read()) for shard in shards] == [(0, "")] * 4
+    left = {path.name for path in (tmp_path / "out").rglob("*") if path.is_file() or path.is_symlink()}
+    assert left == {".lock", "suite.json", *(f".lock_{n}_of_4" for n in range(1, 5))}
 
 
 def test_a_dry_run_counts_and_learns_from_what_was_measured(tmp_path):

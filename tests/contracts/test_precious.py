@@ -1,0 +1,214 @@
+"""No command that writes deletes or overwrites what it did not write, whatever stands where it is told to write.
+
+The commands come from the command line itself: a new one must say here how it is called.
+"""
+
+import os
+import shutil
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.check import TRIAL
+from bench.cli import main
+from bench.reference import main as reference
+from tests.bench.small_suites import small_suite
+
+SILENT = {"list", "schema", "verify", "peers list"}
+"""Commands that write nothing."""
+PRECIOUS = b"years of work"
+FILES = (
+    "thesis.tex", ".git-credentials", ".pre-commit-config.yaml", ".a-b", "results/.my-notes", "sequences/box-s0/a.png",
+    "results/box-s0/hold@15hz/score.json", "figures/mine.pdf", "index.html", "suite.json", "manifest.json", ".lock",
+    "record.json", "report.json", "head/suite.json", "base/suite.json", "failures.txt", "seconds.json",
+    "gate/gate.json", "visp/peer.json", "opencv-rapid/venv/a",
+    "commands.md", "plugins.md", "suite.schema.json", "camera.toml",
+    "made/a",
+)  # fmt: skip
+
+
+def leaves(group, before=""):
+    """Names of all commands, `peers list` of those in groups."""
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from leaves(command, f"{before}{name} ")
+        else:
+            yield before + name
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """What the commands read."""
+    folder = tmp_path_factory.mktemp("inputs")
+    small_suite(folder)
+    (folder / "images").mkdir()
+    shutil.copytree(TRIAL, folder / "trial")
+    for name in ("000000.png", "000001.png"):
+        shutil.copy(TRIAL / "frames" / name, folder / "images" / name)
+    tracker = '{ kind = "external", command = ["false"] }'
+    (folder / "bad.toml").write_text(tracker.strip("{} ").replace(", command", "\ncommand"))
+    (folder / "init.toml").write_text(f"cam_from_model = {np.eye(4).tolist()}\n")
+    for name in ("a.tum", "b.tum"):
+        (folder / name).write_text("".join(f"{i}.0 {i} 0 0 0 0 0 1\n" for i in range(5)))
+    cv2.imwrite(str(folder / "board.png"), np.zeros((120, 160), np.uint8))
+    return folder
+
+
+def calls(inputs, target):
+    """Every command that writes, told to write to `target`."""
+    suite, trial, images = inputs / "small.toml", inputs / "trial", inputs / "images"
+    real = ["--images", images, "--model", trial / "model.obj", "--camera", trial / "camera.toml"]
+    trajectories = [inputs / "a.tum", inputs / "b.tum"]
+    return {
+        **{verb: [[verb, suite, "--out", target, "--jobs", 1]] for verb in ("run", "render", "score", "report")},
+        "track": [
+            ["track", suite, "--out", target],
+            ["track", "hold", *real, "--init", inputs / "init.toml", "--out", target],
+        ],
+        "export": [
+            ["export", trial, "--format", form, "--out", target] for form in ("euroc", "tum", "kitti", "bop", "video")
+        ],
+        "calibrate": [["calibrate", inputs / "board.png", "--out", target]],
+        "pick": [["pick", *real, "--no-browser", "--out", target]],
+        "evaluate": [
+            ["evaluate", *trajectories, "--plot", target],
+            ["evaluate", *trajectories, "--plot", target.with_suffix(".pdf")],
+            ["evaluate", *trajectories, "--plot", target / "index.pdf"],
+        ],
+        "check": [["check", inputs / "bad.toml", "--keep", target]],
+        "gate": [
+            ["gate", target, "--baseline", target, "--update"],
+            ["gate", target, "--baseline", target, "--out", target],
+            ["gate", inputs, "--baseline", target, "--out", target],
+        ],
+        "compare": [["compare", "HEAD", "HEAD", "--suite", suite, "--out", target]],
+        "speed": [["speed", "--only", "none", "--save", target]],
+        "peers setup": [["peers", "setup", "visp"], ["peers", "setup", "opencv-rapid"]],
+    }
+
+
+def fill(folder):
+    """Precious files, links and pipes, in a folder and those below, and something far that links lead to."""
+    folder.mkdir(parents=True)
+    far = folder.parent / "far"
+    far.mkdir()
+    for name in FILES:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(PRECIOUS)
+        (far / name.replace("/", "-")).write_bytes(PRECIOUS)
+    (folder / "link").symlink_to(far / "thesis.tex")
+    (folder / "figures" / "nowhere").symlink_to(far / "none")
+    (folder / "hard").hardlink_to(far / "index.html")
+    os.mkfifo(folder / "pipe")
+    (folder.parent / "precious.pdf").write_bytes(PRECIOUS)
+    (folder.parent / "precious.png").write_bytes(PRECIOUS)
+    (folder.parent / "precious.csv").write_bytes(PRECIOUS)
+
+
+def snapshot(folder):
+    def told(path):
+        if path.is_symlink():
+            return str(path.readlink())
+        return path.read_bytes() if path.is_file() else path.lstat().st_mode
+
+    return {path.relative_to(folder).as_posix(): told(path) for path in sorted(folder.rglob("*"))}
+
+
+def invoke(arguments, peers):
+    environment = {"UAVBENCH_PEERS": str(peers)}
+    return CliRunner().invoke(main, [str(a) for a in arguments], env=environment)
+
+
+def assert_kept(folder, before, result):
+    after = snapshot(folder)
+    assert {name: after.get(name) for name in before} == before, result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    assert "Traceback" not in result.output
+    assert not [name for name in set(after) - set(before) if "-uavbench-" in name]
+
+
+def test_every_command_is_known_here():
+    known = set(calls(Path("inputs"), Path("target"))) | SILENT
+    assert set(leaves(main)) == known
+
+
+@pytest.mark.parametrize("command", sorted(calls(Path("inputs"), Path("target"))))
+@pytest.mark.parametrize("what", ["folder", "file", "link", "dangling link", "pipe"])
+def test_what_is_precious_is_there_afterwards(inputs, tmp_path, monkeypatch, command, what):
+    home = tmp_path / "home"
+    fill(home / "precious")
+    target = {
+        "folder": home / "precious",
+        "file": home / "precious" / "camera.toml",
+        "link": home / "precious" / "link",
+        "dangling link": home / "precious" / "figures" / "nowhere",
+        "pipe": home / "precious" / "pipe",
+    }[what]
+    monkeypatch.chdir(tmp_path)
+    before, read = snapshot(home), snapshot(inputs)
+    for arguments in calls(inputs, target)[command]:
+        result = invoke(arguments, peers=target)
+        assert_kept(home, before, result)
+        assert result.exit_code or command == "evaluate", f"{arguments} did not refuse"
+        assert snapshot(inputs) == read
+
+
+def test_the_images_are_not_the_place_for_results(inputs, tmp_path):
+    (tmp_path / "data").mkdir()
+    shutil.copytree(inputs / "images", tmp_path / "data" / "images")
+    trial = inputs / "trial"
+    rest = ["--model", trial / "model.obj", "--camera", trial / "camera.toml", "--init", inputs / "init.toml"]
+    before = snapshot(tmp_path)
+    for out in (tmp_path / "data" / "images", tmp_path / "data", tmp_path):
+        result = invoke(["track", "hold", "--images", tmp_path / "data" / "images", *rest, "--out", out], tmp_path)
+        assert_kept(tmp_path, before, result)
+        assert result.exit_code == 2
+    images = tmp_path / "data" / "images"
+    for _ in range(2):  # beside the images is well, and again too
+        result = invoke(["track", "hold", "--images", images, *rest, "--out", images / "tracked"], tmp_path)
+        assert result.exit_code == 0, result.output
+        assert_kept(tmp_path, before, result)
+    (images / "tracked" / "notes.txt").write_bytes(PRECIOUS)
+    before = snapshot(tmp_path)
+    result = invoke(["track", "hold", "--images", images, *rest, "--out", images / "tracked"], tmp_path)
+    assert_kept(tmp_path, before, result)
+    assert "notes.txt" in result.output
+
+
+def test_a_job_that_broke_the_protocol_is_kept_again_and_again_but_on_nobodys_files(inputs, tmp_path):
+    for _ in range(2):
+        assert invoke(["check", inputs / "bad.toml", "--keep", tmp_path / "kept"], tmp_path).exit_code == 1
+    assert (tmp_path / "kept" / "faults.txt").is_file()
+    (tmp_path / "kept" / "notes.txt").write_bytes(PRECIOUS)
+    before = snapshot(tmp_path)
+    result = invoke(["check", inputs / "bad.toml", "--keep", tmp_path / "kept"], tmp_path)
+    assert_kept(tmp_path, before, result)
+    assert "notes.txt" in result.output
+
+
+def test_a_plot_is_drawn_again_until_somebody_changes_it_or_its_numbers(inputs, tmp_path):
+    call = ["evaluate", inputs / "a.tum", inputs / "b.tum", "--plot"]
+    for suffix in (".pdf", ".png"):
+        plot = (tmp_path / "errors").with_suffix(suffix)
+        for _ in range(2):
+            assert invoke([*call, plot], tmp_path).exit_code == 0
+        (tmp_path / "errors.csv").write_bytes(PRECIOUS)
+        before = snapshot(tmp_path)
+        assert_kept(tmp_path, before, refused := invoke([*call, plot], tmp_path))
+        assert "errors.csv" in refused.output
+        (tmp_path / "errors.csv").unlink()
+        plot.unlink()
+
+
+def test_the_reference_is_written_beside_what_is_there(tmp_path):
+    fill(tmp_path / "home" / "precious")
+    before = snapshot(tmp_path)
+    result = CliRunner().invoke(reference, [str(tmp_path / "home" / "precious")])
+    assert {name: snapshot(tmp_path).get(name) for name in before} == before
+    assert result.exit_code
+    for _ in range(2):
+        assert CliRunner().invoke(reference, [str(tmp_path / "new")]).exit_code == 0

@@ -1,0 +1,268 @@
+"""Nothing foreign is replaced, whatever it is; of what processes left, only that of dead ones is removed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from trajectories.errors import UserError
+from trajectories.files import new_file, new_folder, new_parts, owning, write_text
+from trajectories.seals import is_sealed, seal
+from trajectories.temporary import remove_leftovers, temporary
+
+PRECIOUS = b"years of work"
+
+
+def lay(path, what):
+    """Something precious at a path; what to look at afterwards."""
+    far = path.parent.parent / "far" / path.name
+    far.parent.mkdir(exist_ok=True)
+    match what:
+        case "file":
+            path.write_bytes(PRECIOUS)
+        case "link":
+            far.write_bytes(PRECIOUS)
+            path.symlink_to(far)
+        case "link to a folder":
+            far.mkdir()
+            (far / "thesis.tex").write_bytes(PRECIOUS)
+            path.symlink_to(far)
+        case "dangling link":
+            path.symlink_to(far)
+        case "hard link":
+            far.write_bytes(PRECIOUS)
+            path.hardlink_to(far)
+        case "fifo":
+            os.mkfifo(path)
+        case "folder":
+            path.mkdir()
+            (path / ".thesis.tex").write_bytes(PRECIOUS)
+
+
+def snapshot(folder):
+    """Every name below a folder, with what stands there."""
+
+    def told(path):
+        if path.is_symlink():
+            return "link", str(path.readlink())
+        return (path.read_bytes() if path.is_file() else "", path.lstat().st_mode)
+
+    return {path.relative_to(folder).as_posix(): told(path) for path in sorted(folder.rglob("*"))}
+
+
+KINDS = ["file", "link", "link to a folder", "dangling link", "hard link", "fifo", "folder"]
+
+
+@pytest.mark.parametrize("what", KINDS)
+def test_nothing_foreign_gives_way_to_a_file_a_folder_or_a_part(tmp_path, what):
+    here = tmp_path / "here"
+    here.mkdir()
+    for name in ("camera.toml", "results", "index.html"):
+        lay(here / name, what)
+    before = snapshot(tmp_path)
+    with pytest.raises(UserError, match=r"camera\.toml"):
+        write_text(here / "camera.toml", "width = 1\n", sealed=True)
+    with pytest.raises(UserError, match="results"), new_folder(here / "results", "record.json") as new:
+        (new / "frames.csv").touch()
+    with pytest.raises(UserError, match=r"index\.html"), new_parts(here, "report.json") as new:
+        write_text(new / "report.json", "{}\n")
+        write_text(new / "index.html", "<html></html>\n")
+        write_text(new / "figures" / "a.csv", "a\n")
+    assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize("suffix", [".toml", ".json", ".md", ".xml", ".html", ".pdf", ".txt", ".png"])
+def test_a_sealed_file_is_written_anew_until_somebody_changes_it(tmp_path, suffix):
+    from matplotlib.figure import Figure
+
+    def write():
+        with new_file(path, sealed=True) as new:
+            if suffix in (".png", ".pdf"):
+                Figure().savefig(new)
+            else:
+                new.write_text('{\n "a": 1\n}\n' if suffix == ".json" else "a = 1\n")
+
+    path = tmp_path / f"made{suffix}"
+    write()
+    write()
+    whole = path.read_bytes()
+    assert is_sealed(path)
+    if suffix == ".json":
+        assert json.loads(whole)["a"] == 1
+    if suffix == ".png":
+        import cv2
+
+        assert cv2.imread(str(path)) is not None
+    for changed in (whole + b"x = 2\n", b"x" + whole, whole.replace(whole[20:21], b"~", 1), whole[:-1], b""):
+        path.write_bytes(changed)
+        with pytest.raises(UserError, match="not as uavbench wrote it"):
+            write()
+        assert path.read_bytes() == changed
+
+
+def test_a_file_without_a_seal_is_never_written_anew(tmp_path):
+    write_text(tmp_path / "a.csv", "1\n")
+    with pytest.raises(UserError, match=r"a\.csv"):
+        write_text(tmp_path / "a.csv", "2\n")
+    with owning([tmp_path / "a.csv"]):
+        write_text(tmp_path / "a.csv", "2\n")
+    assert (tmp_path / "a.csv").read_text() == "2\n"
+
+
+def make(folder, *names):
+    with new_folder(folder, "record.json") as new:
+        for name in names:
+            write_text(new / name, name)
+
+
+def test_a_folder_of_ours_is_made_anew_even_when_damaged_but_not_with_a_users_file_in_it(tmp_path):
+    folder = tmp_path / "results"
+    make(folder, "frames.csv", "deep/er/b.csv")
+    (folder / "frames.csv").write_text("junk")
+    make(folder, "frames.csv")
+    assert {p.name for p in folder.iterdir()} == {"frames.csv", "record.json"}
+    for name, what in (("notes.txt", "file"), (".notes", "file"), ("deep", "folder"), ("pipe", "fifo")):
+        lay(folder / name, what)
+        before = snapshot(tmp_path)
+        with pytest.raises(UserError, match=name.strip(".")):
+            make(folder, "frames.csv")
+        assert snapshot(tmp_path) == before
+        (folder / name).rename(tmp_path / f"away-{name}")
+    (folder / "frames.csv").unlink()
+    (folder / "frames.csv").symlink_to(tmp_path / "away-notes.txt")
+    with pytest.raises(UserError, match="frames"):
+        make(folder, "frames.csv")
+    assert (tmp_path / "away-notes.txt").read_bytes() == PRECIOUS
+
+
+def test_a_list_that_somebody_wrote_proves_nothing(tmp_path):
+    folder = tmp_path / "results"
+    folder.mkdir()
+    (folder / "thesis.tex").write_bytes(PRECIOUS)
+    (folder / "record.json").write_text('{\n "files": [\n  "thesis.tex"\n ]\n}\n')
+    with pytest.raises(UserError, match=r"record|thesis"):
+        make(folder, "frames.csv")
+    write_text(tmp_path / "other" / "record.json", '{\n "files": []\n}\n', sealed=True)
+    seal_of_another = (tmp_path / "other" / "record.json").read_bytes()
+    (folder / "record.json").write_bytes(seal_of_another)
+    with pytest.raises(UserError, match=r"record|thesis"):
+        make(folder, "frames.csv")
+
+
+def test_parts_of_last_time_go_and_what_a_user_put_beside_them_stays(tmp_path):
+    for names in (("index.html", "pages/a.html", "figures/a.csv"), ("index.html", "figures/b.csv")):
+        (tmp_path / "figures").mkdir(exist_ok=True)
+        (tmp_path / "figures" / "mine.pdf").write_bytes(PRECIOUS)
+        with new_parts(tmp_path, "report.json") as new:
+            for name in names:
+                write_text(new / name, name)
+            write_text(new / "report.json", '{"content_hash": "a"}\n')
+    assert set(snapshot(tmp_path)) == {"figures", "figures/mine.pdf", "figures/b.csv", "index.html", "report.json"}
+    assert json.loads((tmp_path / "report.json").read_text())["content_hash"] == "a"
+
+
+def test_an_error_or_an_interrupt_in_the_middle_leaves_the_old_and_nothing_else(tmp_path):
+    make(tmp_path / "results", "frames.csv")
+    before = snapshot(tmp_path)
+    for error in (ZeroDivisionError, KeyboardInterrupt, SystemExit):
+        with pytest.raises(error), new_folder(tmp_path / "results", "record.json") as new:
+            (new / "half").touch()
+            raise error
+        with pytest.raises(error), new_file(tmp_path / "a.toml", sealed=True) as new:
+            new.write_text("half")
+            raise error
+    assert snapshot(tmp_path) == before
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from trajectories.files import new_file, new_folder
+folder = Path(sys.argv[1])
+with new_folder(folder / "results", "record.json") as new, new_file(folder / "a.toml") as file:
+    (new / "half").mkdir()
+    (new / "half" / "b.csv").write_text("x")
+    print("begun", flush=True)
+    sys.stdin.read()
+"""
+
+
+def begin(folder):
+    process = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "begun\n"
+    return process
+
+
+def test_only_what_a_dead_process_left_is_removed(tmp_path):
+    for name in (".pre-commit-config.yaml", ".git-credentials", ".a-uavbench-b", f".a-uavbench-{'0' * 32}.toml"):
+        (tmp_path / name).write_bytes(PRECIOUS)
+    (tmp_path / f".a-uavbench-{'1' * 32}.owner").symlink_to("uavbench elsewhere 1 1 2")  # of another token
+    (tmp_path / f".b-uavbench-{'1' * 32}.owner").symlink_to(tmp_path / ".git-credentials")
+    before = snapshot(tmp_path)
+    process = begin(tmp_path)
+    begun = snapshot(tmp_path)
+    assert len(begun) > len(before) + 3
+    for alone in (True, False):
+        remove_leftovers(tmp_path, alone=alone)
+        assert snapshot(tmp_path) == begun, "its owner lives"
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    remove_leftovers(tmp_path, alone=False)
+    assert snapshot(tmp_path) == before
+
+
+def test_what_a_process_of_another_machine_left_goes_only_when_nobody_else_is_at_work(tmp_path):
+    token = "2" * 32
+    (tmp_path / f".a-uavbench-{token}").mkdir()
+    (tmp_path / f".a-uavbench-{token}.owner").symlink_to(f"uavbench anothermachine 12 345 {token}")
+    remove_leftovers(tmp_path, alone=False)
+    assert len(list(tmp_path.iterdir())) == 2
+    remove_leftovers(tmp_path, alone=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_longest_name_that_a_disk_takes_has_a_temporary_name_too(tmp_path):
+    for name in ("n" * 255, "\N{GREEK SMALL LETTER ALPHA}" * 127, "a." + "s" * 253):
+        write_text(tmp_path / name, "x")
+        assert (tmp_path / name).read_text() == "x"
+    with pytest.raises(OSError, match="too long"):
+        write_text(tmp_path / ("n" * 256), "x")
+    with temporary(tmp_path / "a") as own:
+        assert own.made.parent == tmp_path
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_processes_that_clean_up_at_the_same_time_do_not_trip_over_each_other(tmp_path):
+    for _ in range(3):
+        process = begin(tmp_path)
+        process.kill()
+        process.wait()
+    for n in range(100):
+        token = f"{n:032x}"
+        (tmp_path / f".a-uavbench-{token}").mkdir()
+        (tmp_path / f".a-uavbench-{token}" / "b").touch()
+        (tmp_path / f".a-uavbench-{token}.owner").symlink_to(f"uavbench m 12 345 {token}")
+    code = "import sys, pathlib; from trajectories.temporary import remove_leftovers\n"
+    code += "sys.stdin.read(); remove_leftovers(pathlib.Path(sys.argv[1]), alone=True)"
+    together = [
+        subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        for _ in range(4)
+    ]
+    time.sleep(0.2)
+    assert [process.communicate()[1] for process in together] == [b""] * 4
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_seal_is_of_one_file(tmp_path):
+    (tmp_path / "a.bin").write_bytes(b"12")
+    seal(tmp_path / "a.bin")
+    assert (tmp_path / "a.bin").read_bytes() == b"12"
+    assert not is_sealed(tmp_path / "a.bin")
+    assert not is_sealed(tmp_path)
+    assert not is_sealed(tmp_path / "none")

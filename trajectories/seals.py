@@ -1,0 +1,92 @@
+"""Seals: a file that uavbench wrote ends with the digest of all that stands before, so that it proves itself.
+
+A seal stands in a comment of the file's own format. A file that somebody changed, or that only looks alike, has none
+that holds.
+"""
+
+import hashlib
+import re
+import struct
+import zlib
+from pathlib import Path
+
+SEAL = b"uavbench-made-"
+COMMENTS = {
+    ".toml": (b"# ", b"\n"),
+    ".txt": (b"# ", b"\n"),
+    ".md": (b"<!-- ", b" -->\n"),
+    ".xml": (b"<!-- ", b" -->\n"),
+    ".html": (b"<!-- ", b" -->\n"),
+    ".pdf": (b"% ", b"\n"),
+}
+"""What opens and closes a comment, by the suffix of a file's name."""
+IEND = bytes.fromhex("0000000049454e44ae426082")
+"""The last chunk of every PNG file."""
+TAIL_BYTES = 300
+"""More than a seal with all that may follow it."""
+PATTERN = re.compile(SEAL + rb"([0-9a-f]{64})(.*)", re.DOTALL)
+
+
+def seal(path: Path, beside: Path | None = None) -> None:
+    """Put a seal at the end of a file, of a file beside it too; one in a format without comments is left as it is."""
+    data = path.read_bytes()
+    about = b"" if beside is None else _beside(beside)
+    if path.suffix == ".json" and data.endswith(b"\n}\n"):
+        _close(path, data[:-3] + b',\n "made_by": "' + about, b'"\n}\n')
+    elif path.suffix == ".png" and data.endswith(IEND):
+        head = b"tEXtComment\0" + about
+        length = len(head) - 4 + len(SEAL) + 64
+        before = data[: -len(IEND)] + struct.pack(">I", length) + head
+        chunk = head + _seal_of(before)
+        path.write_bytes(before + _seal_of(before) + struct.pack(">I", zlib.crc32(chunk)) + IEND)
+    elif path.suffix in COMMENTS:
+        opening, closing = COMMENTS[path.suffix]
+        _close(path, data + opening + about, closing)
+
+
+def is_sealed(path: Path) -> bool:
+    """Whether this is a regular file, no link, whose seal holds; nothing of a file without one is read but its end."""
+    try:
+        if path.is_symlink() or not path.is_file():
+            return False
+        with path.open("rb") as handle:
+            handle.seek(max(0, path.stat().st_size - TAIL_BYTES))
+            if SEAL not in handle.read():
+                return False
+        data = path.read_bytes()
+    except OSError:
+        return False
+    before, _, _ = data.rpartition(SEAL)
+    found = PATTERN.fullmatch(data[len(before) :])
+    return found is not None and found[1] == _digest(before) and _closes(path.suffix, found[2])
+
+
+def is_sealed_with(path: Path, beside: Path) -> bool:
+    """Whether a file's seal holds, and `beside` is the file that stood beside it then."""
+    try:
+        return is_sealed(path) and not beside.is_symlink() and _beside(beside) + SEAL in path.read_bytes()
+    except OSError:
+        return False
+
+
+def _beside(path: Path) -> bytes:
+    return b"beside " + hashlib.sha256(path.read_bytes()).hexdigest().encode() + b" "
+
+
+def _close(path: Path, before: bytes, closing: bytes) -> None:
+    path.write_bytes(before + _seal_of(before) + closing)
+
+
+def _closes(suffix: str, after: bytes) -> bool:
+    """Whether what follows a seal is only what closes its comment."""
+    if suffix == ".png":
+        return len(after) == 4 + len(IEND) and after.endswith(IEND)
+    return after == (b'"\n}\n' if suffix == ".json" else COMMENTS.get(suffix, (b"", b"-"))[1])
+
+
+def _seal_of(before: bytes) -> bytes:
+    return SEAL + _digest(before)
+
+
+def _digest(before: bytes) -> bytes:
+    return hashlib.sha256(before).hexdigest().encode()

@@ -1,0 +1,145 @@
+"""Temporary names that tell whose they are, and the removal of what a killed process left under them.
+
+Before `.NAME-uavbench-TOKEN` is made there is `.NAME-uavbench-TOKEN.owner`: a symbolic link to nowhere, whose text
+names the token and the process. It is made in one step, so what stands under a token is always its owner's; and it
+goes last. Only what is named by the token of a dead process is ever removed.
+"""
+
+import contextlib
+import errno
+import hashlib
+import os
+import re
+import secrets
+import shutil
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+OWNER = re.compile(r"\..*-uavbench-([0-9a-f]{32})\.owner", re.DOTALL)
+TEMPORARY = re.compile(r"\..*-uavbench-[0-9a-f]{32}(\..*)?", re.DOTALL)
+LONGEST = 40
+"""Characters of a name that its temporary name repeats: with all around them under the 255 bytes of a file name."""
+
+LONGEST_OWNER = 200
+"""Characters of an owner's text, at most."""
+
+
+@dataclass(frozen=True)
+class Temporary:
+    """Names beside a path that belong to this process: for what is made, and for what it replaces."""
+
+    made: Path
+    replaced: Path
+
+
+@contextmanager
+def temporary(path: Path) -> Iterator[Temporary]:
+    """Temporary names beside `path`; at the end nothing is left under them."""
+    token = secrets.token_hex(16)
+    stem = f".{path.name[:LONGEST]}-uavbench-{token}"
+    owner = path.with_name(f"{stem}.owner")
+    own = Temporary(path.with_name(stem + path.suffix[: LONGEST // 2]), path.with_name(f"{stem}.replaced"))
+    text = f"uavbench {_machine()} {os.getpid()} {_start(os.getpid())} {token}"
+    try:
+        owner.symlink_to(text)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
+            raise
+        owner.write_text(text, encoding="ascii")  # a file system without links
+    try:
+        yield own
+    finally:
+        if _remove(own.made) and _remove(own.replaced):
+            owner.unlink(missing_ok=True)
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a name has the form of ours."""
+    return TEMPORARY.fullmatch(name) is not None
+
+
+def remove_leftovers(folder: Path, *, alone: bool) -> None:
+    """Remove what dead processes left in a folder, not in folders below.
+
+    alone: no other process works there, so that owners on other machines are dead too. Others may do the same at the
+    same time.
+    """
+    try:
+        names = os.listdir(folder)  # noqa: PTH208 - a folder of thousands of names
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    for name in names:
+        found = OWNER.fullmatch(name)
+        if found is None or not _is_dead(folder / name, found[1], alone):
+            continue
+        of_it = [other for other in names if other.startswith(name.removesuffix(".owner")) and other != name]
+        gone = [_remove(folder / other) for other in of_it]
+        if all(gone):
+            (folder / name).unlink(missing_ok=True)
+
+
+def _is_dead(owner: Path, token: str, alone: bool) -> bool:
+    """Whether this is an owner of ours whose process is no more."""
+    try:
+        text = str(owner.readlink()) if owner.is_symlink() else owner.read_bytes()[:LONGEST_OWNER].decode("ascii")
+        ours, machine, pid, start, told = text.split(" ")
+    except (OSError, ValueError):
+        return False
+    if ours != "uavbench" or told != token or not pid.isdecimal():
+        return False
+    return alone if machine != _machine() else _start(int(pid)) != start
+
+
+def _start(pid: int) -> str:
+    """When a process began, in the kernel's ticks, so that another with its number is told apart; "" for a dead one."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return "" if Path("/proc/self/stat").exists() or not _answers(pid) else "running"
+    state, *fields = text.rpartition(")")[2].split()
+    return "" if state in "ZX" else fields[18]
+
+
+def _answers(pid: int) -> bool:
+    """Whether there is a process of this number, where there is no `/proc` to ask."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+@cache
+def _machine() -> str:
+    """What tells this machine since its start, and the name space of its process numbers, from others."""
+    about = [socket.gethostname()]
+    with contextlib.suppress(OSError):
+        about.append(Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii"))
+        about.append(str(Path("/proc/self/ns/pid").readlink()))
+    return hashlib.sha256("|".join(about).encode()).hexdigest()[:16]
+
+
+def _remove(path: Path) -> bool:
+    """Remove a file or a folder; whether nothing is left of it."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, onerror=_make_writable)
+    else:
+        path.unlink(missing_ok=True)
+    return not os.path.lexists(path)
+
+
+def _make_writable(remove: object, name: str, error: object) -> None:
+    """Once more what a program's own permissions forbade; what another process has removed meanwhile is well."""
+    with contextlib.suppress(OSError):
+        Path(name).parent.chmod(0o700)
+        if Path(name).is_dir() and not Path(name).is_symlink():
+            Path(name).chmod(0o700)
+            shutil.rmtree(name, ignore_errors=True)
+        else:
+            Path(name).unlink(missing_ok=True)
