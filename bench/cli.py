@@ -5,6 +5,7 @@ from typing import Any
 import click
 
 from bench import cli_files, cli_gate, cli_plugins, cli_suite
+from bench.processes import interrupt_on_signals
 from trajectories.errors import UserError
 
 
@@ -13,6 +14,7 @@ class Group(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
+        interrupt_on_signals()
         try:
             return super().invoke(ctx)
         except UserError as error:

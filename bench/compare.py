@@ -11,7 +11,6 @@ import os
 import subprocess
 import sys
 import tarfile
-import tempfile
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -26,12 +25,13 @@ from bench.config import Suite, load_suite
 from bench.content import content_hash
 from bench.gate import Margins
 from bench.gate_reports import pronounce
+from bench.guard import Guard, Talk, talk
 from bench.suite_files import suite_file
 from bench.verbs import Where, bring_up_to
 from reports.score import score
 from scenes.sequence import Sequence
 from tracker.results import Results
-from trajectories.errors import UserError
+from trajectories.errors import UserError, plain
 from trajectories.files import write_text
 
 SIDES = ("base", "head")
@@ -44,19 +44,20 @@ class Version:
     """One version at work: its commit, and the process that runs its trackers."""
 
     commit: str
-    server: "subprocess.Popen[str]"
+    server: Talk
 
     def track(self, ask: dict[str, Any]) -> dict[str, Any]:
         """The server's answer to one request; UserError when it is gone."""
-        assert self.server.stdin is not None and self.server.stdout is not None
         try:
-            self.server.stdin.write(json.dumps(ask) + "\n")
-            self.server.stdin.flush()
-            answer: dict[str, Any] = json.loads(self.server.stdout.readline())
+            self.server.asks.write(json.dumps(ask) + "\n")
+            self.server.asks.flush()
+            answer: dict[str, Any] = json.loads(self.server.answers.readline())
         except (OSError, ValueError):
             raise UserError(
                 f"version {self.commit} cannot run trackers for comparison: it ended, or has no bench/track_server.py"
             ) from None
+        if "error" in answer:
+            answer["error"] = plain(str(answer["error"]))
         return answer
 
 
@@ -165,26 +166,16 @@ def score_all(out: Path, side: str, suite: Suite, labels: list[str]) -> None:
 @contextmanager
 def version(ref: str) -> Iterator[Version]:
     """A version of the repository that the current folder is in, at work; `.` is the working tree as it stands."""
-    with tempfile.TemporaryDirectory(prefix="uavbench-version-") as scratch:
+    with Guard("uavbench-version-") as guard:
         if ref == ".":
             commit, tree = "working tree", Path(git("rev-parse", "--show-toplevel").decode().strip())
         else:
-            commit, tree = git("rev-parse", "--short", "--verify", f"{ref}^{{commit}}").decode().strip(), Path(scratch)
+            commit, tree = git("rev-parse", "--short", "--verify", f"{ref}^{{commit}}").decode().strip(), guard.folder
             with tarfile.open(fileobj=io.BytesIO(git("archive", "--format=tar", commit))) as archive:
                 archive.extractall(tree, filter="data")
-        server = subprocess.Popen(
-            [sys.executable, "-m", "bench.track_server"],
-            cwd=tree,
-            env={**os.environ, "PYTHONPATH": str(tree)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        try:
+        command = [sys.executable, "-m", "bench.track_server"]
+        with talk(command, {**os.environ, "PYTHONPATH": str(tree)}, tree) as server:
             yield Version(commit, server)
-        finally:
-            server.kill()
-            server.communicate()
 
 
 def git(*arguments: str) -> bytes:

@@ -2,7 +2,6 @@
 
 import queue
 import resource
-import signal
 import sys
 import time
 import traceback
@@ -17,7 +16,8 @@ import cv2
 from tqdm import tqdm
 
 from bench.content import carried_hash, content_hash
-from trajectories.errors import UserError
+from bench.processes import end_when_told, end_with_parent
+from trajectories.errors import UserError, plain
 
 OnStep = Callable[[int, int], None]
 
@@ -85,8 +85,8 @@ def start_worker(progress: Any) -> None:
     if progress is not None:
         progress.cancel_join_thread()  # a termination in the middle of a put() would else wait for its thread forever
     cv2.setNumThreads(1)  # a worker has one core
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    end_when_told()
+    end_with_parent()
 
 
 def run_job(name: str, work: Work, content_hash: str, marker: Path) -> tuple[float, float]:
@@ -107,7 +107,7 @@ def run_job(name: str, work: Work, content_hash: str, marker: Path) -> tuple[flo
     except UserError as error:
         raise UserError(str(error)) from error
     except Exception as error:
-        raise JobFaultError(f"{type(error).__name__}: {error}") from error
+        raise JobFaultError(plain(f"{type(error).__name__}: {error}")) from error
     return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -178,8 +178,8 @@ def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, pea
         outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
     except Exception as error:
         kind = "" if isinstance(error, JobFaultError) else f"{type(error).__name__}: "
-        outcome.failed[job.name] = f"{kind}{error}"
-        outcome.tracebacks[job.name] = "".join(traceback.format_exception(error))
+        outcome.failed[job.name] = plain(f"{kind}{error}")
+        outcome.tracebacks[job.name] = plain("".join(traceback.format_exception(error)))
     else:
         outcome.done.append(job)
         outcome.seconds[job.name] = seconds
