@@ -25,16 +25,18 @@ def schema_command() -> None:
 @click.command("check")
 @click.argument("tracker", type=click.Path(path_type=Path))
 @click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")
-def check_command(tracker: Path, keep: Path) -> None:
+@click.option("--isolate", is_flag=True, help="Let the program see only its job folder.")
+def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
     """Try TRACKER, a TOML file with the table of one tracker, on a tiny sequence; explain every fault."""
     from bench.check import check
     from bench.config import load_tracker
+    from bench.external import isolated_trackers
     from bench.external_job import KEPT_MARKER
     from trajectories.files import refuse_foreign
 
     refuse_foreign(keep, KEPT_MARKER)
-    line = ""
-    for line in check(load_tracker(tracker), keep):
+    line, one = "", load_tracker(tracker)
+    for line in check(isolated_trackers({"tracker": one})["tracker"] if isolate else one, keep):
         click.echo(line)
     sys.exit(1 if line.startswith("faulty") else 0)
 

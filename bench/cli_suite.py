@@ -19,6 +19,7 @@ def suite_options(command: Any) -> Any:
         click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
         click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
         click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report."),
+        click.option("--isolate", is_flag=True, help="External trackers see only their job folder; no other code."),
         click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing."),
         click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores."),
         click.option("--out", type=FILE, help="Folder for everything; default: out/SUITE."),

@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -11,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.guard import Talk, talk
 from bench.models import import_plugin
 from bench.suite_files import SUITES
 from bench.versions import Version, placed
-from trajectories.errors import UserError
+from trajectories.errors import UserError, plain
 
 MOST_TOLD = 8
 """Names told of what is not in git; the rest is counted."""
@@ -32,7 +32,7 @@ class Side:
     tables: Mapping[str, dict[str, Any]]
     unknown: Mapping[str, str]
     foreign: tuple[str, ...]
-    server: "subprocess.Popen[str]"
+    server: Talk
 
     def track(self, label: str, ask: dict[str, Any]) -> dict[str, Any]:
         """The server's answer to a request to run a tracker; UserError when it is gone, or cannot do what is asked."""
@@ -40,17 +40,18 @@ class Side:
         asked = {**ask, "label": label, "suite": str(self.suite), "tracker": self.tables[label]}
         if self.version.folder != self.version.top:
             asked["not_from"] = str(self.version.top)
-        assert self.server.stdin is not None and self.server.stdout is not None
         try:
-            self.server.stdin.write(json.dumps(asked, default=str) + "\n")
-            self.server.stdin.flush()
-            answer: dict[str, Any] = json.loads(self.server.stdout.readline())
+            self.server.asks.write(json.dumps(asked, default=str) + "\n")
+            self.server.asks.flush()
+            answer: dict[str, Any] = json.loads(self.server.answers.readline())
         except (OSError, ValueError):
             raise UserError(
                 f"version {commit} cannot run trackers for comparison: it ended, or has no bench/track_server.py"
             ) from None
         if "start" in ask and "error" not in answer and not answer.get("started"):
             raise UserError(f"version {commit} is too old for a suite with `start`; leave it out to compare with it")
+        if "error" in answer:
+            answer["error"] = plain(str(answer["error"]))
         return answer
 
 
@@ -65,20 +66,10 @@ def at_work(version: Version, file: Path, labels: list[str]) -> Iterator[Side]:
     roots = {label: root for label, table in tables.items() if (root := plugin_root(table))}
     foreign = [label for label, each in mine.items() if each.table.get("kind") == "external" and not each.own]
     foreign += [label for label, root in roots.items() if label in mine and not version.keeps(root)]
-    server = subprocess.Popen(
-        [sys.executable, "-P", "-m", "bench.track_server"],
-        cwd=version.folder,
-        env=version.environment([*roots.values()]),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        placed_tables = {label: each.table for label, each in mine.items()}
+    placed_tables = {label: each.table for label, each in mine.items()}
+    command = [sys.executable, "-P", "-m", "bench.track_server"]
+    with talk(command, version.environment([*roots.values()]), version.folder) as server:
         yield Side(version, suite, placed_tables, unknown, tuple(foreign), server)
-    finally:
-        server.kill()
-        server.communicate()
 
 
 def file_of(version: Version, file: Path) -> Path:

@@ -4,7 +4,7 @@ import multiprocessing
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -44,7 +44,8 @@ class SpawnPool(Executor):
     """Spawned processes, a GL context each; a worker that dies costs only the call it was at.
 
     `ProcessPoolExecutor` gives up everything when one worker dies. Here the calls that were running then are tried
-    again, one at a time: the one whose worker dies again has failed, and the others go on.
+    again, one at a time: the one whose worker dies again has failed, and the others go on. All workers are started by
+    one thread that lives as long as the pool: the kernel ends a worker with the thread that started it.
     """
 
     def __init__(self, workers: int) -> None:
@@ -55,6 +56,7 @@ class SpawnPool(Executor):
         self._waiting: deque[Task] = deque()
         self._suspects: deque[Task] = deque()
         self._running: dict[Future[Any], Task] = {}
+        self._starter = ThreadPoolExecutor(1, "pool-starter")
         self._pool = self._new_pool()
         self._broken = self._closed = False
 
@@ -64,7 +66,7 @@ class SpawnPool(Executor):
         task = Task(Call(fn, args))
         with self._lock:
             self._waiting.append(task)
-            self._fill()
+            self._fill_soon()
         return task.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -76,14 +78,24 @@ class SpawnPool(Executor):
             self._waiting.clear()
             self._suspects.clear()
         self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+        if wait:
+            self._starter.shutdown()  # and not before: workers that still have something to do would end with it
 
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
             self._max_workers, mp_context=self._context, initializer=start_worker, initargs=(self.progress,)
         )
 
+    def _fill_soon(self) -> None:
+        if not self._closed:
+            self._starter.submit(self._fill)
+
     def _fill(self) -> None:
         """Start what may run now: suspects alone, else as many as there are workers."""
+        with self._lock:
+            self._start_some()
+
+    def _start_some(self) -> None:
         while not (self._broken or self._closed):
             source, limit = (self._suspects, 1) if self._suspects else (self._waiting, self._max_workers)
             if not source or len(self._running) >= limit:
@@ -94,6 +106,9 @@ class SpawnPool(Executor):
             except BrokenProcessPool:
                 source.appendleft(task)
                 self._mend()
+                continue
+            except Exception as error:  # no process can be started
+                task.future.set_exception(error)
                 continue
             self._running[future] = task
             future.add_done_callback(self._settle)
@@ -109,7 +124,7 @@ class SpawnPool(Executor):
                 self._suspects.append(task)
             if died:
                 self._mend()
-            self._fill()
+            self._fill_soon()
         if again:
             return
         if future.cancelled():

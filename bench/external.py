@@ -6,9 +6,9 @@ and it cannot look ahead. docs/external-trackers.md is the protocol in full.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,16 +17,20 @@ import numpy as np
 from annotated_types import Ge, Gt, MinLen
 
 from bench.command_files import command_files
-from bench.external_job import imu_lines, job_folder, keep, write_frames, write_job
+from bench.external_job import job_folder, keep, sample_lines, write_frames, write_job, write_sensors
 from bench.external_process import Process
 from bench.external_rows import Fault, TrackerFault, read_estimates, read_row
+from bench.guard import Guard
+from bench.isolation import refuse_seen, usable
+from scenes.body import Body, Feed, Samples
 from scenes.camera import Camera
 from scenes.sequence import Sequence
 from scenes.structure import Structure
-from tracker.base import Image, Run, TrackResult
+from tracker.base import Image, Run, Tracker, TrackResult
+from tracker.blame import is_ours
 from tracker.initial_pose import Initialization
 from tracker.results import Results
-from tracker.run import KNOWN, first_pose, make_record, stride
+from tracker.run import KNOWN, first_pose, make_record, stride, tracker_stream
 from trajectories.errors import UserError
 from trajectories.pose import Pose
 
@@ -42,8 +46,9 @@ class External:
 
     command: program and arguments, no shell; those that are files beside the config are found there. mode: `stream`
     gives a frame at a time, `folder` all at once. pixels: what the stream carries. timeout_s: for one frame, or for the
-    whole folder; start_timeout_s: until `ready`. memory_mb: address space that each of its processes may have.
-    input_files: further files whose change makes its results stale (sources, weights).
+    whole folder; start_timeout_s: until `ready`. memory_mb: address space of each of its processes, and memory of all.
+    input_files: further files whose change makes its results stale (sources, weights). isolate: it sees the system,
+    these files and its job folder, and no more (`bench.isolation`).
     """
 
     command: Annotated[tuple[str, ...], MinLen(1)]
@@ -53,6 +58,7 @@ class External:
     start_timeout_s: Annotated[float, Gt(0)] = 60.0
     memory_mb: Annotated[int, Ge(16)] = 8192
     input_files: tuple[str, ...] = ()
+    isolate: bool = False
 
     def __post_init__(self) -> None:
         for name in self.input_files:
@@ -63,20 +69,51 @@ class External:
     def entering_files(self) -> tuple[Path, ...]:
         """Files whose content enters every result: what the command is made of, the input_files, the protocol's own."""
         own = sorted(Path(__file__).parent.glob("external*.py"))
-        return (*own, *command_files(self.command), *map(Path, self.input_files))
+        return (*own, *self.named_files)
 
-    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+    @property
+    def named_files(self) -> tuple[Path, ...]:
+        """Files that the command is made of, and the input_files."""
+        return (*command_files(self.command), *map(Path, self.input_files))
+
+    def run(self, guard: Guard) -> Process:
+        """The program at work in the folder of a guard."""
+        files = self.named_files if self.isolate else None
+        return Process(self.command, guard, memory_mb=self.memory_mb, piped=self.mode == "stream", files=files)
+
+    def start(
+        self,
+        structure: Structure,
+        camera: Camera,
+        cam_from_world: Pose,
+        rng: np.random.Generator,
+        *,
+        body: Body | None = None,
+    ) -> Run:
         """Begin a run in the stream form; it ends with the last reference to it. UserError in the folder form."""
         if self.mode == "folder":
             raise UserError(f"{self.command[0]}: mode `folder` takes a whole sequence; use mode `stream` here")
         with ExitStack() as stack:
-            folder = stack.enter_context(job_folder())
+            guard = stack.enter_context(job_folder())
             seed = int(rng.integers(2**31))
-            write_job(folder, structure, camera, cam_from_world, mode="stream", rate_hz=0.0, seed=seed)
-            process = stack.enter_context(Process(self.command, folder, memory_mb=self.memory_mb, piped=True))
-            run = StreamRun(self, process)
+            write_job(guard.folder, structure, camera, cam_from_world, mode="stream", rate_hz=0.0, seed=seed)
+            if body is not None:
+                write_sensors(guard.folder, body)
+            run = StreamRun(self, stack.enter_context(self.run(guard)))
             run.held = stack.pop_all()
             return run
+
+
+def isolated_trackers(trackers: Mapping[str, Tracker]) -> dict[str, Tracker]:
+    """Trackers by label, the programs among them isolated.
+
+    UserError where no program can be isolated here, and for Python code of the user's own, which runs in this process.
+    """
+    usable()
+    for label, tracker in trackers.items():
+        if not is_ours(tracker):
+            raise UserError(f"isolate: trackers.{label} is Python code in uavbench's own process; make it a program")
+    return {label: replace(t, isolate=True) if isinstance(t, External) else t for label, t in trackers.items()}
 
 
 class StreamRun:
@@ -86,14 +123,19 @@ class StreamRun:
 
     def __init__(self, tracker: External, process: Process) -> None:
         self.tracker, self.process, self.frames, self.stamp_ns = tracker, process, 0, -1
+        self.before = b""
         word = process.line(time.monotonic() + tracker.start_timeout_s, "at its start").strip()
         if word != "ready":
             raise TrackerFault("not-ready", "at its start", f"the first line was {word[:60]!r}")
 
-    def track(self, image: Image, stamp_ns: int, before: bytes = b"") -> TrackResult:
-        """Send the lines `before` and a frame, take its answer; TrackerFault when there is no good one.
+    def sense(self, samples: Mapping[str, Samples]) -> None:
+        """Have what the sensors measured sent before the next frame."""
+        self.before += sample_lines(samples)
 
-        `total` is the wall time from the first byte of the frame sent until the answer was there.
+    def track(self, image: Image, stamp_ns: int) -> TrackResult:
+        """Send the samples and a frame, take its answer; TrackerFault when there is no good one.
+
+        `total` is the wall time from the first byte sent until the answer was there.
         """
         where = f"frame {self.frames} (stamp {stamp_ns})"
         self.expect_silence(where)
@@ -101,7 +143,8 @@ class StreamRun:
             image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
         pixels = np.ascontiguousarray(image)
         height, width, channels = (*pixels.shape, 1)[:3]
-        header = before + f"frame,{stamp_ns},{width},{height},{channels}\n".encode()
+        header = self.before + f"frame,{stamp_ns},{width},{height},{channels}\n".encode()
+        self.before = b""
         deadline = time.monotonic() + self.tracker.timeout_s
         begin = time.perf_counter()
         self.process.send([header, memoryview(pixels.reshape(-1))], deadline, where)
@@ -150,14 +193,21 @@ def track_external(
     """Results of a program on every k-th frame of a sequence, from the first pose of `start`.
 
     What breaks the protocol makes frames lost and is told under `errors` in the record; the job folder is then kept at
-    `kept_folder`. TrackerFault when the program cannot be started at all.
+    `kept_folder`. TrackerFault when the program cannot be started at all, UserError when it is to be isolated and that
+    cannot be done.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
-    with job_folder() as folder:
-        first = first_pose(start, sequence, 0, seed)
-        write_job(folder, sequence.structure, sequence.camera, first, mode=tracker.mode, rate_hz=rate_hz, seed=seed)
-        way = _by_stream if tracker.mode == "stream" else _by_folder
-        rows, faults = way(tracker, sequence, frames, folder, on_frame)
+    if tracker.isolate:
+        refuse_seen(tracker.command[0], tracker.named_files, sequence.folder)
+    with job_folder() as guard:
+        first, folder, feed = first_pose(start, sequence, 0, seed), guard.folder, Feed(sequence)
+        own = int(tracker_stream(tracker, seed).integers(2**31))
+        write_job(folder, sequence.structure, sequence.camera, first, mode=tracker.mode, rate_hz=rate_hz, seed=own)
+        write_sensors(folder, feed.body)
+        if tracker.mode == "stream":
+            rows, faults = _by_stream(tracker, sequence, frames, guard, feed, on_frame)
+        else:
+            rows, faults = _by_folder(tracker, sequence, frames, guard, on_frame)
         if faults:
             keep(folder, kept_folder, faults)
     if faults and faults[0].name == "cannot-start":
@@ -171,14 +221,14 @@ def track_external(
 
 
 def _by_folder(
-    tracker: External, sequence: Sequence, frames: list[int], folder: Path, on_frame: OnFrame | None
+    tracker: External, sequence: Sequence, frames: list[int], guard: Guard, on_frame: OnFrame | None
 ) -> tuple[list[TrackResult], list[Fault]]:
     """All frames at once; no latency of a frame can be known."""
-    write_frames(folder, sequence, frames)
+    write_frames(guard.folder, sequence, frames)
     faults: list[Fault] = []
-    with _named(faults), Process(tracker.command, folder, memory_mb=tracker.memory_mb, piped=False) as process:
+    with _named(faults), tracker.run(guard) as process:
         process.finish(tracker.timeout_s, "the run")
-    rows, in_file = read_estimates(folder / "estimates.csv", sequence.stamps_ns[frames].tolist())
+    rows, in_file = read_estimates(guard.folder / "estimates.csv", sequence.stamps_ns[frames].tolist())
     if on_frame is not None:
         for frame, row in zip(frames, rows, strict=True):
             on_frame(frame, row)
@@ -186,23 +236,19 @@ def _by_folder(
 
 
 def _by_stream(
-    tracker: External, sequence: Sequence, frames: list[int], folder: Path, on_frame: OnFrame | None
+    tracker: External, sequence: Sequence, frames: list[int], guard: Guard, feed: Feed, on_frame: OnFrame | None
 ) -> tuple[list[TrackResult], list[Fault]]:
     """A frame at a time; after a fault of the protocol the rest is lost."""
     rows: list[TrackResult] = []
     faults: list[Fault] = []
-    samples = imu_lines(sequence)
-    with _named(faults), Process(tracker.command, folder, memory_mb=tracker.memory_mb, piped=True) as process:
+    with _named(faults), tracker.run(guard) as process:
         run = StreamRun(tracker, process)
-        sent = 0
         for frame in frames:
             stamp = int(sequence.stamps_ns[frame])
-            upto = sent
-            while upto < len(samples) and samples[upto][0] <= stamp:
-                upto += 1
-            imu, sent = b"".join(line for _, line in samples[sent:upto]), upto
+            image = sequence.image(frame)
+            run.sense(feed.upto(stamp))
             try:
-                rows.append(run.track(sequence.image(frame), stamp, imu))
+                rows.append(run.track(image, stamp))
             except TrackerFault as error:
                 if error.fault.name not in ROW_FAULTS:
                     raise

@@ -6,40 +6,47 @@
     model.cao      the same as polygons, one for each planar face, as ViSP reads it
     edges.csv      its true edges: vertex_0, vertex_1, face_0, face_1 (from 0; -1: no face)
     init.toml      cam_from_model at the first frame, a 4x4 matrix
+    sensors.toml   cam_from_body, and each sensor of the body: its columns, rate, noise and place
 
 and, where the tracker gets all frames at once,
 
     frames.csv     stamp_ns, file
     frames/*.png   the images
-    imu.csv        as the sequence has it
+    imu.csv ...    what each sensor measured, by its name: stamp_ns and its columns
 
-In the stream form images and IMU samples come on standard input, each at its time.
+In the stream form images and samples come on standard input, each at its time. What may be known of the body and its
+sensors is in `scenes.body`, for all trackers alike.
 """
 
+import json
 import shutil
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from bench.guard import Guard
+from scenes.body import Body, Samples, body_of, samples_of
 from scenes.camera import Camera
 from scenes.cao import write_cao
 from scenes.model_files import save_structure
 from scenes.sequence import Sequence as Frames
 from scenes.sequence import inside
 from scenes.structure import Structure
+from trajectories.errors import UserError, plain
 from trajectories.files import new_folder, write_text
 from trajectories.pose import Pose
 
 KEPT_MARKER = "uavbench.json"
 """File of a kept folder that lists the others."""
+MAX_WORDS_BYTES = 1 << 24
+"""Longest of a program's outputs that is kept."""
 
 
-@contextmanager
-def job_folder() -> Iterator[Path]:
-    """An empty folder away from the dataset, removed at the end."""
-    with tempfile.TemporaryDirectory(prefix="uavbench-job-", ignore_cleanup_errors=True) as name:
-        yield Path(name).resolve()
+def job_folder() -> Guard:
+    """An empty folder away from the dataset, removed at the end with all that was started in it."""
+    try:
+        return Guard("uavbench-job-")
+    except OSError as error:
+        raise UserError(f"{error}; name a folder with room in TMPDIR") from None
 
 
 def write_job(
@@ -50,12 +57,28 @@ def write_job(
     camera.save(folder / "camera.toml")
     save_structure(structure, folder)
     write_cao(structure, folder / "model.cao")
-    rows = ",\n".join(f"    {row!r}" for row in cam_from_world.matrix.tolist())
-    write_text(folder / "init.toml", f"cam_from_model = [\n{rows},\n]\n")
+    write_text(folder / "init.toml", _matrix("cam_from_model", cam_from_world))
+
+
+def write_sensors(folder: Path, body: Body) -> None:
+    """Write `sensors.toml`: what is known of the body and its sensors."""
+    text = _matrix("cam_from_body", body.cam_from_body)
+    for name, sensor in body.sensors.items():
+        about = {"kind": sensor.kind, "columns": list(sensor.columns), **sensor.parameters}
+        text += f"\n[sensors.{name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in about.items())
+    write_text(folder / "sensors.toml", text)
+
+
+def _matrix(key: str, pose: Pose) -> str:
+    rows = ",\n".join(f"    {row!r}" for row in pose.matrix.tolist())
+    return f"{key} = [\n{rows},\n]\n"
 
 
 def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
-    """Write the images at these indices, their stamps, and the IMU; copies, so that a dataset cannot be changed."""
+    """Write the images at these indices, their stamps, and what the sensors measured up to the last of them.
+
+    Copies, so that a dataset cannot be changed.
+    """
     (folder / "frames").mkdir()
     lines = ["stamp_ns,file\n"]
     for number, frame in enumerate(frames):
@@ -64,15 +87,23 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
         shutil.copyfile(source, folder / name)
         lines.append(f"{sequence.stamps_ns[frame]},{name}\n")
     write_text(folder / "frames.csv", "".join(lines))
-    imu = sequence.folder / "imu.csv"
-    if imu.is_file():
-        shutil.copyfile(inside(sequence.folder, imu.name), folder / "imu.csv")
+    last_ns = int(sequence.stamps_ns[frames[-1]])
+    for name, sensor in body_of(sequence).sensors.items():
+        samples = samples_of(sequence, name, sensor).between(None, last_ns)
+        rows = [",".join(("stamp_ns", *sensor.columns)), *(row for _, row in samples.rows())]
+        write_text(folder / f"{name}.csv", "\n".join(rows) + "\n")
 
 
 def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
     """Keep a job folder whose run went wrong, with the faults in faults.txt; links in it are not followed."""
     with new_folder(kept, KEPT_MARKER) as new:
         shutil.copytree(folder, new, symlinks=True, dirs_exist_ok=True, ignore=_not_worth_keeping)
+        for words in (new / "stdout.txt", new / "stderr.txt"):
+            if words.is_file() and not words.is_symlink():
+                with words.open("rb") as handle:
+                    said = handle.read(MAX_WORDS_BYTES).decode("utf-8", errors="replace")
+                words.unlink()
+                write_text(words, plain(said))
         write_text(new / "faults.txt", "".join(f"{fault}\n" for fault in faults))
 
 
@@ -81,11 +112,7 @@ def _not_worth_keeping(folder: str, names: list[str]) -> list[str]:
     return [n for n in names if n == "tmp" or not ((p := Path(folder, n)).is_symlink() or p.is_file() or p.is_dir())]
 
 
-def imu_lines(sequence: Frames) -> list[tuple[int, bytes]]:
-    """Stamp and line `imu,...` of each IMU sample of a sequence, none where it has no IMU."""
-    path = sequence.folder / "imu.csv"
-    if not path.is_file():
-        return []
-    header, *lines = path.read_text(encoding="utf-8").splitlines()
-    at = header.split(",").index("stamp_ns")
-    return [(int(line.split(",")[at]), f"imu,{line}\n".encode()) for line in lines if line]
+def sample_lines(samples: Mapping[str, Samples]) -> bytes:
+    """Lines `NAME,stamp_ns,...` of the samples of all sensors, in the order of their stamps."""
+    rows = [(stamp, f"{name},{row}\n") for name, some in samples.items() for stamp, row in some.rows()]
+    return "".join(line for _, line in sorted(rows, key=lambda row: row[0])).encode()

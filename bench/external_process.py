@@ -5,8 +5,6 @@ import os
 import select
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -14,8 +12,10 @@ from pathlib import Path
 from types import TracebackType
 
 from bench.external_rows import TrackerFault
+from bench.guard import Guard
+from bench.isolation import PASSED_IN, WITHIN, isolated
+from trajectories.errors import one_line
 
-LAUNCH = Path(__file__).parent / "external_launch.py"
 PASSED_ON = (
     "PATH",
     "HOME",
@@ -29,34 +29,55 @@ PASSED_ON = (
 """The only environment variables that a program gets of ours."""
 PIPE_BYTES = 1 << 20
 MAX_LINE_BYTES = 1 << 14
+MAX_FILE_MB = 1024
+GONE_S = 2.0
+"""How long a program that has closed its output may take to end."""
 
 
 class Process:
-    """A running program; leaving the context kills it and all it has started."""
+    """A running program; leaving the context kills it and all it has started.
 
-    def __init__(self, command: Sequence[str], folder: Path, *, memory_mb: int, piped: bool) -> None:
+    files, where it is isolated, are those that it may read beside its folder; None: it is not isolated.
+    """
+
+    def __init__(
+        self, command: Sequence[str], guard: Guard, *, memory_mb: int, piped: bool, files: Sequence[Path] | None = None
+    ) -> None:
         if shutil.which(command[0]) is None:
             raise TrackerFault("cannot-start", "command", f"{command[0]!r} is no program that can be run")
-        environment = {name: os.environ[name] for name in PASSED_ON if name in os.environ}
-        (folder / "tmp").mkdir()
-        with (folder / "stderr.txt").open("wb") as stderr, (folder / "stdout.txt").open("wb") as stdout:
-            self.popen = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(LAUNCH), str(memory_mb), *command],
-                cwd=folder,
-                env={**environment, "TMPDIR": str(folder / "tmp"), "PYTHONUNBUFFERED": "1"},
-                stdin=subprocess.PIPE if piped else subprocess.DEVNULL,
-                stdout=subprocess.PIPE if piped else stdout,
-                stderr=stderr,
-                start_new_session=True,
-                bufsize=0,
-            )
-        self.memory_mb, self._folder, self._buffer = memory_mb, folder, bytearray()
-        if piped:
-            for pipe in (self.popen.stdin, self.popen.stdout):
-                assert pipe is not None
-                os.set_blocking(pipe.fileno(), False)
-                with suppress(OSError, AttributeError):
-                    fcntl.fcntl(pipe.fileno(), fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        self.guard, self.popen = guard, guard.popen
+        self.memory_mb, self._folder, self._buffer = memory_mb, guard.folder, bytearray()
+        self.stdin: int | None = None
+        self.stdout: int | None = None
+        (guard.folder / "tmp").mkdir()
+        passed_on: Sequence[str] = PASSED_ON
+        own = {"TMPDIR": str(guard.folder / "tmp"), "PYTHONUNBUFFERED": "1"}
+        if files is not None:
+            command, passed_on, own = isolated(command, guard.folder, files), PASSED_IN, WITHIN
+        environment = {name: os.environ[name] for name in passed_on if name in os.environ} | own
+        theirs = [self._input(piped), self._output(piped), _open(guard.folder / "stderr.txt")]
+        try:
+            files_of = (theirs[0], theirs[1], theirs[2])
+            guard.start(command, environment, files_of, memory_mb=memory_mb, file_mb=MAX_FILE_MB)
+        finally:
+            for handle in theirs:
+                os.close(handle)
+
+    def _input(self, piped: bool) -> int:
+        """The program's standard input; our end of it is kept."""
+        if not piped:
+            return os.open(os.devnull, os.O_RDONLY)
+        theirs, self.stdin = os.pipe()
+        _ready(self.stdin)
+        return theirs
+
+    def _output(self, piped: bool) -> int:
+        """The program's standard output; our end of it is kept."""
+        if not piped:
+            return _open(self._folder / "stdout.txt")
+        self.stdout, theirs = os.pipe()
+        _ready(self.stdout)
+        return theirs
 
     def __enter__(self) -> "Process":
         return self
@@ -65,31 +86,32 @@ class Process:
         self.kill()
 
     def kill(self) -> None:
-        """End the program and its process group at once."""
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.popen.pid, signal.SIGKILL)
-        self.popen.wait()
-        for pipe in (self.popen.stdin, self.popen.stdout):
-            if pipe is not None:
-                with suppress(OSError):
-                    pipe.close()
+        """End the program and all that it has started at once."""
+        self.guard.end()
+        self.close_input()
+        if self.stdout is not None:
+            os.close(self.stdout)
+            self.stdout = None
+
+    def close_input(self) -> None:
+        """End the program's standard input."""
+        if self.stdin is not None:
+            os.close(self.stdin)
+            self.stdin = None
 
     def finish(self, timeout_s: float, where: str) -> None:
         """Wait for the program's own end; TrackerFault when it hangs or ends with an error."""
-        if self.popen.stdin is not None:
-            with suppress(OSError):
-                self.popen.stdin.close()
-        try:
-            self.popen.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            raise TrackerFault("hung", where, f"the program did not end within {timeout_s:g} s") from None
-        if self.popen.returncode != 0:
+        self.close_input()
+        ended = self.guard.wait(timeout_s)
+        if ended is None:
+            raise TrackerFault("hung", where, f"the program did not end within {timeout_s:g} s")
+        if ended.code != 0 or ended.used_mb:
             raise self.crash(where)
 
     def send(self, parts: Sequence[bytes | memoryview], deadline: float, where: str) -> None:
         """Write all parts; TrackerFault when the program is gone, or does not read them by the deadline."""
-        assert self.popen.stdin is not None
-        handle = self.popen.stdin.fileno()
+        assert self.stdin is not None
+        handle = self.stdin
         poll = select.poll()
         poll.register(handle, select.POLLOUT)
         for part in parts:
@@ -110,7 +132,7 @@ class Process:
             if len(self._buffer) > MAX_LINE_BYTES:
                 raise TrackerFault("malformed", where, f"a line longer than {MAX_LINE_BYTES} bytes")
             if not self._read(deadline - time.monotonic()):
-                if self.popen.poll() is not None or time.monotonic() < deadline:
+                if self.guard.wait(0.0) is not None or time.monotonic() < deadline:
                     raise self.crash(where)
                 raise TrackerFault("hung", where, "no answer came in time")
         text, _, self._buffer = self._buffer.partition(b"\n")
@@ -126,30 +148,31 @@ class Process:
 
     def _read(self, timeout_s: float) -> bool:
         """Take in what the program has said; False at its end, or when nothing came in time."""
-        assert self.popen.stdout is not None
+        assert self.stdout is not None
         poll = select.poll()
-        poll.register(self.popen.stdout.fileno(), select.POLLIN)
+        poll.register(self.stdout, select.POLLIN)
         if not poll.poll(max(0.0, timeout_s) * 1e3):
             return False
         with suppress(BlockingIOError):
-            piece = os.read(self.popen.stdout.fileno(), PIPE_BYTES)
+            piece = os.read(self.stdout, PIPE_BYTES)
             self._buffer += piece
             return bool(piece)
         return True
 
     def crash(self, where: str) -> TrackerFault:
         """The fault of a program that is gone, with how it ended and the last it said."""
-        with suppress(subprocess.TimeoutExpired):
-            self.popen.wait(2.0)
-        code = self.popen.returncode
-        if code is None:
+        ended = self.guard.wait(GONE_S)
+        if ended is None:
             how = "it closed its standard output but did not end"
-        elif code < 0:
-            how = f"it was ended by signal {signal.Signals(-code).name}"
+        elif ended.used_mb:
+            what = f"its processes together took {ended.used_mb:.0f} MB, memory_mb is {self.memory_mb}"
+            return TrackerFault("out-of-memory", where, what)
+        elif ended.code < 0:
+            how = f"it was ended by signal {signal.Signals(-ended.code).name}"
+        elif ended.code == 127:
+            return TrackerFault("cannot-start", where, f"it ended with exit code 127: {self.last_words()}")
         else:
-            how = f"it ended with exit code {code}"
-        if code == 127:
-            return TrackerFault("cannot-start", where, f"{how}: {self.last_words()}")
+            how = f"it ended with exit code {ended.code}"
         return TrackerFault("crashed", where, f"{how} (memory limit {self.memory_mb} MB): {self.last_words()}")
 
     def last_words(self) -> str:
@@ -158,4 +181,15 @@ class Process:
             handle.seek(0, os.SEEK_END)
             handle.seek(max(0, handle.tell() - 2000))
             lines = handle.read().decode("utf-8", errors="replace").strip().splitlines()
-        return lines[-1][:300] if lines else "no word on standard error"
+        return one_line(lines[-1])[:300] if lines else "no word on standard error"
+
+
+def _open(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+
+
+def _ready(pipe: int) -> None:
+    """Make our end of a pipe large, and never wait on it."""
+    os.set_blocking(pipe, False)
+    with suppress(OSError, AttributeError):
+        fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

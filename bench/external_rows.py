@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.base import Status, TrackResult
 from tracker.results import COVARIANCE_COLUMNS, POSE_COLUMNS, UPPER
-from trajectories.errors import UserError
+from trajectories.errors import UserError, one_line
 from trajectories.pose import Array, Pose
 
 POSE_HEADER = ["stamp_ns", "status", *POSE_COLUMNS]
@@ -25,6 +25,7 @@ FAULTS = {
     "cannot-start": "check that the program is there, is executable, and finds its libraries",
     "not-ready": "print the line `ready` on standard output and flush it when the tracker can take frames",
     "crashed": "its own words are in stderr.txt of the job folder",
+    "out-of-memory": "take less, or raise memory_mb, which holds for all of its processes together",
     "hung": "answer every frame, and flush standard output after each line; or raise timeout_s",
     "no-output": "write estimates.csv in the current folder",
     "malformed": "write stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz, numbers with a decimal point",
@@ -42,11 +43,15 @@ FAULTS = {
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: its name in FAULTS, the row or frame it is in, and what is wrong."""
+    """One fault: its name in FAULTS, the row or frame it is in, and what is wrong, as plain text in one line."""
 
     name: str
     where: str
     what: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "where", one_line(self.where))
+        object.__setattr__(self, "what", one_line(self.what))
 
     def __str__(self) -> str:
         return f"[{self.name}] {self.where}: {self.what}; {FAULTS[self.name]}"

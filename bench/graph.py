@@ -2,7 +2,6 @@
 
 import queue
 import resource
-import signal
 import sys
 import time
 import traceback
@@ -18,7 +17,8 @@ from tqdm import tqdm
 
 from bench.content import carried_hash, content_hash
 from bench.made import Place
-from trajectories.errors import DISK_ERRORS, UserError, told_of_disk
+from bench.processes import end_when_told, end_with_parent
+from trajectories.errors import DISK_ERRORS, UserError, plain, told_of_disk
 
 OnStep = Callable[[int, int], None]
 
@@ -94,8 +94,8 @@ def start_worker(progress: Any) -> None:
     if progress is not None:
         progress.cancel_join_thread()  # a termination in the middle of a put() would else wait for its thread forever
     cv2.setNumThreads(1)  # a worker has one core
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    end_when_told()
+    end_with_parent()
 
 
 def fresh_jobs(jobs: list[Job]) -> list[Job]:
@@ -136,7 +136,7 @@ def run_job(
             raise JobFaultError(f"{type(error).__name__}: {error}") from error
         raise UserError(told_of_disk(error)) from error
     except Exception as error:
-        raise JobFaultError(f"{type(error).__name__}: {error}") from error
+        raise JobFaultError(plain(f"{type(error).__name__}: {error}")) from error
     return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -216,8 +216,8 @@ def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, pea
         outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
     except Exception as error:
         kind = "" if isinstance(error, JobFaultError) else f"{type(error).__name__}: "
-        outcome.failed[job.name] = f"{kind}{error}"
-        outcome.tracebacks[job.name] = "".join(traceback.format_exception(error))
+        outcome.failed[job.name] = plain(f"{kind}{error}")
+        outcome.tracebacks[job.name] = plain("".join(traceback.format_exception(error)))
     else:
         outcome.done.append(job)
         outcome.seconds[job.name] = seconds

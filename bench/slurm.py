@@ -13,9 +13,16 @@ POLL_S = 5.0
 
 
 def run_shards(
-    verb: str, suite: str, out: Path, shards: int, options: tuple[str, ...], *, cluster: str | None = None
+    verb: str,
+    suite: str,
+    out: Path,
+    shards: int,
+    options: tuple[str, ...],
+    *,
+    cluster: str | None = None,
+    isolate: bool = False,
 ) -> int:
-    """Run every shard as a job of its own and wait for them; how many failed.
+    """Run every shard as a job of its own and wait for them; how many failed. An interrupt cancels them.
 
     options: `key=value` of submitit (`slurm_partition=short`, `timeout_min=600`). UserError when submitit is not
     installed, there is no Slurm, or an option is wrong.
@@ -32,21 +39,29 @@ def run_shards(
         executor.update_parameters(**{"cpus_per_task": 1, "timeout_min": 24 * 60, **_parsed(options)})
         with executor.batch():
             jobs = [
-                executor.submit(run_shard, verb, suite, out.resolve(), f"{i}/{shards}") for i in range(1, shards + 1)
+                executor.submit(run_shard, verb, suite, out.resolve(), f"{i}/{shards}", isolate)
+                for i in range(1, shards + 1)
             ]
     except (NameError, TypeError, ValueError, AssertionError) as error:
         raise UserError(f"--slurm: {error}") from None
     click.echo(f"{shards} shards submitted; logs: {logs}", err=True)
-    while not all(job.done() for job in jobs):
-        time.sleep(POLL_S)
+    try:
+        while not all(job.done() for job in jobs):
+            time.sleep(POLL_S)
+    except KeyboardInterrupt:
+        for job in jobs:
+            job.cancel()
+        raise
     return sum(_failed(job) for job in jobs)
 
 
-def run_shard(verb: str, suite: str, out: Path, shard: str) -> int:
+def run_shard(verb: str, suite: str, out: Path, shard: str, isolate: bool = False) -> int:
     """Do one shard, in a job."""
     from bench.verbs import Where, bring_up_to
 
-    return bring_up_to("score" if verb == "report" else verb, suite, out, Where(workers=1, shard=shard))
+    return bring_up_to(
+        "score" if verb == "report" else verb, suite, out, Where(workers=1, shard=shard, isolate=isolate)
+    )
 
 
 def _failed(job: Any) -> bool:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,9 @@ from bench.config import load_suite, suite_model
 from bench.estimate import SECONDS, dry_run, remember
 from bench.executors import dask_pool, local_pool
 from bench.extent import shortfalls, table_of_extents
+from bench.external import isolated_trackers
 from bench.folder import resolved, suite_folder
-from bench.graph import Outcome, run_graph
+from bench.graph import Job, Outcome, run_graph
 from bench.jobs import plan
 from bench.peers.registry import absent
 from bench.shard import Shard
@@ -37,6 +38,7 @@ class Where:
     slurm: int = 0
     slurm_options: tuple[str, ...] = ()
     dry_run: bool = False
+    isolate: bool = False
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> int:
@@ -46,6 +48,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
     1 when a job failed otherwise.
     """
     suite = load_suite(suite_file(suite_name))
+    if where.isolate:
+        suite = replace(suite, trackers=isolated_trackers(suite.trackers))
     folder = resolved(out or Path("out") / suite.name)
     shard = Shard.parse(where.shard) if where.shard else None
     last = "score" if shard and verb == "report" else verb
@@ -55,9 +59,10 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
         click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
         return 0
     if where.slurm:
-        run_shards(verb, suite_name, folder, where.slurm, where.slurm_options)
+        run_shards(verb, suite_name, folder, where.slurm, where.slurm_options, isolate=where.isolate)
     with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
         outcome = run_graph(jobs, executor, progress)
+        count_failed_trackers(jobs, outcome)
         tell(outcome, folder)
         if shard is None:
             with told_at_most(folder / SECONDS):
@@ -68,6 +73,17 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
             click.echo((folder / "tables" / "summary.md").read_text(encoding="utf-8"))
             click.echo(f"report: {folder / 'index.html'}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
+
+
+def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:
+    """Count as failed the jobs, fresh ones too, whose tracker failed on all frames; their results are there to see."""
+    for job in jobs:
+        if job.verb == "track" and job.name not in outcome.failed and job.marker.is_file():
+            record = json.loads(job.marker.read_text(encoding="utf-8"))
+            if why := record.get("failed"):
+                outcome.failed[job.name] = str(why)
+    outcome.done = [job for job in outcome.done if job.name not in outcome.failed]
+    outcome.fresh = [job for job in outcome.fresh if job.name not in outcome.failed]
 
 
 def _executor(where: Where, folder: Path) -> AbstractContextManager[tuple[Executor, Any]]:
@@ -107,11 +123,14 @@ def told_at_most(path: Path) -> Iterator[None]:
 def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, out: Path, rate_hz: float) -> None:
     """Run a tracker on the images of a folder or a video, and say where the estimates are."""
     from tracker.real import track_images
+    from tracker.run import all_failed
     from tracker.variants import TRACKERS
 
     if kind not in TRACKERS:
         raise unknown_name("tracker", kind, list(TRACKERS))
     results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
+    if why := all_failed(results):
+        raise UserError(why)
     click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
 
 

@@ -9,7 +9,6 @@ import os
 import subprocess
 import sys
 import tarfile
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.config_paths import FREE, names_a_file
+from bench.guard import Guard
 from trajectories.errors import UserError
 
 WORKING = "."
@@ -85,8 +85,8 @@ def version(ref: str) -> Iterator[Version]:
         yield Version("working tree", top, top)
         return
     commit = git("rev-parse", "--short", "--verify", "--end-of-options", f"{ref}^{{commit}}").decode().strip()
-    with tempfile.TemporaryDirectory(prefix="uavbench-version-") as scratch:
-        folder = Path(scratch).resolve()
+    with Guard("uavbench-version-") as guard:
+        folder = guard.folder.resolve()
         with tarfile.open(fileobj=io.BytesIO(git("-C", str(top), "archive", "--format=tar", commit))) as archive:
             archive.extractall(folder, filter="data")
         yield Version(commit, folder, top, tuple(_link_untracked(folder, top)))

@@ -54,7 +54,7 @@ class Track:
         """Write the results folder."""
         from bench.external import track_external
         from tracker.base import TrackResult
-        from tracker.run import track_sequence
+        from tracker.run import all_failed, track_sequence
 
         sequence = Sequence.load(self.sequence)
 
@@ -71,6 +71,8 @@ class Track:
         else:
             results = track_sequence(self.tracker, sequence, **given)
         record = {**results.record, "label": self.label, "content_hash": content_hash}
+        if why := all_failed(results):
+            record["failed"] = why
         if isinstance(self.tracker, Peer):
             record["tracker"] = self.tracker.record
         replace(results, record=record).save(self.folder, groundtruth(sequence, results))

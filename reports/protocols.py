@@ -17,14 +17,13 @@ from reports.association import NS, PosePairs
 from reports.frame_errors import SUCCESS_DEG, SUCCESS_M, estimated_bodies, frame_errors
 from reports.quaternions import normalized
 from reports.summary import ErrorSummary
+from scenes.body import Feed
 from scenes.sequence import Sequence
 from tracker.base import Tracker, TrackResult
 from tracker.results import Results
-from tracker.run import make_record, stride, track_frame
-from tracker.variants import tracker_kind
+from tracker.run import begin, make_record, stride, track_frame, tracker_stream
 from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
-from trajectories.streams import stream
 
 FLAGS = ("given", "counted", "failed")
 BURN_IN_FRAMES = 5
@@ -169,17 +168,18 @@ def _drive(
     on_failure: bool,
 ) -> Restarted:
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
-    kind = tracker_kind(tracker)
+    feed = Feed(sequence)
     rows: list[TrackResult] = []
     errors: list[str] = []
     given, counted, failed = (np.zeros(len(frames), dtype=bool) for _ in range(3))
     run, since, reset = None, 0, False
     for k, frame in enumerate(frames.tolist()):
         if run is None or reset or k in anchors:
-            rng = stream(seed, "tracker", kind, "restart", k)
-            run = tracker.start(sequence.structure, sequence.camera, sequence.true_cam_from_world(frame), rng)
+            rng = tracker_stream(tracker, seed, "restart", k)
+            run = begin(tracker, sequence, sequence.true_cam_from_world(frame), rng, feed.body)
             given[k], since = True, 0
-        result, error = track_frame(run, sequence.image(frame), int(sequence.stamps_ns[frame]))
+        stamp_ns = int(sequence.stamps_ns[frame])
+        result, error = track_frame(run, sequence.image(frame), stamp_ns, feed.upto(stamp_ns))
         if error:
             errors.append(f"frame {frame}: {error}")
         rows.append(result)

@@ -25,6 +25,8 @@ def described(value: Any) -> Any:
         kind = _kinds().get(type(value))
         if kind is None and type(value).__module__.split(".")[0] not in ("scenes", "trajectories"):
             kind = f"{type(value).__module__}:{type(value).__qualname__}"
+            if measured := getattr(type(value), "measured", ()):
+                table["measured"] = list(measured)  # of a sensor: what trackers may be given of it
         return table if kind is None else {"kind": kind, **table}
     if isinstance(value, list | tuple):
         return [described(item) for item in value]

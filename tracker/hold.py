@@ -6,7 +6,7 @@ import numpy as np
 
 from scenes.camera import Camera
 from scenes.structure import Structure
-from tracker.base import Image, Run, TrackResult
+from tracker.base import Image, Run, TrackResult, check_image
 from trajectories.pose import Pose
 
 
@@ -16,7 +16,7 @@ class Hold:
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run at the pose that will be repeated."""
-        return HoldRun(cam_from_world)
+        return HoldRun(cam_from_world, camera)
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,9 @@ class HoldRun:
     """A run of `hold`."""
 
     cam_from_world: Pose
+    camera: Camera
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """The first pose again."""
+        """The first pose again; ImageError for an image of another size or type."""
+        check_image(image, self.camera)
         return TrackResult(status="ok", cam_from_world=self.cam_from_world)

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt
 
 from scenes.camera import Camera
 from scenes.structure import Structure
-from tracker.base import Image, Run, TrackResult
+from tracker.base import Image, Run, TrackResult, check_image
 from tracker.clock import StageClock
 from tracker.control_points import CONTROL_POINT_SPACING_PX, ControlPoints, control_points
 from tracker.hypotheses import Matches
@@ -76,7 +76,8 @@ class PublishedRun:
         self.cam_from_world, self.rng = cam_from_world, rng
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Estimate at the next frame."""
+        """Estimate at the next frame; ImageError for an image of another size or type."""
+        check_image(image, self.camera)
         variant, camera, clock = self.variant, self.camera, StageClock()
         with clock.stage("detect"):
             edges = variant.detect(grey(image), camera)

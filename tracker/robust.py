@@ -6,7 +6,7 @@ import numpy as np
 
 from scenes.camera import Camera
 from scenes.structure import Structure
-from tracker.base import Image, Run, TrackResult
+from tracker.base import Image, Run, TrackResult, check_image
 from tracker.clock import StageClock
 from tracker.edge_fit import SURE_SUPPORT, EdgeFitter
 from tracker.fit import Fit
@@ -96,10 +96,13 @@ class RobustRun:
         self.was_wrong = self.held_first = self.is_lost = False
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Estimate at the next frame; `lost` too for another size, a stamp that goes back and a frozen image."""
+        """Estimate at the next frame; `lost` too for a stamp that goes back and a frozen image.
+
+        ImageError for an image of another size or type.
+        """
+        check_image(image, self.camera)
         clock = StageClock()
-        right_size = image.shape[:2] == (self.camera.height, self.camera.width)
-        if not right_size or not self.comes_after(stamp_ns) or self.is_frozen(image):
+        if not self.comes_after(stamp_ns) or self.is_frozen(image):
             return TrackResult(status="lost")
         dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
         with clock.stage("denoise"):

@@ -1,23 +1,26 @@
 """Run a tracker over a sequence."""
 
 import hashlib
+import inspect
 import json
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
 
+from scenes.body import Body, Feed, Samples, body_of
 from scenes.sequence import Sequence
 from tracker.base import Image, Run, Tracker, TrackResult
+from tracker.blame import checked, is_ours, told
 from tracker.initial_pose import Initialization, Known
 from tracker.results import Results
 from tracker.variants import tracker_kind
-from trajectories.errors import UserError
+from trajectories.errors import Terminated, UserError, one_line
 from trajectories.pose import Pose
 from trajectories.streams import stream
 
@@ -36,18 +39,19 @@ def track_sequence(
 ) -> Results:
     """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the first pose of `start`.
 
-    `on_frame(frame, result)` is called after each frame. An exception of the tracker makes the frame `lost` and is
-    told under `errors` in the record. Images are read outside the timed part. UserError when rate_hz is out of range
-    or an image cannot be read.
+    `on_frame(frame, result)` is called after each frame. A frame at which the tracker raised, or returned what is no
+    result, is `lost` and told under `errors` in the record. Images are read outside the timed part. UserError when the
+    tracker cannot be started, rate_hz is out of range or an image cannot be read.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
     first = first_pose(start, sequence, 0, seed)
-    run = tracker.start(sequence.structure, sequence.camera, first, stream(seed, "tracker", tracker_kind(tracker)))
+    feed = Feed(sequence)
+    run = begin(tracker, sequence, first, tracker_stream(tracker, seed), feed.body)
     errors: list[str] = []
     rows: list[TrackResult] = []
     for frame in frames.tolist():
-        image = sequence.image(frame)
-        result, error = track_frame(run, image, int(sequence.stamps_ns[frame]))
+        image, stamp_ns = sequence.image(frame), int(sequence.stamps_ns[frame])
+        result, error = track_frame(run, image, stamp_ns, feed.upto(stamp_ns))
         if error:
             errors.append(f"frame {frame}: {error}")
         rows.append(result)
@@ -57,6 +61,44 @@ def track_sequence(
     return Results(record, frames, sequence.stamps_ns[frames], tuple(rows))
 
 
+def begin(
+    tracker: Tracker, sequence: Sequence, cam_from_world: Pose, rng: np.random.Generator, body: Body | None = None
+) -> Run:
+    """A run of a tracker over a sequence from a pose; its `start` is given the body where it has a parameter `body`.
+
+    UserError naming the place in the tracker's code when `start` raises or returns what is no run.
+    """
+    body = body or body_of(sequence)
+    more = {"body": body} if "body" in inspect.signature(tracker.start).parameters else {}
+    try:
+        run = tracker.start(sequence.structure, sequence.camera, cam_from_world, rng, **more)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, UserError | Terminated) or is_ours(tracker):
+            raise
+        raise UserError(f"{tracker_kind(tracker)} cannot be started: {told(error, tracker.start)}") from error
+    if not callable(getattr(run, "track", None)):
+        what = one_line(repr(run))[:60]
+        raise UserError(f"{tracker_kind(tracker)}: start returned {what}, which has no method `track`")
+    return run
+
+
+def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.Generator:
+    """The random numbers that a tracker is given: those of its stream, which does not tell the sequence's seed."""
+    drawn = stream(seed, "tracker", tracker_kind(tracker), *names)
+    hidden = stream(seed, "tracker", tracker_kind(tracker), *names, "own seed").integers(2**63)
+    bits = np.random.PCG64(int(hidden))
+    bits.state = cast(Any, drawn.bit_generator.state)
+    return np.random.Generator(bits)
+
+
+def all_failed(results: Results) -> str:
+    """What to say, with the first fault, when a tracker failed and no frame at all has a pose; else ""."""
+    errors = results.record["errors"]
+    if not errors or results.ok.any():
+        return ""
+    return f"the tracker failed on all of its {len(results)} frames; first: {errors[0]}"
+
+
 def first_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
     """cam_from_world that a tracker is started with at a frame of a sequence."""
     names = ("initialization",) if frame == 0 else ("initialization", str(frame))
@@ -64,15 +106,29 @@ def first_pose(start: Initialization, sequence: Sequence, frame: int, seed: int)
     return start.first_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
 
 
-def track_frame(run: Run, image: Image, stamp_ns: int) -> tuple[TrackResult, str]:
-    """Result of one frame with its `total` wall time among stage_ms, and the tracker's exception, "" if none."""
+def track_frame(
+    run: Run, image: Image, stamp_ns: int, samples: Mapping[str, Samples] | None = None
+) -> tuple[TrackResult, str]:
+    """Result of one frame with its `total` wall time among stage_ms, and what the tracker did wrong, "" if nothing.
+
+    samples are what the body's sensors measured since the frame before, for a run that has `sense`.
+    """
     error = ""
+    sense = getattr(run, "sense", None) if samples is not None else None
+    method = sense or run.track
     begin = time.perf_counter()
     try:
+        if sense is not None:
+            sense(samples)
+        method = run.track
         result = run.track(image, stamp_ns)
-    except Exception as exception:  # a tracker may be anyone's: its crash is a loss, not the end of the run
-        result, error = TrackResult(status="lost"), f"{type(exception).__name__}: {exception}"
-    total_ms = (time.perf_counter() - begin) * 1e3
+        total_ms = (time.perf_counter() - begin) * 1e3
+        result = checked(result)
+    except Terminated:
+        raise
+    except (Exception, SystemExit) as exception:  # a tracker may be anyone's: its crash is a loss, not the run's end
+        total_ms = (time.perf_counter() - begin) * 1e3
+        result, error = TrackResult(status="lost"), told(exception, method)
     return replace(result, stage_ms={"total": total_ms, **result.stage_ms}), error
 
 

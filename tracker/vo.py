@@ -15,7 +15,7 @@ from annotated_types import Ge, Gt
 
 from scenes.camera import Camera
 from scenes.structure import Structure
-from tracker.base import Image, Run, TrackResult
+from tracker.base import Image, Run, TrackResult, check_image
 from tracker.clock import StageClock
 from tracker.segments import grey
 from trajectories.mesh_rays import ray_distances
@@ -55,7 +55,8 @@ class VoRun:
         self.placed = np.zeros(0, dtype=bool)
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Estimate at the next frame."""
+        """Estimate at the next frame; ImageError for an image of another size or type."""
+        check_image(image, self.camera)
         clock = StageClock()
         gray = grey(image)
         if self.last is not None:

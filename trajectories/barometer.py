@@ -1,7 +1,7 @@
 """A barometer of the kind that small vehicles carry."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -23,6 +23,8 @@ class Barometer:
     none by default, as it is the place's and not the sensor's: take it from a record of your own sensor at rest.
     """
 
+    measured: ClassVar[tuple[str, ...]] = ("pressure_pa", "height_m")
+
     rate_hz: Annotated[float, Gt(0)] = 50.0
     noise_pa: Annotated[float, Ge(0)] = 1.0
     drift_pa: Annotated[float, Ge(0)] = 0.0
@@ -37,11 +39,7 @@ class Barometer:
         noise = self.noise_pa * noise_rng.standard_normal(len(stamps))
         drift = self.drift_pa * first_order(len(stamps), 1.0 / self.rate_hz, self.drift_s, drift_rng)
         pressure = pressure_at(height, self.floor_pressure_pa) + noise + drift
-        return Table(
-            ("pressure_pa", "height_m"),
-            stamps,
-            np.column_stack([pressure, height_at(pressure, self.floor_pressure_pa)]),
-        )
+        return Table(self.measured, stamps, np.column_stack([pressure, height_at(pressure, self.floor_pressure_pa)]))
 
 
 TEMPERATURE_K, LAPSE_K_M, EXPONENT = 288.15, 0.0065, 5.25588

@@ -1,17 +1,39 @@
-"""The one exception that a user's mistake raises, and the errors of a disk that are told like one."""
+"""The one exception that a user's mistake raises, text of others made safe to show, and the disk's errors in words."""
 
 import errno
+import re
 
 _NAMES = "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
 DISK_ERRORS = frozenset(number for number, name in errno.errorcode.items() if name in _NAMES.split())
 """Of a disk that is full, read-only or not this user's, and of a name that it cannot have."""
+UNSEEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+"""What commands a terminal or turns the direction of writing: C0 and C1 but tab and line feed, and marks of Unicode."""
+
+
+def plain(text: str) -> str:
+    """Text whose control characters are written out, ESC as x1b behind a backslash: safe on a terminal and a page."""
+    return UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def one_line(text: str) -> str:
+    """Plain text without line breaks and tabs."""
+    return " ".join(plain(text).split())
+
+
+class Terminated(SystemExit):
+    """A signal told the process to end; unlike the SystemExit of a plug-in that is nobody's mistake."""
 
 
 class UserError(Exception):
     """A mistake in what the user gave: names the file, key or frame, what is wrong, and what to do.
 
-    The command line prints its message without a traceback and exits with code 2.
+    The command line prints its message without a traceback and exits with code 2. The message is plain text.
     """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(plain(message))
 
 
 def unknown_name(what: str, name: str, valid: list[str]) -> UserError:

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -25,6 +25,8 @@ class FlowDeck:
     beyond 2.5 m to 0.2 m at 4 m, where the range ends. Below least_range_m the chip sees no flow (PMW3901 data sheet:
     from 80 mm).
     """
+
+    measured: ClassVar[tuple[str, ...]] = ("dx_px", "dy_px", "range_m")
 
     rate_hz: Annotated[float, Gt(0)] = 50.0
     pixels: Annotated[float, Gt(0)] = 35.0
@@ -53,7 +55,7 @@ class FlowDeck:
         ranged = seen + sigma * range_rng.standard_normal(len(seen))
         ranged = np.where(seen <= self.greatest_range_m, ranged, np.nan)
         counts[(seen > self.greatest_range_m) | (seen < self.least_range_m)] = np.nan
-        return Table(("dx_px", "dy_px", "range_m"), stamps, np.column_stack([counts, ranged]))
+        return Table(self.measured, stamps, np.column_stack([counts, ranged]))
 
 
 def flow_truth(flight: Flight, surroundings: Surroundings) -> tuple[Array, Array]:

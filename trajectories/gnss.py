@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
@@ -28,6 +28,10 @@ class Gnss:
     over latitude_deg at epoch_s; the world's y axis points north_deg counter-clockwise from north. Defaults are of the
     size of the GPS standard's user range error (SPS performance standard 2020: up to 2 m RMS single satellite).
     """
+
+    measured: ClassVar[tuple[str, ...]] = (
+        "satellites", "pdop", "px_m", "py_m", "pz_m", "vx_m_s", "vy_m_s", "vz_m_s",
+    )  # fmt: skip
 
     rate_hz: Annotated[float, Gt(0)] = 5.0
     mask_deg: Annotated[float, Interval(ge=0, lt=90)] = 10.0
@@ -62,8 +66,7 @@ class Gnss:
                 solve = exact.product(cofactor, rows.T)
                 values[i, 2:5] = places[i] + exact.product(solve, ranges[i, seen[i]])[:3]
                 values[i, 5:8] = speeds[i] + exact.product(solve, dopplers[i, seen[i]])[:3]
-        names = ("satellites", "pdop", "px_m", "py_m", "pz_m", "vx_m_s", "vy_m_s", "vz_m_s")
-        return Table(names, stamps, values)
+        return Table(self.measured, stamps, values)
 
     def view(
         self, places_m: Array, stamps_ns: NDArray[np.int64], surroundings: Surroundings

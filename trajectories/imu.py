@@ -1,7 +1,7 @@
 """Inertial measurement units in the form that Kalibr and EuRoC describe them."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -21,6 +21,8 @@ class Imu:
     density / sqrt(dt), and the bias walks by walk * sqrt(dt). The biases begin at random values of the given
     standard deviations. The unit sits at offset_m on the body, along its axes. Readings end at the ranges.
     """
+
+    measured: ClassVar[tuple[str, ...]] = ("wx_rad_s", "wy_rad_s", "wz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
 
     rate_hz: Annotated[float, Gt(0)] = 200.0
     gyro_noise_rad_s_sqrt_hz: Annotated[float, Ge(0)] = 1.6968e-4

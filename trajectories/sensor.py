@@ -34,7 +34,11 @@ class Table:
 
 
 class SensorSpec(Protocol):
-    """A body sensor: a frozen dataclass of its parameters."""
+    """A body sensor: a frozen dataclass of its parameters.
+
+    Trackers are given the columns of its table that the class names in `measured`, a tuple of names, and none where it
+    has no such attribute: what is true and not measured, as a bias, stays out of it.
+    """
 
     def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
         """What the sensor says along a flight; same rng, same table."""

@@ -186,6 +186,34 @@ def test_memory_beyond_the_limit_is_refused(program, run):
     assert "512 MB" in results.record["errors"][0]
 
 
+def test_memory_of_all_processes_together_is_limited(program, run):
+    many = """
+        if count == 1:
+            import subprocess
+            hog = "x = bytearray(80 << 20); import time; time.sleep(600)"
+            for _ in range(6):
+                subprocess.Popen([sys.executable, "-I", "-S", "-c", hog], start_new_session=True)
+            time.sleep(600)
+"""
+    text = STREAM.replace("    {each}\n", many.replace("\n        ", "\n    ")).replace("{{", "{").replace("}}", "}")
+    results, faults = run(program(text, memory_mb=300, timeout_s=60.0))
+    assert faults == ["out-of-memory"]
+    assert "300" in results.record["errors"][0]
+    assert int(results.ok.sum()) == 1
+
+
+@pytest.mark.parametrize("mode", ["stream", "folder"])
+def test_what_a_program_says_commands_no_terminal(program, run, tmp_path, mode):
+    hostile = "\\x1b[31m\\x1b]0;title\\x07\\x9b2J\\r\\u202e"
+    each = f"if count == 2: print('{hostile}', file=sys.stderr, flush=True); say('{hostile}'); sys.exit(3)"
+    text = stream_program(each) if mode == "stream" else f"print('{hostile}'); sys.exit('{hostile}')"
+    results, _ = run(program(text, mode=mode))
+    kept = [path.read_text() for path in (tmp_path / "kept" / "job").glob("*.txt")]
+    for said in (*results.record["errors"], *kept):
+        assert not {c for c in said if not c.isprintable()} - {"\n", "\t"}, ascii(said)
+    assert any("\\x1b[31m" in said for said in kept)
+
+
 def test_the_truth_is_neither_in_the_folder_nor_in_the_environment(program, run, monkeypatch, tmp_path, sequence):
     monkeypatch.setenv("SECRET_TOKEN", "hunter2")
     text = """

@@ -6,6 +6,7 @@ import pytest
 from bench.config import load_suite
 from scenes.generate import generate
 from scenes.sequence import Sequence
+from tracker.base import ImageError
 from tracker.run import track_sequence
 from tracker.variants import TRACKERS
 from trajectories.streams import stream
@@ -81,3 +82,26 @@ def test_a_blank_frame_raises_nothing_and_a_pose_is_never_not_finite(kind, seque
 def test_grey_and_colour_frames_are_both_taken(kind, sequence):
     grey = np.ascontiguousarray(sequence.image(0)[..., 1])
     assert begun(kind, sequence).track(grey, 0).status in {"ok", "lost"}
+
+
+@VARIANTS
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda image: image[:10, :10], r"shape \(10, 10, 3\); give \(480, 640\) grey or \(480, 640, 3\) BGR"),
+        (lambda image: image.transpose(1, 0, 2), r"shape \(640, 480, 3\)"),
+        (lambda image: np.dstack([image, image[..., :1]]), r"shape \(480, 640, 4\)"),
+        (lambda image: image[..., :2], r"shape \(480, 640, 2\)"),
+        (lambda image: image[None], r"shape \(1, 480, 640, 3\)"),
+        (lambda image: image.astype(np.float32) / 255, "type float32; .*uint8, values from 0 to 255"),
+        (lambda image: image.astype(np.float64), "type float64"),
+        (lambda image: image.astype(np.uint16), "type uint16"),
+        (lambda image: image.tolist(), "the image is list"),
+        (lambda image: None, "the image is NoneType"),
+    ],
+)
+def test_an_image_that_is_none_is_refused_by_name_and_harms_nothing(kind, sequence, change, told):
+    run = begun(kind, sequence)
+    with pytest.raises(ImageError, match=told):
+        run.track(change(sequence.image(0)), 0)
+    assert run.track(sequence.image(0), 0).status == "ok"

@@ -1,0 +1,98 @@
+"""Whatever ends the main process, nothing of it remains: no worker, no tracker, no daemon, no open pipe, no folder.
+
+Some moments for each signal in CI; all of them with UAVBENCH_NIGHTLY=1.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.bench.process_trees import FAMILY, MEMBERS, is_alive, noted, wait_until, with_mark
+from tests.bench.small_suites import small_suite
+
+pytestmark = pytest.mark.slow
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+MOMENTS = ("starting", "tracking", "a worker is killed too")
+CASES = [
+    pytest.param(number, moment, id=f"{number.name} {moment}")
+    for number in SIGNALS
+    for moment in MOMENTS
+    if os.environ.get("UAVBENCH_NIGHTLY") or moment == "tracking" or number == signal.SIGKILL
+]
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """A suite whose tracker is a program with many children, its sequences rendered; and where it notes them."""
+    folder = tmp_path_factory.mktemp("processes")
+    note = folder / "note"
+    (folder / "family.py").write_text(FAMILY.format(note=str(note)) + "\ntime.sleep(600)\n")
+    tracker = f"family = {{ kind = 'external', command = [{sys.executable!r}, 'family.py'], timeout_s = 600 }}\n"
+    suite = small_suite(folder, tracker.replace("'", '"'))
+    assert run(suite, folder / "out", "render", "x", folder).wait() == 0
+    return suite, folder / "out", note
+
+
+def run(suite, out, verb, mark, temporary):
+    command = [sys.executable, "-m", "bench.cli", verb, str(suite), "--out", str(out), "--jobs", "2"]
+    environment = {**os.environ, "UAVBENCH_MARK": mark, "TMPDIR": str(temporary)}
+    return subprocess.Popen(
+        command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+
+
+@pytest.mark.parametrize(("number", "moment"), CASES)
+def test_nothing_remains_of_a_main_process_that_is_ended(rendered, tmp_path, number, moment):
+    suite, out, note = rendered
+    note.unlink(missing_ok=True)
+    mark = f"uavbench-mark-{number}-{moment}-{tmp_path.name}"
+    main = run(suite, out, "track", mark, tmp_path)
+    try:
+        if moment == "starting":
+            assert wait_until(lambda: len(with_mark(mark)) >= 3)  # some worker is beginning, too
+        else:
+            assert wait_until(lambda: len(noted(note)) >= MEMBERS)
+        if moment == "a worker is killed too":
+            workers = [pid for pid in with_mark(mark) if pid != main.pid]
+            os.kill(workers[len(workers) // 2], signal.SIGKILL)
+        main.send_signal(number)
+        text, _ = main.communicate(timeout=60)  # ends, so nobody holds the pipe
+    finally:
+        main.kill()
+    if moment != "starting":  # while it loads its libraries a signal ends it as it ends any program
+        assert main.returncode in (-number, 128 + number, 130), text.decode()
+        assert "Traceback" not in text.decode()
+    assert wait_until(lambda: not with_mark(mark))
+    assert wait_until(lambda: not [pid for pid in noted(note) if is_alive(pid)])
+    assert wait_until(lambda: not list(tmp_path.glob("uavbench-*")))
+    written = note.with_name("note.alive").stat().st_size if note.with_name("note.alive").exists() else 0
+    time.sleep(0.1)
+    assert not note.with_name("note.alive").exists() or note.with_name("note.alive").stat().st_size == written
+
+
+def test_what_nohup_ignores_stays_ignored(rendered, tmp_path):
+    suite, out, note = rendered
+    note.unlink(missing_ok=True)
+    mark = f"uavbench-mark-nohup-{tmp_path.name}"
+    code = "import os, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); os.execv(sys.argv[1], sys.argv[1:])"
+    command = [sys.executable, "-m", "bench.cli", "track", str(suite), "--out", str(out), "--jobs", "2"]
+    main = subprocess.Popen(
+        [sys.executable, "-c", code, *command],
+        env={**os.environ, "UAVBENCH_MARK": mark, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert wait_until(lambda: len(noted(note)) >= MEMBERS)
+        main.send_signal(signal.SIGHUP)
+        time.sleep(0.3)
+        assert main.poll() is None
+    finally:
+        main.kill()
+        main.wait()
+    assert wait_until(lambda: not with_mark(mark))
+    assert wait_until(lambda: not [pid for pid in noted(note) if is_alive(pid)])

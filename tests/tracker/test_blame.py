@@ -1,0 +1,240 @@
+"""Trackers of others that go wrong: each is told by a name, with the place in its own code."""
+
+import importlib
+import sys
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from bench.check import TRIAL, check
+from bench.graph import Job, Outcome
+from bench.verbs import count_failed_trackers
+from bench.works import Track
+from reports.protocols import run_from_anchors
+from scenes.sequence import Sequence
+from tracker.base import TrackResult
+from tracker.run import track_sequence
+from trajectories.errors import UserError
+from trajectories.pose import Pose
+
+MODULE = """
+import sys
+from dataclasses import dataclass
+import numpy as np
+from tracker.base import TrackResult
+from trajectories.pose import Pose
+
+@dataclass(frozen=True)
+class Mine:
+    def start(self, structure, camera, cam_from_world, rng):
+        {start}
+        return Run(cam_from_world)
+
+def helper(image):
+    return np.linalg.inv(np.zeros((2, 2)))  # raises deep in numpy
+
+class Run:
+    def __init__(self, pose):
+        self.pose, self.n = pose, -1
+    def track(self, image, stamp_ns):
+        self.n += 1
+        ok = TrackResult(status="ok", cam_from_world=self.pose)
+        {track}
+        return ok
+"""
+LINE = {"start": 11, "helper": 15, "track": 23}
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    def make(track="pass", start="pass"):
+        (tmp_path / "my_tracker.py").write_text(MODULE.format(track=track, start=start))
+        monkeypatch.syspath_prepend(tmp_path)
+        sys.modules.pop("my_tracker", None)
+        importlib.invalidate_caches()
+        return importlib.import_module("my_tracker").Mine()
+
+    yield make
+    sys.modules.pop("my_tracker", None)
+
+
+@pytest.fixture(scope="module")
+def sequence():
+    return Sequence.load(TRIAL)
+
+
+def errors(tracker, sequence):
+    return track_sequence(tracker, sequence, rate_hz=15.0, seed=0).record["errors"]
+
+
+@pytest.mark.parametrize(
+    ("track", "told"),
+    [
+        ("{}['b']", f"KeyError: 'b' (my_tracker.py:{LINE['track']} in track)"),
+        ("helper(image)", f"LinAlgError: Singular matrix (my_tracker.py:{LINE['helper']} in helper)"),
+        ("sys.exit(3)", f"SystemExit: 3 (my_tracker.py:{LINE['track']} in track)"),
+        ("raise ValueError('a\\x1b[31m\\nb')", "ValueError: a\\x1b[31m b (my_tracker.py"),
+        ("return None", f"[no-result] track returned None, not a tracker.base.TrackResult (my_tracker.py:{20}"),
+        ("return self.pose", "[no-result] track returned Pose,"),
+        ("return 'ok'", "[no-result] track returned str,"),
+        ("return TrackResult(status='fine')", "[bad-result] the status 'fine' is none of ok, lost"),
+        (
+            "return TrackResult(status='ok', cam_from_world=np.eye(4))",
+            "[bad-result] cam_from_world is ndarray of shape",
+        ),
+        (
+            "return TrackResult(status='ok', cam_from_world=Pose(np.eye(3), np.full(3, np.nan)))",
+            "[bad-result] the pose",
+        ),
+        (
+            "return TrackResult(status='ok', cam_from_world=Pose(2 * np.eye(3), np.zeros(3)))",
+            "[bad-result] the rotation",
+        ),
+        ("from dataclasses import replace; return replace(ok, covariance=np.eye(3))", "[bad-result] the covariance is"),
+        (
+            "from dataclasses import replace; return replace(ok, covariance=-np.eye(6))",
+            "[bad-result] the covariance has",
+        ),
+        ("from dataclasses import replace; return replace(ok, stage_ms=3)", "[bad-result] stage_ms is no mapping"),
+        ("from dataclasses import replace; return replace(ok, inliers=2.5)", "[bad-result] inliers is float"),
+    ],
+)
+def test_one_bad_frame_is_lost_and_told_with_its_place(mine, sequence, track, told):
+    results = track_sequence(mine(f"if self.n == 3: {track}"), sequence, rate_hz=15.0, seed=0)
+    assert results.ok.tolist() == [k != 3 for k in range(10)]
+    (error,) = results.record["errors"]
+    assert error.startswith(f"frame 3: {told}"), error
+    assert "my_tracker.py:" in error
+    assert "\x1b" not in error
+    assert "\n" not in error
+
+
+def test_numbers_of_numpy_are_taken_and_read_back(mine, sequence, tmp_path):
+    tracker = mine("return TrackResult(status='lost', inliers=np.int64(4), stage_ms={'a': np.float32(2.5)})")
+    results = track_sequence(tracker, sequence, rate_hz=15.0, seed=0)
+    results.save(tmp_path / "results")
+    assert type(results).load(tmp_path / "results").rows[3].inliers == 4
+
+
+def test_a_start_that_raises_or_returns_no_run_is_told_with_its_place(mine, sequence):
+    with pytest.raises(UserError, match=rf"cannot be started: RuntimeError: no weights \(my_tracker\.py:{11}"):
+        errors(mine(start="raise RuntimeError('no weights')"), sequence)
+    with pytest.raises(UserError, match="start returned None, which has no method `track`"):
+        errors(mine(start="return None"), sequence)
+
+
+def test_a_tracker_that_fails_on_every_frame_is_a_failed_job(mine, sequence, tmp_path):
+    def done(track):
+        folder = tmp_path / "a" / "b" / "results"
+        work = Track("mine", mine(track), 15.0, 0, TRIAL, folder)
+        work("hash", lambda done, total: None)
+        job = Job(verb="track", name="track it", work=work, marker=folder / "record.json", content_hash="hash")
+        outcome = Outcome(fresh=[job])
+        count_failed_trackers([job], outcome)
+        return outcome
+
+    outcome = done("{}['b']")
+    assert outcome.failed["track it"].startswith(
+        "the tracker failed on all of its 10 frames; first: frame 0: KeyError: 'b'"
+    )
+    assert outcome.fresh == []
+    assert done("return TrackResult(status='lost')").failed == {}
+    assert done("if self.n: {}['b']").failed == {}
+
+
+def test_check_tells_it_too_and_calls_it_faulty(mine, tmp_path):
+    lines = list(check(mine("{}['b']"), tmp_path / "kept"))
+    assert any(f"KeyError: 'b' (my_tracker.py:{LINE['track']} in track)" in line for line in lines)
+    assert lines[-1] == "faulty"
+
+
+@dataclass(frozen=True)
+class Fickle:
+    """Repeats the true first pose in another convention."""
+
+    way: str
+
+    def start(self, structure, camera, cam_from_world, rng):
+        return FickleRun(WAYS[self.way](cam_from_world))
+
+
+@dataclass(frozen=True)
+class FickleRun:
+    pose: Pose
+
+    def track(self, image, stamp_ns):
+        return TrackResult(status="ok", cam_from_world=self.pose)
+
+
+def w_last(pose):
+    w, x, y, z = pose.quaternion_wxyz
+    return Pose.from_quaternion([x, y, z, w], pose.translation)
+
+
+FLIP = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+WAYS = {
+    "world_from_cam": lambda p: p.inverse(),
+    "millimetres": lambda p: Pose(p.rotation, 1000 * p.translation),
+    "centimetres": lambda p: Pose(p.rotation, 100 * p.translation),
+    "OpenGL axes": lambda p: FLIP @ p,
+    "w last": w_last,
+    "world_from_cam, quaternions with w last": lambda p: w_last(p.inverse()),
+    "world_from_cam, OpenGL axes (y up, z back), millimetres": lambda p: WAYS["millimetres"]((FLIP @ p).inverse()),
+    "with the rotation of world_from_cam": lambda p: Pose(p.rotation.T, p.translation),
+    "with the translation of world_from_cam": lambda p: Pose(p.rotation, p.inverse().translation),
+    "body_from_world": lambda p: Sequence.load(TRIAL).cam_from_body.inverse() @ p,
+}
+
+
+@pytest.mark.parametrize("way", list(WAYS))
+def test_check_calls_poses_of_another_convention_faulty(way, tmp_path):
+    lines = list(check(Fickle(way), tmp_path / "kept"))
+    assert lines[-1] == "faulty"
+    assert any(line.startswith("[convention]") and way in line for line in lines), lines
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Notes what it is given."""
+
+    def start(self, structure, camera, cam_from_world, rng, *, body):
+        self.notes.append(body)
+        return InertialRun(self.notes)
+
+    notes = []  # noqa: RUF012
+
+
+@dataclass(frozen=True)
+class InertialRun:
+    notes: list
+
+    def sense(self, samples):
+        self.notes.append(samples)
+
+    def track(self, image, stamp_ns):
+        self.notes.append(stamp_ns)
+        return TrackResult(status="lost")
+
+
+def test_a_tracker_gets_the_body_and_each_sample_once_before_its_frame(tmp_path, sequence):
+    stamps = sequence.stamps_ns
+    times = list(range(int(stamps[0]), int(stamps[-1]) + 20_000_000, 5_000_000))
+    header = "stamp_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,gyro_bias_x_rad_s"
+    (tmp_path / "imu.csv").write_text("\n".join([header, *(f"{t},0,0,0.25,0,0,9.81,0.666" for t in times)]) + "\n")
+    moved = replace(sequence, folder=tmp_path)
+    (tmp_path / "frames").symlink_to(TRIAL / "frames")
+    (tmp_path / "truth.csv").symlink_to(TRIAL / "truth.csv")
+    for run in (track_sequence, run_from_anchors):
+        Inertial.notes.clear()
+        run(Inertial(), moved, rate_hz=5.0, seed=0)
+        body, *rest = Inertial.notes
+        assert body.sensors["imu"].columns == tuple(header.split(",")[1:7])
+        np.testing.assert_array_equal(body.cam_from_body.matrix, sequence.cam_from_body.matrix)
+        given = []
+        for samples, stamp in zip(rest[::2], rest[1::2], strict=True):
+            given += samples["imu"].stamps_ns.tolist()
+            assert given[-1] <= stamp
+            assert samples["imu"].values.shape[1] == 6
+            assert samples["imu"].values.base is None
+        assert given == [t for t in times if t <= rest[-1]]
