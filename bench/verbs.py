@@ -20,6 +20,7 @@ from bench.peers.registry import absent
 from bench.shard import Shard
 from bench.slurm import run_shards
 from bench.suite_files import suite_file
+from bench.works import Figures
 from trajectories.errors import unknown_name
 
 
@@ -33,6 +34,7 @@ class Where:
     slurm: int = 0
     slurm_options: tuple[str, ...] = ()
     dry_run: bool = False
+    figures: Figures = "page"
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> int:
@@ -45,7 +47,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
     folder = (out or Path("out") / suite.name).resolve()
     shard = Shard.parse(where.shard) if where.shard else None
     last = "score" if shard and verb == "report" else verb
-    jobs = plan(shard.of(suite) if shard else suite, folder, last=last)
+    jobs = plan(shard.of(suite) if shard else suite, folder, last=last, figures=where.figures)
     if where.dry_run:
         click.echo(dry_run(jobs, folder, where.slurm or where.workers))
         return 0

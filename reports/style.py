@@ -134,8 +134,9 @@ def marker(index: int) -> dict[str, Any]:
 
 
 def panel_letter(axes: Axes, letter: str) -> None:
-    """Write (a), (b) ... above an axes, at its left."""
-    axes.set_title(f"({letter})", loc="left", fontweight="bold", fontsize=8)
+    """Write (a), (b) ... above an axes, at its left; nothing for no letter."""
+    if letter:
+        axes.set_title(f"({letter})", loc="left", fontweight="bold", fontsize=8)
 
 
 def _cell(value: Any) -> Any:

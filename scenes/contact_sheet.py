@@ -27,7 +27,7 @@ def contact_sheet(sequence: Sequence, columns: int = 4, rows: int = 3, width_px:
     for k, frame in enumerate(frames):
         drawn = k % columns >= columns // 2
         image = with_edges(sequence, frame) if drawn else sequence.image(frame)
-        small = cv2.resize(image, (width_px, height), interpolation=cv2.INTER_AREA)
+        small = np.asarray(cv2.resize(image, (width_px, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
         seconds = float(sequence.stamps_ns[frame]) * 1e-9
         _write(small, f"{frame}  {seconds:.1f} s", (8, height - 10), WHITE)
         r, c = divmod(k, columns)

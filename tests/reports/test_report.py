@@ -49,10 +49,27 @@ def test_a_second_run_gives_the_same_bytes_and_tells_its_progress(
 ) -> None:
     seen: list[tuple[int, int]] = []
     title = "A <small> & tidy report"
-    again = write_report(tmp_path, title, entries, content_hash="abc", on_step=lambda *step: seen.append(step)).parent
+    again = write_report(
+        tmp_path, title, entries, figures="all", content_hash="abc", on_step=lambda *step: seen.append(step)
+    ).parent
     assert digests(again) == digests(report)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
     assert seen[-1][0] == seen[-1][1]
+
+
+def test_what_is_looked_at_is_drawn_and_the_rest_on_demand(
+    report: Path, entries: list[ReportEntry], tmp_path: Path
+) -> None:
+    few = write_report(tmp_path, "A <small> & tidy report", entries, content_hash="abc").parent
+    drawn, every = (set(digests(folder / "figures")) for folder in (few, report))
+    assert {"accuracy.pdf", "success.csv", "flight_arc.png", "errors_arc_15hz.pdf"} <= drawn < every
+    assert {"pose_arc_lsd@15hz.pdf", "segments_arc_lsd@15hz.csv", "errors_arc_1hz.png"} <= every - drawn
+    missing = len([name for name in every - drawn if name.endswith(".pdf")])
+    page = (few / "index.html").read_text()
+    assert f"For the other {missing} figures" in page and "--figures all" in page
+    assert 'id="undrawn"' not in (report / "index.html").read_text()
+    same = {name: digest for name, digest in digests(few).items() if name.startswith(("figures", "tables"))}
+    assert same.items() <= digests(report).items()
 
 
 def test_titles_are_escaped(report: Path) -> None:

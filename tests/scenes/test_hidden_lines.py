@@ -61,7 +61,9 @@ def test_nothing_of_a_convex_box_is_lost() -> None:
     pose = looking((-2.0, -1.5, 1.8), (1.0, 0.0, 0.5))
     seen = seen_edges_px(alone, CAMERA, pose)
     assert len(seen) == 9
-    assert length(seen_parts(alone, pose.inverse().translation, alone.edge_segments)) == pytest.approx(3 + 3 + 0.3, abs=0.01)
+    assert length(seen_parts(alone, pose.inverse().translation, alone.edge_segments)) == pytest.approx(
+        3 + 3 + 0.3, abs=0.01
+    )
 
 
 def test_no_edge_and_nothing_seen_are_empty() -> None:
