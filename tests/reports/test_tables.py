@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from bench.cli import main
 from reports.score import Score
 from reports.tables import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS, Column, Table, details, summary_table
 from reports.tables_latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
@@ -114,6 +116,22 @@ def test_columns_are_chosen_by_name(tmp_path: Path) -> None:
         table.select(["ATE positon"])
     with pytest.raises(UserError, match=r"\.md, \.csv or \.tex"):
         write_table(table, tmp_path / "x.docx")
+
+
+def test_the_command_writes_chosen_columns_of_a_report(report: Path, tmp_path: Path) -> None:
+    wanted = "within 5 cm, 5 deg,ATE position,frame p99"
+    out = tmp_path / "mine.csv"
+    done = CliRunner().invoke(main, ["tables", str(report), "--columns", wanted, "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    rows = {row["tracker"]: row for row in csv.DictReader(out.open())}
+    of_report = {row["tracker"]: row for row in csv.DictReader((report / "tables" / "summary.csv").open())}
+    assert rows.keys() == of_report.keys()
+    for name, row in rows.items():
+        assert row["ATE position (cm)"] == of_report[name]["ATE position (cm)"]
+    shown = CliRunner().invoke(main, ["tables", str(report)])
+    assert "| frame p99 (ms) |" in shown.output and "**" in shown.output
+    assert CliRunner().invoke(main, ["tables", str(report), "--columns", "ATE"]).exit_code == 2
+    assert CliRunner().invoke(main, ["tables", str(tmp_path)]).exit_code == 2
 
 
 def test_a_name_with_every_special_character_is_escaped() -> None:
