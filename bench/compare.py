@@ -65,6 +65,8 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     out = out.resolve()
     file = suite_file(suite_name).resolve()
     suite = load_suite(file)
+    for ref in refs:  # before the rendering: that takes minutes
+        commit_of(ref)
     code = bring_up_to("render", str(file), out / "head", Where(workers=workers))
     if code:
         return code
@@ -169,9 +171,9 @@ def version(ref: str) -> Iterator[Version]:
     """A version of the repository that the current folder is in, at work; `.` is the working tree as it stands."""
     with tempfile.TemporaryDirectory(prefix="uavbench-version-") as scratch:
         if ref == ".":
-            commit, tree = "working tree", Path(git("rev-parse", "--show-toplevel").decode().strip())
+            commit, tree = commit_of(ref), Path(git("rev-parse", "--show-toplevel").decode().strip())
         else:
-            commit, tree = git("rev-parse", "--short", "--verify", f"{ref}^{{commit}}").decode().strip(), Path(scratch)
+            commit, tree = commit_of(ref), Path(scratch)
             with tarfile.open(fileobj=io.BytesIO(git("archive", "--format=tar", commit))) as archive:
                 archive.extractall(tree, filter="data")
         server = subprocess.Popen(
@@ -187,6 +189,13 @@ def version(ref: str) -> Iterator[Version]:
         finally:
             server.kill()
             server.communicate()
+
+
+def commit_of(ref: str) -> str:
+    """The short name of a version's commit; UserError when there is none such."""
+    if ref == ".":
+        return "working tree"
+    return git("rev-parse", "--short", "--verify", f"{ref}^{{commit}}").decode().strip()
 
 
 def git(*arguments: str) -> bytes:

@@ -34,6 +34,13 @@ def test_every_figure_is_one_or_two_columns_wide_with_its_numbers(report: Path) 
         assert len({len(row) for row in rows}) == 1
 
 
+def test_no_panel_is_empty_where_a_rate_has_no_sub_trajectories(report: Path) -> None:
+    for pdf in (report / "figures").glob("distance_*.pdf"):
+        over = [row for row in csv.DictReader(pdf.with_suffix(".csv").open()) if row["what"].startswith("over")]
+        width_pt = float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", pdf.read_bytes())[1])
+        assert (width_pt > 300) == bool(over), pdf.name
+
+
 def test_fonts_are_truetype_and_embedded(report: Path) -> None:
     for pdf in (report / "figures").glob("*.pdf"):
         data = pdf.read_bytes()
