@@ -37,7 +37,14 @@ def suite_command(verb: str, help_text: str) -> click.Command:
     def command(suite: str, **options: Any) -> None:
         sys.exit(bring_up_to("report" if verb == "run" else verb, suite, **options))
 
-    return command
+    return figures_option(command) if verb in ("run", "report") else command
+
+
+def figures_option(command: Any) -> Any:
+    """What a command that writes a report takes."""
+    about = "Figures that are drawn: those of the first page, or all, with a page for every sequence."
+    choice = click.Choice(["page", "all"])
+    return click.option("--figures", type=choice, default="page", show_default=True, help=about)(command)
 
 
 def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
@@ -79,10 +86,27 @@ def track_command(
     track_real(what, source, model, camera, init, options["out"], rate_hz)
 
 
+@click.command("tables")
+@click.argument("report", type=FILE)
+@click.option("--columns", default="", metavar="HEAD,HEAD...", help="Their heads as in tables/*.md; default: all.")
+@click.option(
+    "--width", type=click.Choice(["one", "two"]), default="two", show_default=True, help="IEEE columns (.tex)."
+)
+@click.option("--out", type=FILE, help="File .tex, .md or .csv; default: Markdown on the terminal.")
+def tables_command(report: Path, columns: str, width: str, out: Path | None) -> None:
+    """Write a table of the folder of a REPORT with columns of your choice."""
+    from reports.tables_write import WIDTHS, heads_of, markdown, write_table
+    from reports.written import table_of
+
+    table = table_of(report).select(heads_of(columns)) if columns else table_of(report)
+    click.echo(write_table(table, out, WIDTHS[width]) if out else markdown(table), nl=out is not None)
+
+
 COMMANDS: tuple[click.Command, ...] = (
     suite_command("run", "Render, track, score and report SUITE (a name or a TOML file)."),
     suite_command("render", "Render the sequences of SUITE."),
     suite_command("score", "Score the results of SUITE, making what is missing."),
     suite_command("report", "Write the report of SUITE, making what is missing."),
     track_command,
+    tables_command,
 )

@@ -66,11 +66,12 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
     known = [label for label in suite.trackers if label not in unknown]
     if not known:
         raise UserError("the base knows none of the suite's trackers")
+    runs = {f"{label}@{rate:g}hz": why for label, why in unknown.items() for rate in suite.rates_hz}
     for side in SIDES:
-        describe(out / side, suite, known)
+        describe(out / side, suite, known, {run: f"unknown to the base: {why}" for run, why in runs.items()})
         score_all(out, side, suite, known)
-    runs = smallest(times, known)
-    write_text(out / "head" / "timing.json", json.dumps({"runs": runs}, indent=1) + "\n", sealed=True)
+    timing = {"runs": smallest(times, known)}
+    write_text(out / "head" / "timing.json", json.dumps(timing, indent=1) + "\n", sealed=True)
     return pronounce(out / "head", out / "base", margins, out / "gate")
 
 
@@ -152,14 +153,15 @@ def smallest(times: Times, labels: list[str]) -> dict[str, list[dict[str, Any]]]
     return runs
 
 
-def describe(folder: Path, suite: Suite, labels: list[str]) -> None:
-    """Write `suite.json` of what was compared."""
+def describe(folder: Path, suite: Suite, labels: list[str], not_compared: dict[str, str]) -> None:
+    """Write `suite.json` of what was compared, and why runs were not."""
     about = {
         "suite": suite.name,
         "title": suite.title,
         "sequences": [spec.name for spec in suite.sequences],
         "trackers": labels,
         "rates_hz": list(suite.rates_hz),
+        "not_compared": not_compared,
     }
     write_text(folder / "suite.json", json.dumps(about, indent=1) + "\n", sealed=True)
 

@@ -5,7 +5,8 @@ hierarchical bootstrap and corrected by Holm over all metrics, lies above the ma
 fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Each error is
 compared twice: its mean change, in which a few runs that break show, and its typical change, in which they count
 little and cannot hide what happened to all others. Coverage is compared as an absolute: its mean loss against its own
-margin. What is missing or not finite fails.
+margin. What is missing or not finite fails; what cannot be judged, because one side does not have it at all or a run
+crashes on both, is `inconclusive`: a gate passes only what it has compared.
 """
 
 import math
@@ -49,8 +50,10 @@ class Margins:
 class Finding:
     """One metric of one tracker.
 
-    change, low and high are shares: of the baseline, or, for the coverage, of all frames, a loss being positive. p is
-    corrected over all findings; NaN where nothing could be computed. reason says why, in words.
+    baseline and value are means over sequences of means over seeds: geometric, so that change is value / baseline - 1,
+    or, for the coverage, arithmetic, so that change is baseline - value. change, low and high are shares: of the
+    baseline, or of all frames, a loss being positive. p is corrected over all findings; NaN where nothing could be
+    computed. reason says why, in words.
     """
 
     run: str
@@ -79,16 +82,28 @@ def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Fi
 
 
 def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], margins: Margins) -> list[Finding]:
-    """Findings on all trackers of one side against the other, and on the latencies of interleaved runs."""
+    """Findings on all trackers of both sides, and on the latencies of interleaved runs."""
     for key in base.runs.keys() & head.runs.keys():
         expect_comparable(base.runs[key], head.runs[key], key)
-    runs = sorted({key[0] for key in (*base.runs, *base.faults)})
-    findings = [finding for run in runs for finding in _of_run(run, base, head, margins)]
+    of_base, of_head = ({key[0] for key in (*side.runs, *side.faults)} for side in (base, head))
+    findings = [finding for run in sorted(of_base) for finding in _of_run(run, base, head, margins)]
+    findings += [_not_judged(run, "the baseline has no such tracker or rate") for run in sorted(of_head - of_base)]
+    findings += [_not_judged(run, why) for run, why in sorted(head.not_compared.items()) if run not in of_base]
+    findings += [
+        _not_judged(run, f"the baseline has `{metric}`, which this version does not know", metric)
+        for run, metric in sorted({(key[0], metric) for key, one in base.runs.items() for metric in one.errors})
+        if metric not in ERRORS
+    ]
     findings += [
         ratio_finding(run, "latency", "ms", times, margins.latency, margins.resolution)
         for run, times in sorted(timing.items())
     ]
     return decide(findings)
+
+
+def _not_judged(run: str, why: str, metric: str = "all") -> Finding:
+    """What makes a pass impossible: something that could not be compared."""
+    return Finding(run=run, metric=metric, unit="", verdict="inconclusive", reason=f"not judged: {why}")
 
 
 def overall(findings: list[Finding]) -> Verdict:
@@ -126,8 +141,13 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
         _, sequence, seed = crashed[0]
         why = f"{len(crashed)} runs crash that did not, first {sequence}, seed {seed}: {crash(head, crashed[0])}"
         found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
+    both = sorted({k for k in keys if crash(head, k) and crash(base, k)})
+    if both:
+        _, sequence, seed = both[0]
+        why = f"{len(both)} runs crash on both sides, first {sequence}, seed {seed}: {crash(head, both[0])}"
+        found.append(_not_judged(run, why, "crashes"))
     for metric, (unit, _) in ERRORS.items():
-        values = paired(keys, base, head, lambda one, metric=metric: one.errors[metric])  # type: ignore[misc]
+        values = paired(keys, base, head, lambda one, metric=metric: one.errors.get(metric, math.nan))  # type: ignore[misc]
         at_most = TYPICAL * math.log1p(max(margins.error, margins.resolution))
         for name, limit in ((metric, math.inf), (f"{metric}, typical", at_most)):
             found.append(ratio_finding(run, name, unit, values, margins.error, margins.resolution, limit))
@@ -161,6 +181,9 @@ def ratio_finding(
     finding = _described(run, metric, unit, values, margin)
     if finding.verdict != "pass":
         return finding
+    if math.isinf(at_most):
+        base_log, head_log = (Bootstrap.of(side).mean for side in values.sides(lambda x: math.log(x + TINY)))
+        finding = replace(finding, baseline=math.exp(base_log) - TINY, value=math.exp(head_log) - TINY)
     ratios = values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY)))
     logs = Bootstrap.of([np.clip(ratio, -at_most, at_most) for ratio in ratios], rounds=ROUNDS)
     finding = replace(
@@ -182,6 +205,8 @@ def coverage_finding(run: str, values: PairedValues, margin: float) -> Finding:
     finding = _described(run, "coverage", "", values, margin)
     if finding.verdict != "pass":
         return finding
+    base, head = (Bootstrap.of(side).mean for side in values.sides(lambda x: x))
+    finding = replace(finding, baseline=base, value=head)
     loss = values.by_sequence(lambda b, h: b - h)
     losses = Bootstrap.of(loss, rounds=ROUNDS)
     finding = replace(
@@ -195,9 +220,9 @@ def coverage_finding(run: str, values: PairedValues, margin: float) -> Finding:
 
 
 def _described(run: str, metric: str, unit: str, values: PairedValues, margin: float) -> Finding:
-    """The finding with its plain means; it fails at once when a number is missing."""
+    """The finding as far as it is known; it fails at once when a number is missing."""
     missing = values.missing()
-    finding = Finding(
+    return Finding(
         run=run,
         metric=metric,
         unit=unit,
@@ -206,11 +231,6 @@ def _described(run: str, metric: str, unit: str, values: PairedValues, margin: f
         sequences=len(values.sequences),
         seeds=values.seeds,
         reason=missing,
-    )
-    if missing:
-        return finding
-    return replace(
-        finding, baseline=float(np.mean([*values.base.values()])), value=float(np.mean([*values.head.values()]))
     )
 
 

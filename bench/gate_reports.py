@@ -14,6 +14,11 @@ from trajectories.files import write_text
 HEADER = ["tracker", "metric", "baseline", "value", "change", "95 % bounds", "margin", "verdict", "why"]
 
 
+FOOT = (
+    "baseline and value: means over sequences of means over seeds. Of errors and latency they are geometric: change = "
+    "value / baseline - 1. Of the coverage they are arithmetic: change = value - baseline. A typical change limits "
+    "each run's ratio and has no means of its own."
+)
 EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 
 
@@ -35,14 +40,27 @@ def write_reports(findings: list[Finding], margins: Margins, folder: Path) -> No
 def cells(finding: Finding) -> list[str]:
     """A finding as the cells of a table, in the order of HEADER."""
     unit = f" {finding.unit}" if finding.unit else ""
-    bounds = "-" if math.isnan(finding.low) else f"{finding.low:+.2%} .. {finding.high:+.2%}"
-    numbers = [f"{v:.4g}{unit}" if math.isfinite(v) else "-" for v in (finding.baseline, finding.value)]
-    change = f"{finding.change:+.2%}" if math.isfinite(finding.change) else "-"
-    if finding.metric == "coverage":  # 0.0 - x and not -x, so that no change is +0
-        change = f"{0.0 - finding.change:+.2%}" if math.isfinite(finding.change) else "-"
-        bounds = "-" if math.isnan(finding.low) else f"{0.0 - finding.high:+.2%} .. {0.0 - finding.low:+.2%}"
-    margin = f"{'-' if finding.metric == 'coverage' else '+'}{finding.margin:.1%}"
+    sign = -1 if finding.metric == "coverage" else 1  # a loss is shown as one
+    low, high = sorted((sign * finding.low, sign * finding.high))
+    bounds = "-" if math.isnan(finding.low) else f"{percent(low)} .. {percent(high)}"
+    numbers = [f"{v:#.5g}{unit}" if math.isfinite(v) else "-" for v in (finding.baseline, finding.value)]
+    change, margin = percent(sign * finding.change), percent(sign * finding.margin)
     return [finding.run, finding.metric, *numbers, change, bounds, margin, finding.verdict, _plain(finding.reason)]
+
+
+def percent(share: float) -> str:
+    """A share in percent with its sign: two decimals, but two digits of what is smaller; `0%` for none at all."""
+    value = 100 * share
+    if not math.isfinite(value):
+        return "-"
+    if abs(value) < NOTHING_PERCENT:
+        return "0%"
+    decimals = max(2, 1 - math.floor(math.log10(abs(value))))
+    return f"{value:+.{decimals}f}%"
+
+
+NOTHING_PERCENT = 1e-6
+"""What rounding leaves of no change."""
 
 
 def to_text(findings: list[Finding]) -> str:
@@ -50,14 +68,14 @@ def to_text(findings: list[Finding]) -> str:
     rows = [HEADER, *map(cells, findings)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEADER))]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-    return "\n".join([*lines, "", f"gate: {overall(findings)}"])
+    return "\n".join([*lines, "", FOOT, f"gate: {overall(findings)}"])
 
 
 def to_markdown(findings: list[Finding]) -> str:
     """Table for a pull request's summary."""
     rows = [HEADER, ["---"] * len(HEADER), *([c.replace("|", "\\|") for c in cells(f)] for f in findings)]
     table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    return f"## uavbench gate: {overall(findings)}\n\n{table}\n"
+    return f"## uavbench gate: {overall(findings)}\n\n{table}\n\n{FOOT}\n"
 
 
 def to_json(findings: list[Finding], margins: Margins) -> str:
@@ -66,7 +84,7 @@ def to_json(findings: list[Finding], margins: Margins) -> str:
         {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(f).items()}
         for f in findings
     ]
-    about = {"verdict": overall(findings), "margins": asdict(margins), "findings": rows}
+    about = {"verdict": overall(findings), "means": FOOT, "margins": asdict(margins), "findings": rows}
     return json.dumps(about, indent=1, allow_nan=False) + "\n"
 
 

@@ -65,12 +65,14 @@ class Measured:
 class Side:
     """What was measured in one folder, and what is wrong with the runs that have no score.
 
-    flights: hash of the suite's sequences, as they are asked for.
+    flights: hash of the suite's sequences, as they are asked for; not_compared: why runs are only on this side, by
+    tracker and rate.
     """
 
     runs: Mapping[Key, Measured]
     faults: Mapping[Key, str] = field(default_factory=dict)
     flights: str = ""
+    not_compared: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_side(folder: Path) -> Side:
@@ -91,7 +93,8 @@ def read_side(folder: Path) -> Side:
                 found[key] = Measured.of(Score.load(folder / "results" / name / run / "score.json"))
             except UserError as error:
                 faults[key] = str(error)
-    return Side(found, faults, str(about.get("flights", "")))
+    not_compared = {str(run): str(why) for run, why in (about.get("not_compared") or {}).items()}
+    return Side(found, faults, str(about.get("flights", "")), not_compared)
 
 
 def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
@@ -139,6 +142,11 @@ class PairedValues:
     def sequences(self) -> list[str]:
         """Names of the sequences."""
         return sorted({sequence for sequence, _ in self.head})
+
+    def sides(self, function: Callable[[float], float]) -> tuple[list[Array], list[Array]]:
+        """function(value) of the baseline and of the results, an array (seeds,) for each sequence."""
+        base, head = (self.by_sequence(lambda b, h, k=k: function((b, h)[k])) for k in range(2))
+        return base, head
 
     def by_sequence(self, function: Any) -> list[Array]:
         """function(base, head) of each pair, an array (seeds,) for each sequence."""

@@ -17,7 +17,7 @@ from bench.config import Protocol, Suite
 from bench.content import code_hash, content_hash, one_look
 from bench.graph import Job
 from bench.peers.registry import absent
-from bench.works import Render, Report, Restart, Score, Spec, Track
+from bench.works import Figures, Render, Report, Restart, Score, Spec, Track
 from scenes.spec import SequenceSpec
 from tracker.base import Tracker
 from tracker.initial_pose import Initialization
@@ -29,13 +29,13 @@ START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0
 """Seconds of a sequence, a frame rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
 
 
-def plan(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
-    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`."""
+def plan(suite: Suite, folder: Path, last: str = "report", figures: Figures = "page") -> list[Job]:
+    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; figures: of the report."""
     with one_look():
-        return _plan(suite, folder, last)
+        return _plan(suite, folder, last, figures)
 
 
-def _plan(suite: Suite, folder: Path, last: str) -> list[Job]:
+def _plan(suite: Suite, folder: Path, last: str, figures: Figures) -> list[Job]:
     renders = {spec.name: _render_job(spec, folder) for spec in suite.sequences}
     away = absent(suite.trackers)
     tracks = [
@@ -47,7 +47,8 @@ def _plan(suite: Suite, folder: Path, last: str) -> list[Job]:
     ]
     scores = [_score_job(track, folder) for track in tracks]
     restarts = [_restart_job(track, protocol, folder) for track in tracks for protocol in suite.protocols]
-    jobs = [*renders.values(), *tracks, *restarts, *scores, _report_job(suite, scores, restarts, away, folder)]
+    report = _report_job(suite, scores, restarts, away, folder, figures)
+    jobs = [*renders.values(), *tracks, *restarts, *scores, report]
     return [job for job in jobs if VERBS.index(job.verb) <= VERBS.index(last)]
 
 
@@ -123,18 +124,20 @@ def _score_job(track: Job, folder: Path) -> Job:
     )
 
 
-def _report_job(suite: Suite, scores: list[Job], restarts: list[Job], away: Mapping[str, str], folder: Path) -> Job:
+def _report_job(
+    suite: Suite, scores: list[Job], restarts: list[Job], away: Mapping[str, str], folder: Path, figures: Figures
+) -> Job:
     scored = tuple((job.work.sequence, job.work.results, "") for job in scores if isinstance(job.work, Score))
     needs = (*scores, *restarts)
     work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts), tuple(away.items()))
-    work = replace(work, recorded=any(isinstance(spec, RecordingSpec) for spec in suite.sequences))
+    work = replace(work, figures=figures, recorded=any(isinstance(spec, RecordingSpec) for spec in suite.sequences))
     return Job(
         verb="report",
         name="report",
         work=work,
         marker=folder / "report.json",
         root=folder,
-        content_hash=content_hash(suite.title, [job.content_hash for job in needs], away),
+        content_hash=content_hash(suite.title, [job.content_hash for job in needs], away, figures),
         needs=needs,
         weight=REPORT_S * (1 + len(scores)),
         without=work.without,

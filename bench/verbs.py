@@ -22,7 +22,7 @@ from bench.peers.registry import absent
 from bench.shard import Shard
 from bench.slurm import run_shards
 from bench.suite_files import suite_file
-from bench.works import Render
+from bench.works import Figures, Render
 from trajectories.errors import UserError, unknown_name
 from trajectories.files import write_text
 from trajectories.seals import is_sealed
@@ -39,6 +39,7 @@ class Where:
     slurm_options: tuple[str, ...] = ()
     dry_run: bool = False
     isolate: bool = False
+    figures: Figures = "page"
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> int:
@@ -53,7 +54,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
     folder = resolved(out or Path("out") / suite.name)
     shard = Shard.parse(where.shard) if where.shard else None
     last = "score" if shard and verb == "report" else verb
-    jobs = plan(shard.of(suite) if shard else suite, folder, last=last)
+    jobs = plan(shard.of(suite) if shard else suite, folder, last=last, figures=where.figures)
     if where.dry_run:
         click.echo(dry_run(jobs, folder, where.slurm or where.workers))
         click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from bench.config import Protocol
 from bench.external import External
@@ -19,6 +19,8 @@ from tracker.run import KNOWN
 from trajectories.trajectory import Trajectory
 
 Spec = SequenceSpec | RecordingSpec
+Figures = Literal["page", "all"]
+"""Which figures a report draws, as in reports.drawings; here again, because that one needs matplotlib."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,7 @@ class Report:
     absent: tuple[tuple[str, str], ...] = ()
     recorded: bool = False
     unrendered: tuple[tuple[str, str], ...] = ()
+    figures: Figures = "page"
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write index.html, figures, tables and scores.json."""
@@ -145,7 +148,9 @@ class Report:
         entries = [
             ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
         ]
-        given: dict[str, Any] = {"restarts": self.restarts, "content_hash": content_hash, "on_step": on_step}
+        given: dict[str, Any] = {
+            "restarts": self.restarts, "figures": self.figures, "content_hash": content_hash, "on_step": on_step,
+        }  # fmt: skip
         write_report(self.folder, self.title, entries, dict(self.unrendered), absent=dict(self.absent), **given)
 
     def without(self, failed: Mapping[str, str]) -> "Report | None":

@@ -22,7 +22,8 @@ from trajectories.pose import Array
 
 PARTS = 4
 MAX_FRAMES = 200
-"""A breakdown looks at this many frames of a sequence at most, evenly spread."""
+"""A breakdown looks at this many frames at most, evenly spread over all sequences, but FEW of each at least."""
+FEW = 4
 CONTRAST_OFFSET_PX = 4.0
 POINTS_PER_EDGE = 15
 
@@ -151,27 +152,28 @@ def breakdown(values: Array, success: Array, translation_m: Array, parts: int = 
 def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
     """Parts by attribute and run name, over all sequences of runs at one rate; attributes that are known only."""
     names = list(dict.fromkeys(run.name for run in runs))
+    at_most = max(FEW, MAX_FRAMES // len({id(run.sequence) for run in runs}))
     found: dict[str, dict[str, list[Part]]] = {}
     for attribute, (_, function) in ATTRIBUTES.items():
         of_sequence: dict[int, Array] = {}
         for run in runs:
             if id(run.sequence) not in of_sequence:
-                of_sequence[id(run.sequence)] = function(run.sequence, looked_at(run))
+                of_sequence[id(run.sequence)] = function(run.sequence, looked_at(run, at_most))
         found[attribute] = {}
         for name in names:
             group = [run for run in runs if run.name == name]
             values = np.concatenate([of_sequence[id(run.sequence)] for run in group])
-            rows = [np.searchsorted(run.errors.frames, looked_at(run)) for run in group]
+            rows = [np.searchsorted(run.errors.frames, looked_at(run, at_most)) for run in group]
             success = np.concatenate([run.errors.success[k].astype(float) for run, k in zip(group, rows, strict=True)])
             metres = np.concatenate([run.errors.translation_m[k] for run, k in zip(group, rows, strict=True)])
             found[attribute][name] = breakdown(values, success, metres)
     return {attribute: of_run for attribute, of_run in found.items() if any(of_run.values())}
 
 
-def looked_at(run: ScoredRun) -> list[int]:
+def looked_at(run: ScoredRun, at_most: int) -> list[int]:
     """Frames of a run that a breakdown looks at."""
     frames: list[int] = run.errors.frames.tolist()
-    return frames[:: -(-len(frames) // MAX_FRAMES)]
+    return frames[:: -(-len(frames) // at_most)]
 
 
 def _edges(sequence: Sequence, frame: int) -> ProjectedEdges:

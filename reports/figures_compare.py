@@ -9,7 +9,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from reports.frame_errors import SUCCESS_M
 from reports.runs import ScoredRun
-from reports.style import TRUTH, colour, line, marker, new_figure, save_figure
+from reports.style import TRUTH, colour, legend_columns, line, marker, new_figure, save_figure
 from reports.tracking import AUC_LIMIT_M, success_auc, success_curve
 
 HATCHES = ("", "////", "....", "xxxx")
@@ -105,7 +105,14 @@ def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.set_xlabel("position error threshold (cm)")
     panel.set_ylabel("frames within it (%)")
     handles, names = panel.get_legend_handles_labels()
-    figure.legend(handles, names, title="area under the curve", title_fontsize=7, loc="outside upper center", ncols=3)
+    figure.legend(
+        handles,
+        names,
+        title="area under the curve",
+        title_fontsize=7,
+        loc="outside upper center",
+        ncols=legend_columns(names),
+    )
     columns = ["threshold_m", *(name for name, _ in curves)]
     table = np.column_stack([limits, *(curve for _, curve in curves)]).tolist()
     return save_figure(figure, stem, columns, table)
@@ -132,5 +139,5 @@ def accuracy_against_latency(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.set_xlabel("time per frame (ms): median, line to 95th percentile")
     panel.set_ylabel("frames within 5 cm, 5 deg (%)")
     handles = dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
-    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=3)
+    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=legend_columns(list(handles)))
     return save_figure(figure, stem, ["run", "sequence", "p50_ms", "p95_ms", "p99_ms", "max_ms", "success"], rows)

@@ -1,5 +1,6 @@
 """Figures in space: paths in 3-D and from above over the structure, error against distance, over sub-trajectories."""
 
+from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from pathlib import Path
 from typing import Any
@@ -79,47 +80,63 @@ def limits(structure: Structure, truth: Array) -> tuple[Array, Array]:
 
 
 def error_against_distance(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """(a) Error against distance travelled; (b) relative error over sub-trajectories of growing length, as boxes."""
-    figure = new_figure(2.4)
-    left, right = figure.subplots(1, 2)
-    rows: list[list[Any]] = []
+    """(a) Error against distance travelled; (b) relative error over sub-trajectories of growing length, as boxes.
+
+    Without (b) where the frames lie so far apart that there is no sub-trajectory of any such length.
+    """
     total = float(distance_along(runs[0].sequence.truth.positions_m)[-1])
     lengths = [share * total for share in SHARES]
-    for k, run in enumerate(runs):
-        pairs, errors = run.errors.pairs, run.errors
-        along = distance_along(pairs.reference_m)
+    over = {run.name: [_over(run, length) for length in lengths] for run in runs}
+    boxed = any(len(values) for of_run in over.values() for values in of_run)
+    figure = new_figure(2.4, wide=boxed)
+    left, *right = figure.subplots(1, 2 if boxed else 1, squeeze=False)[0]
+    rows: list[list[Any]] = []
+    for run in runs:
+        errors, along = run.errors, distance_along(run.errors.pairs.reference_m)
         left.plot(along, np.where(errors.ok, 100 * errors.translation_m, np.nan), label=run.title, **line(run.colour))
         rows += [
             [run.name, "along", a, finite(m)]
             for a, m in zip(along.tolist(), errors.translation_m.tolist(), strict=True)
         ]
-        boxes, places = [], []
-        for place, length in enumerate(lengths):
-            i, j = stretches(pairs, Stretch(length, "m", all_pairs=True)) if length > 0 else (np.empty(0, int),) * 2
-            both = errors.ok[i] & errors.ok[j]
-            relative = relative_errors(pairs, i[both], j[both], "translation_m")
-            if len(relative):
-                boxes.append(100 * relative / length)
-                places.append(place + (k - (len(runs) - 1) / 2) * 0.8 / len(runs))
-                rows += [[run.name, f"over {length:.4g} m", None, value] for value in relative.tolist()]
-        if boxes:
-            ink = {"color": colour(run.colour), "linewidth": 0.8}
-            right.boxplot(
-                boxes, positions=places, widths=0.6 / len(runs), manage_ticks=False, showfliers=False,
-                patch_artist=True,
-                whis=(5, 95), boxprops={**ink, "facecolor": "white"}, medianprops={**ink, "linewidth": 1.6},
-                whiskerprops=ink, capprops=ink,
-            )  # fmt: skip
-    for letter, panel in (("a", left), ("b", right)):
+        for length, values in zip(lengths, over[run.name], strict=True):
+            rows += [[run.name, f"over {length:.4g} m", None, value] for value in values.tolist()]
+    for letter, panel in zip("ab", (left, *right), strict=False):
         panel.set_yscale("log")
-        panel_letter(panel, letter)
+        panel_letter(panel, letter if boxed else "")
+    for panel in right:
+        _draw_boxes(panel, runs, lengths, over)
+        nice_log(panel)
     nice_log(left)
-    nice_log(right)
     left.set_xlabel("distance travelled (m)")
     left.set_ylabel("position error (cm)")
-    right.set_xticks(range(len(lengths)), [f"{length:.2g}" for length in lengths])
-    right.grid(False, axis="x")
-    right.set_xlabel("length of the sub-trajectory (m)")
-    right.set_ylabel("relative error (% of length)")
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=6 if boxed else 3)
     return save_figure(figure, stem, ["run", "what", "distance_m", "error_m"], rows)
+
+
+def _over(run: ScoredRun, length_m: float) -> Array:
+    """Relative errors (n,) in m over the sub-trajectories of one length."""
+    if length_m <= 0:
+        return np.empty(0)
+    pairs, ok = run.errors.pairs, run.errors.ok
+    i, j = stretches(pairs, Stretch(length_m, "m", all_pairs=True))
+    both = ok[i] & ok[j]
+    return relative_errors(pairs, i[both], j[both], "translation_m")
+
+
+def _draw_boxes(panel: Axes, runs: ListOf[ScoredRun], lengths: list[float], over: Mapping[str, list[Array]]) -> None:
+    for k, run in enumerate(runs):
+        known = [(place, values) for place, values in enumerate(over[run.name]) if len(values)]
+        if not known:
+            continue
+        ink = {"color": colour(run.colour), "linewidth": 0.8}
+        panel.boxplot(
+            [100 * values / lengths[place] for place, values in known],
+            positions=[place + (k - (len(runs) - 1) / 2) * 0.8 / len(runs) for place, _ in known],
+            widths=0.6 / len(runs), manage_ticks=False, showfliers=False, patch_artist=True,
+            whis=(5, 95), boxprops={**ink, "facecolor": "white"}, medianprops={**ink, "linewidth": 1.6},
+            whiskerprops=ink, capprops=ink,
+        )  # fmt: skip
+    panel.set_xticks(range(len(lengths)), [f"{length:.2g}" for length in lengths])
+    panel.grid(False, axis="x")
+    panel.set_xlabel("length of the sub-trajectory (m)")
+    panel.set_ylabel("relative error (% of length)")

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from reports.attributes import ATTRIBUTES, Part
 from reports.figures_time import finite
 from reports.runs import ScoredRun
-from reports.statistics import Comparison, Ranks, hierarchical_interval
+from reports.statistics import Comparison, Ranks, hierarchical_interval, least_units
 from reports.style import TRUTH, colour, line, marker, new_figure, panel_letter, save_figure
 from reports.uncertainty import DEGREES_OF_FREEDOM, nees
 from trajectories.pose import Array
@@ -45,7 +45,9 @@ def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, wh
         panel.plot([min(ends) - 0.04, max(ends) + 0.04], [height] * 2, color="#444444", lw=2.2, solid_capstyle="butt")
     width = min(found.critical_difference, k - 1)
     panel.plot([1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=TRUTH, lw=0.9)
-    panel.text(1 + width / 2, 1.45, f"CD = {found.critical_difference:.2f}", va="bottom", ha="center", fontsize=7)
+    known = f"CD = {found.critical_difference:.2f}"
+    text = known if np.isfinite(found.critical_difference) else f"CD: n/a, of {least_units()} runs at least"
+    panel.text(1 + width / 2, 1.45, text, va="bottom", ha="center", fontsize=7)
     note = f"mean rank by {what}; n = {found.n}, best at the left"
     panel.text((k + 1) / 2, -half - 1.6, note, ha="center", va="bottom", fontsize=7)
     rows = sorted(found.mean_ranks.items(), key=lambda item: item[1])
@@ -60,6 +62,8 @@ def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, w
         a, b = names.index(c.first), names.index(c.second)
         wins[a, b], wins[b, a] = 100 * c.wins, 100 * (1 - c.wins)
         star[a, b] = star[b, a] = c.significant
+    needed = least_units(len(comparisons))
+    few = max((c.units for c in comparisons), default=0) < needed
     figure = new_figure(1.0 + 0.28 * len(names), wide=False)
     panel = figure.subplots()
     panel.imshow(np.nan_to_num(wins, nan=50), cmap="cividis", vmin=0, vmax=100, aspect="auto", alpha=0.85)
@@ -72,11 +76,21 @@ def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, w
             )
     panel.set_xticks(range(len(names)), names, rotation=30, ha="right")
     panel.set_yticks(range(len(names)), names)
-    panel.set_title(f"row beats column, % of runs, by {what}", fontsize=7.5)
+    note = f"\nsignificance n/a: {needed} independent runs are needed" if few else ""
+    panel.set_title(f"row beats column, % of runs, by {what}{note}", fontsize=7.5)
     rows = [
-        [c.first, c.second, c.wins, c.difference.mean, c.difference.low, c.difference.high, c.p] for c in comparisons
+        [
+            c.first,
+            c.second,
+            c.wins,
+            c.difference.mean,
+            *map(finite, (c.difference.low, c.difference.high)),
+            c.p,
+            c.units,
+        ]
+        for c in comparisons
     ]
-    return save_figure(figure, stem, ["first", "second", "wins", "difference", "low", "high", "p_holm"], rows)
+    return save_figure(figure, stem, ["first", "second", "wins", "difference", "low", "high", "p_holm", "units"], rows)
 
 
 def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], stem: Path) -> list[Path]:
@@ -171,7 +185,7 @@ def sweep(
         bounds = np.clip(bounds, 0, 100) if share else bounds
         panel.fill_between(xs, *bounds.T, color=colour(index), alpha=0.2, lw=0)
         panel.plot(xs, [f.mean for f in found], label=name, **{**line(index), "marker": marker(index)["marker"]})
-        rows += [[name, x, f.mean, f.low, f.high, f.n] for x, f in zip(xs, found, strict=True)]
+        rows += [[name, x, f.mean, finite(f.low), finite(f.high), f.n, f.why] for x, f in zip(xs, found, strict=True)]
     values = [row[1] for row in rows]
     if values and min(values) > 0 and max(values) > 10 * min(values):
         panel.set_xscale("log")
@@ -183,7 +197,7 @@ def sweep(
     panel.set_xlabel(swept)
     panel.set_ylabel(metric)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return save_figure(figure, stem, ["tracker", "value", "mean", "low", "high", "runs"], rows)
+    return save_figure(figure, stem, ["tracker", "value", "mean", "low", "high", "runs", "no_interval"], rows)
 
 
 def _median(values: Array) -> str:

@@ -49,7 +49,7 @@ def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if not run.errors.success.all():
         handles.append(Patch(color=LOSS))
-        labels.append("lost: no pose within 5 cm and 5 deg")
+        labels.append("off target: no pose within 5 cm and 5 deg")
     figure.legend(handles, labels, loc="outside upper center", ncols=4)
     names = [f"{n}_{u}" for n, u in COMPONENTS]
     columns = [f"{what}_{n}" for what in ("true", "estimated", "sigma") for n in names]
@@ -59,7 +59,7 @@ def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
 
 
 def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Position and rotation error of every tracker over time; a strip per tracker shows where it is lost."""
+    """Position and rotation error of every tracker over time; a strip per tracker shows where it is off target."""
     figure = new_figure(2.6 + 0.13 * len(runs))
     grid = figure.add_gridspec(3, 1, height_ratios=[10, 10, 1.2 * len(runs)])
     top = figure.add_subplot(grid[0])
@@ -90,7 +90,7 @@ def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     strip.set_ylim(0, 1)
     strip.grid(False)
     strip.set_xlabel("time (s)")
-    strip.set_ylabel("lost", rotation=0, ha="right", va="center", fontsize=7)
+    strip.set_ylabel("off\ntarget", rotation=0, ha="right", va="center", fontsize=7)
     figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=6)
     return save_figure(figure, stem, ["run", "frame", "time_s", "position_m", "rotation_deg", "success"], rows)
 
@@ -155,7 +155,7 @@ def finite(value: float) -> float | None:
 
 
 def shade_loss(panel: Axes, t: Array, success: NDArray[np.bool_]) -> None:
-    """Shade the stretches of time in which a tracker is lost."""
+    """Shade the stretches of time in which a tracker has no pose within 5 cm and 5 deg."""
     for a, b in spans(t, ~success):
         panel.axvspan(a, b, color=LOSS, lw=0, zorder=0.5)
 

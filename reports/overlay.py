@@ -12,8 +12,10 @@ from reports.pictures import Image, View, draw, write_text_on
 from reports.runs import ScoredRun
 from trajectories.files import new_file
 
-SCRUBBED_FRAMES = 300
+SCRUBBED_FRAMES = 200
 """A page scrubs through this many frames of a sequence at most."""
+MOVING_FRAMES = 100
+"""An animation shows this many at most."""
 JPEG_QUALITY = 82
 WEBP_QUALITY = 55
 ANIMATION_WIDTH_PX = 480
@@ -31,7 +33,8 @@ def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[
     """
     folder.mkdir(parents=True, exist_ok=True)
     frames = scrubbed(len(run.sequence))
-    step_ms = round(float(np.diff(run.sequence.stamps_ns[frames]).mean()) / 1e6) if len(frames) > 1 else 100
+    animated = frames[:: max(1, -(-len(frames) // MOVING_FRAMES))]
+    step_ms = round(float(np.diff(run.sequence.stamps_ns[animated]).mean()) / 1e6) if len(animated) > 1 else 100
 
     def drawn() -> Iterator[Pillow.Image]:
         for frame in frames:
@@ -39,7 +42,8 @@ def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[
             with new_file(folder / f"{frame:06d}.jpg") as temporary:
                 temporary.write_bytes(cv2.imencode(".jpg", view.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
             on_frame()
-            yield Pillow.fromarray(overlay_frame(run, view, frame)[..., ::-1])
+            if frame in animated:
+                yield Pillow.fromarray(overlay_frame(run, view, frame)[..., ::-1])
 
     pictures = drawn()
     with new_file(moving) as temporary:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +12,28 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from PIL import Image
 
+from reports.failures import failed_trackers, status, worst_first
 from reports.figures_time import finite
 from reports.overlay import scrubbed
 from reports.pictures import View
 from reports.runs import ScoredRun
 from reports.style import PNG_DPI, TWO_COLUMNS_IN, colour
-from reports.tables import Table
-from reports.tracking import failures
+from reports.tables import TWO_COLUMNS, Table
 from tracker.run import versions
 from trajectories.files import write_text
 from trajectories.pose import Array
 
 HERE = Path(__file__).parent
-TABLE_TITLES = {"details": "Details", "protocols": "With true poses on the way"}
+THEMES = {
+    "Errors": ("AUC 10 cm", "RPE 1 frame", "edges", "ADD", "MSSD", "MSPD", "error / CRLB"),
+    "Failures": ("failures", "first failure", "longest failure", "recovery"),
+    "Claimed uncertainty": ("NEES", "claimed sigma"),
+    "Time": ("frame p50", "frame p95", "frame p99", "frame max", "deadline misses"),
+    "In real time": tuple(
+        f"in real time: {what}" for what in ("within 5 cm, 5 deg", "frames missed", "age of the pose")
+    ),
+}
+"""The columns of the detailed tables of the page, by title: so many beside each other as fit."""
 MAX_EDGES = 150
 """The page draws this many model edges per frame at most, the longest."""
 
@@ -76,39 +85,89 @@ class SequenceOnPage:
     index_text: str
 
 
+@dataclass(frozen=True)
+class Undrawn:
+    """What a report leaves to be drawn on demand: so many figures, and the pages of these sequences."""
+
+    figures: int
+    sequences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an index says beside its runs: sequences that could not be made, trackers not here, and why; the undrawn."""
+
+    title: str
+    unrendered: Mapping[str, str]
+    absent: Mapping[str, str]
+    undrawn: Undrawn
+
+
 def write_index(
     folder: Path,
-    title: str,
+    told: Told,
     runs: ListOf[ScoredRun],
     tables: ListOf[tuple[str, Table]],
     figures: ListOf[FigureOnPage],
     sequences: ListOf[SequenceOnPage],
-    unrendered: Mapping[str, str],
-    absent: Mapping[str, str],
 ) -> Path:
-    """Write `index.html`; unrendered and absent: sequences that could not be made and trackers not here, and why."""
+    """Write `index.html`: scores first, then failures, figures, details, and the pages of the sequences."""
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
-    pages = {s.name: s.page for s in sequences}
+    names = list(dict.fromkeys(run.sequence.name for run in runs))
+    summary = tables[0][1]
     text = environment().get_template("page_index.html").render(
-        title=title,
+        title=told.title,
         css=asset("page.css"),
         js=asset("page.js"),
         runs=runs,
         trackers=", ".join(labels),
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
+        names=names,
         sequences=sequences,
-        unrendered=unrendered,
-        absent=absent,
-        summary=_shown(*tables[0], runs),
-        more=[_shown(name, table, runs) for name, table in tables[1:]],
-        failures=[f for run in worst_first(runs) if (f := failure(run, runs, pages)) is not None],
+        unrendered=told.unrendered,
+        absent=told.absent,
+        undrawn=told.undrawn,
+        summary=_shown("summary", "Scores", summary.select(TWO_COLUMNS), runs),
+        details=_themes([table for _, table in tables], runs),
+        table_files=[f"tables/{name}{end}" for name, _ in tables for end in TABLE_FILES[name == "summary"]],
+        failures=failed_trackers(runs, {s.name: s.page for s in sequences}),
         figures=[f.sized(folder) for f in figures],
         record=json.dumps(runs[0].score.record, indent=1) if runs else "",
         version=versions()["uavbench"],
     )  # fmt: skip
     write_text(folder / "index.html", text)
     return folder / "index.html"
+
+
+TABLE_FILES = ((".md", ".csv", ".tex"), (".md", ".csv", ".tex", "_one_column.tex"))
+"""Ends of the files of a table, and of the summary's."""
+
+
+def _themes(tables: ListOf[Table], runs: ListOf[ScoredRun]) -> list[dict[str, Any]]:
+    """The detailed tables, without columns of which nothing is known."""
+    joined = tables[0]
+    for table in tables[1:]:
+        rows = zip(joined.rows, table.rows, strict=True)
+        joined = replace(
+            joined,
+            columns=(*joined.columns, *table.columns),
+            rows=tuple((name, (*a, *b)) for (name, a), (_, b) in rows),
+        )
+    known = {
+        column.head for k, column in enumerate(joined.columns) if any(row[k].mean is not None for _, row in joined.rows)
+    }
+    themes = {**THEMES, **({PROTOCOLS: [c.head for c in tables[2].columns]} if len(tables) > 2 else {})}
+    chosen = {title: [head for head in heads if head in known] for title, heads in themes.items()}
+    joined = replace(joined, absent=())
+    return [
+        _shown(title.lower().replace(" ", "-"), title, joined.select(heads), runs)
+        for title, heads in chosen.items()
+        if heads
+    ]
+
+
+PROTOCOLS = "With true poses on the way"
 
 
 def write_sequence_page(
@@ -161,8 +220,19 @@ def _scrubbed_run(run: ScoredRun, view: View, frames: list[int]) -> dict[str, An
         "deg": [finite(round(v, 4)) for v in run.errors.angle_deg[rows].tolist()],
         "success": run.errors.success[rows].astype(int).tolist(),
         "since": since,
-        "edges": [flat(view.projected(run.latest_pose[frame])) for frame in frames],
+        "edges": _edges(run, view, frames),
     }
+
+
+def _edges(run: ScoredRun, view: View, frames: list[int]) -> list[list[float]]:
+    """Edges at the latest estimate of each frame; one that holds for several frames is projected once."""
+    found: list[list[float]] = []
+    before: object = object()
+    for frame in frames:
+        pose = run.latest_pose[frame]
+        found.append(found[-1] if pose is before else flat(view.projected(pose)))
+        before = pose
+    return found
 
 
 def flat(segments_px: Array) -> list[float]:
@@ -173,64 +243,31 @@ def flat(segments_px: Array) -> list[float]:
     return np.round(segments_px, 1).reshape(-1).tolist()
 
 
-def worst_first(runs: ListOf[ScoredRun]) -> list[ScoredRun]:
-    """Runs by how badly they failed: missing, crashed, then by success."""
-    first = {"missing": 0, "crashed": 1}
-    return sorted(runs, key=lambda run: (first.get(run.score.status, 2), run.score.tracking.success))
-
-
-def failure(run: ScoredRun, runs: ListOf[ScoredRun], pages: dict[str, str]) -> dict[str, Any] | None:
-    """What the page says of a run that failed; None for one that never did."""
-    begins, _ = failures(run.errors.success)
-    if not len(begins) and run.score.status == "complete":
-        return None
-    tracking = run.score.tracking
-    text = f"{100 * tracking.success:.1f} % of {tracking.frames} frames within 5 cm and 5\N{DEGREE SIGN}, "
-    text += f"{100 * tracking.coverage:.1f} % with a pose. "
-    link = ""
-    if len(begins):
-        times = f"{tracking.failures} time{'s' if tracking.failures != 1 else ''}"
-        first, longest = tracking.time_to_first_loss_s, tracking.longest_failure_s
-        text += f"Lost {times}, first at {first:.2f} s, longest for {longest:.2f} s."
-        page = pages.get(run.sequence.name)
-        frame = int(run.errors.frames[begins[0]])
-        place = [other for other in runs if other.sequence is run.sequence].index(run)
-        link = f"{page}#run={place}&frame={frame}" if page else ""
-    status = run.score.status if run.score.status != "complete" else "lost"
-    return {
-        "title": run.title, "sequence": run.sequence.name, "status": status, "text": text, "link": link,
-        "errors": run.score.errors[:3],
-    }  # fmt: skip
-
-
-def _shown(name: str, table: Table, runs: ListOf[ScoredRun]) -> dict[str, Any]:
+def _shown(name: str, title: str, table: Table, runs: ListOf[ScoredRun]) -> dict[str, Any]:
     return {
         "name": name,
-        "title": TABLE_TITLES.get(name, name),
+        "title": title,
         "heads": [
             {"name": "tracker", "unit": "", "best": "min"},
             *({"name": c.head, "unit": c.unit, "best": c.best} for c in table.columns),
         ],
         "rows": [_row(run, cells, runs) for run, cells in table.rows],
         "absent": table.absent,
-        "caption": table.caption,
-        "files": [f"tables/{name}{suffix}" for suffix in (".md", ".csv", ".tex")],
+        "caption": table.caption if name == "summary" else "",
         "shares": name == "summary",
     }
 
 
 def _row(name: str, cells: Any, runs: ListOf[ScoredRun]) -> dict[str, Any]:
     group = [run for run in runs if run.name == name]
-    worst = worst_first(group)[0].score
-    status = worst.status if worst.status != "complete" or worst.tracking.success == 1 else "lost"
     shares = {0, 1}
     return {
         "name": name,
         "title": group[0].title,
         "colour": colour(group[0].colour),
-        "status": status,
+        "status": status(worst_first(group)[0]),
         "cells": [
-            {"text": c.text + "*" * c.significant, "bounds": c.bounds, "best": c.best,
+            {"text": c.text + "*" * c.significant, "bounds": c.bounds, "why": c.why, "best": c.best,
              "sort": "" if c.mean is None else f"{c.mean:.9g}",
              "share": round(c.mean, 2) if k in shares and c.mean is not None else None}
             for k, c in enumerate(cells)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scenes.camera import Camera
 from scenes.structure import Structure
 from tracker.segments import MIN_SEGMENT_PX, detect_edge_pixels, detect_segments, grey
-from tracker.visible_edges import visible_edges
+from tracker.visible_edges import seen_edges_px
 from trajectories.pose import Array, Pose
 
 Image = NDArray[np.uint8]
@@ -37,10 +37,10 @@ class View:
         return cls(undistorted(image, camera), camera, structure)
 
     def projected(self, cam_from_world: Pose | None) -> Array:
-        """Visible edges of the structure (k, 2, 2) in px; none without a pose."""
+        """Edges of the structure that no face hides (k, 2, 2) in px; none without a pose."""
         if cam_from_world is None:
             return np.zeros((0, 2, 2))
-        return visible_edges(self.structure, self.camera, cam_from_world).segments_px
+        return seen_edges_px(self.structure, self.camera, cam_from_world)
 
     def segments(self) -> tuple[Image, int]:
         """The image in grey with its LSD segments, each in its own colour, and their number."""

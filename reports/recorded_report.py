@@ -114,7 +114,9 @@ def open_recorded(entries: ListOf[tuple[Path, Path, str]]) -> list[Shown]:
     labels: dict[str, int] = {}
     runs = []
     for sequence_folder, results_folder, why in entries:
-        sequence = sequences.setdefault(sequence_folder, Sequence.load(sequence_folder))
+        if sequence_folder not in sequences:
+            sequences[sequence_folder] = Sequence.load(sequence_folder)
+        sequence = sequences[sequence_folder]
         there = results_folder.exists() and not why
         results = Results.load(results_folder) if there else missing_results(sequence, results_folder, why)
         run = RecordedRun(sequence, results)

@@ -2,9 +2,13 @@
 
 index.html                   the summary, failures first, and the figures
 pages/SEQUENCE.html          frame by frame, with its images beside it
-figures/*.pdf *.png *.csv    every figure and the numbers behind it
+figures/*.pdf *.png *.csv    figures and the numbers behind them
 figures/overlay_*.webp       the model on the images, moving
 tables/summary.* details.*   Markdown, CSV, LaTeX
+
+The figures that compare trackers are always drawn, and of a few sequences a page with an overlay, the flight, the
+errors and the paths; the rest is drawn when it is asked for (`figures="all"`).
+
 scores.json                  all scores; byte for byte the same on every run of the same suite
 latency.json                 the times of the same runs
 report.json                  the hash of what made this report
@@ -14,22 +18,29 @@ import json
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from reports import figures_pictures, figures_space, figures_time, flight_figure
+from reports.drawings import WEIGHT, Drawing, Easel, Figures
+from reports.failures import own_runs
 from reports.overlay import scrubbed, write_frames
-from reports.page import FigureOnPage, SequenceOnPage, on_page, write_index, write_sequence_page
+from reports.page import FigureOnPage, SequenceOnPage, Told, Undrawn, write_index, write_sequence_page
 from reports.report_compare import compare, compare_along, compare_restarts
 from reports.restarts import COLUMNS as RESTARTS
-from reports.restarts import numbers_of, open_restarts
+from reports.restarts import RestartedRun, numbers_of, open_restarts
 from reports.runs import ScoredRun, open_runs
 from reports.score import Score
 from reports.steps import OnStep, Steps
 from reports.style import house_style
-from reports.tables import DETAILS, details, summary_table
-from reports.tables_write import write_tables
+from reports.tables import DETAILS, Table, details, summary_table
+from reports.tables_write import write_summary, write_tables
+from scenes.sequence import Sequence
 from trajectories.errors import UserError
 from trajectories.files import in_parts, write_text
+
+PAGES = 3
+"""Sequences that get a page unasked."""
 
 
 @dataclass(frozen=True)
@@ -51,40 +62,66 @@ def write_report(
     *,
     restarts: ListOf[Path] = (),
     absent: Mapping[str, str] | None = None,
+    figures: Figures = "page",
     content_hash: str = "",
     on_step: OnStep | None = None,
 ) -> Path:
     """Write the report of all entries into `folder`; the path of its index.html.
 
     unrendered: sequences that could not be made, and why; restarts: results of runs that were given true poses on the
-    way; absent: trackers that are not on this machine, and why. UserError when there is no entry, or files of one are
-    missing or do not belong together.
+    way; absent: trackers that are not on this machine, and why; figures: which are drawn. UserError when there is no
+    entry, or files of one are missing or do not belong together.
     """
     if not entries:
         raise UserError("a report needs at least one scored run")
     runs = open_runs([(e.sequence, e.results, e.score, e.why) for e in entries])
-    by_sequence = {name: [r for r in runs if r.sequence.name == name] for name in dict.fromkeys(_names(runs))}
-    steps = Steps(on_step, sum(len(scrubbed(len(group[0].sequence))) for group in by_sequence.values()), len(runs))
+    groups = {
+        name: [r for r in runs if r.sequence.name == name] for name in dict.fromkeys(r.sequence.name for r in runs)
+    }
+    restarted = open_restarts(restarts, [run.sequence for run in runs])
+    overall = [*compare(runs), *compare_restarts(runs, restarted), *compare_along(runs)]
+    shown = groups if figures == "all" else looked_at(groups)
+    first = next(iter(shown))
+    of_sequence = {name: drawings_of(group, always=name == first) for name, group in groups.items()}
+    count = sum(d.always or figures == "all" for d in [*overall, *(d for few in of_sequence.values() for d in few)])
+    steps = Steps(on_step, sum(len(scrubbed(len(group[0].sequence))) for group in shown.values()) + WEIGHT * count)
+    easel = Easel(folder, figures, steps)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     with house_style():
-        restarted = open_restarts(restarts, [run.sequence for run in runs])
-        overall = [
-            *compare(folder, runs, steps), *compare_restarts(folder, runs, restarted), *compare_along(folder, runs)
-        ]  # fmt: skip
-        pages = [write_sequence(folder, title, group, steps) for group in by_sequence.values()]
-    scores = [run.score for run in runs]
-    summary = replace(summary_table(scores), absent=tuple(absent or {}))
-    tables = [("summary", summary), ("details", summary_table(scores, DETAILS, details))]
-    if restarted:
-        tables.append(("protocols", summary_table(scores, RESTARTS, numbers_of(restarted))))
-    for name, table in tables:
-        write_tables(table, folder / "tables" / name)
+        on_index = easel.draw(overall)
+        drawn = {name: easel.draw(few) for name, few in of_sequence.items()}
+    pages = [write_sequence(folder, title, group, drawn[name], steps) for name, group in shown.items()]
+    on_index += drawn[first]
+    tables = write_all_tables(folder, runs, restarted, tuple(absent or {}))
     write_scores(folder, title, [run.score for run in runs], unrendered or {}, absent or {})
-    figures = [*overall, *(f for _, few in pages for f in few)]
-    index = write_index(folder, title, runs, tables, figures, [p for p, _ in pages], unrendered or {}, absent or {})
+    undrawn = Undrawn(easel.left_out, tuple(name for name in groups if name not in shown))
+    about = Told(title, unrendered or {}, absent or {}, undrawn)
+    index = write_index(folder, about, runs, tables, on_index, pages)
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
     return index
+
+
+def write_all_tables(
+    folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun], absent: tuple[str, ...]
+) -> list[tuple[str, Table]]:
+    """Write the tables in three forms; their names and what they hold."""
+    scores = [run.score for run in runs]
+    summary, more = summary_table(scores), summary_table(scores, DETAILS, details)
+    write_summary(replace(summary, absent=absent), folder / "tables" / "summary")
+    write_tables(more, folder / "tables" / "details")
+    tables = [("summary", replace(summary, absent=absent)), ("details", more)]
+    if restarted:
+        tables.append(("protocols", summary_table(scores, RESTARTS, numbers_of(restarted))))
+        write_tables(tables[-1][1], folder / "tables" / "protocols")
+    return tables
+
+
+def looked_at(groups: Mapping[str, list[ScoredRun]]) -> dict[str, list[ScoredRun]]:
+    """The sequences that get a page unasked: the first, and those in which a tracker did worst, PAGES in all."""
+    first, *others = groups
+    worst = sorted(others, key=lambda name: min(run.score.tracking.success for run in own_runs(groups[name])))
+    return {name: groups[name] for name in (first, *worst[: PAGES - 1])}
 
 
 def write_scores(
@@ -102,40 +139,12 @@ def write_scores(
 
 
 def write_sequence(
-    folder: Path, title: str, runs: ListOf[ScoredRun], steps: Steps
-) -> tuple[SequenceOnPage, list[FigureOnPage]]:
-    """Figures, overlay and page of one sequence; the page, and the figures that the index shows too."""
+    folder: Path, title: str, runs: ListOf[ScoredRun], figures: ListOf[FigureOnPage], steps: Steps
+) -> SequenceOnPage:
+    """Overlay and page of one sequence."""
     sequence, main = runs[0].sequence, main_run(runs)
-    slug, figures = main.slug.split("_")[0], folder / "figures"
-    rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
-    made = flight_figure.flight(sequence, figures / f"flight_{slug}")
-    index = [
-        on_page(folder, made, f"Flight, {sequence.name}", "The true path, where the camera looked, and the structure.")
-    ]
-    for rate in rates:
-        some = [run for run in runs if run.score.rate_hz == rate]
-        made = figures_time.errors_over_time(some, figures / f"errors_{slug}_{rate:g}hz")
-        index.append(on_page(folder, made, f"Errors over time, {sequence.name}, {rate:g} Hz",
-                             "Against the truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}."))  # fmt: skip
-        made = figures_space.paths(some, figures / f"path_{slug}_{rate:g}hz")
-        index.append(on_page(folder, made, f"Paths, {sequence.name}, {rate:g} Hz",
-                             "True and estimated paths around the structure, in 3-D and from above."))  # fmt: skip
-        made = figures_space.error_against_distance(some, figures / f"distance_{slug}_{rate:g}hz")
-        index.append(on_page(folder, made, f"Error against distance, {sequence.name}, {rate:g} Hz",
-                             "Against the distance travelled, and over sub-trajectories (boxes: quartiles, whiskers 5 "
-                             "and 95 %)."))  # fmt: skip
-        steps(8)
-    pictured = [run for run in runs if run.score.label == main.score.label and len(run.results)]
-    for run in pictured:
-        index += pictures_of(folder, run)
-        steps(8)
-    own = []
-    for run in runs:
-        made = figures_time.pose_components(run, figures / f"pose_{run.slug}")
-        caption = "Six components of the body's pose in the structure's frame, estimate against truth."
-        own.append(on_page(folder, made, f"Pose components, {run.title}", caption))
-        steps(8)
-    moving = figures / f"overlay_{main.slug}.webp"
+    slug = slug_of(sequence)
+    moving = folder / "figures" / f"overlay_{main.slug}.webp"
     write_frames(main, folder / "pages" / slug, moving, steps)
     shown = SequenceOnPage(
         sequence.name,
@@ -146,27 +155,64 @@ def write_sequence(
         f"The overlay shows {main.title}: the model at the "
         "latest estimate in green, at the truth in white. Its page goes through all runs frame by frame.",
     )
-    on_page_too = [FigureOnPage(f.files, f.title, f.caption, up="../") for f in [*index, *own]]
-    write_sequence_page(folder, title, shown, runs, on_page_too)
-    return shown, [*index, *(f for f, run in zip(own, runs, strict=True) if run in pictured)]
+    write_sequence_page(folder, title, shown, runs, [replace(figure, up="../") for figure in figures])
+    return shown
 
 
-def pictures_of(folder: Path, run: ScoredRun) -> list[FigureOnPage]:
+def drawings_of(runs: ListOf[ScoredRun], *, always: bool) -> list[Drawing]:
+    """Figures of one sequence; always: its flight, and errors and paths at the highest rate, are drawn unasked."""
+    sequence, main = runs[0].sequence, main_run(runs)
+    name, slug = sequence.name, slug_of(sequence)
+    made = [
+        Drawing(f"flight_{slug}", f"Flight, {name}", "The true path, where the camera looked, and the structure.",
+                partial(flight_figure.flight, sequence), always)
+    ]  # fmt: skip
+    rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
+    for rate in rates:
+        some = [run for run in runs if run.score.rate_hz == rate]
+        first = always and rate == rates[0]
+        made += [
+            Drawing(f"errors_{slug}_{rate:g}hz", f"Errors over time, {name}, {rate:g} Hz",
+                    "Against the truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}; strips: off target, "
+                    "beyond either or without a pose.", partial(figures_time.errors_over_time, some), first),
+            Drawing(f"path_{slug}_{rate:g}hz", f"Paths, {name}, {rate:g} Hz",
+                    "True and estimated paths around the structure, in 3-D and from above.",
+                    partial(figures_space.paths, some), first),
+            Drawing(f"distance_{slug}_{rate:g}hz", f"Error against distance, {name}, {rate:g} Hz",
+                    "Against the distance travelled, and over sub-trajectories, where the rate has them (boxes: "
+                    "quartiles, whiskers 5 and 95 %).", partial(figures_space.error_against_distance, some), False),
+        ]  # fmt: skip
+    for run in runs:
+        if run.score.label == main.score.label and len(run.results):
+            made += pictures_of(run)
+        caption = "Six components of the body's pose in the structure's frame, estimate against truth."
+        draw = partial(figures_time.pose_components, run)
+        made.append(Drawing(f"pose_{run.slug}", f"Pose components, {name}, {run.title}", caption, draw, False))
+    return made
+
+
+def pictures_of(run: ScoredRun) -> list[Drawing]:
     """The pictures of the published experiment, for one run."""
-    figures = folder / "figures"
     where = f"{run.sequence.name}, {run.title}"
     return [
-        on_page(folder, figures_pictures.segment_pictures(run, figures / f"segments_{run.slug}"),
-                f"LSD segments, {where}", "Line segments of at least 15 px on selected frames, drawn and counted."),
-        on_page(folder, figures_pictures.edge_pictures(run, figures / f"edges_{run.slug}"),
-                f"Model edges on detected edges, {where}",
-                "Visible model edges at the estimated pose (green) on the detected edges (white)."),
-        on_page(folder, figures_pictures.next_frame_pictures(run, figures / f"next_{run.slug}"),
-                f"Projection on the next frame, {where}",
-                "Model at the pose of one tracked frame (green), drawn on the next; the truth there in white."),
-        on_page(folder, figures_time.segment_counts(run, figures / f"counts_{run.slug}"),
-                f"Counts, {where}", "Segments, control points and inliers in each frame; shaded: lost."),
+        Drawing(f"segments_{run.slug}", f"LSD segments, {where}",
+                "Line segments of at least 15 px on selected frames, drawn and counted.",
+                partial(figures_pictures.segment_pictures, run), False),
+        Drawing(f"edges_{run.slug}", f"Model edges on detected edges, {where}",
+                "Visible model edges at the estimated pose (green) on the detected edges (white).",
+                partial(figures_pictures.edge_pictures, run), False),
+        Drawing(f"next_{run.slug}", f"Projection on the next frame, {where}",
+                "Model at the pose of one tracked frame (green), drawn on the next; the truth there in white.",
+                partial(figures_pictures.next_frame_pictures, run), False),
+        Drawing(f"counts_{run.slug}", f"Counts, {where}",
+                "Segments, control points and inliers in each frame; shaded: off target.",
+                partial(figures_time.segment_counts, run), False),
     ]  # fmt: skip
+
+
+def slug_of(sequence: Sequence) -> str:
+    """Name of a sequence for files."""
+    return sequence.name.replace("/", "-").replace(" ", "-").replace(":", "-")
 
 
 def main_run(runs: ListOf[ScoredRun]) -> ScoredRun:
@@ -178,7 +224,3 @@ def main_run(runs: ListOf[ScoredRun]) -> ScoredRun:
         return explains, run.score.rate_hz, any(n is not None for n in found), run.score.tracking.success
 
     return max(runs, key=rank)
-
-
-def _names(runs: ListOf[ScoredRun]) -> list[str]:
-    return [run.sequence.name for run in runs]

@@ -14,7 +14,7 @@ import numpy as np
 from reports.frame_errors import frame_errors
 from reports.protocols import Restarted, accuracy, expected_error
 from reports.score import Score
-from reports.style import TRUTH, line, new_figure, panel_letter, save_figure
+from reports.style import TRUTH, line, marker, new_figure, panel_letter, save_figure
 from reports.tables import Column, Numbers
 from scenes.sequence import Sequence
 from trajectories.errors import UserError
@@ -44,6 +44,11 @@ class RestartedRun:
         """Name of tracker and rate, `lsd@15hz`."""
         record = self.restarted.results.record
         return f"{record['label']}@{record['rate_hz']:g}hz"
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate at which it tracked."""
+        return float(self.restarted.results.record["rate_hz"])
 
     @property
     def key(self) -> tuple[str, str, int]:
@@ -92,12 +97,17 @@ def error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, int], 
     figure = new_figure(2.0)
     error, failed = figure.subplots(1, 2)
     rows: list[list[object]] = []
-    for name in dict.fromkeys(run.name for run in anchored):
+    fastest_hz = max(run.rate_hz for run in anchored)
+    for name, rate_hz in {run.name: run.rate_hz for run in anchored}.items():
         group = [(run.restarted, run.sequence) for run in anchored if run.name == name]
+        slower = rate_hz < fastest_hz
+        style = line(colours.get(name, 0), slower=slower)
+        if slower:
+            style |= {"marker": marker(colours.get(name, 0))["marker"], "ms": 2.5, "mfc": "white"}
         since_s, median_m, share = expected_error(group)
         shown = np.where(np.isfinite(median_m), 100 * median_m, np.nan)
-        error.plot(since_s, shown, label=name, **line(colours.get(name, 0)))
-        failed.plot(since_s, 100 * share, **line(colours.get(name, 0)))
+        error.plot(since_s, shown, label=name, **style)
+        failed.plot(since_s, 100 * share, **style)
         known = [None if np.isnan(cm) else cm / 100 for cm in shown.tolist()]
         rows += [[name, *row] for row in zip(since_s.tolist(), known, share.tolist(), strict=True)]
     error.set_ylabel("median error (cm)")

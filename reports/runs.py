@@ -67,7 +67,9 @@ def open_runs(entries: list[tuple[Path, Path, Path, str]]) -> list[ScoredRun]:
     labels: dict[str, int] = {}
     runs = []
     for sequence_folder, results_folder, score_file, why in entries:
-        sequence = sequences.setdefault(sequence_folder, Sequence.load(sequence_folder))
+        if sequence_folder not in sequences:
+            sequences[sequence_folder] = Sequence.load(sequence_folder)
+        sequence = sequences[sequence_folder]
         if results_folder.exists() and not why:
             results, found = Results.load(results_folder), Score.load(score_file)
             _belongs(found, sequence, results, score_file)

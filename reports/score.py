@@ -75,6 +75,11 @@ class Score:
         """Name of tracker and rate, `lsd@15hz`."""
         return f"{self.label}@{self.rate_hz:g}hz"
 
+    @property
+    def flight(self) -> str:
+        """Name of the sequence without its seed."""
+        return self.sequence.removesuffix(f"-s{self.seed}")
+
     def to_json(self) -> dict[str, Any]:
         """JSON object."""
         value = asdict(self)

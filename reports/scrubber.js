@@ -71,7 +71,7 @@
     at("seconds").textContent = data.seconds[i].toFixed(2) + " s";
     at("position").textContent = number(now.cm[i], 2, "cm");
     at("rotation").textContent = number(now.deg[i], 2, "\u00b0");
-    at("state").textContent = now.success[i] ? "within 5 cm and 5\u00b0" : now.cm[i] === null ? "lost: no pose" : "lost: outside 5 cm and 5\u00b0";
+    at("state").textContent = now.success[i] ? "within 5 cm and 5\u00b0" : now.cm[i] === null ? "lost: no pose" : "off target: outside 5 cm and 5\u00b0";
     at("estimated").textContent = now.since[i] === null ? "\u2014" : now.since[i] === 0 ? "this frame" : now.since[i] + " frames ago";
     drawCurve(i, run);
     for (const ahead of [1, 2, 3]) if (i + ahead < data.frames.length) image(i + ahead);

@@ -18,18 +18,21 @@ from trajectories.streams import stream
 
 REPLICATES = 4000
 CONFIDENCE = 0.95
+LEAST_UNITS = 3
+"""Independent units that an interval needs: of two, the bootstrap's 95 % interval holds the truth 61 times in 100."""
 FLIPS = 20_000
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A mean with the bounds of its two-sided interval; NaN bounds where there is only one value."""
+    """A mean with the bounds of its two-sided interval; NaN bounds where there can be none, and why."""
 
     mean: float
     low: float
     high: float
     n: int
+    why: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,11 +68,39 @@ class Bootstrap:
         return (1 + at_or_below) / (1 + len(self.replicates))
 
 
+def units(values: ListOf[Array]) -> Array:
+    """What counts as independent (n,): the means of the sequences where there are several, the runs of one alone."""
+    return np.array([v.mean() for v in values]) if len(values) > 1 else np.asarray(values[0])
+
+
+def least_units(comparisons: int = 1) -> int:
+    """Pairs that a two-sided sign-flip test needs to reach the 5 % level, adjusted by Holm over so many comparisons."""
+    n = 1
+    while comparisons * smallest_p(n) > 1 - CONFIDENCE:
+        n += 1
+    return n
+
+
+def smallest_p(n: int) -> float:
+    """The two-sided p of n pairs that all differ to the same side (Fisher 1935): no test of n pairs can say more."""
+    return min(1.0, 2.0 ** (1 - n))
+
+
 def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDENCE, seed: int = 0) -> Interval:
-    """Two-sided interval of the mean over sequences of the mean over seeds (n_s,), by the bootstrap."""
+    """Two-sided interval of the mean over sequences of the mean over seeds (n_s,), by the bootstrap.
+
+    None from fewer than LEAST_UNITS units, and none where all values are equal: their spread is not known to be zero.
+    """
     found, n = Bootstrap.of(values, seed=seed), sum(len(v) for v in values)
-    if n == 1:
-        return Interval(mean=found.mean, low=float("nan"), high=float("nan"), n=1)
+    independent = units(values)
+    what = "sequence" if len(values) > 1 else "run"
+    why = ""
+    if len(independent) < LEAST_UNITS:
+        why = f"{len(independent)} {what}{'s' if len(independent) > 1 else ''}, {LEAST_UNITS} are needed"
+    elif np.ptp(independent) <= ROUNDING * np.abs(independent).max():
+        why = f"the values of all {len(independent)} {what}s are equal"
+    if why:
+        return Interval(mean=found.mean, low=float("nan"), high=float("nan"), n=n, why=why)
     tail = (1 - confidence) / 2
     return Interval(mean=found.mean, low=found.bound(tail), high=found.bound(1 - tail), n=n)
 
@@ -106,7 +137,7 @@ def _weights(sizes: tuple[int, ...], seed: int) -> Array:
 class Comparison:
     """First tracker against second: interval of the mean paired difference, and its two-sided p, adjusted in a table.
 
-    wins: share of pairs that the first wins, ties counted half.
+    wins: share of pairs that the first wins, ties counted half; units: pairs that differ and are independent.
     """
 
     first: str
@@ -114,6 +145,7 @@ class Comparison:
     difference: Interval
     p: float
     wins: float
+    units: int = 0
 
     @property
     def significant(self) -> bool:
@@ -137,7 +169,11 @@ def compare_with(first: str, values: Mapping[str, ListOf[Array]], *, seed: int =
 
 
 def compare(first: str, second: str, values: Mapping[str, ListOf[Array]], seed: int = 0) -> Comparison:
-    """Two trackers on the same sequences and seeds, p not adjusted; UserError when these differ."""
+    """Two trackers on the same sequences and seeds, p not adjusted; UserError when these differ.
+
+    p is the bootstrap's, but never below that of as many independent pairs that all differ to the same side. Pairs of
+    the same two values count once: they are of one flight under two names, or tell as little.
+    """
     sizes = [[len(v) for v in values[name]] for name in (first, second)]
     if sizes[0] != sizes[1]:
         raise UserError(f"{first} and {second} were not run on the same sequences and seeds: {sizes}")
@@ -145,12 +181,15 @@ def compare(first: str, second: str, values: Mapping[str, ListOf[Array]], seed: 
     flat = np.concatenate(differences)
     means = Bootstrap.of(differences, seed=seed).replicates
     beyond = min(int((means <= 0).sum()), int((means >= 0).sum()))
+    pairs = np.column_stack([units(values[first]), units(values[second])])
+    n = len(np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0))
     return Comparison(
         first=first,
         second=second,
         difference=hierarchical_interval(differences, seed=seed),
-        p=min(1.0, 2 * (1 + beyond) / (1 + REPLICATES)) if len(flat) > 1 else 1.0,
+        p=max(min(1.0, 2 * (1 + beyond) / (1 + REPLICATES)), smallest_p(n)),
         wins=float(((flat < 0) + 0.5 * (flat == 0)).mean()),
+        units=n,
     )
 
 
@@ -170,7 +209,10 @@ def holm(p_values: ListOf[float]) -> list[float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranks:
-    """Mean rank of each tracker over n sequences and seeds, the critical difference, and the p of Friedman's test."""
+    """Mean rank of each tracker over n blocks, the critical difference, and the p of Friedman's test.
+
+    With too few blocks for any test the difference is infinite, and p is NaN.
+    """
 
     mean_ranks: dict[str, float]
     critical_difference: float
@@ -200,11 +242,12 @@ def ranks(values: Mapping[str, Array], confidence: float = CONFIDENCE) -> Ranks:
     if n < 2 or k < 2:
         raise UserError(f"ranks need at least two trackers and two runs each, got {k} and {n}")
     row_ranks = np.array([rankdata(row) for row in table])
+    enough = len(np.unique(table, axis=0)) >= least_units()
     q = float(studentized_range.ppf(confidence, k, np.inf)) / np.sqrt(2)
-    p = float(friedmanchisquare(*row_ranks.T).pvalue) if k > 2 else float("nan")
+    p = float(friedmanchisquare(*row_ranks.T).pvalue) if k > 2 and enough else float("nan")
     return Ranks(
         mean_ranks=dict(zip(values, row_ranks.mean(axis=0).tolist(), strict=True)),
-        critical_difference=float(q * np.sqrt(k * (k + 1) / (6 * n))),
+        critical_difference=float(q * np.sqrt(k * (k + 1) / (6 * n))) if enough else float("inf"),
         p=p,
         n=n,
     )

@@ -6,11 +6,11 @@ OnStep = Callable[[int, int], None]
 
 
 class Steps:
-    """Progress: a figure weighs as much as eight frames."""
+    """Progress in frames of an overlay, or what takes as long."""
 
-    def __init__(self, on_step: OnStep | None, frames: int, runs: int) -> None:
+    def __init__(self, on_step: OnStep | None, total: int) -> None:
         self._on_step = on_step
-        self._total = frames + 8 * (3 + 4 * runs)
+        self._total = total
         self._done = 0
 
     def __call__(self, weight: int = 1) -> None:

@@ -150,9 +150,20 @@ def marker(index: int) -> dict[str, Any]:
     return {"color": colour(index), "marker": MARKERS[index % len(MARKERS)], "linestyle": "none"}
 
 
+def legend_columns(labels: Sequence[str]) -> int:
+    """Columns of a legend in a figure 3.50 in wide: three of short labels, fewer of long ones."""
+    longest = max(map(len, labels), default=0)
+    return 3 if longest <= LABEL_OF_THREE else 2 if longest <= LABEL_OF_TWO else 1
+
+
+LABEL_OF_THREE, LABEL_OF_TWO = 18, 32
+"""Characters of a label at 7 pt, with its line, in a third and in half of 3.50 in."""
+
+
 def panel_letter(axes: Axes, letter: str) -> None:
-    """Write (a), (b) ... above an axes, at its left."""
-    axes.set_title(f"({letter})", loc="left", fontweight="bold", fontsize=8)
+    """Write (a), (b) ... above an axes, at its left; nothing for no letter."""
+    if letter:
+        axes.set_title(f"({letter})", loc="left", fontweight="bold", fontsize=8)
 
 
 def _cell(value: Any) -> Any:

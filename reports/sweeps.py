@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -45,26 +45,28 @@ def swept(sequences: ListOf[Sequence]) -> Swept | None:
     return Swept(differing[0], values)
 
 
-def sweep_figures(runs: ListOf[ScoredRun], found: Swept, figures: Path) -> list[list[Path]]:
-    """ATE where there is a pose, and success, against what is swept, per tracker at the highest rate."""
+def draw_sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], stem: Path) -> list[Path]:
+    """ATE where there is a pose, or success, against what is swept, per tracker at the highest rate."""
     fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
     colours = {run.score.label: run.colour for run in fast}
-    ate: dict[str, dict[float, list[Array]]] = {}
-    success: dict[str, dict[float, list[Array]]] = {}
+    curves: dict[str, dict[float, list[Array]]] = {}
     for label in colours:
         group = [run for run in fast if run.score.label == label]
         for value in sorted(set(found.values.values())):
-            here = [run for run in group if found.values[run.sequence.name] == value]
-            errors = [run.score.ate["none"].translation_m for run in here]
-            known = np.array([100 * e.rmse for e in errors if e is not None])
+            numbers = [_percent_or_cm(run, what) for run in group if found.values[run.sequence.name] == value]
+            known = np.array([number for number in numbers if number is not None])
             if len(known):
-                ate.setdefault(label, {})[value] = [known]
-            success.setdefault(label, {})[value] = [np.array([100 * run.score.tracking.success for run in here])]
+                curves.setdefault(label, {})[value] = [known]
     name = found.key.rpartition(".")[2]
-    return [
-        sweep(ate, colours, figures / "sweep_ate", swept=name, metric="ATE position (cm)"),
-        sweep(success, colours, figures / "sweep_success", swept=name, metric="within 5 cm, 5 deg (%)", share=True),
-    ]
+    metric = "ATE position (cm)" if what == "ate" else "within 5 cm, 5 deg (%)"
+    return sweep(curves, colours, stem, swept=name, metric=metric, share=what == "success")
+
+
+def _percent_or_cm(run: ScoredRun, what: Literal["ate", "success"]) -> float | None:
+    if what == "success":
+        return 100 * run.score.tracking.success
+    error = run.score.ate["none"].translation_m
+    return None if error is None else 100 * error.rmse
 
 
 def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:

@@ -6,7 +6,7 @@ import numpy as np
 from scenes.camera import Camera
 from scenes.structure import Structure
 from tracker.base import Image, TrackResult
-from tracker.visible_edges import to_image, visible_edges
+from tracker.visible_edges import seen_edges_px, to_image
 
 OK_COLOUR = (60, 220, 60)
 LOST_COLOUR = (40, 40, 230)
@@ -17,13 +17,13 @@ SHIFT = 4
 
 
 def draw_edges(image: Image, structure: Structure, camera: Camera, result: TrackResult) -> Image:
-    """Copy (h, w, 3) of an image with the visible edges at the estimate, or with the word of its status."""
+    """Copy (h, w, 3) of an image with the edges that no face hides at the estimate, or with the word of its status."""
     drawn = np.array(image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     if result.cam_from_world is None:
         cv2.putText(drawn, result.status, (12, 32), cv2.FONT_HERSHEY_SIMPLEX, 1.0, LOST_COLOUR, 2, cv2.LINE_AA)
         return drawn
     part = np.linspace(0, 1, 2 if camera.distortion_model == "none" else PIECES + 1)[:, None]
-    for a, b in visible_edges(structure, camera, result.cam_from_world).segments_px:
+    for a, b in seen_edges_px(structure, camera, result.cam_from_world):
         line = to_image(a + part * (b - a), camera)
         points = np.round(line * 2**SHIFT).astype(np.int32).reshape(-1, 1, 2)
         cv2.polylines(drawn, [points], False, OK_COLOUR, 1, cv2.LINE_AA, SHIFT)

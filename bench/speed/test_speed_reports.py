@@ -12,6 +12,7 @@ from bench.speed.drawn import make_sequence, results_of, true_rows
 from bench.speed.rounds import absent
 from reports.evaluate import Options, evaluate
 from reports.figures_statistics import critical_difference, win_table
+from reports.report import ReportEntry, write_report
 from reports.score import score
 from reports.statistics import compare_pairs, ranks
 from reports.style import house_style
@@ -109,6 +110,42 @@ def test_a_study_scored_bootstrapped_and_plotted(benchmark: Any, tmp_path: Path)
 
     benchmark.pedantic(study, rounds=1)
     assert (tmp_path / "wins.pdf").exists()
+
+
+def test_a_report_of_240_runs(benchmark: Any, tmp_path: Path) -> None:
+    """10 flights x 4 seeds x 3 trackers x 2 rates, from files to the page."""
+    entries = write_study(tmp_path, flights=10, seeds=4, trackers=3)
+    assert len(entries) == 240
+    benchmark.pedantic(write_report, (tmp_path / "report", "240 runs", entries), rounds=1)
+    assert (tmp_path / "report" / "index.html").exists()
+
+
+def test_a_report_of_one_flight_of_40_s(benchmark: Any, tmp_path: Path) -> None:
+    """One flight of 600 frames x 4 trackers x 2 rates, as in the demo."""
+    entries = write_study(tmp_path, flights=1, seeds=1, trackers=4, frames=600)
+    benchmark.pedantic(write_report, (tmp_path / "report", "one flight", entries), rounds=1)
+    assert (tmp_path / "report" / "index.html").exists()
+
+
+def write_study(folder: Path, *, flights: int, seeds: int, trackers: int, frames: int = 45) -> list[ReportEntry]:
+    """Sequences, results of trackers with noise of their own at 15 and 1 Hz, and scores, as a suite leaves them."""
+    rng = np.random.default_rng(0)
+    entries = []
+    for flight in range(flights):
+        for seed in range(seeds):
+            name = f"flight{flight}-s{seed}"
+            sequence = make_sequence(folder / "sequences" / name, frames, name=name, seed=seed)
+            true = true_rows(sequence)
+            for k in range(trackers):
+                for rate_hz in (15.0, 1.0):
+                    rows = [_noisy(row, rng, 0.01 * (k + 1)) for row in true[:: round(15 / rate_hz)]]
+                    made = results_of(sequence, rows, rate_hz)
+                    made = replace(made, record={**made.record, "label": f"tracker-{k}", "seed": seed})
+                    out = folder / "results" / name / f"tracker-{k}@{rate_hz:g}hz"
+                    made.save(out)
+                    score(sequence, made).save(out / "score.json")
+                    entries.append(ReportEntry(sequence.folder, out, out / "score.json"))
+    return entries
 
 
 def _noisy(row: TrackResult, rng: np.random.Generator, sigma_m: float) -> TrackResult:

@@ -11,7 +11,9 @@ from click.testing import CliRunner
 from bench.cli import main
 from bench.cli_gate import share
 from bench.gate import Margins, gate, overall
-from bench.gate_reports import to_junit, to_text
+from bench.gate_baseline import write_baseline
+from bench.gate_reports import HEADER, cells, percent, to_junit, to_markdown, to_text
+from bench.gate_scores import read_side
 from reports.score import PoseErrors
 from tests.bench.drawn_scores import drawn, summary, write
 from trajectories.errors import UserError
@@ -219,6 +221,101 @@ def test_reports_hold_whatever_a_tracker_says(sides):
     findings = gate(*sides(head))
     ET.fromstring(to_junit(findings).encode())
     assert to_text(findings)
+
+
+def suite_json(folder, **changes):
+    about = json.loads((folder / "suite.json").read_text())
+    (folder / "suite.json").write_text(json.dumps({**about, **changes}))
+
+
+@pytest.mark.parametrize("changes", [{"trackers": ["lsd", "new"]}, {"rates_hz": [15.0, 5.0]}])
+def test_a_tracker_or_rate_that_only_one_side_has_is_no_pass(sides, changes):
+    head, base = sides(lambda rng: drawn(rng))
+    suite_json(head, **changes)
+    name = "new@15hz" if "trackers" in changes else "lsd@5hz"
+    (found,) = [f for f in gate(head, base) if f.run == name]
+    assert (found.verdict, found.reason) == ("inconclusive", "not judged: the baseline has no such tracker or rate")
+    assert overall(gate(head, base)) == "inconclusive"
+    assert overall(gate(base, head)) == "fail"
+
+
+def test_a_sequence_that_only_one_side_has_is_no_pass(sides, tmp_path):
+    head, base = sides(lambda rng: drawn(rng))
+    for folder, other in ((head, base), (base, head)):
+        more = write(tmp_path / f"more-{folder.name}", drawn(np.random.default_rng(0), sequences=5), sequences=5)
+        assert overall(gate(more, other)) == "fail"
+        assert overall(gate(other, more)) == "fail"
+
+
+def test_a_metric_that_one_side_lacks_is_no_pass(sides, tmp_path):
+    _, base = sides(lambda rng: drawn(rng))
+    side = read_side(base)
+    for errors, verdict in (
+        (lambda e: {k: v for k, v in e.items() if k != "RPE 1 s"}, "fail"),
+        (lambda e: {**e, "ADD": 1.0}, "inconclusive"),
+    ):
+        runs = {key: replace(run, errors=errors(run.errors)) for key, run in side.runs.items()}
+        write_baseline(replace(side, runs=runs), tmp_path / "baseline.json")
+        assert overall(gate(base, tmp_path / "baseline.json")) == verdict
+
+
+def test_what_compare_could_not_run_on_the_base_is_no_pass(sides):
+    head, base = sides(lambda rng: drawn(rng))
+    suite_json(head, not_compared={"new@15hz": "unknown to the base: UserError: unknown tracker"})
+    (found,) = [f for f in gate(head, base) if f.run == "new@15hz"]
+    assert found.verdict == "inconclusive" and "unknown to the base" in found.reason
+
+
+def test_a_crash_on_both_sides_is_no_pass(sides):
+    def broken(rng):
+        return [replace(s, status="crashed", errors=("frame 0: KeyError: 'b'",)) for s in drawn(rng)]
+
+    findings = gate(*sides(broken, base=broken(np.random.default_rng(0))))
+    (found,) = [f for f in findings if f.metric == "crashes"]
+    assert found.verdict == "inconclusive" and "20 runs crash on both sides" in found.reason
+    assert overall(findings) == "inconclusive"
+
+
+def test_a_tracker_that_throws_on_every_frame_fails(sides):
+    def head(rng):
+        failed = PoseErrors(translation_m=None, rotation_deg=None, undefined="no frame has a pose")
+        return [
+            replace(s, status="crashed", errors=("frame 0: KeyError: 'b'",), ate={"none": failed}, rpe={"1 s": failed},
+                    tracking=replace(s.tracking, coverage=0.0, with_pose=0))
+            for s in drawn(rng)
+        ]  # fmt: skip
+
+    findings = gate(*sides(head))
+    assert set(verdicts(findings).values()) == {"fail"}
+    assert "KeyError" in to_text(findings)
+
+
+def shown(finding):
+    """The numbers of a finding as a reader of the table has them."""
+    cell = dict(zip(HEADER, cells(finding), strict=True))
+    return [float(cell[name].split()[0].rstrip("%")) for name in ("baseline", "value", "change")]
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.98, 1.00003, 3.7])
+def test_what_is_shown_belongs_together(sides, factor):
+    findings = gate(*sides(lambda rng: drawn(rng, factor=factor, spread=0.4, coverage=0.97)))
+    for finding in findings:
+        if finding.metric.endswith("typical"):
+            assert cells(finding)[2:4] == ["-", "-"]
+            continue
+        baseline, value, change = shown(finding)
+        expected = value - baseline if finding.metric == "coverage" else value / baseline - 1
+        assert change == pytest.approx(100 * expected, abs=0.012)
+    assert "geometric" in to_text(findings) and "arithmetic" in to_markdown(findings)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "0%"), (-0.0, "0%"), (-1e-12, "0%"), (-2e-6, "-0.00020%"), (1e-5, "+0.0010%"), (-0.0202, "-2.02%"),
+     (1.5, "+150.00%"), (float("nan"), "-")],
+)  # fmt: skip
+def test_a_change_is_never_minus_zero(share, text):
+    assert percent(share) == text
 
 
 def test_the_same_folders_give_the_same_findings(sides):

@@ -30,5 +30,5 @@ def entries(sequence: Sequence, tmp_path_factory: pytest.TempPathFactory) -> lis
 @pytest.fixture(scope="session")
 def report(entries: list[ReportEntry], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(
-        tmp_path_factory.mktemp("report"), "A <small> & tidy report", entries, content_hash="abc"
+        tmp_path_factory.mktemp("report"), "A <small> & tidy report", entries, figures="all", content_hash="abc"
     ).parent

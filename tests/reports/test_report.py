@@ -34,6 +34,13 @@ def test_every_figure_is_one_or_two_columns_wide_with_its_numbers(report: Path) 
         assert len({len(row) for row in rows}) == 1
 
 
+def test_no_panel_is_empty_where_a_rate_has_no_sub_trajectories(report: Path) -> None:
+    for pdf in (report / "figures").glob("distance_*.pdf"):
+        over = [row for row in csv.DictReader(pdf.with_suffix(".csv").open()) if row["what"].startswith("over")]
+        width_pt = float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", pdf.read_bytes())[1])
+        assert (width_pt > 300) == bool(over), pdf.name
+
+
 def test_fonts_are_truetype_and_embedded(report: Path) -> None:
     for pdf in (report / "figures").glob("*.pdf"):
         data = pdf.read_bytes()
@@ -49,10 +56,27 @@ def test_a_second_run_gives_the_same_bytes_and_tells_its_progress(
 ) -> None:
     seen: list[tuple[int, int]] = []
     title = "A <small> & tidy report"
-    again = write_report(tmp_path, title, entries, content_hash="abc", on_step=lambda *step: seen.append(step)).parent
+    again = write_report(
+        tmp_path, title, entries, figures="all", content_hash="abc", on_step=lambda *step: seen.append(step)
+    ).parent
     assert digests(again) == digests(report)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
     assert seen[-1][0] == seen[-1][1]
+
+
+def test_what_is_looked_at_is_drawn_and_the_rest_on_demand(
+    report: Path, entries: list[ReportEntry], tmp_path: Path
+) -> None:
+    few = write_report(tmp_path, "A <small> & tidy report", entries, content_hash="abc").parent
+    drawn, every = (set(digests(folder / "figures")) for folder in (few, report))
+    assert {"accuracy.pdf", "success.csv", "flight_arc.png", "errors_arc_15hz.pdf"} <= drawn < every
+    assert {"pose_arc_lsd@15hz.pdf", "segments_arc_lsd@15hz.csv", "errors_arc_1hz.png"} <= every - drawn
+    missing = len([name for name in every - drawn if name.endswith(".pdf")])
+    page = (few / "index.html").read_text()
+    assert f"For the other {missing} figures" in page and "--figures all" in page
+    assert 'id="undrawn"' not in (report / "index.html").read_text()
+    same = {name: digest for name, digest in digests(few).items() if name.startswith(("figures", "tables"))}
+    assert same.items() <= digests(report).items()
 
 
 def test_titles_are_escaped(report: Path) -> None:

@@ -9,7 +9,16 @@ from scipy.stats import norm, t
 from reports.attributes import ATTRIBUTES, breakdown, breakdowns
 from reports.runs import ScoredRun
 from reports.score import score
-from reports.statistics import Bootstrap, compare_pairs, hierarchical_interval, holm, ranks, sign_flip_p
+from reports.statistics import (
+    Bootstrap,
+    compare_pairs,
+    compare_with,
+    hierarchical_interval,
+    holm,
+    least_units,
+    ranks,
+    sign_flip_p,
+)
 from scenes.sequence import Sequence
 from tests.reports.drawn import RATE_HZ, track
 from trajectories.errors import UserError
@@ -40,6 +49,48 @@ def test_the_interval_of_many_seeds_is_the_normal_one() -> None:
 def test_one_value_has_no_interval() -> None:
     interval = hierarchical_interval([np.array([2.0])])
     assert interval.mean == 2.0 and np.isnan(interval.low) and np.isnan(interval.high)
+    assert interval.why == "1 run, 3 are needed"
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ([np.arange(2.0)], "2 runs, 3 are needed"),
+        ([np.arange(9.0), np.arange(9.0) + 1], "2 sequences, 3 are needed"),
+        ([np.full(9, 0.1)], "the values of all 9 runs are equal"),
+        ([np.full(2, 0.1), np.full(3, 0.1), np.full(4, 0.1)], "the values of all 3 sequences are equal"),
+    ],
+)
+def test_no_interval_is_presented_as_certain(values: list[np.ndarray], why: str) -> None:
+    interval = hierarchical_interval(values)
+    assert interval.why == why
+    assert np.isnan([interval.low, interval.high]).all()
+
+
+@pytest.mark.parametrize(("rivals", "least"), [(1, 6), (2, 7), (3, 7), (10, 9)])
+def test_significance_needs_as_many_pairs_as_an_exact_test(rivals: int, least: int) -> None:
+    """The sign-flip test of n pairs has 2^n outcomes, so that its two-sided p is 2/2^n at least."""
+    assert least_units(rivals) == least
+    for n in (least - 1, least):
+        values = {f"t{k}": [k + np.arange(n) / 100 * (1 + k)] for k in range(1, rivals + 1)}
+        found = compare_with("best", {"best": [np.arange(n) / 100], **values})
+        assert {c.significant for c in found} == {n == least}
+
+
+def test_one_flight_under_many_names_is_one_pair() -> None:
+    """Seeds that were all the same, and copies of a sequence, add nothing."""
+    for a, b in (([np.full(50, 1.0)], [np.full(50, 2.0)]), ([np.ones(1)] * 50, [np.full(1, 2.0)] * 50)):
+        (found,) = compare_pairs({"a": a, "b": b})
+        assert found.units == 1
+        assert not found.significant
+
+
+def test_few_blocks_tell_no_ranks_apart() -> None:
+    few = ranks({"a": np.arange(5.0), "b": np.arange(5.0) + 1, "c": np.arange(5.0) + 2})
+    assert few.cliques == [("a", "b", "c")]
+    assert np.isnan(few.p)
+    copied = ranks({"a": np.ones(40), "b": np.full(40, 2.0), "c": np.full(40, 3.0)})
+    assert copied.cliques == [("a", "b", "c")]
 
 
 def test_a_sequence_weighs_the_same_however_many_seeds_it_has() -> None:
@@ -47,7 +98,7 @@ def test_a_sequence_weighs_the_same_however_many_seeds_it_has() -> None:
 
 
 def test_the_same_seed_gives_the_same_interval() -> None:
-    values = [np.arange(5.0), np.arange(3.0)]
+    values = [np.arange(5.0), np.arange(3.0), np.arange(4.0)]
     assert hierarchical_interval(values, seed=3) == hierarchical_interval(values, seed=3)
 
 

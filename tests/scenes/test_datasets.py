@@ -8,7 +8,7 @@ import pytest
 from evo.tools import file_interface
 
 from scenes.box import Box
-from scenes.contact_sheet import write_contact_sheet
+from scenes.contact_sheet import LEGEND_PX, write_contact_sheet
 from scenes.exports import camera_truth, export
 from scenes.exposure import RollingShutter
 from scenes.frame_truth import EDGE_COLUMNS, load_edges, read_depth
@@ -236,4 +236,4 @@ def test_a_contact_sheet_is_one_picture(sequence: Sequence, tmp_path: Path) -> N
     write_contact_sheet(sequence, tmp_path / "sheet.png")
     sheet = cv2.imread(str(tmp_path / "sheet.png"))
     assert sheet is not None
-    assert sheet.shape == (900, 1600, 3)
+    assert sheet.shape == (900 + LEGEND_PX, 1600, 3)

@@ -1,0 +1,50 @@
+"""The figures of a report: what each shows, how it is drawn, and whether it is drawn unasked."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from reports.page import FigureOnPage, on_page
+from reports.steps import Steps
+
+Figures = Literal["page", "all"]
+"""Which figures a report draws: those of its first page, or every one."""
+WEIGHT = 8
+"""A figure takes as long as this many frames of an overlay."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure that can be drawn: file name without its suffix, title, caption, and what writes its files to a stem.
+
+    always: it is drawn unasked.
+    """
+
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[Path], list[Path]]
+    always: bool = True
+
+
+@dataclass
+class Easel:
+    """Draws into `figures/` of a report's folder, and counts what it leaves out."""
+
+    folder: Path
+    figures: Figures
+    steps: Steps
+    left_out: int = field(default=0, init=False)
+
+    def draw(self, drawings: Iterable[Drawing]) -> list[FigureOnPage]:
+        """The figures that were drawn, in order."""
+        drawn = []
+        for drawing in drawings:
+            if not drawing.always and self.figures == "page":
+                self.left_out += 1
+                continue
+            files = drawing.draw(self.folder / "figures" / drawing.name)
+            drawn.append(on_page(self.folder, files, drawing.title, drawing.caption))
+            self.steps(WEIGHT)
+        return drawn

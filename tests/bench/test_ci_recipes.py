@@ -1,0 +1,164 @@
+"""The CI recipes, executed in a foreign repository with the installed command: verdict, comment, exit code.
+
+That the package installs from its wheel is a step of `.ci/run`.
+"""
+
+import importlib
+import os
+import subprocess
+import sys
+import threading
+import urllib.parse
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[2]
+RECIPES = ROOT / "ci-recipes"
+SUITE = """
+title = "foreign"
+seeds = [0, 1, 2, 3, 4]
+rates_hz = [15.0]
+[sequences.box]
+structure = { kind = "box" }
+environment = { kind = "studio" }
+flight.path = { kind = "hand-pilot", duration_s = 1.2 }
+camera = { width = 64, height = 48, horizontal_fov_deg = 65.0 }
+[trackers]
+still = { kind = "hold" }
+"""
+GH = """#!/bin/sh
+printf '%s\\n' "$*" >> "$GH_CALLS"
+case "$*" in *--paginate*) [ -z "${EARLIER:-}" ] || echo "$EARLIER" ;; esac
+for word; do case $word in body=@*) cat "${word#body=@}" > "$GH_CALLS.body" ;; esac; done
+"""
+
+
+def load(name):
+    return importlib.import_module("yaml").safe_load((RECIPES / name).read_text())
+
+
+def steps(recipe, job):
+    return {step["name"]: step["run"] for step in load(recipe)["jobs"][job]["steps"] if "run" in step}
+
+
+@dataclass
+class Foreign:
+    """A repository of somebody else, with a branch `main` that it knows as origin/main."""
+
+    folder: Path
+
+    def git(self, *arguments):
+        identity = ["-c", "user.name=test", "-c", "user.email=test@example.org", "-c", "commit.gpgsign=false"]
+        subprocess.run(["git", *identity, *arguments], cwd=self.folder, check=True, capture_output=True)
+
+    def shell(self, script, **variables):
+        """Run a step as GitHub does, with `bash -e`."""
+        summary, installed = self.folder / "summary.md", Path(sys.executable).parent
+        env = {
+            **{k: v for k, v in os.environ.items() if k != "GITHUB_STEP_SUMMARY"},
+            "PATH": os.pathsep.join([str(self.folder.parent / "tools"), str(installed), os.environ["PATH"]]),
+            "PYTHONPATH": str(ROOT),
+            "GITHUB_STEP_SUMMARY": str(summary),
+            "GH_CALLS": str(self.folder / "calls"),
+            "SUITE": "suite.toml",
+            **variables,
+        }
+        return subprocess.run(
+            ["bash", "-e", "-c", script], cwd=self.folder, env=env, capture_output=True, text=True, check=False
+        )
+
+
+@pytest.fixture
+def foreign(tmp_path):
+    repository = Foreign(tmp_path / "theirs")
+    repository.folder.mkdir()
+    (repository.folder / "suite.toml").write_text(SUITE)
+    repository.git("init", "-q", "-b", "main")
+    repository.git("add", "-A")
+    repository.git("commit", "-qm", "theirs")
+    repository.git("update-ref", "refs/remotes/origin/main", "HEAD")
+    (tmp_path / "tools").mkdir()
+    (tmp_path / "tools" / "gh").write_text(GH)
+    (tmp_path / "tools" / "gh").chmod(0o755)
+    return repository
+
+
+@pytest.mark.parametrize("recipe", sorted(path.name for path in RECIPES.iterdir()))
+def test_recipes_need_nothing_of_this_repository(recipe):
+    text = (RECIPES / recipe).read_text()
+    assert "./run" not in text and "bench/suites" not in text and "://" not in text
+    assert load(recipe)
+
+
+def test_github_comments_the_verdict_and_keeps_its_code(foreign):
+    step = steps("github.yml", "gate")
+    # Coverage and errors are the same on both sides; latency may differ on a loaded machine.
+    done = foreign.shell(
+        step["Gate"].replace("--suite", "--latency-margin 900% --repeats 1 --suite"), BASE="origin/main"
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    comment = (foreign.folder / "out/comment.md").read_text()
+    assert comment.startswith("<!-- uavbench gate -->\n## uavbench gate: ")
+    assert "| still@15hz | coverage |" in comment
+    assert (foreign.folder / "summary.md").read_text() == comment
+    assert ("inconclusive" in comment.splitlines()[1]) == ("::warning::" in done.stdout)
+    for earlier, method in (("", "POST repos/o/r/issues/7/comments"), ("42", "PATCH repos/o/r/issues/comments/42")):
+        posted = foreign.shell(step["Comment"], GITHUB_REPOSITORY="o/r", PULL_REQUEST="7", EARLIER=earlier)
+        assert posted.returncode == 0, posted.stderr
+        assert f"--method {method}" in (foreign.folder / "calls").read_text().splitlines()[-1]
+        assert (foreign.folder / "calls.body").read_text() == comment
+
+
+@pytest.mark.parametrize(("base", "suite"), [("origin/gone", "suite.toml"), ("origin/main", "none.toml")])
+def test_an_early_death_of_compare_is_told_with_its_code(foreign, base, suite):
+    stale = foreign.folder / "out/compare/gate/gate.md"
+    stale.parent.mkdir(parents=True)
+    stale.write_text("## uavbench gate: pass\n")
+    done = foreign.shell(steps("github.yml", "gate")["Gate"], BASE=base, SUITE=suite)
+    assert done.returncode == 2, done.stdout + done.stderr
+    comment = (foreign.folder / "out/comment.md").read_text()
+    assert "no verdict" in comment and "exit code 2" in comment and "uavbench: " in comment
+    assert "pass" not in comment
+
+
+@pytest.mark.parametrize("status", [201, 403])
+def test_gitlab_writes_a_note_and_keeps_the_code(foreign, status):
+    got = []
+
+    class Notes(BaseHTTPRequestHandler):
+        def do_POST(self):
+            body = self.rfile.read(int(self.headers["Content-Length"])).decode()
+            got.append((self.path, self.headers["PRIVATE-TOKEN"], urllib.parse.parse_qs(body)["body"][0]))
+            self.send_response(status)
+            self.end_headers()
+
+        def log_message(self, *_):
+            pass
+
+    server = HTTPServer(("127.0.0.1", 0), Notes)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    script = load("gitlab.yml")["gate"]["script"][-1]
+    environment = {
+        "CI_API_V4_URL": f"http://127.0.0.1:{server.server_port}/api/v4", "CI_PROJECT_ID": "5", "SUITE": "none.toml",
+        "CI_MERGE_REQUEST_IID": "9", "GATE_TOKEN": "secret", "no_proxy": "127.0.0.1",
+    }  # fmt: skip
+    done = foreign.shell(script, **environment)
+    without = foreign.shell(script, **{**environment, "GATE_TOKEN": ""})
+    server.shutdown()
+    server.server_close()
+    assert done.returncode == without.returncode == 2, done.stdout + done.stderr
+    ((path, token, body),) = got
+    assert (path, token) == ("/api/v4/projects/5/merge_requests/9/notes", "secret")
+    assert "no verdict" in body and "exit code 2" in body
+    assert ("no note" in done.stdout) == (status == 403)
+    assert "GATE_TOKEN is not set" in without.stdout
+
+
+def test_nightly_keeps_the_code_of_the_run(foreign):
+    done = foreign.shell(steps("github-nightly.yml", "nightly")["Run"], SUITE="none.toml")
+    assert done.returncode == 2
+    assert "none.toml" in done.stdout

@@ -1,0 +1,196 @@
+"""Tables for papers: bold where it is the best, as wide as a page allows, compiled with TeX where there is one."""
+
+import csv
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main
+from reports.score import Score
+from reports.tables import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS, Column, Table, details, summary_table
+from reports.tables_latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
+from reports.tables_write import heads, markdown, write_summary, write_table, write_tables
+from tests.bench.drawn_scores import make_score, summary
+from trajectories.errors import UserError
+
+
+def run(label: str, cm: float, *, seed: int = 0, sequence: str = "box", rate_hz: float = 15.0, **more: float) -> Score:
+    made = make_score(sequence, seed, cm / 100, coverage=more.get("coverage", 1.0))
+    tracking = replace(made.tracking, success=more.get("success", 1.0))
+    errors = replace(made.ate["none"], translation_m=summary(cm / 100))
+    rpe = {"1 frame": made.rpe["1 s"], "1 s": made.rpe["1 s"]}
+    return replace(made, label=label, rate_hz=rate_hz, tracking=tracking, ate={"none": errors}, rpe=rpe)
+
+
+def many(trackers: int = 5, sequences: int = 7, seeds: int = 5) -> list[Score]:
+    rng = np.random.default_rng(0)
+    return [
+        run(f"a_long-name_{k}", (k + 1) * rng.uniform(90, 130), seed=seed, sequence=f"s{q}", rate_hz=rate)
+        for k in range(trackers)
+        for q in range(sequences)
+        for seed in range(seeds)
+        for rate in (15.0, 1.0)
+    ]
+
+
+def cells(table: Table, head: str) -> dict[str, tuple[str, bool]]:
+    place = [column.head for column in table.columns].index(head)
+    return {name: (row[place].text, row[place].best) for name, row in table.rows}
+
+
+def test_bold_is_the_best_of_its_column_and_rate_or_nothing() -> None:
+    table = summary_table([
+        run("lost", 1.06, success=0.2), run("good", 1.17), run("fair", 2.0),
+        run("lost", 3.0, rate_hz=1.0, success=0.2), run("good", 2.5, rate_hz=1.0), run("fair", 2.6, rate_hz=1.0),
+    ])  # fmt: skip
+    shown = cells(table, "ATE position")
+    assert not any(best for name, (_, best) in shown.items() if name.endswith("@15hz"))
+    assert [name for name, (_, best) in shown.items() if best] == ["good@1hz"]
+    assert "**1.17**" not in markdown(table) and r"\textbf{1.17}" not in latex(table)
+    assert "**2.50**" in markdown(table) and r"\textbf{2.50}" in latex(table)
+
+
+def test_what_is_shown_alike_is_bold_alike() -> None:
+    shown = cells(summary_table([run("a", 1.1701), run("b", 1.1699), run("c", 3.0)]), "ATE position")
+    assert shown["a@15hz"] == shown["b@15hz"] == ("1.17", True)
+    assert not shown["c@15hz"][1]
+
+
+@pytest.mark.parametrize("column", [*COLUMNS, *DETAILS], ids=lambda column: column.head)
+def test_each_column_knows_which_way_is_better(column: Column) -> None:
+    """Two trackers that differ in one number only: the better one is bold by the column's direction."""
+    low, high = run("low", 1.0), run("high", 1.0)
+    table = summary_table([low, high], (column,), lambda score: (1.0 if score.label == "low" else 2.0,))
+    best = {name for name, (_, best) in cells(table, column.head).items() if best}
+    assert best == {"min": {"low@15hz"}, "max": {"high@15hz"}, "": set()}[column.best]
+
+
+def test_one_run_and_equal_seeds_have_no_interval_and_no_star() -> None:
+    same = [run(label, cm, seed=seed) for label, cm in (("a", 1.0), ("b", 2.0)) for seed in range(12)]
+    for scores in (same, same[:1] * 12 + same[12:13] * 12):
+        table = summary_table(scores)
+        assert not any(cell.significant for _, row in table.rows for cell in row)
+        for text in (markdown(table), latex(table)):
+            assert not re.search(r"\[([\d.]+), \1\]", text)
+            assert r"\*" not in text and "$^{*}$" not in text
+    table = summary_table(same)
+    assert "n/a: no interval (the values of all 12 runs are equal)" in table.caption
+    assert "1.00** n/a" in markdown(table)
+
+
+@pytest.mark.parametrize(("seeds", "star"), [(5, False), (6, True)])
+def test_a_star_needs_as_many_runs_as_its_test(seeds: int, star: bool) -> None:
+    scores = [
+        run(label, cm + 0.01 * seed, seed=seed) for label, cm in (("a", 1.0), ("b", 2.0)) for seed in range(seeds)
+    ]
+    table = summary_table(scores)
+    place = [column.head for column in COLUMNS].index("ATE position")
+    assert dict(table.rows)["a@15hz"][place].significant == star
+    assert ("5 independent runs at most, the test needs 6" in table.caption) != star
+
+
+def test_seeds_of_one_flight_are_no_sequences() -> None:
+    """Four sequences of ten seeds: the sequences are what a claim over sequences rests on."""
+    scores = [
+        run(label, cm * (1 + 0.01 * seed), seed=seed, sequence=f"s{q}")
+        for label, cm in (("a", 1.0), ("b", 2.0))
+        for q in range(4)
+        for seed in range(10)
+    ]
+    assert "4 independent runs at most" in summary_table(scores).caption
+
+
+def test_columns_are_chosen_by_name(tmp_path: Path) -> None:
+    table = summary_table(many(2)).select(["ATE position", "coverage"])
+    assert heads(table) == ["ATE position (cm)", "coverage (%)"]
+    write_tables(table, tmp_path / "x.y")
+    rows = list(csv.reader((tmp_path / "x.y.csv").open()))
+    assert rows[0] == ["tracker", *(f"{h}{end}" for h in heads(table) for end in ("", " low", " high"))]
+    with pytest.raises(UserError, match="did you mean 'ATE position'"):
+        table.select(["ATE positon"])
+    with pytest.raises(UserError, match=r"\.md, \.csv or \.tex"):
+        write_table(table, tmp_path / "x.docx")
+
+
+def test_the_command_writes_chosen_columns_of_a_report(report: Path, tmp_path: Path) -> None:
+    wanted = "within 5 cm, 5 deg,ATE position,frame p99"
+    out = tmp_path / "mine.csv"
+    done = CliRunner().invoke(main, ["tables", str(report), "--columns", wanted, "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    rows = {row["tracker"]: row for row in csv.DictReader(out.open())}
+    of_report = {row["tracker"]: row for row in csv.DictReader((report / "tables" / "summary.csv").open())}
+    assert rows.keys() == of_report.keys()
+    for name, row in rows.items():
+        assert row["ATE position (cm)"] == of_report[name]["ATE position (cm)"]
+    shown = CliRunner().invoke(main, ["tables", str(report)])
+    assert "| frame p99 (ms) |" in shown.output and "**" in shown.output
+    assert CliRunner().invoke(main, ["tables", str(report), "--columns", "ATE"]).exit_code == 2
+    assert CliRunner().invoke(main, ["tables", str(tmp_path)]).exit_code == 2
+
+
+def test_a_name_with_every_special_character_is_escaped() -> None:
+    text = latex(summary_table([run(r"a_b%c&d#e$f{g}h~i^j\k<l>m", 1.0)]))
+    assert r"a\_b\%c\&d\#e\$f\{g\}h\textasciitilde{}i\textasciicircum{}j\textbackslash{}k\textless{}l" in text
+
+
+DOCUMENT = r"""\documentclass[journal]{IEEEtran}
+\usepackage{booktabs}
+\newsavebox{\measured}
+\begin{document}
+\typeout{WIDTHS \the\columnwidth\space\the\textwidth}
+%s
+\end{document}
+"""
+MEASURED = r"""\typeout{LIMIT %s %g}
+%s"""
+
+
+def compile_tex(folder: Path, body: str) -> str:
+    """Log of a document of IEEEtran; the test is skipped where there is no TeX for it."""
+    program = shutil.which("pdflatex")
+    if not program:
+        pytest.skip("pdflatex is not installed (texlive-latex-recommended, texlive-publishers)")
+    for name in ("IEEEtran.cls", "booktabs.sty", "ptmr7t.tfm"):
+        if not subprocess.run(["kpsewhich", name], capture_output=True, check=False).stdout:
+            pytest.skip(f"TeX lacks {name} (texlive-publishers, texlive-latex-recommended, texlive-fonts-recommended)")
+    (folder / "x.tex").write_text(DOCUMENT % body)
+    command = [program, "-interaction=nonstopmode", "-halt-on-error", "x.tex"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+    return (folder / "x.log").read_text(errors="replace")
+
+
+def test_the_tables_fit_the_columns_of_ieee(tmp_path: Path) -> None:
+    scores = many()
+    write_summary(replace(summary_table(scores), absent=("visp",)), tmp_path / "summary")
+    write_tables(summary_table(scores, DETAILS, details), tmp_path / "details")
+    write_table(summary_table(scores), tmp_path / "everything.tex", ONE_COLUMN_PT)
+    limits = {"summary": TWO_COLUMNS_PT, "details": TWO_COLUMNS_PT, "summary_one_column": ONE_COLUMN_PT,
+              "everything": ONE_COLUMN_PT}  # fmt: skip
+    body = []
+    for name, limit in limits.items():
+        text = (tmp_path / f"{name}.tex").read_text()
+        group = text[text.index("{\\fontsize") :].strip()
+        start = group[: group.index("%\n") + 2]
+        for tabular in re.findall(r"\\begin\{tabular\}.*?\\end\{tabular\}", text, re.S):
+            body.append(
+                rf"\savebox{{\measured}}{{{start}{tabular}}}}}\typeout{{TABLE {name} {limit:g} \the\wd\measured}}"
+            )
+        kind = "table" if limit == ONE_COLUMN_PT else "table*"
+        body.append(rf"\begin{{{kind}}}\centering\input{{{name}.tex}}\caption{{x}}\end{{{kind}}}")
+    log = compile_tex(tmp_path, "\n".join(body))
+    assert "WIDTHS 252.0pt 516.0pt" in log
+    measured = re.findall(r"TABLE (\S+) (\S+) ([\d.]+)pt", log)
+    assert {name for name, _, _ in measured} == set(limits)
+    for name, limit, width in measured:
+        assert float(width) <= float(limit), (name, width)
+    assert "Overfull" not in log
+    one = [float(width) for name, _, width in measured if name == "summary_one_column"]
+    assert len(one) == 1 and len([name for name, _, _ in measured if name == "summary"]) == 1
+    assert len(ONE_COLUMN) < len(TWO_COLUMNS) < len(COLUMNS)
