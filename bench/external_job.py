@@ -26,8 +26,8 @@ from scenes.camera import Camera
 from scenes.cao import write_cao
 from scenes.model_files import save_structure
 from scenes.sequence import Sequence as Frames
-from scenes.sequence import inside
 from scenes.structure import Structure
+from scenes.tables import read_integers
 from trajectories.files import new_folder, write_text
 from trajectories.pose import Pose
 
@@ -56,14 +56,13 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
     (folder / "frames").mkdir()
     lines = ["stamp_ns,file\n"]
     for number, frame in enumerate(frames):
-        source = inside(sequence.folder, sequence.files[frame])
-        name = f"frames/{number:06d}{source.suffix}"
-        shutil.copyfile(source, folder / name)
+        name = f"frames/{number:06d}{Path(sequence.files[frame]).suffix}"
+        (folder / name).write_bytes(sequence.image_bytes(frame))
         lines.append(f"{sequence.stamps_ns[frame]},{name}\n")
     write_text(folder / "frames.csv", "".join(lines))
-    imu = sequence.folder / "imu.csv"
-    if imu.is_file():
-        shutil.copyfile(inside(sequence.folder, imu.name), folder / "imu.csv")
+    imu = sequence.body_sensor("imu.csv")
+    if imu is not None:
+        write_text(folder / "imu.csv", imu)
 
 
 def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
@@ -80,9 +79,9 @@ def _not_worth_keeping(folder: str, names: list[str]) -> list[str]:
 
 def imu_lines(sequence: Frames) -> list[tuple[int, bytes]]:
     """Stamp and line `imu,...` of each IMU sample of a sequence, none where it has no IMU."""
-    path = sequence.folder / "imu.csv"
-    if not path.is_file():
+    text = sequence.body_sensor("imu.csv")
+    if text is None:
         return []
-    header, *lines = path.read_text(encoding="utf-8").splitlines()
-    at = header.split(",").index("stamp_ns")
-    return [(int(line.split(",")[at]), f"imu,{line}\n".encode()) for line in lines if line]
+    stamps = read_integers(sequence.folder / "imu.csv", ["stamp_ns"])[:, 0].tolist()
+    lines = [line for line in text.splitlines()[1:] if line]
+    return [(stamp, f"imu,{line}\n".encode()) for stamp, line in zip(stamps, lines, strict=True)]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.frame_truth import read_depth
+from scenes.images import load_image
 from scenes.sequence import Sequence
 from trajectories.files import write_text
 from trajectories.pose import Array
@@ -40,7 +41,7 @@ def export_bop(sequence: Sequence, folder: Path, on_frame: Callable[[int, int], 
     cameras, poses, infos = {}, {}, {}
     for frame in range(len(sequence)):
         name = f"{frame:06d}"
-        (scene / "rgb" / f"{name}.png").write_bytes((sequence.folder / sequence.files[frame]).read_bytes())
+        (scene / "rgb" / f"{name}.png").write_bytes(sequence.image_bytes(frame))
         scale = _bop_images(sequence, frame, scene)
         pose = sequence.true_cam_from_world(frame)
         R, t = pose.rotation.reshape(-1).tolist(), (1000 * pose.translation).tolist()
@@ -68,8 +69,9 @@ def _ply_mm(vertices: Array, triangles: np.ndarray) -> str:
 def _bop_images(sequence: Sequence, frame: int, scene: Path) -> float:
     """Write depth and masks of a frame where there are any; millimetres per unit of its depth image."""
     name = f"{frame:06d}"
-    if (sequence.folder / "mask" / f"{name}.png").is_file():
-        mask = 255 * _shown(sequence.folder / "mask" / f"{name}.png").astype(np.uint8)
+    shown = _mask(sequence, frame)
+    if shown is not None:
+        mask = 255 * shown.astype(np.uint8)
         (scene / "mask_visib").mkdir(exist_ok=True)
         cv2.imwrite(str(scene / "mask_visib" / f"{name}_000000.png"), mask)
     if not (sequence.folder / "depth" / f"{name}.png").is_file():
@@ -91,8 +93,8 @@ def _bop_info(sequence: Sequence, frame: int) -> dict[str, object]:
     for triangle in points[sequence.structure.triangles]:
         if (triangle[:, 2] > 0.01).all():
             cv2.fillConvexPoly(seen, np.rint(camera.project(triangle)).astype(np.int32).clip(-30000, 30000), 1)
-    path = sequence.folder / "mask" / f"{frame:06d}.png"
-    visible = _shown(path) if path.is_file() else seen.astype(bool)
+    mask = _mask(sequence, frame)
+    visible = seen.astype(bool) if mask is None else mask
     total, shown = int(seen.sum()), int(visible.sum())
     return {
         "bbox_obj": _box(seen.astype(bool)),
@@ -104,10 +106,10 @@ def _bop_info(sequence: Sequence, frame: int) -> dict[str, object]:
     }
 
 
-def _shown(path: Path) -> NDArray[np.bool_]:
-    """Where a mask image shows the structure."""
-    image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
-    return np.asarray(image == 1)
+def _mask(sequence: Sequence, frame: int) -> NDArray[np.bool_] | None:
+    """Where the structure is seen (h, w), None where the sequence has no masks."""
+    path = sequence.folder / "mask" / f"{frame:06d}.png"
+    return load_image(path, cv2.IMREAD_GRAYSCALE, inside=sequence.folder) == 1 if path.exists() else None
 
 
 def _box(mask: np.ndarray) -> list[int]:

@@ -41,7 +41,7 @@ def export_euroc(sequence: Sequence, folder: Path, on_frame: OnFrame) -> None:
     write_text(mav / "cam0" / "data.csv", "\n".join(lines) + "\n")
     write_text(mav / "cam0" / "sensor.yaml", _euroc_camera(sequence))
     for frame, stamp in enumerate(stamps):
-        (mav / "cam0" / "data" / f"{stamp}.png").write_bytes((sequence.folder / sequence.files[frame]).read_bytes())
+        (mav / "cam0" / "data" / f"{stamp}.png").write_bytes(sequence.image_bytes(frame))
         on_frame(frame + 1, len(stamps))
     truth = mav / "state_groundtruth_estimate0"
     truth.mkdir()
@@ -49,10 +49,10 @@ def export_euroc(sequence: Sequence, folder: Path, on_frame: OnFrame) -> None:
     write_text(
         truth / "sensor.yaml", "sensor_type: pose\ncomment: ground truth of the simulation\n" + _t_bs(Pose.identity())
     )
-    imu = sequence.folder / "imu.csv"
-    if imu.is_file():
+    imu = sequence.body_sensor("imu.csv")
+    if imu is not None:
         (mav / "imu0").mkdir()
-        rows = imu.read_text(encoding="utf-8").splitlines()
+        rows = imu.splitlines()
         head = "#timestamp [ns],w_x [rad s^-1],w_y [rad s^-1],w_z [rad s^-1],a_x [m s^-2],a_y [m s^-2],a_z [m s^-2]"
         body = [",".join(row.split(",")[:7]) for row in rows[1:]]
         write_text(mav / "imu0" / "data.csv", "\n".join([head, *body]) + "\n")
@@ -70,7 +70,7 @@ def export_tum(sequence: Sequence, folder: Path, on_frame: OnFrame) -> None:
         lists["depth"] = []
     for frame, stamp in enumerate(sequence.stamps_ns.tolist()):
         seconds = f"{stamp // 10**9}.{stamp % 10**9:09d}"
-        (folder / "rgb" / f"{seconds}.png").write_bytes((sequence.folder / sequence.files[frame]).read_bytes())
+        (folder / "rgb" / f"{seconds}.png").write_bytes(sequence.image_bytes(frame))
         lists["rgb"].append(f"{seconds} rgb/{seconds}.png")
         if "depth" in lists:
             depth = np.clip(np.rint(5000.0 * read_depth(sequence, frame)), 0, 65535)
@@ -91,7 +91,7 @@ def export_kitti(sequence: Sequence, folder: Path, on_frame: OnFrame) -> None:
     P = [c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
     write_text(folder / "calib.txt", "".join(f"P{k}: " + " ".join(f"{v:.12e}" for v in P) + "\n" for k in range(4)))
     for frame in range(len(stamps)):
-        (folder / "image_2" / f"{frame:06d}.png").write_bytes((sequence.folder / sequence.files[frame]).read_bytes())
+        (folder / "image_2" / f"{frame:06d}.png").write_bytes(sequence.image_bytes(frame))
         on_frame(frame + 1, len(stamps))
 
 
