@@ -3,6 +3,7 @@
 A mode is a set of defaults that repeats what a known tool does; options that are given go before it.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -145,8 +146,9 @@ def evaluate_files(
         ),
         segments=preset.segments,
     )
-    p, p_format = read_trajectory(reference, reference_format)
-    q, q_format = read_trajectory(estimate, estimate_format)
+    with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
+        read = pool.map(read_trajectory, (reference, estimate), (reference_format, estimate_format))
+        (p, p_format), (q, q_format) = read
     if "kitti" in (p_format, q_format):
         p, q = paired_by_row(p, q, reference, estimate)
     files = {
