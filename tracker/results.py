@@ -137,6 +137,8 @@ def _read_row(cells: Mapping[str, str], ms: Mapping[str, str]) -> TrackResult:
         covariance = covariance + np.triu(covariance, 1).T
     counts = {name: int(cells[name]) if cells[name] else None for name in COUNT_COLUMNS}
     stage_ms = {name.removesuffix("_ms"): float(value) for name, value in ms.items() if name != "frame" and value}
+    if not np.isfinite(list(stage_ms.values())).all():
+        raise ValueError("a time that is not finite")
     return TrackResult(status=status, cam_from_world=pose, covariance=covariance, stage_ms=stage_ms, **counts)
 
 
