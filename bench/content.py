@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.config_paths import names_a_file
+from scenes.sequence import file_hash
+from trajectories.errors import UserError
+from trajectories.reading import read_json
 
 PACKAGES = {"trajectories", "scenes", "tracker", "reports", "bench"}
 PLAIN = {float, int, str, bool, type(None)}
@@ -63,10 +66,10 @@ def code_hash(*packages: str) -> str:
 def carried_hash(path: Path) -> str | None:
     """Content hash that a JSON file carries, None when there is no such file or it is not whole."""
     try:
-        return str(json.loads(path.read_text(encoding="utf-8"))["content_hash"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return str(read_json(path)["content_hash"])
+    except (UserError, KeyError):
         return None
 
 
 def _file_digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return file_hash(path)

@@ -5,7 +5,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.graph import Job, Outcome
+from trajectories.errors import UserError
 from trajectories.files import write_text
+from trajectories.reading import read_json
 
 SECONDS = "seconds.json"
 
@@ -19,9 +21,9 @@ def remember(outcome: Outcome, folder: Path) -> None:
 def remembered(folder: Path) -> dict[str, float]:
     """Seconds of the jobs done in this folder, by name; none when there is no such file or it is not whole."""
     try:
-        table = json.loads((folder / SECONDS).read_text(encoding="utf-8"))
+        table = read_json(folder / SECONDS)
         return {str(name): float(seconds) for name, seconds in table.items()}
-    except (OSError, ValueError, AttributeError, TypeError):
+    except (UserError, ValueError, TypeError, OverflowError):
         return {}
 
 

@@ -166,7 +166,7 @@ def read_depth(sequence: Sequence, frame: int) -> Array:
     """True depth (h, w) of a frame in metres, 0 where there is nothing."""
     path = sequence.folder / "depth" / f"{frame:06d}.png"
     image = load_image(path, cv2.IMREAD_UNCHANGED, inside=sequence.folder)
-    return np.asarray(image, dtype=np.float64) * float(sequence.info["depth_m_per_unit"])
+    return np.asarray(image, dtype=np.float64) * float(sequence.info.get("depth_m_per_unit", DEPTH_M_PER_UNIT))
 
 
 def load_edges(sequence: Sequence, frame: int) -> Array:

@@ -33,7 +33,7 @@ from scenes.structure import Structure
 from scenes.tables import read_integers, read_json, read_numbers, read_table
 from trajectories.errors import UserError
 from trajectories.files import write_text
-from trajectories.limits import ANY, IMAGE, TABLE
+from trajectories.limits import ANY, IMAGE, LARGEST_COORDINATE_M, TABLE
 from trajectories.pose import Array, Pose
 from trajectories.reading import opened, read_bytes, read_text
 from trajectories.trajectory import Trajectory
@@ -67,6 +67,10 @@ class Sequence:
     def load(cls, folder: Path) -> "Sequence":
         """Open a sequence folder; UserError naming the file that is missing or wrong."""
         info = read_json(folder / "sequence.json")
+        for key in ("rate_hz", "depth_m_per_unit"):
+            value = info.get(key, 1.0)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+                raise UserError(f"{folder / 'sequence.json'}: {key} = {value!r}: must be a positive number")
         frames = read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"])
         files = tuple(row["file"] for row in frames)
         for name in files:
@@ -93,7 +97,7 @@ class Sequence:
         """Mount of the camera on the vehicle."""
         try:
             return Pose.from_matrix(self._said("cam_from_body"))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{self.folder / 'sequence.json'}: cam_from_body: {error}") from None
 
     @property
@@ -132,7 +136,7 @@ class Sequence:
             return self.true_cam_from_world(0)
         try:
             return Pose.from_matrix(self.info["first_cam_from_world"])
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{self.folder / 'sequence.json'}: first_cam_from_world: {error}") from None
 
     @cached_property
@@ -151,6 +155,9 @@ class Sequence:
         if self.recorded:
             raise UserError(f"{self.folder}: a recording of real images has no truth to compare with")
         table = read_numbers(path, TRUTH_COLUMNS)
+        if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():
+            row = int(np.argmin((np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all(axis=1)))
+            raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
         if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
             raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")
         return table
