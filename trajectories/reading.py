@@ -22,6 +22,8 @@ def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: st
     try:
         if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: some devices act when they are
             raise UserError(f"{path}: is no regular file (but a folder, a pipe or a device)")
+        if inside is not None and not path.resolve().is_relative_to(inside.resolve()):
+            raise _outside(path, inside)
         handle = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     except FileNotFoundError:
         raise UserError(f"{path}: no such file{hint}") from None
@@ -32,7 +34,7 @@ def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: st
         if not stat.S_ISREG(found.st_mode):
             raise UserError(f"{path}: is no regular file (but a pipe or a device)")
         if inside is not None and not _place(handle.fileno(), path).is_relative_to(inside.resolve()):
-            raise UserError(f"{path}: leads out of the folder {inside}; what it holds is not to be trusted")
+            raise _outside(path, inside)
         if found.st_size > limit.most_bytes:
             raise _too_large(path, limit, found.st_size)
     except BaseException:
@@ -128,6 +130,10 @@ def _place(number: int, path: Path) -> Path:
         return Path(f"/proc/self/fd/{number}").readlink()
     except OSError:
         return path.resolve()
+
+
+def _outside(path: Path, inside: Path) -> UserError:
+    return UserError(f"{path}: leads out of the folder {inside}; what it holds is not to be trusted")
 
 
 def _too_large(path: Path, limit: FileLimit, size: int) -> UserError:
