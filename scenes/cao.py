@@ -105,7 +105,7 @@ def _piece(path: Path, rows: Iterator[tuple[int, str]]) -> Loaded:
 
     def polygons(what: str) -> list[list[int]]:
         table = indices(what, block(what))
-        for size, *corners in table:
+        for size, *corners in (row or [0] for row in table):
             if not 3 <= size <= min(len(corners), MOST_CORNERS):
                 raise UserError(
                     f"{path}: the {what}: one of {size} corners has {len(corners)}; it takes 3 to {MOST_CORNERS}"

@@ -25,7 +25,7 @@ def test_a_million_poses_evaluated(benchmark: Any, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     stamps = START_NS + STEP_NS * np.arange(POSES)
     p = np.cumsum(rng.normal(0, 0.01, (POSES, 3)), axis=0)
-    q = rng.normal(0, 0.1, (POSES, 4)) + [1.0, 0, 0, 0]
+    q = rng.normal([1.0, 0, 0, 0], 0.1, (POSES, 4))
     for name, sigma in (("reference", 0.0), ("estimate", 0.01)):
         noisy = q + rng.normal(0, 1, q.shape) * sigma
         noisy /= np.linalg.norm(noisy, axis=1, keepdims=True)
