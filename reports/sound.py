@@ -7,6 +7,7 @@ import numpy as np
 from tracker.base import TrackResult
 from tracker.results import Results
 from tracker.run import within_reach
+from trajectories.errors import UserError
 from trajectories.limits import LARGEST_COORDINATE_M
 from trajectories.pose import Array
 
@@ -19,7 +20,10 @@ def sound(results: Results) -> tuple[Results, tuple[str, ...]]:
 
     A pose that is not finite or beyond LARGEST_COORDINATE_M makes its frame lost; a covariance that is not finite,
     beyond the square of that, or has a negative variance is no claim.
+    UserError when the record lacks what a score needs.
     """
+    if missing := [key for key in ("tracker", "rate_hz", "seed", "cam_from_body") if key not in results.record]:
+        raise UserError(f"record.json: `{missing[0]}` is missing; track again")
     told: list[str] = []
     rows: list[TrackResult] = []
     for frame, row in zip(results.frames.tolist(), results.rows, strict=True):

@@ -140,8 +140,8 @@ def _check_record(record: Mapping[str, Any], path: Path) -> None:
     except (KeyError, ValueError, TypeError, OverflowError):
         good["cam_from_body"] = False
     for key, fine in good.items():
-        if not fine:
-            raise UserError(f"{path}: `{key}` is missing, or is not what a record says there; track again")
+        if key in record and not fine:
+            raise UserError(f"{path}: `{key}` is not what a record says there; track again")
 
 
 def _read_row(cells: Mapping[str, str], ms: Mapping[str, str]) -> TrackResult:

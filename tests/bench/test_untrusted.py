@@ -212,7 +212,7 @@ def test_no_file_of_results_is_read_that_is_not_its_own(tmp_path, name, target):
         (run / each).write_text("{}")
     (run / name).unlink(missing_ok=True)
     (run / name).symlink_to(target)
-    with pytest.raises(UserError, match=r"leads out of the folder|no regular file|record\.json: `tracker`"):
+    with pytest.raises(UserError, match=r"leads out of the folder|no regular file|missing columns|differ from"):
         Results.load(run) if name != "score.json" else Score.load(run / name)
 
 
