@@ -2,7 +2,6 @@
 
 import difflib
 import json
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -20,6 +19,7 @@ from tracker.initial_pose import Initialization, Known
 from tracker.recording import RecordingSpec
 from tracker.run import KNOWN
 from trajectories.errors import UserError
+from trajectories.reading import read_toml
 
 Protocol = Literal["reset", "anchors"]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
@@ -129,12 +129,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
 
 def _read(path: Path) -> tuple[dict[str, Any], Extra]:
     """Content of a TOML file and the user's plug-ins that it names."""
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; `uavbench list` shows the suites that come with uavbench") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(f"{path}: not a readable TOML file: {error}") from None
+    data = read_toml(path, hint="; `uavbench list` shows the suites that come with uavbench")
     try:
         return data, own_plugins(data)
     except UserError as error:

@@ -13,6 +13,8 @@ from typing import Any
 
 from bench.config_paths import names_a_file
 from bench.plugin_files import bench_key, files_of, is_file, plugin_key
+from trajectories.errors import UserError
+from trajectories.reading import read_json
 from trajectories.sources import file_digest
 
 PACKAGES = {"trajectories", "scenes", "tracker", "reports", "bench"}
@@ -114,6 +116,6 @@ def _version(distribution: str) -> str:
 def carried_hash(path: Path) -> str | None:
     """Content hash that a JSON file carries, None when there is no such file or it is not whole."""
     try:
-        return str(json.loads(path.read_text(encoding="utf-8"))["content_hash"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return str(read_json(path)["content_hash"])
+    except (UserError, KeyError):
         return None

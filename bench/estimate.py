@@ -5,7 +5,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bench.graph import Job, Outcome, fresh_jobs
+from trajectories.errors import UserError
 from trajectories.files import write_text
+from trajectories.reading import read_json
 
 SECONDS = "seconds.json"
 
@@ -20,9 +22,9 @@ def remember(outcome: Outcome, folder: Path) -> None:
 def remembered(folder: Path) -> dict[str, float]:
     """Seconds of the jobs done in this folder, by name; none when there is no such file or it is not whole."""
     try:
-        table = json.loads((folder / SECONDS).read_text(encoding="utf-8"))["seconds"]
+        table = read_json(folder / SECONDS)["seconds"]
         return {str(name): float(seconds) for name, seconds in table.items()}
-    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+    except (UserError, ValueError, KeyError, AttributeError, TypeError, OverflowError):
         return {}
 
 

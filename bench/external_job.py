@@ -29,7 +29,6 @@ from scenes.camera import Camera
 from scenes.cao import write_cao
 from scenes.model_files import save_structure
 from scenes.sequence import Sequence as Frames
-from scenes.sequence import inside
 from scenes.structure import Structure
 from trajectories.errors import UserError, plain
 from trajectories.files import new_folder, write_text
@@ -82,9 +81,8 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
     (folder / "frames").mkdir()
     lines = ["stamp_ns,file\n"]
     for number, frame in enumerate(frames):
-        source = inside(sequence.folder, sequence.files[frame])
-        name = f"frames/{number:06d}{source.suffix}"
-        shutil.copyfile(source, folder / name)
+        name = f"frames/{number:06d}{Path(sequence.files[frame]).suffix}"
+        (folder / name).write_bytes(sequence.image_bytes(frame))
         lines.append(f"{sequence.stamps_ns[frame]},{name}\n")
     write_text(folder / "frames.csv", "".join(lines))
     last_ns = int(sequence.stamps_ns[frames[-1]])

@@ -4,7 +4,8 @@ A row is `stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz`, then, if the tracker clai
 upper triangle by rows. The pose is `cam_from_world`. The statuses `lost` and `not_initialized` need nothing after them.
 """
 
-from collections.abc import Sequence
+import io
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -14,12 +15,17 @@ import numpy as np
 from tracker.base import Status, TrackResult
 from tracker.results import COVARIANCE_COLUMNS, POSE_COLUMNS, UPPER
 from trajectories.errors import UserError, one_line
+from trajectories.limits import LARGEST_COORDINATE_M, FileLimit
 from trajectories.pose import Array, Pose
+from trajectories.reading import opened
 
 POSE_HEADER = ["stamp_ns", "status", *POSE_COLUMNS]
 HEADERS = [POSE_HEADER, [*POSE_HEADER, *COVARIANCE_COLUMNS]]
 STATUSES: tuple[Status, ...] = get_args(Status)
-MAX_FILE_BYTES = 1 << 30
+MOST_ROW_BYTES = 4096
+"""Of one row; 30 numbers of 26 characters, the longest that are written, are 780."""
+MOST_FAULTS = 10_000
+"""Faults of one run that are named; the rest is counted."""
 
 FAULTS = {
     "cannot-start": "check that the program is there, is executable, and finds its libraries",
@@ -30,6 +36,7 @@ FAULTS = {
     "no-output": "write estimates.csv in the current folder",
     "malformed": "write stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz, numbers with a decimal point",
     "not-finite": "a frame without a good pose has the status `lost`",
+    "too-many": "mend the first ones",
     "bad-rotation": "write a unit quaternion, w first",
     "bad-covariance": "write the upper triangle of a symmetric, positive semi-definite 6x6 matrix by rows",
     "unknown-stamp": "repeat the stamp of the frame that the row belongs to",
@@ -72,6 +79,8 @@ def read_row(text: str, where: str) -> tuple[int, TrackResult]:
     """Stamp and result of one row; TrackerFault when it is malformed, not finite or no pose."""
     cells = [cell.strip() for cell in text.strip().split(",")]
     try:
+        if len(cells[0]) > 20:  # 64 bits and a sign
+            raise ValueError
         stamp_ns = int(cells[0])
     except ValueError:
         raise TrackerFault("malformed", where, f"{_short(text)} does not begin with an integer stamp") from None
@@ -90,9 +99,11 @@ def read_row(text: str, where: str) -> tuple[int, TrackResult]:
     try:
         numbers = np.array([float(value) for value in values])
     except ValueError as error:
-        raise TrackerFault("malformed", where, str(error)) from None
+        raise TrackerFault("malformed", where, str(error)[:120]) from None
     if not np.isfinite(numbers).all():
         raise TrackerFault("not-finite", where, f"{_short(text)} holds a number that is not finite")
+    if not np.abs(numbers[:3]).max() <= LARGEST_COORDINATE_M:
+        raise TrackerFault("not-finite", where, f"{_short(text)} has a position beyond {LARGEST_COORDINATE_M:g} m")
     if not abs(float(np.linalg.norm(numbers[3:7])) - 1) < 1e-3:
         raise TrackerFault("bad-rotation", where, f"the quaternion has norm {np.linalg.norm(numbers[3:7]):.6g}, not 1")
     pose = Pose.from_quaternion(numbers[3:7], numbers[:3])
@@ -104,22 +115,28 @@ def read_estimates(path: Path, stamps_ns: Sequence[int]) -> tuple[list[TrackResu
 
     Of two rows for one frame the first counts.
     """
+    limit = FileLimit("file of estimates", MOST_ROW_BYTES * (len(stamps_ns) + 2), "write one row for each frame")
     try:
-        if path.is_symlink() or not path.is_file():
+        if path.is_symlink() or not path.exists():
             return _lost(stamps_ns), [Fault("no-output", path.name, "there is no such file")]
-        if path.stat().st_size > MAX_FILE_BYTES:
-            return _lost(stamps_ns), [Fault("malformed", path.name, "the file is larger than 1 GB")]
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        return _lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {error}")]
-    if not lines or [cell.strip() for cell in lines[0].split(",")] not in HEADERS:
+        with opened(path, limit, inside=path.parent) as handle:
+            return _read(path, io.TextIOWrapper(handle, encoding="utf-8"), stamps_ns)
+    except (OSError, UnicodeDecodeError, UserError) as error:
+        told = str(error).removeprefix(f"{path}: ")
+        return _lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {told}")]
+
+
+def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> tuple[list[TrackResult], list[Fault]]:
+    header = lines.readline(MOST_ROW_BYTES)
+    if [cell.strip() for cell in header.split(",")] not in HEADERS:
         return _lost(stamps_ns), [Fault("malformed", path.name, f"the first line must be {','.join(POSE_HEADER)}")]
     row_of = {stamp: row for row, stamp in enumerate(stamps_ns)}
     results: dict[int, TrackResult] = {}
     named: set[int] = set()
     faults: list[Fault] = []
     latest = -1
-    for number, line in enumerate(lines[1:], start=2):
+    more = 0
+    for number, line in enumerate(_rows(lines), start=2):
         if not line.strip():
             continue
         where = f"{path.name} line {number}"
@@ -137,18 +154,30 @@ def read_estimates(path: Path, stamps_ns: Sequence[int]) -> tuple[list[TrackResu
                 raise TrackerFault("out-of-order", where, f"stamp {stamp} comes after {stamps_ns[latest]}")
             latest = row
         except TrackerFault as error:
-            faults.append(error.fault)
+            if len(faults) < MOST_FAULTS:
+                faults.append(error.fault)
+            else:
+                more += 1
+    missing = [(stamp, row) for stamp, row in row_of.items() if row not in named]
+    room = MOST_FAULTS - len(faults)
     faults += [
-        Fault("missing", path.name, f"there is no row for frame {row} (stamp {stamp})")
-        for stamp, row in row_of.items()
-        if row not in named
+        Fault("missing", path.name, f"there is no row for frame {row} (stamp {stamp})") for stamp, row in missing[:room]
     ]
+    more += len(missing[room:])
+    if more:
+        faults.append(Fault("too-many", path.name, f"there are {more:,} faults more"))
     return [results.get(row, TrackResult(status="lost")) for row in range(len(stamps_ns))], faults
+
+
+def _rows(lines: io.TextIOWrapper) -> Iterator[str]:
+    """Lines, and one that is too long in pieces, of which none is a good row."""
+    while line := lines.readline(MOST_ROW_BYTES):
+        yield line
 
 
 def _row_named(line: str, row_of: dict[int, int]) -> int | None:
     try:
-        return row_of.get(int(line.split(",")[0]))
+        return row_of.get(int(line.split(",", 1)[0][:21]))
     except ValueError:
         return None
 
@@ -156,6 +185,8 @@ def _row_named(line: str, row_of: dict[int, int]) -> int | None:
 def _covariance(upper: Array, where: str) -> Array | None:
     if not len(upper):
         return None
+    if not np.abs(upper).max() <= LARGEST_COORDINATE_M**2:
+        raise TrackerFault("bad-covariance", where, f"the covariance has a number beyond {LARGEST_COORDINATE_M**2:g}")
     covariance = np.zeros((6, 6))
     covariance[UPPER] = upper
     covariance = covariance + np.triu(covariance, 1).T

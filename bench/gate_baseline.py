@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from bench.gate_scores import Key, Measured, Side
-from scenes.tables import read_json
 from trajectories.errors import UserError
 from trajectories.files import owning, write_text
+from trajectories.limits import SETTINGS
+from trajectories.reading import read_json
 
 DIGITS = 6
 """Significant digits of the numbers: less than any margin, more than a reader needs."""
@@ -41,16 +42,21 @@ def write_baseline(side: Side, path: Path) -> None:
 
 def read_baseline(path: Path, flights: str) -> Side:
     """The baseline of a file; UserError when it was edited, or is of other flights than these."""
-    body = read_json(path)
+    body = read_json(path, limit=SETTINGS)
     anew = f"make it anew with `uavbench gate RESULTS --baseline {path} --update`"
     if body.pop("sha256", None) != _digest(body):
         raise UserError(f"{path}: this is no baseline as it was written; {anew}, never by hand")
-    if not flights or body["flights"] != flights:
+    if not flights or body.get("flights") != flights:
         raise UserError(f"{path}: the suite's flights have changed since it was made; {anew}")
-    runs: dict[Key, Measured] = {
-        (run, sequence, seed): Measured(coverage=coverage, errors=errors, how=body["how"])
-        for run, sequence, seed, coverage, errors in body["runs"]
-    }
+    try:
+        runs: dict[Key, Measured] = {
+            (str(run), str(sequence), int(seed)): Measured(
+                coverage=float(coverage), errors={str(k): float(v) for k, v in errors.items()}, how=dict(body["how"])
+            )
+            for run, sequence, seed, coverage, errors in body["runs"]
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise UserError(f"{path}: this is no baseline ({error}); {anew}") from None
     return Side(runs, {}, flights)
 
 

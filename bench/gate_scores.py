@@ -1,6 +1,5 @@
 """The scores of two suites' folders, paired run by run: same tracker, same rate, same frames."""
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -83,7 +82,9 @@ def read_side(folder: Path) -> Side:
     try:
         names = [str(name) for name in about["sequences"]]
         runs = [f"{label}@{float(rate):g}hz" for label in about["trackers"] for rate in about["rates_hz"]]
-    except (KeyError, TypeError, ValueError) as error:
+        if leads := [name for name in (*names, *runs) if "/" in name or "\0" in name]:
+            raise ValueError(f"{leads[0]!r} is no name of a folder")
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise UserError(f"{folder / 'suite.json'}: not uavbench's: {error}") from None
     for name in names:
         sequence, _, seed = name.rpartition("-s")
@@ -162,7 +163,7 @@ def read_timing(folder: Path) -> dict[str, PairedValues]:
     if not path.is_file():
         return {}
     try:
-        runs = json.loads(path.read_text(encoding="utf-8"))["runs"]
+        runs = read_json(path)["runs"]
         return {
             run: PairedValues(
                 {(row["sequence"], int(row["seed"])): float(row["base_ms"]) for row in rows},
@@ -170,5 +171,5 @@ def read_timing(folder: Path) -> dict[str, PairedValues]:
             )
             for run, rows in runs.items()
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise UserError(f"{path}: not a timing of `uavbench compare`: {error}") from None

@@ -28,10 +28,14 @@ from tracker.visible_edges import to_image, visible_edges
 from trajectories.errors import UserError
 from trajectories.files import refuse_foreign_file, write_text
 from trajectories.pose import Array
+from trajectories.reading import json_value
 
 PAGE = Path(__file__).parent / "pick.html"
 FEWEST = 4
 MOST_BYTES = 1 << 20
+"""Of what the page sends: a pair is about 60 bytes."""
+SILENT_S = 20.0
+NOT_HERE = b"not here: open the address that uavbench printed, on this computer"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +128,12 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
     done: list[str] = []
 
     class Handler(BaseHTTPRequestHandler):
+        timeout = SILENT_S  # a request that does not go on is dropped
+
         def do_GET(self) -> None:
-            if self.path == f"/{token}":
+            if not self.from_here():
+                self.answer(403, "text/plain", NOT_HERE)
+            elif self.path == f"/{token}":
                 self.answer(200, "text/html; charset=utf-8", picking.page(token).encode())
             elif self.path == f"/{token}/image.png":
                 self.answer(200, "image/png", cv2.imencode(".png", picking.image)[1].tobytes())
@@ -134,18 +142,41 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
 
         def do_POST(self) -> None:
             verbs = {f"/{token}/solve": picking.solve, f"/{token}/save": picking.save}
-            size = int(self.headers.get("Content-Length", "0"))
-            if self.path not in verbs or not 0 <= size <= MOST_BYTES:
+            told_size = self.headers.get("Content-Length", "")
+            size = int(told_size) if told_size.isascii() and told_size.isdigit() and len(told_size) < 10 else -1
+            if not self.from_here():
+                self.answer(403, "text/plain", NOT_HERE)
+            elif self.path not in verbs:
                 self.answer(404, "text/plain", b"not here")
+            elif not 0 <= size <= MOST_BYTES:
+                self.answer(413 if size > 0 else 411, "text/plain", f"a body has at most {MOST_BYTES} bytes".encode())
+            else:
+                self.tell(verbs[self.path], size)
+
+        def tell(self, verb: Callable[[Iterable[Any]], dict[str, Any]], size: int) -> None:
+            """Answer what a verb says of the pairs in the body."""
+            try:
+                body = self.rfile.read(size)
+            except OSError:  # fewer bytes came than were told
+                self.close_connection = True
+                return
+            if len(body) < size:
+                self.answer(400, "text/plain", b"the body ends before its length")
                 return
             try:
-                pairs = json.loads(self.rfile.read(size))
-                told = verbs[self.path](pairs if isinstance(pairs, list) else [])
+                pairs = json_value(body)
+                told = verb(pairs if isinstance(pairs, list) else [])
             except (UserError, ValueError, OSError) as error:
                 told = {"error": str(error)}
             self.answer(200, "application/json", json.dumps(told).encode())
             if "saved" in told:
                 done.append(told["saved"])
+
+        def from_here(self) -> bool:
+            """Whether the page itself asks: under this address and no other name of it, and from no other page."""
+            own = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}  # type: ignore[attr-defined]
+            origin = self.headers.get("Origin")
+            return self.headers.get("Host") in own and (origin is None or origin in {f"http://{name}" for name in own})
 
         def answer(self, status: int, kind: str, body: bytes) -> None:
             self.send_response(status)

@@ -3,6 +3,7 @@
 A mode is a set of defaults that repeats what a known tool does; options that are given go before it.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -152,7 +153,8 @@ def evaluate_files(
         ),
         segments=preset.segments,
     )
-    first, second = find_trajectory(reference, reference_format), find_trajectory(estimate, estimate_format)
+    with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
+        first, second = pool.map(find_trajectory, (reference, estimate), (reference_format, estimate_format))
     second = _in_one_frame(first, second, mount)
     p, q = first.trajectory, second.trajectory
     if not (first.stamped and second.stamped):

@@ -126,6 +126,7 @@ def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     fastest_hz = max((run.score.rate_hz for run in runs), default=0.0)
     for run in runs:
         values = nees(run.sequence, run.results)
+        values = np.where(np.isfinite(values), values, np.nan)
         if np.isnan(values).all():
             continue
         t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / 1e9

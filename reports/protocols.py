@@ -16,6 +16,7 @@ from reports.ape import absolute_errors
 from reports.association import NS, PosePairs
 from reports.frame_errors import SUCCESS_DEG, SUCCESS_M, estimated_bodies, frame_errors
 from reports.quaternions import normalized
+from reports.sound import sound
 from reports.summary import ErrorSummary
 from scenes.body import Feed
 from scenes.sequence import Sequence
@@ -46,7 +47,7 @@ class Restarted:
     @classmethod
     def load(cls, folder: Path) -> "Restarted":
         """Read what was saved of `results`; UserError when it was no run under such a protocol."""
-        results = Results.load(folder)
+        results, _ = sound(Results.load(folder))
         flags = []
         for name in FLAGS:
             rows = results.record.get(f"{name}_rows")

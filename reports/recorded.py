@@ -19,6 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 from reports.latency import Latency, deadline_misses, stage_latencies
 from reports.pictures import View
 from reports.score import Status
+from reports.sound import sound
 from scenes.sequence import Sequence
 from scenes.tables import read_json
 from tracker.control_points import control_points
@@ -129,6 +130,7 @@ def edges_met(sequence: Sequence, frame: int, cam_from_world: Pose) -> float:
 
 def score_recorded(sequence: Sequence, results: Results) -> RecordedScore:
     """Score of results on a recording."""
+    results, unsound = sound(results)
     run, record = RecordedRun(sequence, results), results.record
     faults = tuple(str(e) for e in record.get("errors", ()))
     if len(results) < len(run.expected):
@@ -147,7 +149,7 @@ def score_recorded(sequence: Sequence, results: Results) -> RecordedScore:
         edges_met=float(met.mean()) if len(met) else None,
         latency=stage_latencies(results),
         deadline_misses=deadline_misses(results),
-        errors=faults,
+        errors=faults + unsound,
         record={
             "compared": "with no truth: there is none",
             "edges_met": f"share of control points within {MEETS_PX:g} px of a Canny edge",

@@ -24,6 +24,7 @@ from reports.page import FigureOnPage, asset, environment
 from reports.pictures import GREEN, View, draw, write_text_on
 from reports.recorded import MEETS_PX, RecordedRun, RecordedScore, score_recorded
 from reports.runs import missing_results
+from reports.sound import sound
 from reports.style import colour, house_style, line, new_figure, save_figure
 from reports.tables import Cell, Column, Table
 from reports.tables_write import heads, write_tables
@@ -118,7 +119,7 @@ def open_recorded(entries: ListOf[tuple[Path, Path, str]]) -> list[Shown]:
             sequences[sequence_folder] = Sequence.load(sequence_folder)
         sequence = sequences[sequence_folder]
         there = results_folder.exists() and not why
-        results = Results.load(results_folder) if there else missing_results(sequence, results_folder, why)
+        results = sound(Results.load(results_folder))[0] if there else missing_results(sequence, results_folder, why)
         run = RecordedRun(sequence, results)
         score = RecordedScore.load(results_folder / "score.json") if there else score_recorded(sequence, results)
         runs.append(Shown(run, score, labels.setdefault(score.label, len(labels))))

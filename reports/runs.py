@@ -8,6 +8,7 @@ import numpy as np
 
 from reports.frame_errors import FrameErrors, frame_errors
 from reports.score import Score, how, score
+from reports.sound import sound
 from scenes.sequence import Sequence
 from tracker.results import Results
 from trajectories.errors import UserError
@@ -71,7 +72,7 @@ def open_runs(entries: list[tuple[Path, Path, Path, str]]) -> list[ScoredRun]:
             sequences[sequence_folder] = Sequence.load(sequence_folder)
         sequence = sequences[sequence_folder]
         if results_folder.exists() and not why:
-            results, found = Results.load(results_folder), Score.load(score_file)
+            results, found = sound(Results.load(results_folder))[0], Score.load(score_file)
             _belongs(found, sequence, results, score_file)
         else:
             results = missing_results(sequence, results_folder, why)

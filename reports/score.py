@@ -19,6 +19,7 @@ from reports.latency import Latency, deadline_misses, stage_latencies
 from reports.model_space import ModelSpace, model_space
 from reports.protocols import Replay, replay_in_real_time
 from reports.rpe import Stretch, motion_error_sizes, stretches
+from reports.sound import sound
 from reports.summary import ErrorSummary
 from reports.tracking import Tracking, tracking
 from reports.uncertainty import Consistency, consistency
@@ -116,6 +117,7 @@ _versions = lru_cache(versions)
 
 def score(sequence: Sequence, results: Results) -> Score:
     """Score of results against the truth of their sequence; UserError when they do not belong together."""
+    results, unsound = sound(results)
     errors = frame_errors(sequence, results)
     record = results.record
     faults = tuple(str(e) for e in record.get("errors", ()))
@@ -142,7 +144,7 @@ def score(sequence: Sequence, results: Results) -> Score:
         model=model_space(sequence, results),
         consistency=consistency(sequence, results),
         bound=ErrorOverBound.of(sequence, errors),
-        errors=faults,
+        errors=faults + unsound,
         record=how(sequence, results),
     )
 

@@ -8,7 +8,9 @@ import numpy as np
 from scenes.tables import read_integers, read_json, read_numbers, read_table
 from trajectories.errors import UserError
 from trajectories.formats import declared_frame, guess_format, read_trajectory
+from trajectories.limits import TRAJECTORY
 from trajectories.pose import Pose
+from trajectories.reading import read_header, read_text
 from trajectories.trajectory import Trajectory
 
 POSE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
@@ -91,9 +93,8 @@ def _in_folder(folder: Path) -> Path:
 def _is_table(path: Path) -> bool:
     """Whether a file begins with the header of one of uavbench's own tables."""
     try:
-        with path.open(encoding="utf-8") as handle:
-            return "stamp_ns" in handle.readline(4096).strip().split(",")
-    except (OSError, UnicodeDecodeError):
+        return "stamp_ns" in read_header(path, TRAJECTORY)
+    except UserError:
         return False  # the reader of formats tells why
 
 
@@ -139,8 +140,8 @@ def _kitti_stamps(file: Path, count: int) -> np.ndarray | None:
     if file.name == "times.txt" or not times.is_file():
         return None
     try:
-        seconds = [float(word) for word in times.read_text(encoding="utf-8").split()]
-    except (OSError, ValueError) as error:
+        seconds = [float(word) for word in read_text(times, TRAJECTORY).split()]
+    except ValueError as error:
         raise UserError(f"{times}: not readable as one time in seconds per line: {error}") from None
     if len(seconds) != count:
         raise UserError(f"{times}: has {len(seconds)} times for the {count} poses of {file}")

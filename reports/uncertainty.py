@@ -16,37 +16,38 @@ from trajectories.pose import Array, hat
 
 DEGREES_OF_FREEDOM = 6
 CENTRAL = (0.025, 0.975)
+SINGULAR = 1e-14
+"""Least eigenvalue of a correlation matrix that is more than round-off (6 x 2^-52)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Consistency:
-    """NEES of the n frames with a covariance.
+    """NEES of the n frames whose covariance has an inverse; in the `singular` others that claim one it is undefined.
 
-    mean, and the interval in which the mean of an honest tracker lies with 95 % probability if its errors are
-    independent from frame to frame; inside: share of frames in the central 95 % of the distribution; sharpness: median
-    standard deviation of position (m) and of rotation (deg).
+    mean (None where n is 0), and the interval in which the mean of an honest tracker lies with 95 % probability if its
+    errors are independent from frame to frame; inside: share of all n + singular frames in the central 95 % of the
+    distribution; sharpness: median standard deviation of position (m) and of rotation (deg).
     """
 
     n: int
-    mean: float
+    mean: float | None
     low: float
     high: float
     inside: float
     sharpness_m: float
     sharpness_deg: float
+    singular: int = 0
 
 
 def nees(sequence: Sequence, results: Results) -> Array:
-    """NEES of each row (n,), NaN where there is no pose or no covariance, infinite where that is singular."""
+    """NEES of each row (n,), NaN where there is no pose or no covariance, infinite where that has no inverse."""
     out = np.full(len(results), np.nan)
     for i, (frame, row) in enumerate(zip(results.frames.tolist(), results.rows, strict=True)):
         if row.cam_from_world is None or row.covariance is None:
             continue
         xi = (sequence.true_cam_from_world(frame) @ row.cam_from_world.inverse()).log()
-        try:
-            out[i] = xi @ np.linalg.solve(row.covariance, xi)
-        except np.linalg.LinAlgError:
-            out[i] = np.inf
+        value = np.inf if is_singular(row.covariance) else float(xi @ np.linalg.solve(row.covariance, xi))
+        out[i] = value if value >= 0 else np.inf
     return out
 
 
@@ -54,21 +55,33 @@ def consistency(sequence: Sequence, results: Results) -> Consistency | None:
     """NEES figures of a run; None when its tracker claims no covariance."""
     values = nees(sequence, results)
     values = values[~np.isnan(values)]
-    if not len(values):
-        return None
+    singular = int(np.isinf(values).sum())
+    values = values[np.isfinite(values)]
     n = len(values)
-    low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM * n)) / n for p in CENTRAL)
+    if n + singular == 0:
+        return None
+    low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM * max(n, 1))) / max(n, 1) for p in CENTRAL)
     inner_low, inner_high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM)) for p in CENTRAL)
     spreads = np.array([np.diag(r.covariance) for r in results.rows if r.covariance is not None])
     return Consistency(
         n=n,
-        mean=float(values.mean()),
+        mean=float(values.mean()) if n else None,
         low=low,
         high=high,
-        inside=float(((values >= inner_low) & (values <= inner_high)).mean()),
+        inside=float(((values >= inner_low) & (values <= inner_high)).sum()) / (n + singular),
         sharpness_m=float(np.median(np.sqrt(spreads[:, :3].sum(axis=1)))),
         sharpness_deg=float(np.degrees(np.median(np.sqrt(spreads[:, 3:].sum(axis=1))))),
+        singular=singular,
     )
+
+
+def is_singular(covariance: Array) -> bool:
+    """Whether a covariance (6, 6) has no inverse to the precision of float64; units of its parts do not matter."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if not (spread > 0).all():
+        return True
+    least = float(np.linalg.eigvalsh(covariance / spread / spread[:, None])[0])
+    return not least > SINGULAR
 
 
 def component_sigmas(results: Results) -> Array:

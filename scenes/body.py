@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from scenes.sequence import Sequence, inside
 from scenes.tables import read_integers, read_table
 from trajectories.errors import UserError
+from trajectories.limits import TABLE
 from trajectories.pose import Array, Pose
+from trajectories.reading import read_header
 from trajectories.sensors import SENSORS
 
 CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init)  # type: ignore[arg-type]
@@ -115,7 +117,7 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
         if not known or path.stem in RESERVED or not NAME.fullmatch(path.stem):
             continue
-        header = _header(inside(sequence.folder, path.name))
+        header = read_header(path, TABLE, inside=sequence.folder)
         parameters = {k: v for k, v in about.items() if k in CALIBRATED and isinstance(v, int | float | list)}
         columns = tuple(column for column in known if column in header)
         yield path.stem, BodySensor(kind, columns, MappingProxyType(parameters))
@@ -124,11 +126,3 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
 def _kind_by_name(path: Path) -> str:
     """Kind of a sensor whose file is called as `trajectories.sensors.measure` does: `imu`, `imu-2`."""
     return path.stem if path.stem in SENSORS else re.sub(r"-[0-9]+$", "", path.stem)
-
-
-def _header(path: Path) -> list[str]:
-    try:
-        with path.open(encoding="utf-8") as handle:
-            return handle.readline(1 << 14).strip().split(",")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not readable as CSV: {error}") from None

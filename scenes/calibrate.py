@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.camera import Camera
+from scenes.images import load_image, open_video
 from trajectories.errors import UserError
 from trajectories.files import new_file
 from trajectories.pose import Array
@@ -163,25 +164,20 @@ def _pictures(sources: Sequence[Path]) -> Iterator[tuple[str, NDArray[np.uint8]]
             yield from ((str(p), _read(p)) for p in files[::step])
         elif source.suffix.lower() in IMAGE_KINDS:
             yield str(source), _read(source)
-        elif source.is_file():
-            yield from _video(source)
         else:
-            raise UserError(f"{source}: no such picture, folder or video")
+            yield from _video(source)
 
 
 def _read(path: Path) -> NDArray[np.uint8]:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-    if image is None:
-        raise UserError(f"{path}: not a readable picture")
-    return np.asarray(image, dtype=np.uint8)
+    return load_image(path, cv2.IMREAD_GRAYSCALE)
 
 
 def _video(path: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """At most MOST_VIEWS frames, evenly spread."""
-    film = cv2.VideoCapture(str(path))
+    film = open_video(path)
     count = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
-    if not film.isOpened() or count < 1:
-        raise UserError(f"{path}: neither a picture nor a video that OpenCV can read")
+    if count < 1:
+        raise UserError(f"{path}: a video without images")
     step = max(1, count // MOST_VIEWS)
     for number in range(count):
         read, frame = film.read()

@@ -4,7 +4,6 @@ Axes are OpenCV's: x right, y down, z forward. Pixel centres lie at integer coor
 spans -0.5 .. width - 0.5.
 """
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,9 @@ from numpy.typing import NDArray
 
 from trajectories.errors import UserError
 from trajectories.files import write_text
+from trajectories.limits import MOST_PIXELS
 from trajectories.pose import Array
+from trajectories.reading import read_toml
 
 DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
 
@@ -39,8 +40,15 @@ class Camera:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            if isinstance(side := getattr(self, name), bool) or not isinstance(side, int | np.integer):
+                raise ValueError(f"{name} = {side!r}: must be a whole number of pixels, as in {name} = 640")
         if not (self.width > 0 and self.height > 0):
             raise ValueError(f"width and height must be positive, got {self.width} x {self.height}")
+        if self.width * self.height > MOST_PIXELS:
+            raise ValueError(
+                f"{self.width} x {self.height} px are more than the {MOST_PIXELS:,} of the largest cameras"
+            )
         if not (self.fx > 0 and self.fy > 0 and np.isfinite([self.fx, self.fy, self.cx, self.cy]).all()):
             raise ValueError("fx and fy must be positive, and fx fy cx cy finite")
         counts = DISTORTION_COEFFICIENTS.get(self.distortion_model)
@@ -101,14 +109,9 @@ class Camera:
         write_text(path, "\n".join(lines) + "\n", sealed=sealed)
 
     @classmethod
-    def load(cls, path: Path) -> "Camera":
-        """Read `camera.toml`; UserError naming the file and the key that is wrong."""
-        try:
-            values = tomllib.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise UserError(f"{path}: no such camera file") from None
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise UserError(f"{path}: not a readable TOML file: {error}") from None
+    def load(cls, path: Path, inside: Path | None = None) -> "Camera":
+        """Read `camera.toml`, of the folder `inside` where one is named; UserError naming file and key."""
+        values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
         fields = list(cls.__dataclass_fields__)
         unknown = sorted(set(values) - set(fields))
         missing = [key for key in fields[:6] if key not in values]
@@ -118,7 +121,7 @@ class Camera:
             )
         try:
             return cls(**{**values, "distortion": tuple(values.get("distortion", ()))})
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{path}: {error}") from None
 
 

@@ -17,8 +17,14 @@ from scenes.solids import ear_clip
 from scenes.structure import Structure
 from trajectories.errors import UserError
 from trajectories.files import write_text
+from trajectories.limits import LARGEST_COORDINATE_M, MODEL, MOST_NESTING, MOST_ROWS
 from trajectories.pose import Array, Pose, rotation_exp
+from trajectories.reading import read_text
 
+MOST_LOADS = 1000
+"""Pieces of one model, each counted as often as it is loaded; the largest of ViSP's own models load 20."""
+MOST_CORNERS = 1000
+"""Corners of one face: cutting it into triangles takes time with their square."""
 STRAIGHT = 1e-6
 """Sine of the angle below which two sides of a polygon are one."""
 LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*((?:,\s*\w+\s*=\s*\[[^\]]*\]\s*)*)\)""", re.IGNORECASE)
@@ -67,9 +73,10 @@ def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | Non
         except ValueError as error:
             raise UserError(f"{path}: line {number}: {error}") from None
         file = path.parent / found[1]
-        if file.resolve() in above or not file.resolve().is_relative_to(above[0].parent):
+        if not _beside(file, above):
             raise UserError(f"{path}: line {number}: {found[1]} loads itself, or lies outside the model's folder")
         out += _files(file, above, model_from_file @ file_from_loaded)
+        _check_loads(path, number, len(above), out)
     return [*out, Piece(path, own, model_from_file)]
 
 
@@ -102,13 +109,32 @@ def _angle(word: str) -> float:
 
 def _number(word: str) -> float:
     value = float(word)
-    if not math.isfinite(value):
-        raise ValueError(f"{word.strip()} is not finite")
+    if not abs(value) <= LARGEST_COORDINATE_M:
+        raise ValueError(f"{word.strip()} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
     return value
 
 
 def _placed(piece: Loaded, model_from_piece: Pose) -> Loaded:
     return piece.moved(model_from_piece.rotation, model_from_piece.translation)
+
+
+def _beside(file: Path, above: tuple[Path, ...]) -> bool:
+    """Whether a file lies in the model's folder and is none of those that load it."""
+    try:
+        place = file.resolve()
+    except (OSError, ValueError, RuntimeError):  # a null character in its name, a loop of links
+        return False
+    return place not in above and place.is_relative_to(above[0].parent)
+
+
+def _check_loads(path: Path, number: int, depth: int, loaded: list[Piece]) -> None:
+    """UserError when loads make a model too large: two loads in each of 21 files are two million pieces."""
+    rows = sum(len(piece.rows) for piece in loaded)
+    if depth > MOST_NESTING or len(loaded) > MOST_LOADS or rows > MOST_ROWS:
+        raise UserError(
+            f"{path}: line {number}: its loads make a model of more than {MOST_LOADS:,} pieces, {MOST_ROWS:,} rows or "
+            f"{MOST_NESTING} levels; load each part once"
+        )
 
 
 def _piece(piece: Piece) -> Loaded:
@@ -125,28 +151,51 @@ def _piece(piece: Piece) -> Loaded:
             raise UserError(f"{path}: line {number}: expected numbers for the {what}, got {row!r}") from None
 
     def block(what: str, count: int | None = None) -> list[list[str]]:
-        return [numbers(what)[1:] for _ in range(int(float(numbers(what)[1])) if count is None else count)]
+        if count is None:
+            line, *values = numbers(what)
+            count = _count(path, int(line), what, values)
+        return [numbers(what)[1:] for _ in range(count)]
+
+    def indices(what: str, rows: list[list[str]]) -> list[list[int]]:
+        try:
+            return [[_whole(word) for word in row] for row in rows]
+        except ValueError as error:
+            raise UserError(f"{path}: the {what} take whole numbers: {error}") from None
+
+    def polygons(what: str) -> list[list[int]]:
+        table = indices(what, block(what))
+        for size, *corners in (row or [0] for row in table):
+            if not 3 <= size <= min(len(corners), MOST_CORNERS):
+                raise UserError(
+                    f"{path}: the {what}: one of {size} corners has {len(corners)}; it takes 3 to {MOST_CORNERS}"
+                )
+        return [row[1 : 1 + row[0]] for row in table]
 
     number, first = next(rows, (0, ""))
     if first.upper() != "V1":
         raise UserError(f"{path}: line {number}: a CAO model begins with V1, got {first!r}")
     if len(piece.rows) == 1:  # it does nothing but load others
         return Loaded(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
-    points = np.array([[float(v) for v in row[:3]] for row in block("points")]).reshape(-1, 3)
-    lines = [[int(v) for v in row[:2]] for row in block("lines")]
-    from_lines = [[int(v) for v in row[1 : 1 + int(row[0])]] for row in block("faces of lines")]
-    from_points = [[int(v) for v in row[1 : 1 + int(row[0])]] for row in block("faces of points")]
-    cylinders = block("cylinders", _count_if_any(rows))
-    circles = block("circles", _count_if_any(rows))
+    table = [[float(v) for v in row[:3]] for row in block("points")]
+    if any(len(row) != 3 for row in table):
+        raise UserError(f"{path}: a point has three coordinates, one of these has fewer")
+    points = np.array(table).reshape(-1, 3)
+    lines = indices("lines", [row[:2] for row in block("lines")])
+    from_lines = polygons("faces of lines")
+    from_points = polygons("faces of points")
+    cylinders = block("cylinders", _count_if_any(path, rows, "cylinders"))
+    circles = block("circles", _count_if_any(path, rows, "circles"))
     try:
+        if min((k for face in (*lines, *from_lines, *from_points) for k in face), default=0) < 0:
+            raise ValueError("a number below 0")
         faces = [*[_chained([lines[k] for k in face]) for face in from_lines], *from_points]
         triangles = [np.array(face)[_triangles(points[face])] for face in faces]
     except (IndexError, ValueError) as error:
         raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
     flat = Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64))
     try:
-        ends = [(points[int(a)], points[int(b)], float(radius)) for a, b, radius in cylinders]
-        discs = [(float(r), points[int(a)], points[int(b)], points[int(c)]) for r, a, b, c in circles]
+        ends = [(points[_whole(a)], points[_whole(b)], float(radius)) for a, b, radius in cylinders]
+        discs = [(float(r), points[_whole(a)], points[_whole(b)], points[_whole(c)]) for r, a, b, c in circles]
         round_ = [cylinder(*row) for row in ends]
         round_ += [disc(*row) for row in discs if not any(is_end(row[1], row[0], *end) for end in ends)]
     except (IndexError, ValueError, TypeError) as error:
@@ -213,11 +262,7 @@ def _corners(at: Array, polygon: list[int]) -> list[int]:
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
     """Numbered lines without comments and empty ones."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not a readable CAO file: {error}") from None
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(read_text(path, MODEL).splitlines(), start=1):
         bare = line.split("#")[0].split("//")[0].strip()
         if bare:
             yield number, bare
@@ -227,16 +272,32 @@ def _values(row: str) -> list[str]:
     """The numbers of a row; ViSP's trailing options (name=..., minLineLengthThreshold=...) are left out."""
     values = [word for word in row.split() if "=" not in word]
     for word in values:
-        float(word)
+        if not abs(float(word)) <= LARGEST_COORDINATE_M:
+            raise ValueError(f"{word} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
     return values
 
 
-def _count_if_any(rows: Iterator[tuple[int, str]]) -> int:
-    _, row = next(rows, (0, "0"))
+def _whole(word: str) -> int:
+    """Whole number of a word, which ViSP also takes as `4.0`; ValueError when it is none."""
+    if not float(word).is_integer():
+        raise ValueError(f"{word} is no whole number")
+    return int(float(word))
+
+
+def _count(path: Path, number: int, what: str, values: list[str]) -> int:
+    """The number of rows to come; UserError when it is none."""
     try:
-        return int(float(row.split()[0]))
-    except ValueError:
-        return 0
+        count = _whole(values[0])
+        if not 0 <= count <= MOST_ROWS:
+            raise ValueError(f"{count:,} is not within 0 .. {MOST_ROWS:,}")
+    except (ValueError, IndexError, OverflowError) as error:
+        raise UserError(f"{path}: line {number}: how many {what} there are is a whole number: {error}") from None
+    return count
+
+
+def _count_if_any(path: Path, rows: Iterator[tuple[int, str]], what: str) -> int:
+    number, row = next(rows, (0, "0"))
+    return _count(path, number, what, row.split())
 
 
 def _chained(pieces: list[list[int]]) -> list[int]:

@@ -14,7 +14,9 @@ from scenes.tables import read_integers, read_numbers
 from trajectories.errors import UserError
 from trajectories.files import write_text
 from trajectories.formats import write_euroc
+from trajectories.limits import TABLE
 from trajectories.pose import Array, Pose
+from trajectories.reading import read_header
 from trajectories.trajectory import Trajectory
 
 STATE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz", "vx_m_s", "vy_m_s", "vz_m_s"]
@@ -79,15 +81,8 @@ def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     sensors = dict(sensors_of(sequence))
     for path in sorted(sequence.folder.glob("imu*.csv")):
         sensors.setdefault(path.name, {})
-    return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(_header(sequence.folder / name))}
-
-
-def _header(path: Path) -> list[str]:
-    try:
-        with path.open(encoding="utf-8") as handle:
-            return handle.readline().strip().split(",")
-    except OSError as error:
-        raise UserError(f"{path}: cannot read the sensor's readings: {error.strerror}") from None
+    heads = {name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in sensors}
+    return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(heads[name])}
 
 
 def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
@@ -130,7 +125,7 @@ def _write_truth(folder: Path, sequence: Sequence, imu: str | None) -> None:
 
 def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:
     """True biases (n, 6) of an IMU at stamps, linear between its readings; zeros where it has none."""
-    if not set(BIASES) <= set(_header(readings)):
+    if not set(BIASES) <= set(read_header(readings, TABLE)):
         return np.zeros((len(stamps_ns), 6))
     at, biases = read_integers(readings, ["stamp_ns"])[:, 0], read_numbers(readings, BIASES)
     return np.column_stack([np.interp(stamps_ns, at, column) for column in biases.T])

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from scenes.camera import Camera
 from scenes.exposure import row_knots
+from scenes.images import load_image
 from scenes.sequence import Sequence
 from scenes.source import Source, View, sample
 from scenes.structure import Structure
+from scenes.tables import read_numbers
 from trajectories.pose import Array, Pose
 
 DEPTH_M_PER_UNIT = 0.001
@@ -163,15 +165,13 @@ def edges_file(sequence: Sequence, frame: int) -> Path:
 def read_depth(sequence: Sequence, frame: int) -> Array:
     """True depth (h, w) of a frame in metres, 0 where there is nothing."""
     path = sequence.folder / "depth" / f"{frame:06d}.png"
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise FileNotFoundError(path)
-    return np.asarray(image, dtype=np.float64) * float(sequence.info["depth_m_per_unit"])
+    image = load_image(path, cv2.IMREAD_UNCHANGED, inside=sequence.folder)
+    return np.asarray(image, dtype=np.float64) * float(sequence.info.get("depth_m_per_unit", DEPTH_M_PER_UNIT))
 
 
 def load_edges(sequence: Sequence, frame: int) -> Array:
     """What `write_edges` wrote of a frame (n, 7)."""
-    return np.loadtxt(edges_file(sequence, frame), delimiter=",", skiprows=1, ndmin=2).reshape(-1, len(EDGE_COLUMNS))
+    return read_numbers(edges_file(sequence, frame), EDGE_COLUMNS)
 
 
 def _as_camera(source: Source, image: NDArray[Any]) -> NDArray[Any]:

@@ -1,5 +1,6 @@
 """A user's own structure: OBJ, STL, PLY, glTF, ViSP's CAO, IFC; checked before anything is rendered."""
 
+import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -10,21 +11,24 @@ from annotated_types import Ge, Interval
 from scenes import materials, noise
 from scenes.cao import read_cao
 from scenes.ifc import read_ifc
+from scenes.images import TEXTURES
 from scenes.loaded import Loaded
 from scenes.materials import Material
-from scenes.mesh_checks import check, check_file
+from scenes.mesh_checks import check, check_count, check_file, check_textures
 from scenes.model_parts import parts_of
 from scenes.parts import BuiltStructure, Part
 from scenes.solids import Solid, covered
 from scenes.structure import CREASE_ANGLE_DEG, Structure
 from trajectories.errors import UserError
+from trajectories.limits import MODEL
 from trajectories.pose import Array
+from trajectories.reading import opened, read_bytes
 
 UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 FINE_TRIANGLES = 20_000
 """Pieces of fewer triangles are cut finer, so that shade can fall on them."""
 Z_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off", ".3mf")
+TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 
 
 @dataclass(frozen=True)
@@ -83,27 +87,38 @@ class MeshFile:
 def read(path: Path) -> list[Loaded]:
     """Pieces of a mesh file as they are in it; UserError when it cannot be read."""
     kind = path.suffix.lower()
-    if not path.is_file():
-        raise UserError(f"{path}: no such model file")
     if kind == ".cao":
         return [read_cao(path)]
     if kind == ".ifc":
-        return read_ifc(path)
+        with opened(path, MODEL):  # IfcOpenShell opens it by its name
+            return read_ifc(path)
     if kind not in TRIMESH_KINDS:
         raise UserError(f"{path}: cannot read models of type {kind or 'without ending'}; "
                         f"known are {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
-    check_file(path)
+    data = read_bytes(path, MODEL)
+    check_file(path, data)
     import trimesh
 
+    from scenes.model_folder import ModelFolder
+
+    beside = ModelFolder(path.parent)
     try:
-        scene: Any = trimesh.load_scene(path, process=False)
+        scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=beside, process=False)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
     except Exception as error:
         raise UserError(f"{path}: not a readable {kind[1:]} file: {error}") from None
-    pieces = []
+    if beside.refused:
+        raise UserError(f"{path}: {beside.refused[0]}")
+    pieces: list[Loaded] = []
+    drawn: dict[int, int] = {}
+    triangles = 0
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
         mesh = scene.geometry[name]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            triangles += len(mesh.faces)
+            check_count(path, triangles)
             if np.shape(mesh.vertices)[1:] != (3,) or int(np.max(mesh.faces)) >= len(mesh.vertices):
                 raise UserError(f"{path}: a face of {name} names a vertex that is not there; export the model again")
             piece = Loaded(
@@ -112,8 +127,20 @@ def read(path: Path) -> list[Loaded]:
             piece = piece.moved(np.array(matrix[:3, :3]), np.array(matrix[:3, 3]))
             if np.linalg.det(matrix[:3, :3]) < 0:
                 piece = piece.flipped()
+            check_textures(path, _pixels(path, mesh.visual, drawn))
             pieces.append(piece.dressed(mesh.visual))
     return pieces
+
+
+def _pixels(path: Path, visual: Any, drawn: dict[int, int]) -> int:
+    """Pixels of all textures so far, this piece's with them; trimesh decodes none before it is asked for."""
+    material = getattr(visual, "material", None)
+    for image in (getattr(material, "baseColorTexture", None), getattr(material, "image", None)):
+        if image is not None:
+            if image.format not in TEXTURES:
+                raise UserError(f"{path}: a texture of type {image.format} is not read, only {', '.join(TEXTURES)}")
+            drawn[id(image)] = image.width * image.height
+    return sum(drawn.values())
 
 
 def _whole(pieces: list[Loaded]) -> tuple[Array, np.ndarray]:

@@ -8,6 +8,8 @@ from scenes.structure import Structure
 from scenes.tables import read_integers
 from trajectories.errors import UserError
 from trajectories.files import write_text
+from trajectories.limits import MODEL
+from trajectories.reading import read_text
 
 
 def save_structure(structure: Structure, folder: Path) -> None:
@@ -25,12 +27,13 @@ def save_structure(structure: Structure, folder: Path) -> None:
 def load_structure(folder: Path) -> Structure:
     """Read what `save_structure` wrote; UserError naming the file and line."""
     path = folder / "model.obj"
+    lines = read_text(path, MODEL, inside=folder).splitlines()
     vertices: list[list[float]] = []
     triangles: list[list[int]] = []
     triangle_face: list[int] = []
     face = -1
     try:
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        for number, line in enumerate(lines, start=1):
             match line.split():
                 case ["v", x, y, z]:
                     vertices.append([float(x), float(y), float(z)])
@@ -41,10 +44,6 @@ def load_structure(folder: Path) -> Structure:
                     triangle_face.append(face)
                 case _:
                     raise UserError(f"{path}: line {number} is not one that a sequence's model has")
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: not readable as text: {error}") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot read the model: {error.strerror}") from None
     except ValueError as error:
         raise UserError(f"{path}: line {number}: {error}") from None
     edges = read_integers(folder / "edges.csv", ["vertex_0", "vertex_1", "face_0", "face_1"])

@@ -23,17 +23,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from scenes.camera import Camera
+from scenes.images import decoded, size_px
 from scenes.model_files import load_structure
 from scenes.structure import Structure
 from scenes.tables import read_integers, read_json, read_numbers, read_table
 from trajectories.errors import UserError
 from trajectories.files import write_text
+from trajectories.limits import ANY, IMAGE, LARGEST_COORDINATE_M
 from trajectories.pose import Array, Pose
+from trajectories.reading import opened, read_bytes
 from trajectories.trajectory import Trajectory
 
 TRUTH_COLUMNS = [
@@ -65,6 +67,10 @@ class Sequence:
     def load(cls, folder: Path) -> "Sequence":
         """Open a sequence folder; UserError naming the file that is missing or wrong."""
         info = read_json(folder / "sequence.json")
+        for key in ("rate_hz", "depth_m_per_unit"):
+            value = info.get(key, 1.0)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+                raise UserError(f"{folder / 'sequence.json'}: {key} = {value!r}: must be a positive number")
         frames = read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"])
         files = tuple(row["file"] for row in frames)
         for name in files:
@@ -72,7 +78,7 @@ class Sequence:
         return cls(
             folder,
             info,
-            Camera.load(folder / "camera.toml"),
+            Camera.load(folder / "camera.toml", inside=folder),
             load_structure(folder),
             read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0],
             files,
@@ -91,7 +97,7 @@ class Sequence:
         """Mount of the camera on the vehicle."""
         try:
             return Pose.from_matrix(self._said("cam_from_body"))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{self.folder / 'sequence.json'}: cam_from_body: {error}") from None
 
     @property
@@ -118,7 +124,11 @@ class Sequence:
 
     def image(self, frame: int) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) of a frame; UserError when its file is missing, truncated or of another size."""
-        return read_image(self.folder / self.files[frame], self.camera)
+        return read_image(self.folder / self.files[frame], self.camera, inside=self.folder)
+
+    def image_bytes(self, frame: int) -> bytes:
+        """File of a frame's image as it is; UserError when it is missing, or leads out of the folder."""
+        return read_bytes(self.folder / self.files[frame], IMAGE, inside=self.folder)
 
     @property
     def recorded(self) -> bool:
@@ -132,7 +142,7 @@ class Sequence:
             return self.true_cam_from_world(0)
         try:
             return Pose.from_matrix(self.info["first_cam_from_world"])
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{self.folder / 'sequence.json'}: first_cam_from_world: {error}") from None
 
     @cached_property
@@ -151,6 +161,9 @@ class Sequence:
         if self.recorded:
             raise UserError(f"{self.folder}: a recording of real images has no truth to compare with")
         table = read_numbers(path, TRUTH_COLUMNS)
+        if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():
+            row = int(np.argmin((np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all(axis=1)))
+            raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
         if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
             raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")
         return table
@@ -182,22 +195,18 @@ def inside(folder: Path, name: str) -> Path:
     return path
 
 
-def read_image(path: Path, camera: Camera) -> NDArray[np.uint8]:
+def read_image(path: Path, camera: Camera, inside: Path | None = None) -> NDArray[np.uint8]:
     """BGR image (h, w, 3); UserError naming the file when it cannot be read or is not of the camera's size."""
-    try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise UserError(f"{path}: cannot read the image: {error.strerror}") from None
-    if path.suffix == ".png" and not data[-12:].tobytes().endswith(b"IEND\xaeB`\x82"):
+    data = read_bytes(path, IMAGE, inside=inside)
+    if path.suffix == ".png" and not data.endswith(b"IEND\xaeB`\x82"):
         raise UserError(f"{path}: the image is truncated; render or copy it again")
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    if image is None:
-        raise UserError(f"{path}: not a readable image; render or copy it again")
-    if image.shape[:2] != (camera.height, camera.width):
-        raise UserError(
-            f"{path}: image is {image.shape[1]} x {image.shape[0]} px, the camera {camera.width} x {camera.height} px"
-        )
-    return np.asarray(image, dtype=np.uint8)
+    width, height = size_px(path, data)
+    if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF data may turn it
+        image = decoded(path, data)
+        height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise UserError(f"{path}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px")
+    return image
 
 
 def write_manifest(folder: Path) -> None:
@@ -208,7 +217,7 @@ def write_manifest(folder: Path) -> None:
 
 def file_hash(path: Path) -> str:
     """sha256 of a file, in hexadecimal."""
-    with path.open("rb") as handle:
+    with opened(path, ANY) as handle:
         return hashlib.file_digest(handle, "sha256").hexdigest()
 
 

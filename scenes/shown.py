@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from scenes.camera import Camera
 from scenes.frame_truth import read_depth
+from scenes.images import load_image
 from scenes.sequence import Sequence
 from scenes.source import Map, pixel_grid
-from trajectories.errors import UserError
 from trajectories.pose import Array
 
 OUTSIDE = -1e4
@@ -35,9 +35,8 @@ class Shown:
 
     def png(self, frame: int) -> bytes:
         """The image of a frame as a PNG file; UserError when it cannot be read."""
-        path = self.sequence.folder / self.sequence.files[frame]
-        if self._places is None and path.suffix == ".png":
-            return path.read_bytes()
+        if self._places is None and self.sequence.files[frame].endswith(".png"):
+            return self.sequence.image_bytes(frame)
         return png(self._as_shown(self.sequence.image(frame), cv2.INTER_LINEAR))
 
     def depth(self, frame: int) -> Array | None:
@@ -50,11 +49,9 @@ class Shown:
     def mask(self, frame: int) -> NDArray[np.bool_] | None:
         """Where (h, w) the structure is seen; None where the sequence has no masks."""
         path = self.sequence.folder / "mask" / f"{frame:06d}.png"
-        if not path.is_file():
+        if not path.exists():
             return None
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise UserError(f"{path}: not a readable mask; render the sequence again")
+        image = load_image(path, cv2.IMREAD_GRAYSCALE, inside=self.sequence.folder)
         return np.asarray(self._as_shown(image, cv2.INTER_NEAREST) == 1)
 
     @cached_property

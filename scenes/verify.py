@@ -8,6 +8,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from scenes.images import load_image
 from scenes.sequence import file_hash
 from scenes.tables import read_json
 from trajectories.errors import UserError
@@ -76,10 +77,9 @@ def compare(folder: Path, again: Path) -> Verdict:
 
 
 def _manifest(folder: Path) -> dict[str, str]:
-    try:
-        named = read_json(folder / "manifest.json")["sha256"]
-    except KeyError:
-        raise UserError(f"{folder / 'manifest.json'}: holds no hashes; render the sequence again") from None
+    named = read_json(folder / "manifest.json").get("sha256")
+    if not isinstance(named, dict):
+        raise UserError(f"{folder / 'manifest.json'}: holds no hashes; render the sequence again")
     return {str(name): str(digest) for name, digest in named.items()}
 
 
@@ -89,8 +89,8 @@ def _without_machine(folder: Path) -> str:
 
 
 def _share_within(a: Path, b: Path) -> float:
-    first, second = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in (a, b))
-    if first is None or second is None or first.shape != second.shape:
+    first, second = (load_image(path, cv2.IMREAD_UNCHANGED) for path in (a, b))
+    if first.shape != second.shape:
         return 0.0
     off = np.abs(first.astype(np.int16) - second.astype(np.int16)).reshape(*first.shape[:2], -1).max(axis=2)
     return float((off <= TOLERANCE_LEVELS).mean())

@@ -1,9 +1,8 @@
 """Step 3, the first pose: known, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Protocol
 
 import cv2
 import numpy as np
@@ -17,6 +16,7 @@ from tracker.relocate import AWAY_SIGMA, Relocator, sigmas
 from tracker.visible_edges import visible_edges
 from trajectories.errors import UserError
 from trajectories.pose import Array, Pose
+from trajectories.reading import read_toml
 
 PICKED_POINTS = 5
 """Control points that are picked on the first image (Shang & Shen)."""
@@ -133,23 +133,18 @@ def read_init(path: Path, camera: Camera) -> Pose:
 
     It holds `cam_from_model`, four rows of four, or `points`, a list of {model_m = [x, y, z], image_px = [u, v]}.
     """
-    try:
-        values: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(f"{path}: not a readable TOML file: {error}") from None
+    values = read_toml(path)
     if set(values) == {"cam_from_model"}:
         try:
             return Pose.from_matrix(values["cam_from_model"])
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{path}: cam_from_model: {error}") from None
     if set(values) != {"points"}:
         raise UserError(f"{path}: has keys {sorted(values)}; give either cam_from_model or points")
     try:
         points = np.array([row["model_m"] for row in values["points"]], dtype=np.float64).reshape(-1, 3)
         pixels = np.array([row["image_px"] for row in values["points"]], dtype=np.float64).reshape(-1, 2)
-    except (KeyError, ValueError, TypeError):
+    except (KeyError, ValueError, TypeError, OverflowError):
         raise UserError(f"{path}: points: each takes model_m = [x, y, z] and image_px = [u, v]") from None
     if not (np.isfinite(points).all() and np.isfinite(pixels).all() and len(points) == len(pixels)):
         raise UserError(f"{path}: points: numbers must be finite")

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from scenes.camera import Camera
+from scenes.images import open_video
 from scenes.sequence import file_hash, read_image
 from scenes.structure import Structure
 from tracker.base import Image, Tracker, TrackResult
@@ -98,9 +99,7 @@ def frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[tuple[int, 
         for frame, path in enumerate(in_order(source)):
             yield round(frame * 1e9 / rate_hz), read_image(path, camera)
         return
-    if not source.is_file():
-        raise UserError(f"{source}: no such folder or video")
-    video = cv2.VideoCapture(str(source))
+    video = open_video(source)
     rate = video_rate(source, rate_hz)
     frame = 0
     while True:
@@ -128,5 +127,5 @@ def video_rate(source: Path, rate_hz: float) -> float:
     """Frames per second of a video; rate_hz for a folder."""
     if source.is_dir():
         return rate_hz
-    rate = float(cv2.VideoCapture(str(source)).get(cv2.CAP_PROP_FPS))
+    rate = float(open_video(source).get(cv2.CAP_PROP_FPS))
     return rate if rate > 0 else rate_hz

@@ -110,6 +110,7 @@ class Results:
     def load(cls, folder: Path) -> "Results":
         """Read what `save` wrote; UserError naming the file and the line that is wrong."""
         record = read_json(folder / "record.json")
+        _check_record(record, folder / "record.json")
         table = read_table(folder / "frames.csv", FRAME_COLUMNS)
         times = read_table(folder / "times.csv", ["frame"])
         if [row["frame"] for row in times] != [row["frame"] for row in table]:
@@ -123,7 +124,7 @@ class Results:
         try:
             frames = np.array([int(row["frame"]) for row in table], dtype=np.int64)
             stamps = np.array([int(row["stamp_ns"]) for row in table], dtype=np.int64)
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise UserError(f"{folder / 'frames.csv'}: {error}; track again") from None
         return cls(record, frames, stamps, tuple(rows))
 
@@ -136,6 +137,26 @@ class Results:
         counts = [getattr(row, name) for name in COUNT_COLUMNS]
         cells = [*pose, *covariance, *counts]
         return [str(self.frames[i]), str(self.stamps_ns[i]), row.status, *map(_cell, cells)]
+
+
+def _check_record(record: Mapping[str, Any], path: Path) -> None:
+    """UserError naming the first key of a record that is not what it should be."""
+    tracker, sequence, errors = record.get("tracker"), record.get("sequence", {}), record.get("errors", [])
+    rate_hz, seed = record.get("rate_hz"), record.get("seed")
+    good = {
+        "tracker": isinstance(tracker, dict) and isinstance(tracker.get("kind"), str),
+        "sequence": isinstance(sequence, dict),
+        "errors": isinstance(errors, list),
+        "rate_hz": isinstance(rate_hz, int | float) and 0 < rate_hz < float("inf"),
+        "seed": isinstance(seed, int) and seed >= 0,
+    }
+    try:
+        Pose.from_matrix(record["cam_from_body"])
+    except (KeyError, ValueError, TypeError, OverflowError):
+        good["cam_from_body"] = False
+    for key, fine in good.items():
+        if key in record and not fine:
+            raise UserError(f"{path}: `{key}` is not what a record says there; track again")
 
 
 def _read_row(cells: Mapping[str, str], ms: Mapping[str, str]) -> TrackResult:
@@ -152,6 +173,8 @@ def _read_row(cells: Mapping[str, str], ms: Mapping[str, str]) -> TrackResult:
         covariance = covariance + np.triu(covariance, 1).T
     counts = {name: int(cells[name]) if cells[name] else None for name in COUNT_COLUMNS}
     stage_ms = {name.removesuffix("_ms"): float(value) for name, value in ms.items() if name != "frame" and value}
+    if not np.isfinite(list(stage_ms.values())).all():
+        raise ValueError("a time that is not finite")
     return TrackResult(status=status, cam_from_world=pose, covariance=covariance, stage_ms=stage_ms, **counts)
 
 

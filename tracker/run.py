@@ -21,6 +21,7 @@ from tracker.initial_pose import Initialization, Known
 from tracker.results import Results
 from tracker.variants import tracker_kind
 from trajectories.errors import Terminated, UserError, one_line
+from trajectories.limits import LARGEST_COORDINATE_M
 from trajectories.pose import Pose
 from trajectories.streams import stream
 
@@ -129,7 +130,15 @@ def track_frame(
     except (Exception, SystemExit) as exception:  # a tracker may be anyone's: its crash is a loss, not the run's end
         total_ms = (time.perf_counter() - begin) * 1e3
         result, error = TrackResult(status="lost"), told(exception, method)
+    if result.cam_from_world is not None and not within_reach(result.cam_from_world):
+        result = TrackResult(status="lost", stage_ms=result.stage_ms)
+        error = f"its pose is not finite or beyond {LARGEST_COORDINATE_M:g} m"
     return replace(result, stage_ms={"total": total_ms, **result.stage_ms}), error
+
+
+def within_reach(pose: Pose) -> bool:
+    """Whether a pose is finite and within LARGEST_COORDINATE_M, so that errors can be computed of it."""
+    return bool(np.isfinite(pose.rotation).all() and np.abs(pose.translation).max() <= LARGEST_COORDINATE_M)
 
 
 def stride(sequence: Sequence, rate_hz: float) -> int:

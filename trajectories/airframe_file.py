@@ -1,10 +1,8 @@
 """Airframes read from a user's own file."""
 
-import tomllib
 import xml.etree.ElementTree as ElementTree
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -12,14 +10,12 @@ from trajectories.airframes import AIRFRAMES, Crazyflie, with_camera
 from trajectories.errors import UserError, unknown_name
 from trajectories.mount import Mount
 from trajectories.quadrotor import Quadrotor
+from trajectories.reading import read_text, toml_table
 
 
 def read_airframe(path: Path, mount: Mount) -> str:
     """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key where it is one's."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot read the airframe: {getattr(error, 'strerror', None) or error}") from None
+    text = read_text(path)
     try:
         xml = _from_xml(text, mount) if path.suffix.lower() in (".xml", ".mjcf") else _from_toml(text).build(mount)
         Quadrotor.from_mjcf(xml)
@@ -44,8 +40,8 @@ def _from_xml(text: str, mount: Mount) -> str:
 
 def _from_toml(text: str) -> Crazyflie:
     try:
-        table: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        table = toml_table(text)
+    except ValueError as error:
         raise UserError(f"not valid TOML: {error}") from None
     base = str(table.pop("like", "crazyflie"))
     kind = AIRFRAMES.get(base)

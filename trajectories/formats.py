@@ -9,13 +9,15 @@ What moves is said by a comment `# frame: world_from_body` at the top of a file,
 
 import re
 from collections.abc import Callable
-from decimal import Decimal, InvalidOperation
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from trajectories.errors import UserError, unknown_name
 from trajectories.files import write_text
+from trajectories.limits import LARGEST_COORDINATE_M
+from trajectories.number_lines import STAMP_CHARACTERS, Layout, NumberLines, cells_of, comments, first_lines, read_lines
 from trajectories.pose import Array, quaternion_from_rotation
 from trajectories.trajectory import Trajectory
 
@@ -25,7 +27,6 @@ LEAST_NS_STEP = 1000
 """Stamps that are whole numbers at least so far apart are nanoseconds, never seconds."""
 FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILINE)
 FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
-Lines = list[tuple[int, list[str]]]
 
 
 def read_trajectory(path: Path, format: str | None = None) -> tuple[Trajectory, str]:
@@ -40,16 +41,16 @@ def read_trajectory(path: Path, format: str | None = None) -> tuple[Trajectory, 
 
 
 def guess_format(path: Path) -> str:
-    """Name of the format that a file's lines of numbers look like; UserError when it looks like none.
+    """Name of the format that a file's first lines of numbers look like; UserError when they look like none.
 
     Eight numbers or more are euroc where the first one counts nanoseconds: a whole number that grows by
-    LEAST_NS_STEP and more, or has twelve digits and more in a file of one pose.
+    LEAST_NS_STEP and more, or has twelve digits and more.
     """
-    lines = _lines(path)
-    number, cells = lines[0]
-    if len(cells) == 12 and "," not in _text(path).splitlines()[number - 1]:
+    (number, line), *second = first_lines(path, 2)
+    cells = cells_of(line)
+    if len(cells) == 12 and "," not in line:
         return "kitti"
-    if len(cells) >= 8 and _in_nanoseconds([cells[0] for _, cells in lines]):
+    if len(cells) >= 8 and _in_nanoseconds([cells[0], *(cells_of(text)[0] for _, text in second)]):
         return "euroc"
     if len(cells) == 8:
         return "tum"
@@ -64,8 +65,7 @@ def declared_frame(path: Path) -> str | None:
 
     None where it says nothing; UserError where comment and name differ.
     """
-    comments = re.match(r"(?:\s*#[^\n]*\n)*", _text(path))
-    said = FRAME_COMMENT.findall(comments[0] if comments else "")
+    said = FRAME_COMMENT.findall(comments(path))
     named = FRAME_NAME.findall(path.name)
     found = list(dict.fromkeys([*said, *named]))
     if len(found) > 1:
@@ -75,33 +75,30 @@ def declared_frame(path: Path) -> str | None:
 
 def read_tum(path: Path) -> Trajectory:
     """Trajectory of a TUM file; seconds become integer nanoseconds digit by digit. UserError naming the line."""
-    lines = _lines(path, exactly=8)
-    stamps = [_stamp(path, number, cells[0], 10**9) for number, cells in lines]
-    values = _floats(path, lines, slice(1, 8))
-    return _trajectory(path, lines, stamps, values[:, :3], values[:, [6, 3, 4, 5]])
+    lines = read_lines(path, Layout(8, unit_ns=10**9))
+    return _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, [7, 4, 5, 6]])
 
 
 def read_euroc(path: Path) -> Trajectory:
     """Trajectory of an EuRoC ground-truth file; columns after the quaternion are ignored. UserError naming the line."""
-    lines = _lines(path, at_least=8)
-    stamps = [_stamp(path, number, cells[0], 1) for number, cells in lines]
-    values = _floats(path, lines, slice(1, 8))
-    return _trajectory(path, lines, stamps, values[:, :3], values[:, 3:7])
+    lines = read_lines(path, Layout(8, more=True, unit_ns=1))
+    return _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, 4:8])
 
 
 def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
     """Trajectory of a KITTI file, whose rows are rate_hz apart from 0 on; UserError naming the line."""
-    lines = _lines(path, exactly=12)
-    matrices = _floats(path, lines, slice(0, 12)).reshape(-1, 3, 4)
+    lines = read_lines(path, Layout(12))
+    matrices = lines.values.reshape(-1, 3, 4)
     R = matrices[:, :, :3]
-    off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
-    bad = ~((off < 1e-3) & (np.linalg.det(R) > 0))
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        bad = ~((off < 1e-3) & (np.linalg.det(R) > 0))
     if bad.any():
         raise UserError(
-            f"{path}: line {lines[int(np.argmax(bad))][0]}: its first three columns are not a rotation (1e-3)"
+            f"{path}: line {lines.numbers[int(np.argmax(bad))]}: its first three columns are not a rotation (1e-3)"
         )
-    stamps = [round(i * 10**9 / rate_hz) for i in range(len(lines))]
-    return _trajectory(path, lines, stamps, matrices[:, :, 3], quaternion_from_rotation(R))
+    stamps = np.array([round(i * 10**9 / rate_hz) for i in range(len(matrices))], dtype=np.int64)
+    return _trajectory(path, replace(lines, stamps_ns=stamps), matrices[:, :, 3], quaternion_from_rotation(R))
 
 
 def write_tum(trajectory: Trajectory, path: Path, frame: str = "") -> None:
@@ -146,73 +143,37 @@ def seconds(stamp_ns: int) -> str:
 
 
 def _in_nanoseconds(stamps: list[str]) -> bool:
-    if not all(stamp.lstrip("+-").isdigit() for stamp in (stamps[0], stamps[-1])):
+    if not all(stamp.lstrip("+-").isdigit() and len(stamp) < STAMP_CHARACTERS for stamp in stamps):
         return False
-    span = int(stamps[-1]) - int(stamps[0])
-    return len(stamps[0]) >= 12 or (len(stamps) > 1 and span >= LEAST_NS_STEP * (len(stamps) - 1))
+    return len(stamps[0]) >= 12 or (len(stamps) > 1 and int(stamps[1]) - int(stamps[0]) >= LEAST_NS_STEP)
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: not readable as text: {getattr(error, 'strerror', None) or error}") from None
-
-
-def _lines(path: Path, exactly: int | None = None, at_least: int = 1) -> Lines:
-    """Numbered lines of values, without comments and blank lines; UserError for a wrong count or no line at all."""
-    lines = []
-    for number, line in enumerate(_text(path).splitlines(), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        cells = line.replace(",", " ").split()
-        if (exactly is not None and len(cells) != exactly) or len(cells) < at_least:
-            wanted = exactly if exactly is not None else f"at least {at_least}"
-            raise UserError(f"{path}: line {number} has {len(cells)} values, expected {wanted}")
-        lines.append((number, cells))
-    if not lines:
-        raise UserError(f"{path}: holds no pose")
-    return lines
-
-
-def _stamp(path: Path, number: int, text: str, per_unit: int) -> int:
-    try:
-        value = Decimal(text) * per_unit
-        stamp = int(value.to_integral_value())
-    except (InvalidOperation, ValueError, OverflowError):
-        raise UserError(f"{path}: line {number}: {text!r} is not a time stamp") from None
-    if not -(2**63) <= stamp < 2**63:
-        raise UserError(f"{path}: line {number}: the time stamp {text!r} does not fit into 64-bit nanoseconds")
-    return stamp
-
-
-def _floats(path: Path, lines: Lines, columns: slice) -> Array:
-    rows = []
-    for number, cells in lines:
-        try:
-            rows.append([float(cell) for cell in cells[columns]])
-        except ValueError as error:
-            raise UserError(f"{path}: line {number}: {error}") from None
-    return np.array(rows)
-
-
-def _trajectory(path: Path, lines: Lines, stamps: list[int], positions: Array, quaternions: Array) -> Trajectory:
+def _trajectory(path: Path, lines: NumberLines, positions: Array, quaternions: Array) -> Trajectory:
     """Trajectory of parsed columns; UserError naming the line of the first bad pose."""
-    with np.errstate(invalid="ignore"):
+    stamps = lines.stamps_ns
+    try:
+        trajectory = Trajectory(stamps, positions, quaternions)
+        if max(positions.max(), -positions.min()) <= LARGEST_COORDINATE_M:
+            return trajectory
+    except ValueError:
+        pass
+    with np.errstate(invalid="ignore", over="ignore"):
         norms = np.linalg.norm(quaternions, axis=1)
     for what, bad in (
         ("its position is not finite", ~np.isfinite(positions).all(axis=1)),
+        (
+            f"its position is beyond {LARGEST_COORDINATE_M:g} m; is it in metres?",
+            np.abs(positions).max(axis=1) > LARGEST_COORDINATE_M,
+        ),
         ("its quaternion is not of unit norm (1e-3)", ~(np.abs(norms - 1) < 1e-3)),
         (
             "its time stamp does not come after the one before; sort the file",
-            np.diff(stamps, prepend=stamps[0] - 1) <= 0,
+            np.concatenate([[False], stamps[1:] <= stamps[:-1]]),
         ),
     ):
         if bad.any():
-            raise UserError(f"{path}: line {lines[int(np.argmax(bad))][0]}: {what}")
-    return Trajectory(np.array(stamps, dtype=np.int64), positions, quaternions)
+            raise UserError(f"{path}: line {lines.numbers[int(np.argmax(bad))]}: {what}")
+    raise AssertionError("a trajectory is refused for one of these reasons")
 
 
 def _join(separator: str, row: list[float]) -> str:

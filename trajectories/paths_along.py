@@ -11,10 +11,12 @@ from annotated_types import Ge, Gt
 
 from trajectories import exact
 from trajectories.errors import UserError
+from trajectories.limits import LARGEST_COORDINATE_M
 from trajectories.motion import fly_through, stop_and_go
 from trajectories.mount import Mount
 from trajectories.pace import paced
 from trajectories.pose import Array
+from trajectories.reading import read_text
 from trajectories.reference import Planned, planned
 from trajectories.surroundings import Surroundings
 
@@ -220,22 +222,23 @@ class Waypoints:
 def read_waypoints(path: Path) -> Array:
     """Table (k, 4) of a waypoint file: x, y, z in metres, yaw in degrees; UserError naming the file and line."""
     columns = ["x_m", "y_m", "z_m", "yaw_deg"]
+    reader = csv.DictReader(read_text(path).splitlines())
+    missing = [c for c in columns if c not in (reader.fieldnames or [])]
+    if missing:
+        raise UserError(f"{path}: missing columns {', '.join(missing)}")
+    rows = []
     try:
-        with path.open(encoding="utf-8", newline="") as handle:
-            reader = csv.DictReader(handle)
-            missing = [c for c in columns if c not in (reader.fieldnames or [])]
-            if missing:
-                raise UserError(f"{path}: missing columns {', '.join(missing)}")
-            rows = []
-            for number, row in enumerate(reader, start=2):
-                try:
-                    rows.append([float(row[c]) for c in columns])
-                except (TypeError, ValueError):
-                    raise UserError(f"{path}: line {number} needs four numbers: {', '.join(columns)}") from None
-                if not np.isfinite(rows[-1]).all():
-                    raise UserError(f"{path}: line {number} has a value that is not finite")
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UserError(f"{path}: cannot read the waypoints: {getattr(error, 'strerror', None) or error}") from None
+        for number, row in enumerate(reader, start=2):
+            try:
+                rows.append([float(row[c]) for c in columns])
+            except (TypeError, ValueError):
+                raise UserError(f"{path}: line {number} needs four numbers: {', '.join(columns)}") from None
+            if not np.abs(rows[-1]).max() <= LARGEST_COORDINATE_M:
+                raise UserError(
+                    f"{path}: line {number} has a value that is not finite or beyond {LARGEST_COORDINATE_M:g}"
+                )
+    except csv.Error as error:
+        raise UserError(f"{path}: cannot read the waypoints: {error}") from None
     if len(rows) < 2:
         raise UserError(f"{path}: needs at least two waypoints")
     return np.array(rows)

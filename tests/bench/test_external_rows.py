@@ -114,3 +114,15 @@ def test_a_file_that_is_absent_binary_or_a_link(tmp_path):
     path.unlink()
     path.symlink_to("/etc/hostname")
     assert [f.name for f in read_estimates(path, STAMPS)[1]] == ["no-output"]
+
+
+def test_a_flood_of_rows_is_refused_by_its_size_and_faults_are_counted(tmp_path, monkeypatch):
+    path = tmp_path / "estimates.csv"
+    path.write_text(",".join(POSE_HEADER) + "\n" + "x\n" * 2_000_000)
+    results, faults = read_estimates(path, [0, 1000])
+    assert len(results) == 2 and len(faults) == 1 and "write one row for each frame" in str(faults[0])
+    path.write_text(",".join(POSE_HEADER) + "\n" + "x\n" * 50 + "1000,ok,1,2,3,1,0,0,0\n2000,ok,1e155,0,0,1,0,0,0\n")
+    monkeypatch.setattr("bench.external_rows.MOST_FAULTS", 10)
+    results, faults = read_estimates(path, [0, 1000, 2000])
+    assert [row.status for row in results] == ["lost", "ok", "lost"]
+    assert len(faults) == 11 and faults[-1].name == "too-many" and "42 faults more" in str(faults[-1])

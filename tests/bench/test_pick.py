@@ -2,6 +2,7 @@
 
 import json
 import queue
+import socket
 import threading
 import urllib.error
 import urllib.request
@@ -100,3 +101,47 @@ def test_only_who_has_the_address_is_answered(picking, sequence):
 def test_pairs_that_give_no_pose_are_refused(picking, pairs):
     with pytest.raises(UserError):
         picking.solve(pairs)
+
+
+def raw(address, head, body=b""):
+    """What the server answers to the bytes of a request: its status, and "" where it hangs up."""
+    host, port = address.split("/")[2].split(":")
+    with socket.create_connection((host, int(port)), timeout=20) as connection:
+        connection.sendall(head.encode() + b"\r\n\r\n" + body)
+        connection.shutdown(socket.SHUT_WR)
+        return connection.makefile("rb").read().split(b"\r\n")[0].decode()
+
+
+@pytest.mark.parametrize(
+    ("length", "status"),
+    [("x", 411), ("-1", 411), ("", 411), ("1e3", 411), ("99999999", 413), ("9" * 30, 411), ("500", 400)],
+)
+def test_a_wrong_length_is_answered_and_the_server_goes_on(picking, sequence, length, status):
+    with served(picking) as address:
+        path, host = "/" + address.split("/", 3)[3], address.split("/")[2]
+        head = f"POST {path}/save HTTP/1.1\r\nHost: {host}\r\nContent-Length: {length}"
+        assert str(status) in raw(address, head, b"[]")
+        post(address, "save", true_pairs(picking, sequence))
+
+
+@pytest.mark.parametrize(
+    "header", ["Host: evil.example:{port}", "Host: 127.0.0.1", "Origin: http://evil.example", "Origin: null"]
+)
+@pytest.mark.parametrize("request_line", ["GET {path}", "GET {path}/image.png", "POST {path}/save"])
+def test_another_page_or_another_name_is_refused(picking, sequence, header, request_line):
+    with served(picking) as address:
+        path, host = "/" + address.split("/", 3)[3], address.split("/")[2]
+        headers = [header.format(port=host.split(":")[1]), "Content-Length: 2"]
+        headers += [f"Host: {host}"] if header.startswith("Origin") else []
+        head = "\r\n".join([request_line.format(path=path) + " HTTP/1.1", *headers])
+        assert "403" in raw(address, head, b"[]")
+        assert not picking.out.exists()
+        post(address, "save", true_pairs(picking, sequence))
+
+
+def test_a_deep_body_is_an_error_and_not_the_end(picking, sequence):
+    with served(picking) as address:
+        path, host = "/" + address.split("/", 3)[3], address.split("/")[2]
+        head = f"POST {path}/solve HTTP/1.1\r\nHost: {host}\r\nContent-Length: 90000"
+        assert "200" in raw(address, head, b"[" * 90_000)
+        post(address, "save", true_pairs(picking, sequence))

@@ -3,19 +3,28 @@
 import json
 import os
 import re
+import shutil
 
 import pytest
 
 from bench.check import TRIAL
 from bench.config import load_suite, load_tracker
 from bench.config_paths import FREE
+from bench.external_job import imu_lines, write_frames
+from bench.gate_baseline import read_baseline
+from reports.score import Score
+from scenes.camera import Camera
 from scenes.exports import export
 from scenes.mesh_file import read as read_mesh
 from scenes.sequence import Sequence, inside
+from tracker.initial_pose import read_init
+from tracker.results import Results
 from trajectories.airframe_file import read_airframe
 from trajectories.airframes import Crazyflie
 from trajectories.errors import UserError
+from trajectories.formats import read_trajectory
 from trajectories.mount import Mount
+from trajectories.paths_along import read_waypoints
 
 SUITE = """
 title = "Files"
@@ -128,3 +137,160 @@ def test_a_dataset_that_names_a_file_outside_of_itself_is_refused(tmp_path, name
     (folder / "frames.csv").write_text(frames.replace(Sequence.load(TRIAL).files[0], name))
     with pytest.raises(UserError, match="leads out of the folder"):
         export(Sequence.load(folder), "tum", tmp_path / "out")
+
+
+@pytest.fixture
+def dataset(tmp_path):
+    """A whole sequence and results on it, beside a secret."""
+    folder = tmp_path / "sequence"
+    shutil.copytree(TRIAL, folder)
+    (folder / "imu.csv").write_text("stamp_ns,wx,wy,wz,ax,ay,az\n0,0,0,0,0,0,0\n")
+    (tmp_path / "secret").write_text("secret")
+    return folder
+
+
+def use(folder):
+    """All that reads a sequence: tracking, scoring, exporting, giving it to a program."""
+    sequence = Sequence.load(folder)
+    images = [sequence.image(k) for k in range(len(sequence))]
+    job = folder.parent / "job"
+    job.mkdir()
+    write_frames(job, sequence, [0])
+    for name in ("euroc", "tum", "kitti", "bop"):
+        export(sequence, name, folder.parent / name)
+    return images, sequence.truth, imu_lines(sequence)
+
+
+def test_the_dataset_is_good_as_it_is(dataset):
+    images, _, imu = use(dataset)
+    assert len(images) == 10 and len(imu) == 1
+
+
+FILES = [
+    "sequence.json",
+    "camera.toml",
+    "model.obj",
+    "edges.csv",
+    "frames.csv",
+    "truth.csv",
+    "imu.csv",
+    "frames/000003.png",
+]
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("target", ["outside", "/dev/zero", "pipe", "folder", "loop", "gone", "huge"])
+def test_no_file_of_a_dataset_is_read_that_is_not_its_own(dataset, name, target):
+    path = dataset / name
+    whole = path.read_bytes()
+    path.unlink()
+    match target:
+        case "outside":
+            (dataset.parent / "secret").write_bytes(whole)
+            path.symlink_to(dataset.parent / "secret")
+        case "pipe":
+            os.mkfifo(path)
+        case "folder":
+            path.mkdir()
+        case "huge":
+            with path.open("wb") as handle:
+                handle.truncate(1 << 42)
+        case _:
+            path.symlink_to({"loop": path.name, "gone": "nowhere"}.get(target, target))
+    with pytest.raises(UserError, match=re.escape(name)):
+        use(dataset)
+    assert name != "imu.csv" or not (dataset.parent / "job" / "imu.csv").exists()
+
+
+@pytest.mark.parametrize("name", ["record.json", "frames.csv", "times.csv", "score.json"])
+@pytest.mark.parametrize("target", ["../secret", "/dev/zero"])
+def test_no_file_of_results_is_read_that_is_not_its_own(tmp_path, name, target):
+    run = tmp_path / "run"
+    run.mkdir()
+    (tmp_path / "secret").write_text("{}")
+    for each in ("record.json", "frames.csv", "times.csv"):
+        (run / each).write_text("{}")
+    (run / name).unlink(missing_ok=True)
+    (run / name).symlink_to(target)
+    with pytest.raises(UserError, match=r"leads out of the folder|no regular file|missing columns|differ from"):
+        Results.load(run) if name != "score.json" else Score.load(run / name)
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        load_suite,
+        load_tracker,
+        read_airframe,
+        read_mesh,
+        read_trajectory,
+        read_waypoints,
+        Camera.load,
+        read_init,
+        read_baseline,
+    ],
+)
+@pytest.mark.parametrize("kind", ["/dev/zero", "pipe", "huge"])
+def test_a_file_that_never_ends_is_refused_at_once(tmp_path, read, kind):
+    path = tmp_path / ("a.obj" if read is read_mesh else "a.toml")
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "huge":
+        with path.open("wb") as handle:
+            handle.truncate(1 << 42)
+    else:
+        path.symlink_to(kind)
+    more = {read_airframe: [Mount()], read_init: [Sequence.load(TRIAL).camera], read_baseline: ["f"]}.get(read, [])
+    with pytest.raises(UserError, match=r"no regular file|has 4,398,046,511,104 bytes; "):
+        read(path, *more)
+
+
+PLY = """ply
+format ascii 1.0
+comment TextureFile {name}
+element vertex 3
+property float x
+property float y
+property float z
+property float s
+property float t
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0 0 0
+1 0 0 0 1
+0 1 0 1 0
+3 0 1 2
+"""
+OBJ = "{indent}mtllib {name}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+GLTF = (
+    '{{"asset": {{"version": "2.0"}}, "images": [{{"uri": "{name}"}}], '
+    '"buffers": [{{"uri": "{name}", "byteLength": 1}}]}}'
+)
+
+
+@pytest.mark.parametrize("name", ["../elsewhere/a.png", "link.png", "{absolute}", "sub/../../elsewhere/a.png"])
+@pytest.mark.parametrize(
+    ("kind", "text"), [("ply", PLY), ("obj", OBJ), ("obj", OBJ.replace("{indent}", " \t")), ("gltf", GLTF)]
+)
+def test_no_reference_of_a_model_leads_out_of_its_folder(folders, name, kind, text, monkeypatch):
+    folder, elsewhere = folders
+    (folder / "sub").mkdir()
+    (elsewhere / "a.png").write_bytes((TRIAL / "frames/000000.png").read_bytes())
+    (folder / "link.png").symlink_to(elsewhere / "a.png")
+    name = name.format(absolute=elsewhere / "a.png")
+    (folder / f"model.{kind}").write_text(text.format(name=name, indent=""))
+    opened = []
+    real = os.open
+    monkeypatch.setattr(os, "open", lambda path, *flags: opened.append(os.fspath(path)) or real(path, *flags))
+    with pytest.raises(UserError, match=r"not in the folder of the model|leads out of the folder"):
+        read_mesh(folder / f"model.{kind}")
+    (folder / f"model.{kind}").write_text(PLY.format(name="own.png"))
+    assert all(str(folder) in path for path in opened)
+
+
+def test_a_zip_of_a_model_is_none(tmp_path):
+    for kind in (".3mf", ".zip", ".dae", ".xaml", ".3dxml", ".gz"):
+        (tmp_path / f"a{kind}").write_bytes(b"PK\x03\x04")
+        with pytest.raises(UserError, match=f"cannot read models of type {kind}"):
+            read_mesh(tmp_path / f"a{kind}")

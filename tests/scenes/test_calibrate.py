@@ -75,5 +75,5 @@ def test_mixed_sizes_and_missing_files_are_told(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "b.png"), np.full((240, 300), 90, dtype=np.uint8))
     with pytest.raises(UserError, match=r"b.png: is 300 x 240 px"):
         calibrate([tmp_path], (7, 8), 0.025)
-    with pytest.raises(UserError, match="no such picture"):
+    with pytest.raises(UserError, match="no such file"):
         calibrate([tmp_path / "none"], (7, 8), 0.025)

@@ -135,7 +135,7 @@ def test_a_placed_cylinder_keeps_its_shape(tmp_path):
         ('V1\nload("a.cao", R=[1; 0; 0; 0; 1; 0; 0; 0; -1])\n', "line 2: R is not a rotation"),
         ('V1\nload("a.cao", tu=[0; 0; 0], tu=[0; 0; 0])\n', "line 2: tu is given twice"),
         ('V1\nload("me.cao")\n', "line 2: me.cao loads itself"),
-        ('V1\nload("none.cao")\n', "none.cao: not a readable CAO file"),
+        ('V1\nload("none.cao")\n', "none.cao: no such file"),
         ('V1\nload("../none.cao")\n', "outside the model's folder"),
         ('V1\nload("a.cao", 0 0 1)\n', "line 2: expected load"),
         (ROUND_CAO.format(circles="1\n0.5 1 2"), "a circle a radius and three points"),
@@ -147,3 +147,42 @@ def test_a_wrong_model_is_told(text, message, tmp_path):
     (tmp_path / "me.cao").write_text(text)
     with pytest.raises(UserError, match=message):
         read_cao(tmp_path / "me.cao")
+
+
+FACE = "V1\n4\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0\n0\n1\n4 0 1 2 3\n0\n0\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("V1\n4", f"V1\n{count}") for count in ("inf", "nan", "3.5", "-1", "1e30", "1e400", "many", "4 x", "")
+    ] + [
+        ("4 0 1 2 3", face)
+        for face in ("inf 0 1 2", "nan 0 1 2", "3.5 0 1 2 3", "-4 0 1 2 3", "4 0 1 2", "4 0 1 2 3.5", "4 0 1 2 -1",
+                     "4 0 1 2 inf", "4 0 1 2 9", "2 0 1", "1e9 0 1 2 3", "name=x", "")
+    ] + [
+        ("1 0 0", point) for point in ("nan 0 0", "inf 0 0", "1e308 0 0", "1 0", "1 0 0x")
+    ] + [
+        ("0\n0\n1\n4", lines) for lines in ("1\n0.5 1\n0\n1\n4", "nan\n0\n1\n4", "1\n0 1\n1\n3 0 inf 1\n1\n4")
+    ] + [
+        ("3\n0\n0\n", end) for end in ("3\ninf\n0\n", "3\n1\nnan 1 0.5\n0\n", "3\n0\n1.5\n", "3\n0\n1\n0.5 0 1 inf\n")
+    ],
+)  # fmt: skip
+def test_counts_indices_and_coordinates_that_are_none_are_told(old, new, tmp_path):
+    (tmp_path / "a.cao").write_text(FACE)
+    assert len(read_cao(tmp_path / "a.cao").triangles) == 2
+    (tmp_path / "a.cao").write_text(FACE.replace(old, new))
+    with pytest.raises(UserError, match=r"a\.cao: "):
+        read_cao(tmp_path / "a.cao")
+
+
+def test_doubled_loads_are_told_at_once(tmp_path):
+    (tmp_path / "m0.cao").write_text(FACE)
+    for k in range(1, 22):
+        (tmp_path / f"m{k}.cao").write_text(f'V1\nload("m{k - 1}.cao")\nload("m{k - 1}.cao")\n0\n0\n0\n0\n0\n0\n')
+    with pytest.raises(UserError, match=r"m\d+\.cao: line 3: its loads make a model of more than 1,000 pieces"):
+        read_cao(tmp_path / "m21.cao")
+    for k in range(1, 90):
+        (tmp_path / f"m{k}.cao").write_text(f'V1\nload("m{k - 1}.cao")\n0\n0\n0\n0\n0\n0\n')
+    with pytest.raises(UserError, match="64 levels"):
+        read_cao(tmp_path / "m89.cao")

@@ -232,7 +232,7 @@ def test_an_unknown_type_and_a_missing_file_are_told(tmp_path: Path) -> None:
     (tmp_path / "a.dwg").write_text("x")
     with pytest.raises(UserError, match=r"cannot read models of type .dwg; known are .obj"):
         built(tmp_path / "a.dwg")
-    with pytest.raises(UserError, match="no such model file"):
+    with pytest.raises(UserError, match="no such file"):
         built(tmp_path / "none.obj")
 
 

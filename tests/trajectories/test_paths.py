@@ -203,12 +203,12 @@ def test_waypoints_from_a_file(tmp_path: Path) -> None:
         ("x_m,y_m,z_m\n", "missing columns yaw_deg"),
         ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n", "at least two waypoints"),
         ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,2,x,4\n", "line 3 needs four numbers"),
-        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,2,inf,4\n", "line 3 has a value that is not finite"),
+        ("x_m,y_m,z_m,yaw_deg\n1,2,3,4\n1,2,inf,4\n", "line 3 has a value that is not finite or beyond"),
     ):
         file.write_text(text)
         with pytest.raises(UserError, match=told):
             Waypoints(str(file)).plan(BOX, Mount(), np.random.default_rng(0))
-    with pytest.raises(UserError, match="cannot read the waypoints"):
+    with pytest.raises(UserError, match="no such file"):
         Waypoints(str(tmp_path / "none.csv")).plan(BOX, Mount(), np.random.default_rng(0))
 
 

@@ -1,0 +1,124 @@
+"""Images of others: what they are and how large is looked at before a pixel is decoded."""
+
+import io
+import struct
+import subprocess
+import sys
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from bench.check import TRIAL
+from scenes.calibrate import calibrate
+from scenes.images import KINDS, load_image, open_video
+from scenes.mesh_file import read as read_mesh
+from scenes.sequence import Sequence, read_image
+from trajectories.errors import UserError
+
+SIDE = 30_000
+"""Pixels: 900 million, 2.7 GB decoded."""
+
+
+def bomb_png(width=SIDE, height=SIDE):
+    """A grey PNG of one colour, whose rows are packed a thousand times."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
+    row = b"\0" * (1 + (width + 7) // 8)
+    packed = zlib.compress(row * min(height, 2000), 9)  # the header is what counts
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", packed) + chunk(b"IEND", b"")
+
+
+def bombs():
+    yield "png", bomb_png()
+    yield "bmp", b"BM" + struct.pack("<IIIIiiHHIIiiII", 100, 0, 54, 40, SIDE, SIDE, 1, 24, 0, 0, 0, 0, 0, 0)
+    yield "pgm", f"P5 {SIDE} {SIDE} 255\n".encode()
+    yield "ppm", f"P6 {SIDE} {SIDE} 255\n".encode()
+    for kind, form in (("jpg", "JPEG"), ("tif", "TIFF")):
+        small = io.BytesIO()
+        Image.new("L", (16, 16)).save(small, form)
+        data = small.getvalue()
+        if kind == "jpg":
+            at = data.index(b"\xff\xc0") + 5
+            data = data[:at] + struct.pack(">HH", SIDE, SIDE) + data[at + 4 :]
+        else:
+            for tag in (256, 257):
+                at = data.index(struct.pack("<HHI", tag, 4, 1)) + 8
+                data = data[:at] + struct.pack("<I", SIDE) + data[at + 4 :]
+        yield kind, data
+    yield (
+        "webp",
+        b"RIFF"
+        + struct.pack("<I", 22)
+        + b"WEBPVP8X"
+        + struct.pack("<I", 10)
+        + bytes(4)
+        + (16383).to_bytes(3, "little") * 2,
+    )
+
+
+@pytest.mark.parametrize(("kind", "data"), list(bombs()), ids=[kind for kind, _ in bombs()])
+def test_a_bomb_of_any_kind_is_told_before_it_is_decoded(tmp_path, monkeypatch, kind, data):
+    path = tmp_path / f"bomb.{kind}"
+    path.write_bytes(data)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("was decoded"))
+    camera = Sequence.load(TRIAL).camera
+    for read in (load_image, lambda p: read_image(p, camera), lambda p: calibrate([p], (7, 8), 0.02)):
+        with pytest.raises(
+            UserError,
+            match=rf"bomb\.{kind}: (the image has .* pixels; at most 160,000,000|.*not a readable|neither an image)",
+        ):
+            read(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_images_of_all_kinds_are_read_as_opencv_decodes_them(tmp_path, kind):
+    picture = np.random.default_rng(0).integers(0, 255, (12, 17, 3), dtype=np.uint8)
+    Image.fromarray(picture).save(tmp_path / "a", kind)
+    read = load_image(tmp_path / "a")
+    np.testing.assert_array_equal(read, cv2.imread(str(tmp_path / "a")))
+
+
+def test_what_is_no_image_is_told(tmp_path):
+    for data in (b"", b"GIF89a", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", bomb_png()[:20]):
+        (tmp_path / "a.png").write_bytes(data)
+        with pytest.raises(UserError, match="not a readable image"):
+            load_image(tmp_path / "a.png")
+
+
+def test_textures_have_the_same_limit(tmp_path):
+    (tmp_path / "wall.png").write_bytes(bomb_png())
+    (tmp_path / "a.mtl").write_text("newmtl w\nmap_Kd wall.png\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl w\nf 1/1 2/1 3/1\n")
+    with pytest.raises(UserError, match="pixels; at most 160,000,000"):
+        read_mesh(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize(
+    "head", [b"#EXTM3U\n/etc/hostname\n", b"ffconcat version 1.0\nfile /etc/hostname\n", b"v=0\no=- 0 0\n"]
+)
+def test_a_playlist_is_no_video(tmp_path, head):
+    (tmp_path / "a.mp4").write_bytes(head)
+    with pytest.raises(UserError, match="neither an image nor a readable video"):
+        open_video(tmp_path / "a.mp4")
+
+
+def test_a_bomb_takes_no_memory(tmp_path):
+    """In a process of its own, whose address space a decoded bomb would not fit in."""
+    (tmp_path / "a.png").write_bytes(bomb_png())
+    code = (
+        "import resource, sys; from pathlib import Path; from scenes.images import load_image\n"
+        "from trajectories.errors import UserError\n"
+        "used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "try: load_image(Path(sys.argv[1]))\n"
+        "except UserError: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - used)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "a.png")], capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) < 50_000  # kB

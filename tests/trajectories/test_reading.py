@@ -1,0 +1,85 @@
+"""Files of others: what is opened, and what is refused before anything is read."""
+
+import os
+
+import pytest
+
+from trajectories.errors import UserError
+from trajectories.limits import SETTINGS, FileLimit
+from trajectories.reading import read_bytes, read_json, read_text, read_toml
+
+FEW = FileLimit("note", 10, "write less")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "note").write_text("hello")
+    (tmp_path / "secret").write_text("secret")
+    return tmp_path / "inner"
+
+
+def test_a_regular_file_is_read_and_links_within_its_folder_are_followed(folder):
+    (folder / "link").symlink_to("note")
+    for name in ("note", "link"):
+        assert read_text(folder / name, FEW, inside=folder) == "hello"
+
+
+@pytest.mark.parametrize("target", ["../secret", "/etc/hostname", "sub/secret"])
+def test_what_lies_outside_is_refused(folder, target):
+    (folder / "sub").symlink_to(folder.parent)
+    (folder / "link").symlink_to(target)
+    with pytest.raises(UserError, match="link: leads out of the folder"):
+        read_bytes(folder / "link", SETTINGS, inside=folder)
+
+
+def test_pipes_devices_and_folders_are_refused_at_once(folder):
+    os.mkfifo(folder / "pipe")
+    (folder / "zero").symlink_to("/dev/zero")
+    for name in ("pipe", "zero", "."):
+        with pytest.raises(UserError, match="no regular file"):
+            read_bytes(folder / name, SETTINGS)
+
+
+def test_a_file_that_is_swapped_for_a_pipe_after_it_was_looked_at_is_refused(folder, monkeypatch):
+    os.mkfifo(folder / "pipe")
+    real = os.open
+    monkeypatch.setattr(os, "open", lambda path, flags: real(folder / "pipe", flags))
+    with pytest.raises(UserError, match="no regular file"):
+        read_bytes(folder / "note", SETTINGS)
+
+
+def test_a_file_over_its_limit_is_refused_by_its_size(folder):
+    with (folder / "huge").open("wb") as handle:
+        handle.truncate(1 << 40)
+    with pytest.raises(UserError, match=r"has 1,099,511,627,776 bytes; a note has at most 10: write less"):
+        read_bytes(folder / "huge", FEW)
+
+
+def test_missing_files_bad_names_and_loops_are_told(folder):
+    (folder / "loop").symlink_to("loop")
+    for name, told in (("no", "no such file, really"), ("a\0b", "cannot be read"), ("loop", "cannot be read")):
+        with pytest.raises(UserError, match=told):
+            read_bytes(folder / name, FEW, hint=", really")
+
+
+def test_what_is_no_text_is_told(folder):
+    (folder / "note").write_bytes(b"ab\xff")
+    with pytest.raises(UserError, match=r"not readable as text: .* at byte 2"):
+        read_text(folder / "note")
+
+
+@pytest.mark.parametrize(
+    "text", ["x = " + "[" * 90_000, "x = " + "{a=" * 500, "x = " + "[" * 100 + "]" * 100, "x" + ".x" * 5000 + " = 1"]
+)
+def test_deep_toml_is_told(folder, text):
+    (folder / "deep.toml").write_text(text)
+    with pytest.raises(UserError, match=r"deep.toml: not a readable TOML file: "):
+        read_toml(folder / "deep.toml")
+
+
+@pytest.mark.parametrize("text", ["[" * 90_000, '{"a":' * 90_000, '{"a":' * 100 + "1" + "}" * 100, "[]", "3", "null"])
+def test_deep_json_and_what_is_no_object_are_told(folder, text):
+    (folder / "deep.json").write_text(text)
+    with pytest.raises(UserError, match=r"deep.json: .*(nested deeper than 64 levels|expected a JSON object)"):
+        read_json(folder / "deep.json")
