@@ -32,6 +32,34 @@ LENIENT = settings(
 POSE_ROW = "1000,ok,0.1,-0.2,3.5,0.5,0.5,-0.5,0.5\n"
 TUM = "0.0 0 0 0 0 0 0 1\n0.1 1 0 0 0 0 0 1\n0.2 2 0 0 0 0 0 1\n"
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+CORNERS = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
+FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+LOOPS = ("outer loop\n" + "".join(f"vertex {CORNERS[k]}\n" for k in face) + "endloop\n" for face in FACES)
+STL = "solid t\n" + "".join(f"facet normal 0 0 0\n{loop}endfacet\n" for loop in LOOPS) + "endsolid t\n"
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 4\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+)
+OFF = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
+CAO = """V1
+4
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+0
+0
+4
+3 0 2 1
+3 0 1 3
+3 1 2 3
+3 0 3 2
+0
+0
+"""
+MESHES = {".obj": OBJ, ".stl": STL, ".ply": PLY, ".off": OFF, ".cao": CAO}
+"""A tetrahedron in every format."""
 JSON = '{"sequences": ["a-s0"], "trackers": ["t"], "rates_hz": [15.0], "runs": {"t": [{"sequence": "a"}]}}'
 
 
@@ -136,9 +164,16 @@ def test_trajectories(folder, data, suffix):
 
 
 @LENIENT
-@given(data=damaged(OBJ), suffix=st.sampled_from([".obj", ".stl", ".ply", ".off", ".cao"]))
+@given(st.data(), st.sampled_from(list(MESHES)))
 def test_meshes(folder, data, suffix):
-    expect_named(read_mesh, put(folder, f"mesh{suffix}", data))
+    expect_named(read_mesh, put(folder, f"mesh{suffix}", data.draw(damaged(MESHES[suffix]))))
+
+
+@pytest.mark.parametrize("suffix", MESHES)
+def test_meshes_that_are_damaged_are_whole_before(folder, suffix):
+    """Else the damage would never get further than the first line."""
+    pieces = read_mesh(put(folder, f"whole{suffix}", MESHES[suffix].encode()))
+    assert sum(len(piece.triangles) for piece in pieces) == 4
 
 
 @LENIENT
