@@ -4,8 +4,7 @@ import json
 import secrets
 import subprocess
 import sys
-import time
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import pytest
 from click.testing import CliRunner
@@ -18,6 +17,7 @@ from bench.graph import Outcome
 from bench.jobs import plan
 from bench.made import Stamp
 from bench.shard import Shard
+from tracker.initial_pose import CoarseGuess, PickedPoints
 from trajectories.errors import UserError
 
 SUITE = """
@@ -156,13 +156,29 @@ def test_the_command_prints_the_plan_and_does_nothing(tmp_path):
     assert not out.exists()
 
 
-def test_ten_thousand_cached_jobs_are_planned_again(tmp_path):
+def test_ten_thousand_jobs_are_planned_again_and_only_those_without_their_result_are_not_fresh(tmp_path):
     whole = suite(tmp_path, 556)  # 1112 sequences, 4448 runs, 4448 scores, the report
     jobs = plan(whole, tmp_path / "out")
-    assert len(jobs) > 10_000
+    assert len(jobs) == 1112 + 2 * 4448 + 1
+    assert not any(job.fresh for job in jobs)
     for job in jobs:
         mark(job)
-    begin = time.process_time()
+    absent, stale, damaged = jobs[17], jobs[5000], jobs[-1]
+    absent.marker.unlink()
+    stale.marker.write_text(json.dumps({"content_hash": absent.content_hash}))
+    damaged.marker.write_text(damaged.marker.read_text()[:-2])
     again = plan(whole, tmp_path / "out")
-    assert all(job.fresh for job in again)
-    print(f"{len(again)} jobs planned in {time.process_time() - begin:.2f} s of processor time")
+    assert [job.content_hash for job in again] == [job.content_hash for job in jobs]
+    assert {job.name for job in again if not job.fresh} == {absent.name, stale.name, damaged.name}
+
+
+def test_a_run_from_another_first_pose_is_another_run(tmp_path):
+    """Renders stay; what is tracked, and all that follows from it, is made again."""
+    whole = suite(tmp_path, 1)
+    hashes = [
+        {job.name: job.content_hash for job in plan(replace(whole, start=start), tmp_path)}
+        for start in (whole.start, PickedPoints(), PickedPoints(click_sigma_px=2.0), CoarseGuess())
+    ]
+    for name in hashes[0]:
+        different = {of_start[name] for of_start in hashes}
+        assert len(different) == (1 if name.startswith("render") else len(hashes)), name

@@ -1,6 +1,7 @@
 """ATE, RPE, association and alignment against the figures of evo and rpg, to 1e-9 relative.
 
-tests/golden/evo/expected*.json hold the calls that made them ("generator"); evo was run unmodified.
+tests/golden/evo/expected*.json hold the calls that made them ("generator"), tests/golden/evo/make.py makes those of evo
+anew; evo was run unmodified.
 """
 
 import json
@@ -16,6 +17,7 @@ from reports.association import PosePairs, associate
 from reports.rpe import Stretch, relative_errors, stretches
 from reports.segments import rpg_lengths, segment_errors
 from reports.summary import ErrorSummary
+from tests.golden.evo import make
 from trajectories.trajectory import Trajectory
 
 FOLDER = Path(__file__).parents[1] / "golden" / "evo"
@@ -95,6 +97,17 @@ def test_every_relative_error_equals_evo(pair: str) -> None:
         over = Stretch(row["delta"], UNITS[row["unit"]], row["all_pairs"], pairs_from, row["rel_delta_tol"])
         errors = relative_errors(pairs, *stretches(pairs, over), RELATIONS[row["relation"]])
         assert_equal(errors, {"n": row["n"], **row["stats"]}, row)
+
+
+@pytest.mark.parametrize("kind", ["ape", "rpe"])
+def test_the_figures_are_those_that_their_script_makes(kind: str) -> None:
+    expected = figures("expected.json")
+    given = expected["generator"]["alignment_kwargs"], expected["pairs"]["A_orbit"]["t_max_diff"]
+    for row in expected["pairs"]["A_orbit"][kind][:: {"ape": 13, "rpe": 101}[kind]]:
+        again = getattr(make, kind)("A_orbit", row, *given)
+        assert again.keys() == row.keys()
+        assert again["n"] == row["n"]
+        assert again["stats"] == pytest.approx(row["stats"], rel=1e-9, abs=ROUND_OFF), row
 
 
 @pytest.mark.parametrize("pair", ["A_orbit", "B_lemniscate"])

@@ -1,16 +1,21 @@
 """Bootstrap, Holm and ranks: closed forms, calibration, and pairs that do not match."""
 
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import norm, t
+from scipy.stats import friedmanchisquare, norm, t
 
 from reports.attributes import ATTRIBUTES, breakdown, breakdowns
 from reports.runs import ScoredRun
 from reports.score import score
 from reports.statistics import (
     Bootstrap,
+    Ranks,
+    compare,
     compare_pairs,
     compare_with,
     hierarchical_interval,
@@ -116,6 +121,102 @@ def test_a_clear_winner_is_significant_and_a_twin_is_not() -> None:
     assert not pairs["base", "twin"].significant
 
 
+def test_p_of_every_pair_is_corrected_over_all_pairs() -> None:
+    rng = np.random.default_rng(4)
+    values = {
+        name: [rng.normal(level, 1, 5) for _ in range(6)]
+        for name, level in zip("abcd", (0, 0.3, 0.6, 0.9), strict=True)
+    }
+    alone = [compare(a, b, values).p for a, b in combinations(values, 2)]
+    assert [c.p for c in compare_pairs(values)] == holm(alone) != alone
+    assert [c.p for c in compare_with("a", values)] == holm(alone[:3]) != alone[:3]
+
+
+def test_wins_are_lower_values_ties_counted_half_and_signs_are_those_of_the_first() -> None:
+    values = {"a": [np.array([1.0, 2.0, 3.0]), np.array([4.0])], "b": [np.array([2.0, 2.0, 5.0]), np.array([3.0])]}
+    found = compare("a", "b", values)
+    assert found.wins == 0.625
+    assert (found.first, found.second) == ("a", "b")
+    assert found.difference == hierarchical_interval([np.array([-1.0, 0.0, -2.0]), np.array([1.0])])
+    assert found.difference.mean == 0.0 and found.difference.n == 4
+    assert [(c.first, c.second) for c in compare_with("b", values)] == [("b", "a")]
+    assert [(c.first, c.second) for c in compare_pairs(values | {"c": values["a"]})] == [
+        ("a", "b"), ("a", "c"), ("b", "c"),
+    ]  # fmt: skip
+
+
+def test_p_of_a_comparison_is_two_sided_and_never_zero_nor_above_one() -> None:
+    far = {"a": [np.array([1.0]), np.array([1.1])], "b": [np.array([5.0]), np.array([5.2])], "c": [np.zeros(1)] * 2}
+    for first, second in (("a", "b"), ("b", "a")):
+        assert compare(first, second, far).p == pytest.approx(2 / 4001)
+    assert compare("c", "c", far).p == 1.0
+    assert compare("a", "b", {name: v[:1] for name, v in far.items()}).p == 1.0
+    drawn = np.random.default_rng(6).normal(0.35, 1.0, 30)
+    pairs = {"x": [np.array([v]) for v in drawn], "y": [np.zeros(1)] * 30}
+    of_student = 2 * t.sf(abs(drawn.mean()) / (drawn.std(ddof=1) / np.sqrt(30)), 29)
+    assert compare("x", "y", pairs).p == pytest.approx(of_student, rel=0.35)
+    assert compare("y", "x", pairs).p == pytest.approx(compare("x", "y", pairs).p)
+
+
+def test_significant_is_at_most_five_percent() -> None:
+    one = compare("a", "b", {"a": [np.zeros(2)], "b": [np.ones(2)]})
+    assert [replace(one, p=p).significant for p in (0.01, 0.05, 0.0501, np.nan)] == [True, True, False, False]
+
+
+def test_ranks_need_two_trackers_and_two_runs() -> None:
+    found = ranks({"a": np.array([1.0, 2.0]), "b": np.array([2.0, 1.0])})
+    assert found.mean_ranks == {"a": 1.5, "b": 1.5} and found.n == 2 and np.isnan(found.p)
+    for values in ({"a": np.zeros(3)}, {"a": np.zeros(1), "b": np.ones(1)}):
+        with pytest.raises(UserError, match="at least two trackers and two runs"):
+            ranks(values)
+
+
+def test_statistics_of_nothing_are_refused() -> None:
+    for values in ([], [np.zeros(0)], [np.ones(2), np.zeros(0)]):
+        with pytest.raises(UserError, match="at least one value per sequence"):
+            hierarchical_interval(values)
+
+
+def test_another_confidence_is_another_width() -> None:
+    values = [np.array([v]) for v in np.random.default_rng(7).normal(size=200)]
+    wide, narrow = (hierarchical_interval(values, confidence=c) for c in (0.99, 0.5))
+    halves = [t.ppf(0.5 + c / 2, 199) * np.std(values, ddof=1) / np.sqrt(200) for c in (0.99, 0.5)]
+    for interval, half in zip((wide, narrow), halves, strict=True):
+        assert interval.n == 200
+        assert (interval.low, interval.high) == pytest.approx(
+            (interval.mean - half, interval.mean + half), abs=0.1 * half
+        )
+
+
+def test_replicates_draw_sequences_and_then_their_seeds() -> None:
+    """Two sequences of 1 and 3 seeds: their variance is between sequences, and within the one that has any."""
+    values = [np.array([0.0]), np.array([2.0, 3.0, 7.0])]
+    found = Bootstrap.of(values, rounds=10)
+    assert found.mean == 2.0
+    assert len(found.replicates) == 40_000
+    assert (np.diff(found.replicates) >= 0).all()
+    # Of two draws each is the second with probability 1/2: variance of a draw 4 + 14/9 / 2, on average over seeds.
+    of_draw = 4.0 + 0.5 * np.var(values[1]) / 3
+    assert found.replicates.var() == pytest.approx(2 * of_draw / 2, rel=0.03)
+
+
+def test_holm_is_that_of_a_table_worked_by_hand() -> None:
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.6, 0.7]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_the_spread_of_few_values_is_that_of_their_mean(count: int) -> None:
+    """With s values the plain bootstrap is short by sqrt((s - 1) / s); whether they are sequences or seeds of one."""
+    values = np.random.default_rng(count).normal(2.0, 1.0, count)
+    of_mean = values.std(ddof=1) / np.sqrt(count)
+    for each in ([np.array([v]) for v in values], [values]):
+        replicates = Bootstrap.of(each, rounds=5).replicates
+        assert replicates.std() == pytest.approx(of_mean, rel=0.02)
+        assert replicates.mean() == pytest.approx(values.mean(), abs=0.03 * of_mean)
+
+
 def test_trackers_on_different_seeds_are_not_compared() -> None:
     with pytest.raises(UserError, match="same sequences and seeds"):
         compare_pairs({"a": [np.zeros(3)], "b": [np.zeros(2)]})
@@ -141,8 +242,17 @@ def test_the_critical_difference_is_that_of_the_books() -> None:
 def test_a_failed_run_ranks_last() -> None:
     values = {"a": np.array([1.0, 1, 1]), "b": np.array([2.0, 2, 2]), "c": np.array([0.5, np.inf, np.inf])}
     found = ranks(values)
-    assert found.mean_ranks["c"] == pytest.approx((1 + 3 + 3) / 3)
-    assert found.cliques == [("a", "c", "b")] or len(found.cliques) >= 1
+    assert found.mean_ranks == pytest.approx({"a": (2 + 1 + 1) / 3, "b": (3 + 2 + 2) / 3, "c": (1 + 3 + 3) / 3})
+    assert found.n == 3
+    assert found.p == pytest.approx(friedmanchisquare(*values.values()).pvalue)
+    assert found.cliques == [("a", "b", "c")]
+
+
+def test_a_clique_is_of_neighbours_within_the_critical_difference() -> None:
+    found = Ranks(mean_ranks={"d": 4.0, "a": 1.0, "c": 2.5, "b": 2.0}, critical_difference=1.5, p=0.01, n=10)
+    assert found.cliques == [("a", "b", "c"), ("c", "d")]
+    assert replace(found, critical_difference=0.4).cliques == []
+    assert replace(found, critical_difference=3.0).cliques == [("a", "b", "c", "d")]
 
 
 def test_a_breakdown_finds_where_it_fails() -> None:

@@ -192,6 +192,17 @@ def test_noise_is_independent_between_pixels_and_frames() -> None:
         assert abs(float((a * shifted).mean())) < 0.02 * scale
 
 
+def test_no_value_of_the_noise_comes_again_nearby() -> None:
+    """Numbers are drawn four at a time; 16 bits give 65536 of them, so neighbours agree once in 65536."""
+    image = Noise().start(flat(0.5), rng()).image(0)
+    assert image is not None
+    values = image.reshape(-1)
+    for lag in (*range(1, 17), 160 * 3):
+        assert float((values[lag:] == values[:-lag]).mean()) < 2e-4
+        a, b = values[lag:] - 0.5, values[:-lag] - 0.5
+        assert abs(float((a * b).mean())) < 0.02 * float(values.var())
+
+
 def test_vignetting_follows_cosine_to_the_fourth() -> None:
     image = Vignetting().start(flat(0.6), rng()).image(0)
     assert image is not None

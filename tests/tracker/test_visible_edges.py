@@ -5,9 +5,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenes.camera import Camera
+from scenes.structure import Structure
 from tests.tracker.synthetic import CAMERA, box, look_at
 from tracker.control_points import control_points
-from tracker.visible_edges import NEAR_M, clip_to_view, pinhole, to_image, undistorted_bounds, visible_edges
+from tracker.visible_edges import (
+    NEAR_M,
+    clip_to_view,
+    pinhole,
+    to_image,
+    undistorted_bounds,
+    visible_edges,
+    visible_faces,
+)
 from trajectories.pose import Pose
 
 BOX = box()
@@ -26,6 +35,70 @@ def test_a_box_shows_the_edges_of_its_visible_faces(eye, faces, edges):
 def test_from_below_only_the_bottom_is_seen():
     pose = look_at(np.array([0.05, 0.0, -1.0]), (0, 0, 0.15))
     assert len(visible_edges(BOX, CAMERA, pose).edges) == 4
+
+
+def test_a_face_seen_exactly_from_its_side_is_not_visible():
+    """The eye lies in the planes of two faces; only the one before it shows its edges."""
+    pose = look_at(np.array([1.2, 0.15, 0.3]), (0.0, 0.15, 0.3))
+    assert visible_faces(BOX, pose).sum() == 1
+    assert len(visible_edges(BOX, CAMERA, pose).edges) == 4
+
+
+def test_a_sheet_is_seen_from_its_front_alone():
+    sheet = Structure.from_mesh(
+        np.array([[0.0, -0.2, 0.0], [0.0, 0.2, 0.0], [0.0, 0.2, 0.3], [0.0, -0.2, 0.3]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+    )
+    front, behind = (look_at(np.array([x, 0.1, 0.1]), (0, 0, 0.15)) for x in (1.0, -1.0))
+    assert len(visible_edges(sheet, CAMERA, front).edges) == 4
+    assert len(visible_edges(sheet, CAMERA, behind).edges) == 0
+
+
+def test_the_image_of_a_pinhole_ends_at_the_borders_of_its_pixels():
+    assert undistorted_bounds(CAMERA) == pytest.approx((-0.5, -0.5, 639.5, 479.5))
+
+
+@pytest.mark.parametrize("k1", [-0.28, 0.2])
+def test_the_bounds_of_a_lens_are_those_of_its_whole_border(k1):
+    camera = Camera(640, 480, 420.0, 430.0, 300.0, 250.0, "radtan", (k1, 0.05, 0.0, 0.0))
+    u, v = np.linspace(-0.5, 639.5, 2001), np.linspace(-0.5, 479.5, 2001)
+    border = [np.column_stack([u, 0 * u + y]) for y in (-0.5, 479.5)] + [
+        np.column_stack([0 * v + x, v]) for x in (-0.5, 639.5)
+    ]
+    flat = camera.undistort(np.concatenate(border))
+    assert undistorted_bounds(camera) == pytest.approx([*flat.min(axis=0), *flat.max(axis=0)], abs=0.1)
+
+
+def test_a_segment_through_the_view_is_cut_at_both_borders_and_before_the_camera():
+    """Along x at 1 m: it enters and leaves at the borders of the image; along the axis: it begins NEAR_M ahead."""
+    half_left, half_right = (320.0 - -0.5) / CAMERA.fx, (639.5 - 320.0) / CAMERA.fx
+    cx = (CAMERA.cx - 320.0) / CAMERA.fx
+    segments = np.array(
+        [
+            [[-2.0, 0, 1], [2.0, 0, 1]],
+            [[0, 0, -1.0], [0, 0, 1.0]],
+            [[0, 0, 1.0], [0, 0, -1.0]],
+            [[-2.0, 0, 1], [-1.9, 0, 1]],
+        ]
+    )
+    start, end = clip_to_view(segments, CAMERA)
+    assert (start[0], end[0]) == pytest.approx(((2 - half_left - cx) / 4, (2 + half_right - cx) / 4))
+    assert (start[1], end[1]) == pytest.approx(((1 + NEAR_M) / 2, 1.0))
+    assert (start[2], end[2]) == pytest.approx((0.0, (1 - NEAR_M) / 2))
+    assert start[3] >= end[3]
+
+
+def test_visible_parts_are_those_of_the_clipped_edge_in_world_camera_and_image():
+    pose = look_at(np.array([0.35, 0.05, 0.2]), (0, 0.1, 0.15))
+    seen = visible_edges(BOX, CAMERA, pose)
+    whole = BOX.edge_segments[seen.edges]
+    start, end = clip_to_view(pose.transform(whole.reshape(-1, 3)).reshape(-1, 2, 3), CAMERA)
+    assert (start > 0).any() and (end < 1).any() and (start < end).all()
+    for k, part in enumerate((start, end)):
+        points = whole[:, 0] + part[:, None] * (whole[:, 1] - whole[:, 0])
+        np.testing.assert_allclose(seen.segments_m[:, k], points, atol=1e-12)
+        np.testing.assert_allclose(seen.depths_m[:, k], pose.transform(points)[:, 2], atol=1e-12)
+    np.testing.assert_allclose(seen.lengths_px, np.linalg.norm(seen.segments_px[:, 0] - seen.segments_px[:, 1], axis=1))
 
 
 def test_a_model_behind_the_camera_shows_nothing():

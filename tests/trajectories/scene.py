@@ -1,7 +1,9 @@
-"""Meshes that tests fly around."""
+"""Meshes that tests fly around, and a flight that stands still."""
 
 import numpy as np
 
+from trajectories.flown import Flight
+from trajectories.quadrotor import STEP_NS
 from trajectories.surroundings import Surroundings
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -22,6 +24,20 @@ def both(a: Surroundings, b: Surroundings) -> Surroundings:
     """Two meshes as one."""
     return Surroundings(
         np.concatenate([a.vertices, b.vertices]), np.concatenate([a.triangles, b.triangles + len(a.vertices)])
+    )
+
+
+def standing(seconds: float, height: float = 1.0, step_ns: int = STEP_NS) -> Flight:
+    """A vehicle that stands in the air."""
+    n = round(seconds * 1e9 / step_ns) + 1
+    zeros = np.zeros((n, 3))
+    return Flight(
+        np.arange(n) * step_ns,
+        zeros + np.array([5.0, 0.0, height]),
+        np.tile([1.0, 0, 0, 0], (n, 1)),
+        *[zeros] * 4,
+        *[np.zeros((n, 4))] * 2,
+        zeros,
     )
 
 

@@ -91,5 +91,14 @@ def test_products_lengths_and_inverses() -> None:
     for n in (1, 3, 4):
         M = rng.normal(size=(n, n)) - np.eye(n)[::-1] * 3
         np.testing.assert_allclose(exact.inverse(M) @ M, np.eye(n), atol=1e-12)
-    with pytest.raises(ValueError, match="singular"):
-        exact.inverse(np.ones((3, 3)))
+    np.testing.assert_array_equal(exact.inverse(np.eye(3)), np.eye(3))
+    np.testing.assert_array_equal(exact.inverse(np.array([[0.0, 2.0], [4.0, 0.0]])), [[0.0, 0.25], [0.5, 0.0]])
+    for singular in (np.ones((3, 3)), 2 * np.ones((2, 2)), np.zeros((1, 1))):
+        with pytest.raises(ValueError, match="singular"):
+            exact.inverse(singular)
+
+
+def test_a_small_pivot_costs_no_accuracy() -> None:
+    """Without the greatest of its column as pivot, 1e-17 would leave nothing of what stands below it."""
+    M = np.array([[1e-17, 1.0, 2.0], [1.0, 1.0, 1.0], [3.0, 1.0, 7.0]])
+    np.testing.assert_allclose(exact.inverse(M) @ M, np.eye(3), atol=1e-12)

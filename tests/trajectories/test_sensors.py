@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.trajectories.scene import BOX, DECK, block
+from tests.trajectories.scene import BOX, DECK, block, standing
 from trajectories.barometer import Barometer, height_at, pressure_at
 from trajectories.flight import FlightSpec, fly
 from trajectories.flow_deck import FlowDeck, flow_truth
-from trajectories.flown import Flight
 from trajectories.gnss import Gnss
 from trajectories.hand_pilot import HandPilot
 from trajectories.imu import Imu, inertial_truth
@@ -17,27 +16,13 @@ from trajectories.mount import Mount
 from trajectories.paths_along import UndersidePass
 from trajectories.paths_around import FigureEight
 from trajectories.pose import rotation_exp, rotation_from_quaternion
-from trajectories.quadrotor import GRAVITY_M_S2, STEP_NS, STEP_S
+from trajectories.quadrotor import GRAVITY_M_S2, STEP_S
 from trajectories.satellites import sky
 from trajectories.sensor import Table, sample_stamps, sampled, write_table
 from trajectories.sensors import SENSORS, flight_table, measure, write_flight
 from trajectories.streams import stream
 
 FLIGHT = fly(FlightSpec(path=HandPilot(duration_s=5.0)), Mount(), BOX, 0)
-
-
-def still(seconds: float, height: float = 1.0, step_ns: int = STEP_NS) -> Flight:
-    """A vehicle that stands in the air."""
-    n = round(seconds * 1e9 / step_ns) + 1
-    zeros = np.zeros((n, 3))
-    return Flight(
-        np.arange(n) * step_ns,
-        zeros + np.array([5.0, 0.0, height]),
-        np.tile([1.0, 0, 0, 0], (n, 1)),
-        *[zeros] * 4,
-        *[np.zeros((n, 4))] * 2,
-        zeros,
-    )
 
 
 def allan(values: np.ndarray, rate_hz: float, window: int) -> float:
@@ -49,7 +34,7 @@ def allan(values: np.ndarray, rate_hz: float, window: int) -> float:
 
 def test_allan_deviation_recovers_noise_density_and_random_walk() -> None:
     imu = Imu(rate_hz=100.0, gyro_noise_rad_s_sqrt_hz=2e-3, gyro_walk_rad_s2_sqrt_hz=4e-4)
-    flight = still(2000.0, step_ns=10_000_000)
+    flight = standing(2000.0, step_ns=10_000_000)
     table = imu.measure(flight, BOX, np.random.default_rng(0))
     for name, noise, walk, offset in (
         ("w", imu.gyro_noise_rad_s_sqrt_hz, imu.gyro_walk_rad_s2_sqrt_hz, 0.0),
@@ -97,7 +82,7 @@ def test_a_perfect_imu_integrates_back_to_the_flight() -> None:
 def test_an_imu_off_centre_feels_the_turning() -> None:
     offset = np.array([0.3, -0.1, 0.05])
     spun = replace(
-        still(1.0),
+        standing(1.0),
         angular_velocities_rad_s=np.tile([0.0, 0.0, 2.0], (501, 1)),
         angular_accelerations_rad_s2=np.tile([0.0, 0.0, 5.0], (501, 1)),
     )
@@ -111,7 +96,7 @@ def test_an_imu_off_centre_feels_the_turning() -> None:
 def test_flow_gathers_to_the_way_flown_over_the_range() -> None:
     n = 2001
     moving = replace(
-        still(4.0, height=0.8),
+        standing(4.0, height=0.8),
         positions_m=np.column_stack([5 + 0.25 * np.arange(n) * STEP_S, np.zeros(n), np.full(n, 0.8)]),
         velocities_m_s=np.tile([0.25, 0.0, 0.0], (n, 1)),
     )
@@ -122,16 +107,16 @@ def test_flow_gathers_to_the_way_flown_over_the_range() -> None:
     noisy = FlowDeck(flow_noise_px=0.5).measure(moving, BOX, np.random.default_rng(0))
     assert noisy.column("dx_px").mean() == pytest.approx(35.0 / 0.71674 * 0.25 / 0.8 / 50.0, abs=0.15)
     assert np.nanmean(table.column("range_m")) == pytest.approx(0.8, abs=1e-3)
-    turning = replace(still(1.0, 0.8), angular_velocities_rad_s=np.tile([0.3, 0.2, 0.0], (501, 1)))
+    turning = replace(standing(1.0, 0.8), angular_velocities_rad_s=np.tile([0.3, 0.2, 0.0], (501, 1)))
     flow, distance = flow_truth(turning, BOX)
     np.testing.assert_allclose(flow, np.tile([-0.2, 0.3], (501, 1)), atol=1e-12)
     np.testing.assert_allclose(distance, 0.8)
 
 
 def test_the_deck_ranges_to_the_structure_beneath_and_goes_blind_high_up() -> None:
-    above = replace(still(1.0), positions_m=np.tile([0.0, 0.0, 1.0], (501, 1)))
+    above = replace(standing(1.0), positions_m=np.tile([0.0, 0.0, 1.0], (501, 1)))
     np.testing.assert_allclose(flow_truth(above, BOX)[1], 0.7)
-    high = FlowDeck().measure(still(1.0, height=5.0), BOX, np.random.default_rng(0))
+    high = FlowDeck().measure(standing(1.0, height=5.0), BOX, np.random.default_rng(0))
     assert np.isnan(high.values).all()
 
 
@@ -141,9 +126,9 @@ def test_the_barometer_inverts_its_own_atmosphere() -> None:
     assert (pressure_at(np.array([0.0]), 101325.0) - pressure_at(np.array([1.0]), 101325.0))[0] == pytest.approx(
         12.01, abs=0.02
     )
-    quiet = Barometer(noise_pa=0.0, drift_pa=0.0).measure(still(1.0, height=2.5), BOX, np.random.default_rng(0))
+    quiet = Barometer(noise_pa=0.0, drift_pa=0.0).measure(standing(1.0, height=2.5), BOX, np.random.default_rng(0))
     np.testing.assert_allclose(quiet.column("height_m"), 2.5, atol=1e-6)
-    loud = Barometer(drift_pa=0.0).measure(still(100.0), BOX, np.random.default_rng(0))
+    loud = Barometer(drift_pa=0.0).measure(standing(100.0), BOX, np.random.default_rng(0))
     assert loud.column("pressure_pa").std() == pytest.approx(1.0, rel=0.05)
 
 
@@ -175,7 +160,7 @@ def test_gnss_degrades_and_drops_out_beneath_the_deck() -> None:
 
 def test_gnss_error_scales_with_the_dilution_of_precision() -> None:
     gnss = Gnss(slow_m=0.0, white_m=1.0, rate_hz=1.0)
-    flight = still(500.0, height=30.0, step_ns=100_000_000)
+    flight = standing(500.0, height=30.0, step_ns=100_000_000)
     table = gnss.measure(flight, BOX, np.random.default_rng(0))
     error = table.values[:, 2:5] - [5.0, 0.0, 30.0]
     assert np.sqrt((error**2).sum(axis=1).mean()) == pytest.approx(

@@ -1,0 +1,200 @@
+"""What enters a content hash: every value, type, class, file and source, and nothing else."""
+
+import json
+import sys
+from dataclasses import dataclass, replace
+from importlib import import_module, invalidate_caches
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from bench import content
+from bench.content import carried_hash, code_hash, content_hash
+from scenes.box import Box
+from trajectories.imu import Imu, ImuBmi088
+
+
+@dataclass(frozen=True)
+class One:
+    number: float = 1.0
+    inner: object = None
+    items: tuple = (1, 2)
+
+
+@dataclass(frozen=True)
+class Other:
+    number: float = 1.0
+    inner: object = None
+    items: tuple = (1, 2)
+
+
+@dataclass(frozen=True)
+class WithFile:
+    image_path: str = ""
+    note: str = ""
+    file: str = ""
+
+
+@dataclass(frozen=True)
+class Entering:
+    folder_name: str
+
+    @property
+    def entering_files(self):
+        return sorted(Path(self.folder_name).iterdir())
+
+
+def test_a_hash_is_a_sha256_that_comes_again():
+    assert content_hash() == content_hash()
+    assert len(content_hash(1)) == 64
+    assert int(content_hash(1), 16)
+    assert content_hash(One(inner=One())) == content_hash(One(inner=One()))
+
+
+def test_whatever_differs_has_another_hash():
+    values = [
+        (), (1,), (1.5,), (2,), (True,), (None,), ("1",), ("",), (1, 2), (2, 1), ([1, 2],), ([2, 1],), ([[1], 2],),
+        ({"a": 1},), ({"a": 2},), ({"b": 1},), (One(),), (Other(),), (One(number=2.0),), (One(inner=One()),),
+        (One(inner=Other()),), (One(items=(2, 1)),), (Box(),), (Box(length_m=0.41),), (Imu(),),
+        (ImuBmi088(),), ([Imu(), Box()],), ({"a": Imu()},), ({"a": Box()},), ([None],), ({"a": {"b": One()}},),
+        ({"a": {"b": Other()}},),
+    ]  # fmt: skip
+    hashes = [content_hash(*parts) for parts in values]
+    for a, b in combinations(range(len(values)), 2):
+        assert hashes[a] != hashes[b], (values[a], values[b])
+
+
+def test_the_order_of_keys_and_the_kind_of_a_list_do_not_matter():
+    assert content_hash({"a": 1, "b": One()}) == content_hash({"b": One(), "a": 1})
+    assert content_hash((1, One())) == content_hash([1, One()])
+    assert content_hash({1: "x"}) == content_hash({"1": "x"})
+
+
+def test_what_has_no_form_is_refused():
+    with pytest.raises(TypeError):
+        content_hash(object())
+
+
+@pytest.mark.parametrize("name", ["image_path", "file"])
+def test_a_file_that_is_named_enters_by_its_content(tmp_path, name):
+    path = tmp_path / "image.png"
+    value = replace(WithFile(), **{name: str(path)})
+    path.write_bytes(b"one")
+    one = content_hash(value)
+    path.write_bytes(b"two")
+    two = content_hash(value)
+    path.write_bytes(b"one")
+    assert content_hash(value) == one != two
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "image.png").write_bytes(b"one")
+    assert content_hash(replace(WithFile(), **{name: str(tmp_path / "elsewhere" / "image.png")})) == one
+    path.unlink()
+    assert content_hash(value) not in (one, two)
+
+
+def test_a_word_that_only_looks_like_a_file_enters_as_it_is(tmp_path):
+    path = tmp_path / "note"
+    path.write_text("one")
+    before = content_hash(WithFile(note=str(path)))
+    path.write_text("two")
+    assert content_hash(WithFile(note=str(path))) == before != content_hash(WithFile(note="x"))
+
+
+def test_files_that_a_plugin_says_enter_do(tmp_path):
+    (tmp_path / "a").write_text("1")
+    one = content_hash(Entering(str(tmp_path)))
+    (tmp_path / "b").write_text("2")
+    two = content_hash(Entering(str(tmp_path)))
+    (tmp_path / "b").write_text("3")
+    assert len({one, two, content_hash(Entering(str(tmp_path)))}) == 3
+
+
+MODULE = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Mine:
+    number: float = 1.0
+
+    def work(self):
+        return {value}
+"""
+
+
+def test_the_source_of_a_users_own_class_enters(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    hashes = []
+    for value in (1, 2, 1):
+        (tmp_path / "a_users_plugin.py").write_text(MODULE.format(value=value))
+        monkeypatch.delitem(sys.modules, "a_users_plugin", raising=False)
+        invalidate_caches()
+        hashes.append(content_hash(import_module("a_users_plugin").Mine()))
+    monkeypatch.delitem(sys.modules, "a_users_plugin", raising=False)
+    assert hashes[0] == hashes[2] != hashes[1]
+
+
+# Code
+
+
+@pytest.fixture
+def tree(tmp_path, monkeypatch):
+    """Two packages of their own."""
+    monkeypatch.setattr(content, "ROOT", tmp_path)
+    for package in ("first", "second"):
+        (tmp_path / package / "sub").mkdir(parents=True)
+        (tmp_path / package / "a.py").write_text(f"# {package}")
+    return tmp_path
+
+
+def of(*packages):
+    return code_hash.__wrapped__(*packages)
+
+
+def test_code_is_that_of_the_packages_named():
+    hashes = {code_hash(*names) for names in ((), ("scenes",), ("tracker",), ("scenes", "tracker"))}
+    assert len(hashes) == 4
+    assert all(len(h) == 64 for h in hashes)
+
+
+@pytest.mark.parametrize("name", ["b.py", "sub/b.py", "b.xml", "b.html", "b.css", "b.js", "b.toml"])
+def test_every_source_of_a_package_enters_by_name_and_content(tree, name):
+    other, seen = of("second"), [of("first")]
+    path = tree / "first" / name
+    for text in ("one", "two"):
+        path.write_text(text)
+        seen.append(of("first"))
+    path.rename(path.with_stem("c"))
+    seen.append(of("first"))
+    assert len(set(seen)) == 4
+    path.with_stem("c").unlink()
+    assert of("first") == seen[0]
+    assert of("second") == other
+
+
+def test_compiled_files_do_not_enter(tree):
+    before = of("first")
+    (tree / "first" / "__pycache__").mkdir()
+    (tree / "first" / "__pycache__" / "a.cpython-311.pyc").write_bytes(b"x")
+    assert of("first") == before
+
+
+@pytest.mark.parametrize("library", ["numpy", "scipy", "opencv-python-headless", "numba", "mujoco", "trimesh"])
+def test_another_version_of_a_library_is_other_code(tree, monkeypatch, library):
+    before = of("first")
+    was = content.version
+    monkeypatch.setattr(content, "version", lambda name: "0.0.1" if name == library else was(name))
+    assert of("first") != before
+
+
+def test_a_file_carries_its_hash(tmp_path):
+    path = tmp_path / "score.json"
+    assert carried_hash(path) is None
+    path.write_text(json.dumps({"content_hash": "abc", "more": 1}))
+    assert carried_hash(path) == "abc"
+    for damaged in ('{"content_hash": "ab', "[]", "null", "{}", '"abc"', ""):
+        path.write_text(damaged)
+        assert carried_hash(path) is None, damaged
+    path.write_bytes(b"\xff\xfe")
+    assert carried_hash(path) is None

@@ -1,0 +1,66 @@
+"""The mutation tester's own parts: what it changes, what it leaves, and that its lists are of files that exist."""
+
+import ast
+
+import pytest
+
+from tests.mutation.mutants import mutants, sample
+from tests.mutation.run import ROOT, accepted
+from tests.mutation.targets import GROUPS
+
+SOURCE = '''"""Words."""
+
+import math
+
+
+def f(a: int, b: float = 2.0) -> bool:
+    """More words: 1 < 2."""
+    if a < 3 and not b:
+        raise ValueError(f"{a + b}")
+    a += 1
+    g(a, b)
+    return max(a, b) - b
+'''
+AFTER = {
+    "def f(a: int, b: float = 4.0) -> bool:",
+    "if (a <= 3) and not b:", "if (a >= 3) and not b:", "if a < 4 and not b:", "if (a < 3 or not b):",
+    "if a < 3 and (b):",
+    "pass", "a -= 1", "a += 2", "g(b, a)",
+    "return None", "return (max(a, b) + b)", "return (b - max(a, b))",
+}  # fmt: skip
+
+
+@pytest.fixture
+def every(tmp_path):
+    (tmp_path / "one.py").write_text(SOURCE)
+    return mutants(tmp_path, "one.py")
+
+
+def test_every_kind_of_change_is_made_once_and_words_are_left(every):
+    assert {m.after for m in every} == AFTER
+    assert sum(m.after == "pass" for m in every) == 3  # the raise, the sum and the call
+    assert len(every) == len(AFTER) + 2
+    for m in every:
+        ast.parse(m.source)
+        changed = [(a, b) for a, b in zip(SOURCE.splitlines(), m.source.splitlines(), strict=True) if a != b]
+        assert [(a.strip(), b.strip()) for a, b in changed] == [(m.before, m.after)]
+        assert SOURCE.splitlines()[m.line - 1].strip() == m.before
+        assert f"-{m.before}" in m.diff(SOURCE).replace("    ", "")
+
+
+def test_a_sample_is_the_same_under_a_seed(every):
+    assert sample(every, 100, 0) == every
+    chosen = sample(every, 5, 1)
+    assert len(chosen) == len(set(chosen)) == 5
+    assert sample(every, 5, 1) == chosen != sample(every, 5, 2)
+
+
+def test_targets_and_accepted_survivors_are_of_files_that_exist():
+    targets = [target for group in GROUPS.values() for target in group]
+    for target in targets:
+        assert (ROOT / target.file).is_file(), target.file
+        for test in target.tests:
+            assert (ROOT / test).is_file(), test
+    for (file, before, after), reason in accepted().items():
+        assert file in {target.file for target in targets}
+        assert before != after and reason

@@ -1,0 +1,109 @@
+"""What a tracker claims of its errors: closed forms, tables of chi-square, and numerical derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from reports.uncertainty import component_sigmas, consistency, euler_zyx, nees
+from scenes.sequence import Sequence
+from tests.reports.drawn import results_of, true_rows
+from tracker.base import TrackResult
+from tracker.results import Results
+from trajectories.pose import Array, Pose
+
+MOUNT = Pose.exp(np.array([0.3, -0.2, 0.5, 1.1, -0.7, 0.4]))
+"""cam_from_body far from the middle of the body, and turned about all axes."""
+
+
+def claims(sequence: Sequence, twists: Array, covariances: list[Array | None]) -> Results:
+    """Poses that err by twists (n, 6), with the covariances that are claimed of them."""
+    rows = [
+        replace(row, cam_from_world=Pose.exp(xi).inverse() @ row.cam_from_world, covariance=covariance)
+        for row, xi, covariance in zip(true_rows(sequence), twists, covariances, strict=False)
+        if row.cam_from_world is not None
+    ]
+    return results_of(sequence, rows)
+
+
+def some_covariance(seed: int) -> Array:
+    A = np.random.default_rng(seed).normal(size=(6, 6))
+    return np.asarray(A @ A.T + 0.1 * np.eye(6)) * 1e-4
+
+
+def test_nees_is_the_true_twist_in_units_of_its_covariance(sequence: Sequence) -> None:
+    twists = np.random.default_rng(0).normal(0, 0.05, (4, 6))
+    covariances = [some_covariance(k) for k in range(4)]
+    expected = [xi @ np.linalg.inv(P) @ xi for xi, P in zip(twists, covariances, strict=True)]
+    assert nees(sequence, claims(sequence, twists, list(covariances))) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_frame_without_a_claim_has_no_nees_and_one_that_is_sure_has_an_infinite_one(sequence: Sequence) -> None:
+    twists = np.full((3, 6), 0.01)
+    results = claims(sequence, twists, [None, np.zeros((6, 6)), np.eye(6)])
+    results = results_of(sequence, [*results.rows, TrackResult(status="lost"), *results.rows[2:]])
+    found = nees(sequence, results)
+    assert np.isnan(found[[0, 3]]).all()
+    assert found[1] == np.inf
+    assert found[2] == pytest.approx(6e-4)
+    assert np.isfinite(found[4])
+
+
+def test_the_bounds_of_the_mean_are_those_of_the_tables(sequence: Sequence) -> None:
+    """Chi-square with 6 degrees of freedom: 1.237 and 14.449 at 2.5 % and 97.5 %; with 12: 4.404 and 23.337."""
+    unit = np.zeros(6)
+    unit[0] = 0.1
+    P = np.diag([0.04, 0.01, 0.01, 0.0001, 0.0004, 0.0004])
+    one = consistency(sequence, claims(sequence, unit[None], [P]))
+    assert one is not None
+    assert (one.n, one.mean) == (1, pytest.approx(0.01 / 0.04))
+    assert (one.low, one.high) == pytest.approx((1.237, 14.449), abs=1e-3)
+    assert one.sharpness_m == pytest.approx(np.sqrt(0.06))
+    assert one.sharpness_deg == pytest.approx(np.degrees(0.03))
+    assert one.inside == 0.0
+    two = consistency(sequence, claims(sequence, np.array([unit, unit]), [P, P]))
+    assert two is not None
+    assert (two.low, two.high) == pytest.approx((4.404 / 2, 23.337 / 2), abs=1e-3)
+
+
+def test_inside_is_the_share_of_frames_between_the_quantiles_and_sharpness_the_median(sequence: Sequence) -> None:
+    unit = np.array([0.1, 0, 0, 0, 0, 0])
+    sizes = np.array([1.2, 1.3, 14.4, 14.5, 5.0])  # NEES of a unit twist whose variance is 0.01 / size
+    covariances: list[Array | None] = [np.eye(6) * 0.01 / size for size in sizes]
+    found = consistency(sequence, claims(sequence, np.tile(unit, (5, 1)), covariances))
+    assert found is not None
+    assert found.inside == pytest.approx(3 / 5)
+    assert found.mean == pytest.approx(sizes.mean())
+    assert found.sharpness_m == pytest.approx(np.sqrt(3 * 0.01 / 5.0))
+    assert found.sharpness_deg == pytest.approx(np.degrees(np.sqrt(3 * 0.01 / 5.0)))
+    assert consistency(sequence, claims(sequence, np.tile(unit, (5, 1)), [None] * 5)) is None
+
+
+def body(cam_from_world: Pose) -> Array:
+    """x y z and roll pitch yaw (6,) of the body."""
+    pose = cam_from_world.inverse() @ MOUNT
+    return np.concatenate([pose.translation, Rotation.from_matrix(pose.rotation).as_euler("ZYX")[::-1]])
+
+
+@pytest.mark.parametrize("frame", [0, 11, 30])
+def test_sigmas_of_the_components_are_those_of_numerical_derivatives(sequence: Sequence, frame: int) -> None:
+    P = some_covariance(frame)
+    (row,) = claims(sequence, np.zeros((1, 6)), [P]).rows
+    at = Pose.exp(np.random.default_rng(frame).normal(0, 0.8, 6)) @ sequence.true_cam_from_world(frame)
+    results = results_of(sequence, [TrackResult(status="lost"), replace(row, cam_from_world=at)])
+    results = replace(results, record={**results.record, "cam_from_body": MOUNT.matrix.tolist()})
+    steps = np.eye(6) * 1e-6
+    J = np.column_stack([(body(Pose.exp(h) @ at) - body(Pose.exp(-h) @ at)) / 2e-6 for h in steps])
+    found = component_sigmas(results)
+    assert np.isnan(found[0]).all()
+    assert found[1] == pytest.approx(np.sqrt(np.diag(J @ P @ J.T)), rel=1e-5)
+
+
+def test_euler_angles_are_those_of_scipy() -> None:
+    q = np.random.default_rng(1).normal(size=(50, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    expected = Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_euler("ZYX")[:, ::-1]
+    assert euler_zyx(q) == pytest.approx(expected, abs=1e-12)
+    straight_up = np.array([[np.sqrt(0.5), 0.0, -np.sqrt(0.5) - 1e-16, 0.0]])
+    assert euler_zyx(straight_up)[0, 1] == pytest.approx(-np.pi / 2)

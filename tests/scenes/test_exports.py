@@ -1,0 +1,358 @@
+"""Every number of every export, of a small sequence that is written by hand: no renderer."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from scenes.camera import Camera
+from scenes.exports import EXPORTS, camera_truth, export
+from scenes.sequence import TRUTH_COLUMNS, Sequence
+from tests.reports.drawn import CAM_FROM_BODY, make_sequence
+from trajectories.errors import UserError
+from trajectories.pose import Array, Pose
+
+FRAMES = 4
+MOUNT = Pose.exp(np.array([0.05, -0.02, 0.1, 0.1, -0.2, 0.05])) @ CAM_FROM_BODY
+"""A camera off the body's middle and turned against it, so that a pose is never its own inverse."""
+LENS = Camera(320, 240, 230.0, 235.0, 161.0, 118.5, "radtan", (-0.1, 0.02, 0.001, -0.002))
+DEPTH_UNIT_M = 0.001
+IMU = """stamp_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,gyro_bias_x_rad_s
+0,0.1,0.2,0.3,1.0,2.0,9.5,7.0
+5000000,0.11,0.21,0.31,1.1,2.1,9.6,7.1
+"""
+
+
+def rewrite(sequence: Sequence, **info: object) -> Sequence:
+    """The sequence with other words in its `sequence.json`."""
+    (sequence.folder / "sequence.json").write_text(json.dumps({**sequence.info, **info}))
+    return Sequence.load(sequence.folder)
+
+
+def drawn_depth(frame: int) -> Array:
+    """Depths in m (240, 320): a ramp with a hole."""
+    depth = 1.0 + 0.01 * frame + np.linspace(0, 2, 320) * np.ones((240, 1))
+    depth[:20, :30] = 0.0
+    return np.round(depth / DEPTH_UNIT_M) * DEPTH_UNIT_M
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    """With distinct velocities, rates and accelerations, an IMU, and depth and mask of all frames."""
+    made = make_sequence(tmp_path_factory.mktemp("exports") / "arc", FRAMES)
+    LENS.save(made.folder / "camera.toml")
+    table = made.truth_table.copy()
+    table[:, 9:] = np.random.default_rng(0).normal(size=(FRAMES, 9))
+    rows = [",".join([str(int(r[0])), str(int(r[1])), *map(repr, r[2:].tolist())]) for r in table]
+    (made.folder / "truth.csv").write_text("\n".join([",".join(TRUTH_COLUMNS), *rows]) + "\n")
+    (made.folder / "imu.csv").write_text(IMU)
+    for kind in ("depth", "mask"):
+        (made.folder / kind).mkdir()
+    for frame in range(FRAMES):
+        units = np.rint(drawn_depth(frame) / DEPTH_UNIT_M).astype(np.uint16)
+        cv2.imwrite(str(made.folder / "depth" / f"{frame:06d}.png"), units)
+        mask = np.full((240, 320), 2, np.uint8)  # something else
+        mask[100 + frame : 140, 150:180] = 1
+        cv2.imwrite(str(made.folder / "mask" / f"{frame:06d}.png"), mask)
+    return rewrite(made, cam_from_body=MOUNT.matrix.tolist(), depth_m_per_unit=DEPTH_UNIT_M)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    """Images and truth, and no more."""
+    return make_sequence(tmp_path_factory.mktemp("exports") / "plain", 2)
+
+
+@pytest.fixture(scope="module")
+def exported(sequence: Sequence, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Folders by format."""
+    base, folders = tmp_path_factory.mktemp("exported"), {}
+    for name in EXPORTS:
+        steps: list[tuple[int, int]] = []
+        export(sequence, name, base / name, lambda done, total, steps=steps: steps.append((done, total)))  # type: ignore[misc]
+        assert steps == [(k + 1, FRAMES) for k in range(FRAMES)], name
+        folders[name] = base / name
+    return folders
+
+
+def source(sequence: Sequence, frame: int) -> bytes:
+    return (sequence.folder / sequence.files[frame]).read_bytes()
+
+
+def listed(path: Path, separator: str) -> list[list[str]]:
+    """Cells of a file's lines, without its comments."""
+    return [line.split(separator) for line in path.read_text().splitlines() if not line.startswith("#")]
+
+
+def yaml_of(path: Path) -> dict[str, str]:
+    """The values of a flat file, and those of the block of T_BS."""
+    return dict(line.strip().split(": ", 1) for line in path.read_text().splitlines() if ": " in line)
+
+
+def T_BS(path: Path) -> Array:
+    said = yaml_of(path)
+    assert (said["cols"], said["rows"]) == ("4", "4")
+    return np.array(json.loads(said["data"])).reshape(4, 4)
+
+
+# EuRoC
+
+
+def test_euroc_t_bs_takes_points_of_the_camera_to_the_body(sequence: Sequence, exported: dict[str, Path]) -> None:
+    mav = exported["euroc"] / "mav0"
+    cam = T_BS(mav / "cam0" / "sensor.yaml")
+    point_cam = np.array([0.3, -0.2, 2.0, 1.0])
+    np.testing.assert_allclose(MOUNT.transform((cam @ point_cam)[None, :3])[0], point_cam[:3], atol=1e-9)
+    for sensor in ("imu0", "state_groundtruth_estimate0"):
+        np.testing.assert_array_equal(T_BS(mav / sensor / "sensor.yaml"), np.eye(4))
+
+
+def test_euroc_truth_is_the_body_and_its_velocity(sequence: Sequence, exported: dict[str, Path]) -> None:
+    rows = np.array(listed(exported["euroc"] / "mav0" / "state_groundtruth_estimate0" / "data.csv", ","), dtype=float)
+    names = [TRUTH_COLUMNS.index(name) for name in ("vx_m_s", "vy_m_s", "vz_m_s")]
+    np.testing.assert_array_equal(rows[:, 0], sequence.stamps_ns)
+    np.testing.assert_allclose(rows[:, 1:4], sequence.truth.positions_m)
+    np.testing.assert_allclose(rows[:, 4:8], sequence.truth.quaternions_wxyz)
+    np.testing.assert_array_equal(rows[:, 8:11], sequence.truth_table[:, names])
+    np.testing.assert_array_equal(rows[:, 11:17], 0.0)
+    assert rows.shape[1] == 17
+
+
+def test_euroc_images_and_camera(sequence: Sequence, exported: dict[str, Path]) -> None:
+    cam = exported["euroc"] / "mav0" / "cam0"
+    stamps = sequence.stamps_ns.tolist()
+    assert listed(cam / "data.csv", ",") == [[str(stamp), f"{stamp}.png"] for stamp in stamps]
+    assert len(list((cam / "data").iterdir())) == FRAMES
+    for frame, stamp in enumerate(stamps):
+        assert (cam / "data" / f"{stamp}.png").read_bytes() == source(sequence, frame)
+    said = yaml_of(cam / "sensor.yaml")
+    assert float(said["rate_hz"]) == 15
+    assert json.loads(said["resolution"]) == [320, 240]
+    assert json.loads(said["intrinsics"]) == [230.0, 235.0, 161.0, 118.5]
+    assert json.loads(said["distortion_coefficients"]) == [-0.1, 0.02, 0.001, -0.002]
+    assert (said["camera_model"], said["distortion_model"]) == ("pinhole", "radial-tangential")
+
+
+@pytest.mark.parametrize(
+    ("camera", "model", "coefficients"),
+    [
+        (Camera(320, 240, 230.0, 235.0, 161.0, 118.5), "radial-tangential", [0, 0, 0, 0]),
+        (
+            replace(LENS, distortion_model="equidistant", distortion=(0.1, 0.2, 0.3, 0.4)),
+            "equidistant",
+            [0.1, 0.2, 0.3, 0.4],
+        ),
+    ],
+)
+def test_euroc_names_of_lenses(
+    sequence: Sequence, tmp_path: Path, camera: Camera, model: str, coefficients: list[float]
+) -> None:
+    export(replace(sequence, camera=camera), "euroc", tmp_path / "out")
+    said = yaml_of(tmp_path / "out" / "mav0" / "cam0" / "sensor.yaml")
+    assert said["distortion_model"] == model
+    assert json.loads(said["distortion_coefficients"]) == coefficients
+
+
+def test_euroc_inertial_readings(exported: dict[str, Path], plain: Sequence, tmp_path: Path) -> None:
+    rows = listed(exported["euroc"] / "mav0" / "imu0" / "data.csv", ",")
+    assert rows == [line.split(",")[:7] for line in IMU.splitlines()[1:]]
+    export(plain, "euroc", tmp_path / "out")
+    assert not (tmp_path / "out" / "mav0" / "imu0").exists()
+
+
+# TUM and KITTI
+
+
+def test_camera_truth_is_where_the_camera_is(sequence: Sequence) -> None:
+    for frame in range(FRAMES):
+        expected = sequence.true_cam_from_world(frame).inverse()
+        np.testing.assert_allclose(camera_truth(sequence).pose(frame).matrix, expected.matrix, atol=1e-12)
+    np.testing.assert_array_equal(camera_truth(sequence).stamps_ns, sequence.stamps_ns)
+
+
+def test_tum_lists_images_depths_and_poses(sequence: Sequence, exported: dict[str, Path]) -> None:
+    folder = exported["tum"]
+    seconds = ["0.000000000", "0.066666666", "0.133333333", "0.200000000"]
+    assert listed(folder / "rgb.txt", " ") == [[s, f"rgb/{s}.png"] for s in seconds]
+    assert listed(folder / "depth.txt", " ") == [[s, f"depth/{s}.png"] for s in seconds]
+    truth = camera_truth(sequence)
+    rows = np.array(listed(folder / "groundtruth.txt", " "), dtype=float)
+    np.testing.assert_allclose(rows[:, 1:4], truth.positions_m, atol=1e-9)
+    np.testing.assert_allclose(rows[:, [7, 4, 5, 6]], truth.quaternions_wxyz, atol=1e-9)
+    for frame, s in enumerate(seconds):
+        assert (folder / "rgb" / f"{s}.png").read_bytes() == source(sequence, frame)
+        depth = cv2.imread(str(folder / "depth" / f"{s}.png"), cv2.IMREAD_UNCHANGED)
+        assert depth is not None and depth.dtype == np.uint16
+        np.testing.assert_allclose(depth / 5000.0, drawn_depth(frame), atol=1e-4 + 1e-12)
+
+
+def test_tum_depths_beyond_its_range_are_not_wrapped(sequence: Sequence, tmp_path: Path) -> None:
+    far = replace(sequence, info={**sequence.info, "depth_m_per_unit": 20 * DEPTH_UNIT_M})
+    export(far, "tum", tmp_path / "out")
+    depth = cv2.imread(str(tmp_path / "out" / "depth" / "0.000000000.png"), cv2.IMREAD_UNCHANGED)
+    expected = np.minimum(np.rint(5000 * 20 * drawn_depth(0)), 65535)
+    np.testing.assert_array_equal(depth, expected)
+
+
+def test_tum_of_a_sequence_without_depth_has_no_list_of_it(plain: Sequence, tmp_path: Path) -> None:
+    export(plain, "tum", tmp_path / "out")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["groundtruth.txt", "rgb", "rgb.txt"]
+
+
+def test_kitti_has_times_a_projection_and_poses(sequence: Sequence, exported: dict[str, Path]) -> None:
+    folder = exported["kitti"]
+    np.testing.assert_allclose(np.loadtxt(folder / "times.txt"), sequence.stamps_ns / 1e9, atol=1e-12)
+    rows = listed(folder / "calib.txt", " ")
+    assert [row[0] for row in rows] == ["P0:", "P1:", "P2:", "P3:"]
+    for row in rows:
+        expected = np.column_stack([LENS.K, np.zeros(3)])
+        np.testing.assert_allclose(np.array(row[1:], dtype=float).reshape(3, 4), expected)
+    poses = np.loadtxt(folder / "poses.txt").reshape(-1, 3, 4)
+    expected = [camera_truth(sequence).pose(k).matrix[:3] for k in range(FRAMES)]
+    np.testing.assert_allclose(poses, expected, atol=1e-9)
+    for frame in range(FRAMES):
+        assert (folder / "image_2" / f"{frame:06d}.png").read_bytes() == source(sequence, frame)
+
+
+# BOP
+
+
+def bop(folder: Path, name: str) -> dict[str, list[dict[str, list[float]]]]:
+    return json.loads((folder / "test" / "000001" / f"{name}.json").read_text())  # type: ignore[no-any-return]
+
+
+def test_bop_poses_and_cameras_are_in_millimetres(sequence: Sequence, exported: dict[str, Path]) -> None:
+    truth, cameras = bop(exported["bop"], "scene_gt"), bop(exported["bop"], "scene_camera")
+    assert list(truth) == list(cameras) == [str(k) for k in range(FRAMES)]
+    for frame in range(FRAMES):
+        pose, camera = sequence.true_cam_from_world(frame), cameras[str(frame)]
+        (one,) = truth[str(frame)]
+        assert one["obj_id"] == 1
+        np.testing.assert_allclose(np.reshape(one["cam_R_m2c"], (3, 3)), pose.rotation, atol=1e-12)
+        np.testing.assert_allclose(one["cam_t_m2c"], 1000 * pose.translation, atol=1e-9)
+        np.testing.assert_allclose(camera["cam_R_w2c"], one["cam_R_m2c"])  # type: ignore[call-overload]
+        np.testing.assert_allclose(camera["cam_t_w2c"], one["cam_t_m2c"])  # type: ignore[call-overload]
+        np.testing.assert_allclose(np.reshape(camera["cam_K"], (3, 3)), LENS.K)  # type: ignore[call-overload]
+        image = exported["bop"] / "test" / "000001" / "rgb" / f"{frame:06d}.png"
+        assert image.read_bytes() == source(sequence, frame)
+    assert json.loads((exported["bop"] / "camera.json").read_text()) == {
+        "cx": 161.0, "cy": 118.5, "depth_scale": 1.0, "fx": 230.0, "fy": 235.0, "height": 240, "width": 320,
+    }  # fmt: skip
+
+
+def test_the_bop_model_is_the_structure_in_millimetres(sequence: Sequence, exported: dict[str, Path]) -> None:
+    import trimesh
+
+    mesh = trimesh.load(exported["bop"] / "models" / "obj_000001.ply", process=False)
+    np.testing.assert_allclose(mesh.vertices, 1000 * sequence.structure.vertices, atol=1e-3)
+    np.testing.assert_array_equal(mesh.faces, sequence.structure.triangles)
+    info = json.loads((exported["bop"] / "models" / "models_info.json").read_text())["1"]
+    assert info == pytest.approx(
+        {"diameter": np.sqrt(600**2 + 400**2 + 500**2), "min_x": -300, "min_y": -200, "min_z": 0,
+         "size_x": 600, "size_y": 400, "size_z": 500}
+    )  # fmt: skip
+
+
+def test_bop_depths_at_the_last_unit_of_16_bits_are_kept(sequence: Sequence, tmp_path: Path) -> None:
+    """131.070 m is 65535 units of 2 mm; 131.072 m would be 65536, which is nothing again when wrapped."""
+    folder = tmp_path / "sequence"
+    shutil.copytree(sequence.folder, folder)
+    for frame in range(FRAMES):
+        units = np.full((240, 320), 65535, np.uint16)
+        units[:, :100] = 65536 // 2
+        cv2.imwrite(str(folder / "depth" / f"{frame:06d}.png"), units)
+    for unit_m, expected in ((0.002, 65535), (0.002 * 65536 / 65535, 0)):
+        far = replace(Sequence.load(folder), info={**sequence.info, "depth_m_per_unit": unit_m})
+        out = tmp_path / f"{expected}"
+        export(far, "bop", out)
+        depth = cv2.imread(str(out / "test" / "000001" / "depth" / "000000.png"), cv2.IMREAD_UNCHANGED)
+        assert depth is not None and (depth[:, 100:] == expected).all()
+        assert np.abs(depth[:, :100].astype(int) - 32768).max() <= 1
+
+
+@pytest.mark.parametrize(("factor", "scale"), [(1.0, 0.1), (2.18, 0.1), (2.19, 2.0), (40.0, 2.0), (60.0, 2.0)])
+def test_bop_depths_take_the_finer_unit_that_reaches(
+    sequence: Sequence, tmp_path: Path, factor: float, scale: float
+) -> None:
+    """16 bits of 0.1 mm reach to 6.5 m, of 2 mm to 131 m; what is further is unknown, never wrapped."""
+    far = replace(sequence, info={**sequence.info, "depth_m_per_unit": factor * DEPTH_UNIT_M})
+    export(far, "bop", tmp_path / "out")
+    assert bop(tmp_path / "out", "scene_camera")["0"]["depth_scale"] == scale  # type: ignore[call-overload]
+    depth = cv2.imread(str(tmp_path / "out" / "test" / "000001" / "depth" / "000000.png"), cv2.IMREAD_UNCHANGED)
+    assert depth is not None and depth.dtype == np.uint16
+    units = np.rint(1000 * factor * drawn_depth(0) / scale)
+    np.testing.assert_allclose(depth, np.where(units > 65535, 0, units), atol=1)  # where halves are rounded
+
+
+def test_bop_boxes_and_counts_are_those_of_outline_and_mask(sequence: Sequence, exported: dict[str, Path]) -> None:
+    infos = bop(exported["bop"], "scene_gt_info")
+    for frame in range(FRAMES):
+        mask = np.zeros((240, 320), np.uint8)
+        mask[100 + frame : 140, 150:180] = 255
+        path = exported["bop"] / "test" / "000001" / "mask_visib" / f"{frame:06d}_000000.png"
+        np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), mask)
+        outline = np.zeros((240, 320), np.uint8)
+        pixels = LENS.project(sequence.true_cam_from_world(frame).transform(sequence.structure.vertices))
+        cv2.fillConvexPoly(outline, cv2.convexHull(np.rint(pixels).astype(np.int32)), 1)
+        (info,) = infos[str(frame)]
+        x, y, w, h = cv2.boundingRect(outline)
+        np.testing.assert_allclose(info["bbox_obj"], [x, y, w, h], atol=1)
+        assert info["px_count_all"] == info["px_count_valid"] == pytest.approx(int(outline.sum()), rel=0.02)
+        assert info["bbox_visib"] == [150, 100 + frame, 30, 40 - frame]
+        assert info["px_count_visib"] == 30 * (40 - frame)
+        assert info["visib_fract"] == info["px_count_visib"] / info["px_count_all"]  # type: ignore[operator]
+
+
+def test_bop_of_a_sequence_without_depth_and_mask(plain: Sequence, tmp_path: Path) -> None:
+    """All of the outline counts as seen, and a structure out of view has no box."""
+    export(plain, "bop", tmp_path / "out")
+    assert sorted(p.name for p in (tmp_path / "out" / "test" / "000001").iterdir()) == [
+        "rgb", "scene_camera.json", "scene_gt.json", "scene_gt_info.json",
+    ]  # fmt: skip
+    (info,) = bop(tmp_path / "out", "scene_gt_info")["1"]
+    assert info["visib_fract"] == 1.0
+    assert info["bbox_visib"] == info["bbox_obj"] != [-1, -1, -1, -1]
+    assert bop(tmp_path / "out", "scene_camera")["1"]["depth_scale"] == 1.0  # type: ignore[call-overload]
+    behind = Pose(np.diag([-1.0, 1.0, -1.0]), np.zeros(3)) @ CAM_FROM_BODY
+    export(rewrite(plain, cam_from_body=behind.matrix.tolist()), "bop", tmp_path / "away")
+    (info,) = bop(tmp_path / "away", "scene_gt_info")["1"]
+    assert info["bbox_visib"] == info["bbox_obj"] == [-1, -1, -1, -1]
+    assert info["px_count_all"] == info["px_count_visib"] == info["visib_fract"] == 0
+    rewrite(plain, cam_from_body=CAM_FROM_BODY.matrix.tolist())
+
+
+# Video, and all of them
+
+
+def test_the_overlay_is_the_video_with_lines_on_it(sequence: Sequence, exported: dict[str, Path]) -> None:
+    frames = {}
+    for name in ("video.mp4", "overlay.mp4"):
+        film = cv2.VideoCapture(str(exported["video"] / name))
+        assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(15.0)
+        images = []
+        while (read := film.read())[0]:
+            images.append(read[1].astype(float))
+        assert len(images) == FRAMES
+        frames[name] = images
+    for frame in range(FRAMES):
+        clean = sequence.image(frame).astype(float)
+        assert np.abs(frames["video.mp4"][frame] - clean).mean() < 8
+        drawn = np.abs(frames["overlay.mp4"][frame] - frames["video.mp4"][frame]).max(axis=2)
+        assert 0.001 < (drawn > 60).mean() < 0.2
+
+
+def test_a_folder_that_is_not_empty_is_refused_and_left_alone(sequence: Sequence, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("precious")
+    with pytest.raises(UserError, match="is not empty"):
+        export(sequence, "tum", tmp_path / "out")
+    assert [p.read_text() for p in (tmp_path / "out").iterdir()] == ["precious"]
+    (tmp_path / "empty").mkdir()
+    export(sequence, "kitti", tmp_path / "empty")
+    assert (tmp_path / "empty" / "poses.txt").is_file()
+    with pytest.raises(UserError, match="unknown export format"):
+        export(sequence, "euroq", tmp_path / "x")

@@ -1,0 +1,47 @@
+"""How far each control point is trusted, and how much it errs."""
+
+import numpy as np
+import pytest
+
+from tracker.profile_kernels import FIRST_ERROR
+from tracker.weight_kernels import (
+    COMMON_PART,
+    CONTACT_VARIANCE,
+    CREASE_VARIANCE,
+    OWN_VARIANCE,
+    SILHOUETTE_VARIANCE,
+    variances,
+)
+
+
+def of_one_edge(learned, *, times=1.0, side=1, stands=False, distance=0.2, contrast=50.0, trusted=1.0):
+    """Variances of three control points of one edge, whose appearance was learned so many times."""
+    n = 3
+    appearance = np.zeros((n, 8))
+    appearance[:, 6], appearance[:, 7] = times, learned
+    return variances(
+        np.zeros((n, 3), np.int64), np.full(n, side), np.arange(n), np.array([0, n]), np.array([stands]),
+        np.full((n, 1), distance), np.full((n, 1), contrast), np.full(n, trusted), appearance,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("learned", [0.0, 0.01, 0.4])
+def test_a_control_point_errs_by_what_was_learned_of_it(learned):
+    own, shared = of_one_edge(learned)
+    assert own == pytest.approx([OWN_VARIANCE + learned] * 3)
+    assert shared == pytest.approx([SILHOUETTE_VARIANCE + COMMON_PART * (OWN_VARIANCE + learned)])
+
+
+def test_one_that_is_not_known_yet_errs_by_its_contrast():
+    for contrast in (FIRST_ERROR / 2, FIRST_ERROR, 4 * FIRST_ERROR):
+        own, _ = of_one_edge(9.0, times=0.0, contrast=contrast)
+        assert own == pytest.approx([OWN_VARIANCE + min(1.0, FIRST_ERROR / contrast) ** 2] * 3)
+
+
+def test_the_offset_of_an_edge_is_wider_on_creases_and_on_the_ground_and_where_it_is_trusted_less():
+    part = COMMON_PART * OWN_VARIANCE
+    assert of_one_edge(0.0, side=0)[1] == pytest.approx([CREASE_VARIANCE + part])
+    assert of_one_edge(0.0, side=0, stands=True)[1] == pytest.approx([CONTACT_VARIANCE + part])
+    assert of_one_edge(0.0, trusted=0.5)[1] == pytest.approx([2 * (SILHOUETTE_VARIANCE + part)])
+    assert of_one_edge(0.0, trusted=0.001)[1] == pytest.approx([50 * (SILHOUETTE_VARIANCE + part)])
+    assert of_one_edge(0.0, distance=np.inf)[1] == pytest.approx([SILHOUETTE_VARIANCE])
