@@ -43,7 +43,7 @@ def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
 
 @click.command("warm-up")
 def warm_up_command() -> None:
-    """Compile all kernels now, which the first command that needs them would wait for otherwise."""
+    """Compile the kernels of trackers and flights now, which the first command would wait for otherwise."""
     from bench.plugins import PLUGINS  # so that every module with kernels is there
     from trajectories.warm_up import kernels_of, prepare
 
