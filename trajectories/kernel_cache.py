@@ -26,8 +26,8 @@ from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from trajectories.files import new_file
 from trajectories.sources import digest, sources
+from trajectories.temporary import temporary
 
 MARKER = ".uavbench-kernels"
 """File that says that a folder of kernels is ours."""
@@ -63,8 +63,10 @@ class KernelCache(NullCache):
         """Keep a compiled kernel; a disk that is full or write-protected is no reason to stop."""
         if data.library.has_dynamic_globals or any(not lifted.can_cache for lifted in data.lifted):
             return
-        with contextlib.suppress(OSError), new_file(self._file(sig, data.codegen)) as path:
-            path.write_bytes(dumps((sig, data._reduce())))  # type: ignore[no-untyped-call]
+        path = self._file(sig, data.codegen)
+        with contextlib.suppress(OSError), temporary(path) as own:
+            own.made.write_bytes(dumps((sig, data._reduce())))  # type: ignore[no-untyped-call]
+            own.made.replace(path)  # in a folder of ours, a name that stands for its content: another's is the same
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         form = hashlib.sha256(repr((sig, codegen.magic_tuple())).encode()).hexdigest()[:16]

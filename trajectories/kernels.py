@@ -29,9 +29,11 @@ class Kernel(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         """Machine code for the declared types, whatever those of a call are; kept on disk."""
         if not self.overloads:
-            for types in self.declared:
-                super().compile(types)
-            self.disable_compile()
+            try:
+                for types in self.declared:
+                    super().compile(types)
+            finally:
+                self.disable_compile()
         code: Any = next(iter(self.overloads.values()))
         return code.entry_point
 

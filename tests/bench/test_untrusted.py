@@ -10,7 +10,7 @@ import pytest
 from bench.check import TRIAL
 from bench.config import load_suite, load_tracker
 from bench.config_paths import FREE
-from bench.external_job import imu_lines, write_frames
+from bench.external_job import write_frames
 from bench.gate_baseline import read_baseline
 from reports.score import Score
 from scenes.camera import Camera
@@ -144,7 +144,7 @@ def dataset(tmp_path):
     """A whole sequence and results on it, beside a secret."""
     folder = tmp_path / "sequence"
     shutil.copytree(TRIAL, folder)
-    (folder / "imu.csv").write_text("stamp_ns,wx,wy,wz,ax,ay,az\n0,0,0,0,0,0,0\n")
+    (folder / "imu.csv").write_text("stamp_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2\n0,0,0,0,0,0,0\n")
     (tmp_path / "secret").write_text("secret")
     return folder
 
@@ -158,12 +158,12 @@ def use(folder):
     write_frames(job, sequence, [0])
     for name in ("euroc", "tum", "kitti", "bop"):
         export(sequence, name, folder.parent / name)
-    return images, sequence.truth, imu_lines(sequence)
+    return images, sequence.truth, (job / "imu.csv").read_text().splitlines()
 
 
 def test_the_dataset_is_good_as_it_is(dataset):
     images, _, imu = use(dataset)
-    assert len(images) == 10 and len(imu) == 1
+    assert len(images) == 10 and len(imu) == 2
 
 
 FILES = [
