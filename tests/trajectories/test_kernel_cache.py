@@ -15,10 +15,10 @@ from trajectories.sources import sources
 
 ROOT = Path(__file__).parents[2]
 TREE = {
-    "limits": "SCALE = 2.0\n",
+    "scale": "SCALE = 2.0\n",
     "plant": "from typing import NamedTuple\n\n\nclass Plant(NamedTuple):\n    mass: float\n    drag: float\n",
     "inner": """from trajectories.kernels import compiled
-from trajectories.limits import SCALE
+from trajectories.scale import SCALE
 OFFSET = 1.0
 
 
@@ -48,9 +48,7 @@ print(outer(made), sum(outer.stats.cache_hits.values()))
 @pytest.fixture
 def tree(tmp_path):
     folder = tmp_path / "tree" / "trajectories"
-    folder.mkdir(parents=True)
-    for name in ("__init__", "kernels", "kernel_types", "kernel_cache", "sources", "files"):
-        shutil.copy(ROOT / "trajectories" / f"{name}.py", folder)
+    shutil.copytree(ROOT / "trajectories", folder, ignore=shutil.ignore_patterns("__pycache__"))
     for name, text in TREE.items():
         (folder / f"{name}.py").write_text(text)
     return folder
@@ -78,7 +76,7 @@ def test_a_kernel_follows_the_source_of_all_that_it_is_made_of(tree):
     assert ran(tree) == (7.0, True)
     edit(tree, "inner", "OFFSET = 1.0", "OFFSET = 9.0")  # a constant of what it calls
     assert ran(tree) == (15.0, False)
-    edit(tree, "limits", "2.0", "4.0")  # a constant that what it calls has from elsewhere
+    edit(tree, "scale", "2.0", "4.0")  # a constant that what it calls has from elsewhere
     assert ran(tree) == (21.0, False)
     swapped = "    drag: float\n    mass: float\n"
     edit(tree, "plant", "    mass: float\n    drag: float\n", swapped)  # what its argument is
