@@ -1,4 +1,4 @@
-"""The reference, from the code: `python -m bench.reference DIR` writes commands.md, plugins.md, suite.schema.json."""
+"""The reference from the code: `python -m uavbench.bench.reference DIR` writes commands, plug-ins and the schema."""
 
 import inspect
 import types
@@ -9,12 +9,12 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import click
 
-from bench.cli import main as command_line
-from bench.inventory import TITLES
-from bench.plugins import PLUGINS
-from bench.verbs import schema
-from scenes.spec import SequenceSpec
-from trajectories.files import write_text
+from uavbench.bench.cli.main import main as command_line
+from uavbench.bench.config.inventory import TITLES
+from uavbench.bench.config.plugins import PLUGINS
+from uavbench.bench.runner.commands import schema
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.files.writing import write_text
 
 
 def commands() -> str:

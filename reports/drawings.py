@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from reports.page import FigureOnPage, on_page
-from reports.steps import Steps
+from uavbench.reports.page.pages import FigureOnPage, on_page
+from uavbench.reports.progress import Steps
 
 Figures = Literal["page", "all"]
 """Which figures a report draws: those of its first page, or every one."""

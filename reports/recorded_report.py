@@ -18,21 +18,21 @@ import cv2
 import numpy as np
 from PIL import Image as Pillow
 
-from reports.figures_time import finite
-from reports.overlay import ANIMATION_WIDTH_PX, WEBP_QUALITY, scrubbed
-from reports.page import FigureOnPage, asset, environment
-from reports.pictures import GREEN, View, draw, write_text_on
-from reports.recorded import MEETS_PX, RecordedRun, RecordedScore, score_recorded
-from reports.runs import missing_results
-from reports.sound import sound
-from reports.style import colour, house_style, line, new_figure, save_figure
-from reports.tables import Cell, Column, Table
-from reports.tables_write import heads, write_tables
-from scenes.sequence import Sequence
-from tracker.results import Results
-from tracker.run import versions
-from trajectories.errors import UserError
-from trajectories.files import in_parts, new_file, write_text
+from uavbench.reports.figures.time import finite
+from uavbench.reports.figures.tracker_pictures import GREEN, View, draw, write_text_on
+from uavbench.reports.page.overlay_animation import ANIMATION_WIDTH_PX, WEBP_QUALITY, scrubbed
+from uavbench.reports.page.pages import FigureOnPage, asset, environment
+from uavbench.reports.recorded_score import MEETS_PX, RecordedRun, RecordedScore, score_recorded
+from uavbench.reports.scoring.runs import missing_results
+from uavbench.reports.style import colour, house_style, line, new_figure, save_figure
+from uavbench.reports.tables.summary_table import Cell, Column, Table
+from uavbench.reports.tables.writers import heads, write_tables
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import versions
+from uavbench.tracker.sound_results import sound
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import in_parts, new_file, write_text
 
 COLUMNS: tuple[Column, ...] = (
     Column(head="coverage", unit="%", best="max", decimals=1),

@@ -21,23 +21,26 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from reports import figures_pictures, figures_space, figures_time, flight_figure
-from reports.drawings import WEIGHT, Drawing, Easel, Figures
-from reports.failures import own_runs
-from reports.overlay import scrubbed, write_frames
-from reports.page import FigureOnPage, SequenceOnPage, Told, Undrawn, write_index, write_sequence_page
-from reports.report_compare import compare, compare_along, compare_restarts
-from reports.restarts import COLUMNS as RESTARTS
-from reports.restarts import RestartedRun, numbers_of, open_restarts
-from reports.runs import ScoredRun, open_runs
-from reports.score import Score
-from reports.steps import OnStep, Steps
-from reports.style import house_style
-from reports.tables import DETAILS, Table, details, summary_table
-from reports.tables_write import write_summary, write_tables
-from scenes.sequence import Sequence
-from trajectories.errors import UserError
-from trajectories.files import in_parts, write_text
+from uavbench.reports.drawings import WEIGHT, Drawing, Easel, Figures
+from uavbench.reports.figures import flight as flight_figure
+from uavbench.reports.figures import image_panels as figures_pictures
+from uavbench.reports.figures import space as figures_space
+from uavbench.reports.figures import time as figures_time
+from uavbench.reports.page.failures import own_runs
+from uavbench.reports.page.overlay_animation import scrubbed, write_frames
+from uavbench.reports.page.pages import FigureOnPage, SequenceOnPage, Told, Undrawn, write_index, write_sequence_page
+from uavbench.reports.progress import OnStep, Steps
+from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
+from uavbench.reports.restarts import COLUMNS as RESTARTS
+from uavbench.reports.restarts import RestartedRun, numbers_of, open_restarts
+from uavbench.reports.scoring.runs import ScoredRun, open_runs
+from uavbench.reports.scoring.score import Score
+from uavbench.reports.style import house_style
+from uavbench.reports.tables.summary_table import DETAILS, Table, details, summary_table
+from uavbench.reports.tables.writers import write_summary, write_tables
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import in_parts, write_text
 
 PAGES = 3
 """Sequences that get a page unasked."""

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.frame_errors import frame_errors
-from reports.protocols import Restarted, accuracy, expected_error
-from reports.score import Score
-from reports.style import TRUTH, line, marker, new_figure, panel_letter, save_figure
-from reports.tables import Column, Numbers
-from scenes.sequence import Sequence
-from trajectories.errors import UserError
+from uavbench.reports.metrics.frame_errors import frame_errors
+from uavbench.reports.protocols.restarting import Restarted, accuracy, expected_error
+from uavbench.reports.scoring.score import Score
+from uavbench.reports.style import TRUTH, line, marker, new_figure, panel_letter, save_figure
+from uavbench.reports.tables.summary_table import Column, Numbers
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.trajectories.errors import UserError
 
 COLUMNS: tuple[Column, ...] = (
     Column(head="failures, with resets", unit="1/min", best="min", decimals=1),

@@ -14,8 +14,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from trajectories.files import new_file, owning, refuse_foreign_file
-from trajectories.seals import is_sealed_with
+from uavbench.trajectories.files.seals import is_sealed_with
+from uavbench.trajectories.files.writing import new_file, owning, refuse_foreign_file
 
 ONE_COLUMN_IN = 3.50
 TWO_COLUMNS_IN = 7.16

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from trajectories.errors import UserError
-from trajectories.files import write_text
-from trajectories.limits import MOST_PIXELS
-from trajectories.pose import Array
-from trajectories.reading import read_toml
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import MOST_PIXELS
+from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array
 
 DISTORTION_COEFFICIENTS = {"none": (0,), "radtan": (4, 5), "equidistant": (4,)}
 

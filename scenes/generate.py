@@ -12,27 +12,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes import gl
-from scenes.contact_sheet import write_contact_sheet
-from scenes.crlb import FrameBounds, write_bounds
-from scenes.described import described
-from scenes.effects import EFFECTS
-from scenes.folders import disk_errors
-from scenes.frame_truth import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
-from scenes.light import encode
-from scenes.model_files import save_structure
-from scenes.scene import Scene, build_scene
-from scenes.sequence import TRUTH_COLUMNS, Sequence, write_manifest
-from scenes.source import Source, make_source, render_camera
-from scenes.spec import EffectSpec, SequenceSpec
-from scenes.structure import Structure
-from trajectories.errors import UserError
-from trajectories.files import new_folder, refuse_foreign, write_text
-from trajectories.flight import Flight, fly
-from trajectories.flight_summary import flown_summary
-from trajectories.pose import Array, Pose
-from trajectories.sensors import write_flight
-from trajectories.streams import stream
+from uavbench.scenes.dataset.annotations import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
+from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
+from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
+from uavbench.scenes.dataset.disk_guards import disk_errors
+from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.spec_record import described
+from uavbench.scenes.dataset.structure_files import save_structure
+from uavbench.scenes.effects.registry import EFFECTS
+from uavbench.scenes.rendering import context as gl
+from uavbench.scenes.rendering.camera_simulator import Source, make_source, render_camera
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.scene import Scene, build_scene
+from uavbench.scenes.spec import EffectSpec, SequenceSpec
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.sensors.registry import write_flight
+from uavbench.trajectories.simulation.flight import Flight, fly
+from uavbench.trajectories.simulation.summary import flown_summary
 
 LEAST_SHARE_IN_VIEW = 0.005
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]

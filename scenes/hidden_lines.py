@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.structure import Structure
-from trajectories.mesh_rays import ray_distances
-from trajectories.mesh_tree import Tree, build_tree
-from trajectories.pose import Array
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.geometry.bvh import Tree, build_tree
+from uavbench.trajectories.geometry.rays import ray_distances
+from uavbench.trajectories.pose import Array
 
 PROBES = 25
 """Probes along an edge: what hides less than 4 % of it may be missed."""

@@ -5,13 +5,13 @@ from itertools import chain
 
 import numpy as np
 
-from scenes.bake import bake, smooth_corners
-from scenes.meshes import joined, merged
-from scenes.parts import BuiltStructure, Light, Mover, Part, Texture, plain
-from scenes.render import Renderer
-from scenes.spec import SequenceSpec
-from trajectories.streams import stream
-from trajectories.surroundings import Surroundings
+from uavbench.scenes.primitives.meshes import joined, merged
+from uavbench.scenes.renderables import BuiltStructure, Light, Mover, Part, Texture, plain
+from uavbench.scenes.rendering.light_baking import bake, smooth_corners
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.random_streams import stream
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,18 @@ from typing import Annotated, Literal, Protocol
 import numpy as np
 from annotated_types import Ge, Gt, Interval, Lt
 
-from scenes.as_built import Deviation
-from scenes.camera import Camera
-from scenes.parts import BuiltClutter, BuiltEnvironment, BuiltStructure
-from scenes.source import Source
-from trajectories.barometer import Barometer
-from trajectories.errors import UserError
-from trajectories.flight import FlightSpec
-from trajectories.flow_deck import FlowDeck
-from trajectories.imu import Imu
-from trajectories.mount import Mount
-from trajectories.pose import Array
-from trajectories.sensor import SensorSpec
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStructure
+from uavbench.scenes.rendering.camera_simulator import Source
+from uavbench.scenes.structures.as_built import Deviation
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.sensors.barometer import Barometer
+from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.sensors.sensor import SensorSpec
+from uavbench.trajectories.simulation.flight import FlightSpec
 
 
 class StructureSpec(Protocol):

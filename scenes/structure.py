@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from trajectories.pose import Array
+from uavbench.trajectories.pose import Array
 
 CREASE_ANGLE_DEG = 15.0
 """Two faces that meet at less than this angle are one smooth surface."""

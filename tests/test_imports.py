@@ -14,14 +14,14 @@ def python(code, folder):
 
 
 def test_the_packages_are_ours_from_a_foreign_folder(tmp_path):
-    code = "import bench, scenes, trajectories, tracker, reports as r\n"
+    code = "from uavbench import bench, scenes, trajectories, tracker, reports as r\n"
     code += "print(*[m.__file__ for m in (bench, scenes, trajectories, tracker, r)], sep='\\n')"
     for line in python(code, tmp_path).split():
         assert Path(line).is_relative_to(ROOT)
 
 
 def test_the_tracker_does_not_load_what_a_vehicle_does_not_have(tmp_path):
-    code = "import sys, tracker.variants, tracker.run\n"
+    code = "import sys, uavbench.tracker.registry, uavbench.tracker.run\n"
     code += "print(*sorted({m.split('.')[0] for m in sys.modules}))"
     loaded = set(python(code, tmp_path).split())
     assert not loaded & {"pyrender", "OpenGL", "mujoco", "pandas", "matplotlib", "trimesh", "pydantic", "click"}

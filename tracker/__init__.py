@@ -6,10 +6,10 @@ On a vehicle, from camera frames to poses, with numpy, OpenCV and numba alone::
 
     import numpy as np
 
-    from scenes.camera import Camera
-    from scenes.structure import Structure
-    from tracker.initial_pose import read_init
-    from tracker.robust import Robust
+    from uavbench.scenes.camera import Camera
+    from uavbench.scenes.structure import Structure
+    from uavbench.tracker.initialization import read_init
+    from uavbench.tracker.robust.tracker import Robust
 
     camera = Camera.load(Path("camera.toml"))
     structure = Structure.from_mesh(vertices, triangles)  # metres; counter-clockwise from outside

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from scenes.camera import Camera
-from trajectories.kernels import compiled
-from trajectories.pose import Array
+from uavbench.scenes.camera import Camera
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
 
 MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from trajectories.kernels import compiled
-from trajectories.pose import Array
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
 

@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 
-from scenes.camera import Camera
-from scenes.structure import Structure
-from tracker.base import Image, TrackResult
-from tracker.visible_edges import seen_edges_px, to_image
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Image, TrackResult
+from uavbench.tracker.visible_edges import seen_edges_px, to_image
 
 OK_COLOUR = (60, 220, 60)
 LOST_COLOUR = (40, 40, 230)

@@ -19,13 +19,13 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.tables import read_json, read_table
-from tracker.base import Status, TrackResult
-from trajectories.errors import UserError
-from trajectories.files import new_folder, write_text
-from trajectories.formats import write_tum
-from trajectories.pose import Pose
-from trajectories.trajectory import Trajectory
+from uavbench.scenes.dataset.table_files import read_json, read_table
+from uavbench.tracker.protocol import Status, TrackResult
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, write_text
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import write_tum
 
 MARKER = "record.json"
 """The file of a results folder that lists the others."""

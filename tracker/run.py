@@ -13,17 +13,17 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from scenes.body import Body, Feed, Samples, body_of
-from scenes.sequence import Sequence
-from tracker.base import Image, Run, Tracker, TrackResult
-from tracker.blame import checked, is_ours, told
-from tracker.initial_pose import Initialization, Known
-from tracker.results import Results
-from tracker.variants import tracker_kind
-from trajectories.errors import Terminated, UserError, one_line
-from trajectories.limits import LARGEST_COORDINATE_M
-from trajectories.pose import Pose
-from trajectories.streams import stream
+from uavbench.scenes.dataset.body import Body, Feed, Samples, body_of
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.faults import checked, is_ours, told
+from uavbench.tracker.initialization import Initialization, Known
+from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
+from uavbench.tracker.registry import tracker_kind
+from uavbench.tracker.results import Results
+from uavbench.trajectories.errors import Terminated, UserError, one_line
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.random_streams import stream
 
 KNOWN = Known()
 OnFrame = Callable[[int, TrackResult], None]

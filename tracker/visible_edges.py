@@ -12,10 +12,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.camera import Camera
-from scenes.hidden_lines import seen_parts
-from scenes.structure import Structure
-from trajectories.pose import Array, Pose
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.hidden_lines import seen_parts
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.pose import Array, Pose
 
 NEAR_M = 0.02
 """Nothing nearer to the camera than this is projected."""

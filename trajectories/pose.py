@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajectories import exact
+from uavbench.trajectories import reproducible_math as exact
 
 Array = NDArray[np.float64]
 

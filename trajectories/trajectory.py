@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from trajectories.pose import Array, Pose, read_only, rotation_from_quaternion
+from uavbench.trajectories.pose import Array, Pose, read_only, rotation_from_quaternion
 
 
 @dataclass(frozen=True, slots=True, eq=False)

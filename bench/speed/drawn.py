@@ -6,16 +6,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from scenes.camera import Camera
-from scenes.model_files import save_structure
-from scenes.sequence import TRUTH_COLUMNS, Sequence, write_manifest
-from scenes.structure import Structure
-from tracker.base import Image, TrackResult
-from tracker.results import Results
-from tracker.run import make_record, stride, track_sequence
-from tracker.variants import TRACKERS
-from trajectories.pose import Pose
-from trajectories.streams import stream
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.structure_files import save_structure
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Image, TrackResult
+from uavbench.tracker.registry import TRACKERS
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import make_record, stride, track_sequence
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.random_streams import stream
 
 CAM_FROM_BODY = Pose(np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]), np.zeros(3))
 SIZE_M = np.array([0.6, 0.4, 0.5])

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.camera import Camera
-from scenes.structure import Structure
-from trajectories.pose import Array, Pose
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.pose import Array, Pose
 
 CAMERA = Camera.from_field_of_view(640, 480, 65.0)
 BOX_TRIANGLES = np.array(

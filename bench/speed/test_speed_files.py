@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from trajectories.formats import write_tum
-from trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import write_tum
 
 POSES = 1_000_000
 START_NS, STEP_NS = 1_403_636_579_763_555_584, 5_000_000
@@ -33,7 +33,7 @@ def test_a_million_poses_evaluated(benchmark: Any, tmp_path: Path) -> None:
     command = [
         sys.executable,
         "-m",
-        "bench.cli",
+        "uavbench.bench.cli.main",
         "evaluate",
         str(tmp_path / "reference.tum"),
         str(tmp_path / "estimate.tum"),

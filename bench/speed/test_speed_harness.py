@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.config import load_suite
-from bench.external import External
-from bench.jobs import plan
-from reports.statistics import Bootstrap
-from scenes.camera import Camera
-from scenes.structure import Structure
-from trajectories.pose import Pose
-from trajectories.streams import stream
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.external.program import External
+from uavbench.bench.runner.jobs import plan
+from uavbench.reports.statistics.bootstrap import Bootstrap
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.random_streams import stream
 
 ROOT = Path(__file__).parents[2]
 SUITE = """

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.peers.visp import Visp
-from bench.speed.test_speed_tracker import WARM_UP, Film, film
-from tracker.base import Image, Run, Tracker
-from tracker.variants import TRACKERS
-from trajectories.pose import Array
+from uavbench.bench.speed.test_speed_tracker import WARM_UP, Film, film
+from uavbench.bench.third_party.visp import Visp
+from uavbench.tracker.protocol import Image, Run, Tracker
+from uavbench.tracker.registry import TRACKERS
+from uavbench.trajectories.pose import Array
 
 SEEN = 40
 """Frames that are seen: ViSP takes most of a second for one of the bridge."""

@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.speed.drawn import make_sequence, results_of, true_rows
-from bench.speed.rounds import absent
-from reports.evaluate import Options, evaluate
-from reports.figures_statistics import critical_difference, win_table
-from reports.report import ReportEntry, write_report
-from reports.score import score
-from reports.statistics import compare_pairs, ranks
-from reports.style import house_style
-from reports.tables import summary_table
-from reports.tables_write import write_tables
-from tracker.base import TrackResult
-from trajectories.pose import Pose
-from trajectories.trajectory import Trajectory
+from uavbench.bench.speed.drawn import make_sequence, results_of, true_rows
+from uavbench.bench.speed.rounds import absent
+from uavbench.reports.evaluation.evaluate import Options, evaluate
+from uavbench.reports.figures.distributions import critical_difference, win_table
+from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.scoring.score import score
+from uavbench.reports.statistics.bootstrap import compare_pairs, ranks
+from uavbench.reports.style import house_style
+from uavbench.reports.tables.summary_table import summary_table
+from uavbench.reports.tables.writers import write_tables
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.trajectory import Trajectory
 
 POSES = 100_000
 

@@ -20,17 +20,17 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.config import load_suite
-from bench.speed.rounds import absent, figure
-from bench.suite_files import suite_file
-from scenes import generate as g
-from scenes.exposure import RollingShutter
-from scenes.light import encode
-from scenes.scene import build_scene
-from scenes.sensor import Noise
-from scenes.source import make_source, render_camera
-from scenes.spec import SequenceSpec
-from trajectories.flight import fly
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.speed.rounds import absent, figure
+from uavbench.scenes import generate as g
+from uavbench.scenes.effects.exposure import RollingShutter
+from uavbench.scenes.effects.image_sensor import Noise
+from uavbench.scenes.rendering.camera_simulator import make_source, render_camera
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.scene import build_scene
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.simulation.flight import fly
 
 ASKED_FPS = {"box": 25.0, "bridge": 12.0}
 ALL_TRUTH = ("depth", "mask", "edges")

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from bench.speed.rounds import figure
+from uavbench.bench.speed.rounds import figure
 
 SEQUENCES = 24
 SUITE = f"""
@@ -33,7 +33,17 @@ rapid = {{ kind = "rapid" }}
 
 def run(suite: Path, out: Path, workers: int) -> tuple[float, float]:
     """Wall time of the whole command, and the sum of the times of its jobs, in seconds."""
-    command = [sys.executable, "-m", "bench.cli", "score", str(suite), "--out", str(out), "--jobs", str(workers)]
+    command = [
+        sys.executable,
+        "-m",
+        "uavbench.bench.cli.main",
+        "score",
+        str(suite),
+        "--out",
+        str(out),
+        "--jobs",
+        str(workers),
+    ]
     begin = time.perf_counter()
     subprocess.run(command, check=True, capture_output=True)
     return time.perf_counter() - begin, sum(json.loads((out / "seconds.json").read_text())["seconds"].values())

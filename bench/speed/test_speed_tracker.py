@@ -10,19 +10,19 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.speed.synthetic import CAMERA, Scene, box, box_corners, orbit
-from bench.speed.test_speed_scenes import first_of
-from scenes import generate
-from scenes.camera import Camera
-from scenes.light import encode
-from scenes.scene import build_scene
-from scenes.source import make_source, render_camera
-from scenes.structure import Structure
-from tracker.base import Image, Run, Tracker
-from tracker.segments import detect_segments, grey
-from tracker.variants import TRACKERS
-from trajectories.flight import fly
-from trajectories.pose import Pose
+from uavbench.bench.speed.synthetic import CAMERA, Scene, box, box_corners, orbit
+from uavbench.bench.speed.test_speed_scenes import first_of
+from uavbench.scenes import generate
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering.camera_simulator import make_source, render_camera
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.scene import build_scene
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Image, Run, Tracker
+from uavbench.tracker.registry import TRACKERS
+from uavbench.tracker.shang_shen.segments import detect_segments, grey
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.simulation.flight import fly
 
 FRAMES = 24
 STEP_NS = 66_666_667

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 
-from reports.latency import Latency
-from reports.score import PoseErrors, Score
-from reports.summary import ErrorSummary
-from reports.tracking import Tracking
+from uavbench.reports.metrics.latency import Latency
+from uavbench.reports.metrics.summary_statistics import ErrorSummary
+from uavbench.reports.scoring.coverage import Tracking
+from uavbench.reports.scoring.score import PoseErrors, Score
 
 
 def summary(rmse):

@@ -15,14 +15,14 @@ from pathlib import Path
 
 import pytest
 
-from bench.content import content_hash
-from bench.executors import dask_pool
-from bench.graph import Job, run_graph
-from bench.slurm import run_shards
-from bench.verbs import Where, bring_up_to
 from tests.bench.small_suites import small_suite
-from trajectories.errors import UserError
-from trajectories.files import write_text
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.runner.commands import Where, bring_up_to
+from uavbench.bench.runner.executors import dask_pool
+from uavbench.bench.runner.graph import Job, run_graph
+from uavbench.bench.runner.slurm import run_shards
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]

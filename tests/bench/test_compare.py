@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from bench.compare import smallest
-from bench.compare_sides import at_work, statements
-from bench.versions import placed, version
-from scenes.sequence import Sequence
-from tracker.results import Results
-from trajectories.errors import UserError
+from uavbench.bench.cli.main import main
+from uavbench.bench.gate.compare import smallest
+from uavbench.bench.gate.compare_sides import at_work, statements
+from uavbench.bench.gate.versions import placed, version
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.results import Results
+from uavbench.trajectories.errors import UserError
 
 pytestmark = [
     pytest.mark.slow,
@@ -137,8 +137,8 @@ PLUGIN = """
 from dataclasses import dataclass
 import numpy as np
 from my_trackers.helper import OFF
-from tracker.base import TrackResult
-from trajectories.pose import Pose
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.pose import Pose
 
 @dataclass(frozen=True)
 class Off:

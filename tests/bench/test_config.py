@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.config import load_suite, suite_model
-from bench.content import content_hash
-from bench.suite_files import suite_file, suite_names
-from scenes.described import described
-from trajectories.errors import UserError
+from uavbench.bench.config.suite import load_suite, suite_model
+from uavbench.bench.config.suite_files import suite_file, suite_names
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.scenes.dataset.spec_record import described
+from uavbench.trajectories.errors import UserError
 
 GOOD = """
 title = "test"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.config import load_suite
-from scenes.generate import generate
+from uavbench.bench.config.suite import load_suite
+from uavbench.scenes.generate import generate
 
 SUITE = """
 title = "All that can be said"

@@ -6,12 +6,12 @@ import os
 
 import pytest
 
-from bench.config import load_tracker
-from bench.content import content_hash
-from bench.external import External
-from scenes.mesh_file import MeshFile
-from scenes.model_parts import parts_of
-from trajectories.errors import UserError
+from uavbench.bench.config.suite import load_tracker
+from uavbench.bench.external.program import External
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.model_files.referenced_files import parts_of
+from uavbench.trajectories.errors import UserError
 
 PLUGIN = """
 from dataclasses import dataclass
@@ -98,9 +98,9 @@ def test_an_installed_plugin_and_what_it_imports_count_by_version_and_content(fo
         write(folder / f"{dist}-1.0.dist-info" / "RECORD", "".join(f"{file},,\n" for file in files))
         for file in files:
             write(folder / file, PLUGIN.format(imports=f"import {other}") if file.endswith("__init__.py") else "1")
-    monkeypatch.setattr("trajectories.sources.INSTALLED", (folder,))
-    from bench import plugin_files
-    from trajectories.sources import editable
+    monkeypatch.setattr("uavbench.trajectories.source_files.INSTALLED", (folder,))
+    from uavbench.bench.inputs import plugin_files
+    from uavbench.trajectories.source_files import editable
 
     plugin_files._distributions.cache_clear()
     editable.cache_clear()

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from bench import content
-from bench.content import carried_hash, code_hash, content_hash
-from scenes.box import Box
-from trajectories.imu import Imu, ImuBmi088
+from uavbench.bench.inputs import content_hash as content
+from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash
+from uavbench.scenes.structures.box import Box
+from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 
 
 @dataclass(frozen=True)

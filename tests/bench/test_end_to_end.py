@@ -28,7 +28,7 @@ lsd = { kind = "lsd" }
 
 
 def command(*arguments):
-    return [sys.executable, "-m", "bench.cli", *map(str, arguments)]
+    return [sys.executable, "-m", "uavbench.bench.cli.main", *map(str, arguments)]
 
 
 def uavbench(*arguments):

@@ -9,12 +9,12 @@ import pytest
 from click.testing import CliRunner
 from evo.tools import file_interface
 
-from bench.cli import main
-from bench.config import load_suite
-from bench.works import Render, Track
-from scenes.exports import export
-from scenes.sequence import Sequence
-from tracker.hold import Hold
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.runner.tasks import Render, Track
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.exports.registry import export
+from uavbench.tracker.baselines.hold import Hold
 
 SUITE = """
 title = "Few"

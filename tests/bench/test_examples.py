@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.check import TRIAL, check
-from bench.config import load_tracker
-from bench.external import track_external
-from scenes.sequence import Sequence
+from uavbench.bench.config.suite import load_tracker
+from uavbench.bench.external.program import track_external
+from uavbench.bench.trial.check import TRIAL, check
+from uavbench.scenes.dataset.sequence import Sequence
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

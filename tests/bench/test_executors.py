@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.content import content_hash
-from bench.executors import local_pool
-from bench.graph import Job, run_graph
-from trajectories.files import write_text
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.runner.executors import local_pool
+from uavbench.bench.runner.graph import Job, run_graph
+from uavbench.trajectories.files.writing import write_text
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def test_an_error_comes_back_as_it_was_raised():
 
 
 def test_a_job_done_by_a_lost_worker_is_not_done_twice(tmp_path):
-    from bench.graph import run_job
+    from uavbench.bench.runner.graph import run_job
 
     one = job(tmp_path, "one")
     for _ in range(2):

@@ -5,11 +5,11 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from bench.config import load_suite
-from bench.extent import extents, shortfalls
-from bench.works import Render
-from trajectories.flight_summary import FlightSummary
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.runner.extent import extents, shortfalls
+from uavbench.bench.runner.tasks import Render
+from uavbench.trajectories.simulation.summary import FlightSummary
 
 SUITE = """
 title = "Paces"

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.check import TRIAL, check
-from bench.content import content_hash
-from bench.external import External, track_external
-from bench.external_rows import FAULTS, TrackerFault
-from scenes.sequence import Sequence
-from tracker.hold import Hold
-from tracker.run import track_sequence
-from trajectories.streams import stream
+from uavbench.bench.external.program import External, track_external
+from uavbench.bench.external.rows import FAULTS, TrackerFault
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.trial.check import TRIAL, check
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.baselines.hold import Hold
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.random_streams import stream
 
 HOLD = """
 import sys, tomllib, time, os
@@ -269,9 +269,9 @@ def test_a_killed_harness_takes_the_program_with_it(tmp_path, program):
     tracker = program(f"open({str(pid_file)!r}, 'w').write(str(os.getpid()))\ntime.sleep(600)\n", mode="folder")
     code = f"""
 from pathlib import Path
-from bench.external import External, track_external
-from bench.check import TRIAL
-from scenes.sequence import Sequence
+from uavbench.bench.external.program import External, track_external
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.dataset.sequence import Sequence
 tracker = External(command={tracker.command!r}, mode="folder", timeout_s=600)
 track_external(tracker, Sequence.load(TRIAL), rate_hz=15.0, seed=0, kept_folder=Path({str(tmp_path / "k")!r}))
 """
@@ -381,7 +381,7 @@ def test_the_trial_sequence_is_small_and_whole():
 def test_environment_of_a_program_is_a_list_of_few(program, run, tmp_path):
     text = f"open({str(tmp_path / 'env')!r}, 'w').write(repr(sorted(os.environ)))"
     run(program(text + stream_program()))
-    from bench.external_process import PASSED_ON
+    from uavbench.bench.external.process import PASSED_ON
 
     seen = set(eval((tmp_path / "env").read_text()))
     assert seen <= {*PASSED_ON, "TMPDIR", "PYTHONUNBUFFERED", "LC_CTYPE"}

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.external_rows import FAULTS, POSE_HEADER, TrackerFault, read_estimates, read_row
-from tracker.results import COVARIANCE_COLUMNS
+from uavbench.bench.external.rows import FAULTS, POSE_HEADER, TrackerFault, read_estimates, read_row
+from uavbench.tracker.results import COVARIANCE_COLUMNS
 
 POSE = "0.1,-0.2,3.5,0.5,0.5,-0.5,0.5"
 STAMPS = [0, 100, 200, 300]
@@ -122,7 +122,7 @@ def test_a_flood_of_rows_is_refused_by_its_size_and_faults_are_counted(tmp_path,
     results, faults = read_estimates(path, [0, 1000])
     assert len(results) == 2 and len(faults) == 1 and "write one row for each frame" in str(faults[0])
     path.write_text(",".join(POSE_HEADER) + "\n" + "x\n" * 50 + "1000,ok,1,2,3,1,0,0,0\n2000,ok,1e155,0,0,1,0,0,0\n")
-    monkeypatch.setattr("bench.external_rows.MOST_FAULTS", 10)
+    monkeypatch.setattr("uavbench.bench.external.rows.MOST_FAULTS", 10)
     results, faults = read_estimates(path, [0, 1000, 2000])
     assert [row.status for row in results] == ["lost", "ok", "lost"]
     assert len(faults) == 11 and faults[-1].name == "too-many" and "42 faults more" in str(faults[-1])

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.content import content_hash
-from bench.graph import Job, fresh_jobs, run_graph
-from trajectories.errors import UserError
-from trajectories.files import new_folder, new_parts, write_text
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.runner.graph import Job, fresh_jobs, run_graph
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, new_parts, write_text
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def test_the_first_suite_again_after_a_second_was_killed_in_its_report(tmp_path)
     done(tmp_path)
     of_first = (tmp_path / "scores.json").read_bytes()
     code = "import sys; from pathlib import Path; from concurrent.futures import ThreadPoolExecutor\n"
-    code += "from bench.graph import run_graph; from tests.bench.test_freshness import suite\n"
+    code += "from uavbench.bench.runner.graph import run_graph; from tests.bench.test_freshness import suite\n"
     code += "run_graph(suite(Path(sys.argv[1]), 1, dies=True), ThreadPoolExecutor(1))"
     assert subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, check=False).returncode == 3
     assert (tmp_path / "scores.json").read_bytes() != of_first
@@ -187,7 +187,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from bench.graph import run_graph
+from uavbench.bench.runner.graph import run_graph
 from tests.bench.test_freshness import suite
 jobs = [replace(job, work=replace(job.work, wait_s=0.002)) if job.verb == "track" else job
         for job in suite(Path(sys.argv[1]), int(sys.argv[2]))]
@@ -198,7 +198,7 @@ with ThreadPoolExecutor(1) as pool:
 
 
 def test_killed_at_any_moment_of_making_anew_the_end_is_the_same(tmp_path):
-    from bench.folder import clean_leftovers
+    from uavbench.bench.runner.output_folder import clean_leftovers
 
     done(tmp_path / "whole", 0)
     whole = contents(tmp_path / "whole")
@@ -230,8 +230,8 @@ FULL = """
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from bench.graph import run_graph
-from bench.verbs import tell
+from uavbench.bench.runner.graph import run_graph
+from uavbench.bench.runner.commands import tell
 from tests.bench.test_freshness import suite
 root = Path(sys.argv[1])
 (root / "filler").write_bytes(b"0" * 40 * 4096)
@@ -259,8 +259,8 @@ def test_a_full_disk_is_told_as_such_and_is_left_as_it_was(tmp_path):
 
 
 def test_what_failed_before_is_not_told_after_a_success(tmp_path):
-    from bench.graph import Outcome
-    from bench.verbs import tell
+    from uavbench.bench.runner.commands import tell
+    from uavbench.bench.runner.graph import Outcome
 
     tell(Outcome(failed={"a": "oops"}, tracebacks={"a": "Traceback: oops"}), tmp_path)
     assert "oops" in (tmp_path / "failures.txt").read_text()
@@ -276,8 +276,8 @@ def test_what_failed_before_is_not_told_after_a_success(tmp_path):
 def test_a_name_that_no_disk_takes_is_a_mistake_that_is_told(tmp_path, verb):
     from click.testing import CliRunner
 
-    from bench.cli import main
     from tests.bench.small_suites import small_suite
+    from uavbench.bench.cli.main import main
 
     result = CliRunner().invoke(main, [verb, str(small_suite(tmp_path)), "--out", str(tmp_path / ("n" * 256))])
     assert result.exit_code == 2

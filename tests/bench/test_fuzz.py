@@ -14,26 +14,26 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench.check import TRIAL
-from bench.config import load_suite, load_tracker
-from bench.external_rows import COVARIANCE_COLUMNS, POSE_HEADER, read_estimates
-from bench.gate_baseline import read_baseline
-from bench.gate_scores import read_side, read_timing
-from bench.suite_files import suite_file
-from reports.score import Score, score
-from scenes.camera import Camera
-from scenes.mesh_file import read as read_mesh
-from scenes.model_files import load_structure
-from scenes.sequence import Sequence
-from scenes.tables import read_table
-from scenes.verify import verify
 from tests.bench.mutations import damaged_bytes, damaged_json, damaged_text
-from tracker.base import TrackResult
-from tracker.initial_pose import read_init
-from tracker.results import Results
-from trajectories.errors import UserError
-from trajectories.formats import READERS, read_trajectory
-from trajectories.paths_along import read_waypoints
+from uavbench.bench.config.suite import load_suite, load_tracker
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.external.rows import COVARIANCE_COLUMNS, POSE_HEADER, read_estimates
+from uavbench.bench.gate.baseline import read_baseline
+from uavbench.bench.gate.paired_scores import read_side, read_timing
+from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.scoring.score import Score, score
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.structure_files import load_structure
+from uavbench.scenes.dataset.table_files import read_table
+from uavbench.scenes.dataset.verify import verify
+from uavbench.scenes.model_files.mesh_file import read as read_mesh
+from uavbench.tracker.initialization import read_init
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.results import Results
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.along import read_waypoints
+from uavbench.trajectories.trajectory_files.formats import READERS, read_trajectory
 
 CASES = 10_000 if os.environ.get("UAVBENCH_NIGHTLY") else 60
 LENIENT = settings(

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from bench.cli_gate import share
-from bench.gate import Margins, gate, overall
-from bench.gate_baseline import write_baseline
-from bench.gate_reports import HEADER, cells, percent, to_junit, to_markdown, to_text
-from bench.gate_scores import read_side
-from reports.score import PoseErrors
 from tests.bench.drawn_scores import drawn, summary, write
-from trajectories.errors import UserError
+from uavbench.bench.cli.gate import share
+from uavbench.bench.cli.main import main
+from uavbench.bench.gate.baseline import write_baseline
+from uavbench.bench.gate.decision import Margins, gate, overall
+from uavbench.bench.gate.findings import HEADER, cells, percent, to_junit, to_markdown, to_text
+from uavbench.bench.gate.paired_scores import read_side
+from uavbench.reports.scoring.score import PoseErrors
+from uavbench.trajectories.errors import UserError
 
 
 @pytest.fixture

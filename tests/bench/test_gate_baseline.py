@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from bench.config import load_suite
-from bench.gate import Margins, gate, overall
-from bench.gate_baseline import read_baseline, write_baseline
-from bench.gate_scores import read_side
-from bench.suite_files import suite_file
 from tests.bench.drawn_scores import drawn, make_score, write
-from trajectories.errors import UserError
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.gate.baseline import read_baseline, write_baseline
+from uavbench.bench.gate.decision import Margins, gate, overall
+from uavbench.bench.gate.paired_scores import read_side
+from uavbench.trajectories.errors import UserError
 
 WIDE = Margins(error=0.2, resolution=1.0)
 COMMITTED = suite_file("gate-small").parents[1] / "baselines" / "gate-small.json"

@@ -5,11 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from bench.gate import Finding, Margins, compare_sides, coverage_finding, decide, gate, overall, ratio_finding
-from bench.gate_scores import ERRORS, Measured, PairedValues, Side
-from reports.statistics import holm, sign_flip_p
 from tests.bench.drawn_scores import drawn, write
-from trajectories.errors import UserError
+from uavbench.bench.gate.decision import (
+    Finding,
+    Margins,
+    compare_sides,
+    coverage_finding,
+    decide,
+    gate,
+    overall,
+    ratio_finding,
+)
+from uavbench.bench.gate.paired_scores import ERRORS, Measured, PairedValues, Side
+from uavbench.reports.statistics.bootstrap import holm, sign_flip_p
+from uavbench.trajectories.errors import UserError
 
 KEYS = [(f"s{i}", seed) for i in range(4) for seed in range(5)]
 

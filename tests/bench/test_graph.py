@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.content import carried_hash, content_hash
-from bench.graph import Job, run_graph
-from trajectories.errors import UserError
-from trajectories.files import new_folder, write_text
+from uavbench.bench.inputs.content_hash import carried_hash, content_hash
+from uavbench.bench.runner.graph import Job, run_graph
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, write_text
 
 
 @dataclass

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.guard import Guard, talk
 from tests.bench.process_trees import FAMILY, MEMBERS, is_alive, noted, wait_until
+from uavbench.bench.external.guard import Guard, talk
 
 STANDARD = (0, 1, 2)
 
@@ -52,7 +52,7 @@ def test_a_killed_owner_takes_all_with_it(tmp_path, moment):
     code = f"""
 import os, sys, time
 from pathlib import Path
-from bench.guard import Guard, talk
+from uavbench.bench.external.guard import Guard, talk
 guard = Guard("uavbench-test-")
 Path({str(told)!r}).write_text(f"{{guard.folder}} {{guard.popen.pid}}")
 if {moment!r} == "during":

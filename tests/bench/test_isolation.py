@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import pytest
 
-from bench import isolation
-from bench.check import TRIAL
-from bench.external import External, isolated_trackers, track_external
-from scenes.sequence import Sequence
 from tests.bench.test_external import FOLDER, HOLD, STREAM
-from tracker.hold import Hold
-from trajectories.errors import UserError
+from uavbench.bench.external import isolation
+from uavbench.bench.external.program import External, isolated_trackers, track_external
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.baselines.hold import Hold
+from uavbench.trajectories.errors import UserError
 
 THIEF = """
 import glob, json, os, socket, tempfile
@@ -155,7 +155,7 @@ class Mine:
 
 
 def test_python_code_of_ones_own_cannot_be_isolated(monkeypatch):
-    monkeypatch.setattr("bench.external.usable", lambda: None)
+    monkeypatch.setattr("uavbench.bench.external.program.usable", lambda: None)
     with pytest.raises(UserError, match=r"trackers\.mine is Python code"):
         isolated_trackers({"mine": Mine()})
     given = isolated_trackers({"hold": Hold(), "program": External(command=("true",))})

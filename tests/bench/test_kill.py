@@ -37,7 +37,7 @@ def final(folder):
 
 
 def start(suite, out):
-    command = [sys.executable, "-m", "bench.cli", "run", str(suite), "--out", str(out), "--jobs", "2"]
+    command = [sys.executable, "-m", "uavbench.bench.cli.main", "run", str(suite), "--out", str(out), "--jobs", "2"]
     return subprocess.Popen(
         command,
         stdout=subprocess.PIPE,

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes.cao import write_cao
-from scenes.sequence import Sequence
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.model_files.cao import write_cao
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
@@ -42,10 +42,10 @@ sys.addaudithook(opened)
 DRIVE = """
 import json, sys
 from pathlib import Path
-from bench.config import load_suite
-from bench.content import content_hash
-from bench.jobs import plan
-from trajectories import sources
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.runner.jobs import plan
+from uavbench.trajectories import sources
 
 keyed = set()
 digest = sources._digest
@@ -102,7 +102,7 @@ PLUGIN = """
 from dataclasses import dataclass
 from pathlib import Path
 import opened_helper
-from tracker.base import TrackResult
+from uavbench.tracker.protocol import TrackResult
 
 @dataclass(frozen=True)
 class Mine:

@@ -5,15 +5,15 @@ import re
 
 import pytest
 
-from bench.check import check
-from bench.config import load_suite
-from bench.jobs import plan
-from bench.peers import visp
-from bench.peers.opencv_rapid import OpencvRapid
-from bench.peers.registry import PEERS, absent, setup, status
-from bench.peers.visp import Visp
 from tests.bench.test_end_to_end import uavbench
-from trajectories.errors import UserError
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.runner.jobs import plan
+from uavbench.bench.third_party import visp
+from uavbench.bench.third_party.opencv_rapid import OpencvRapid
+from uavbench.bench.third_party.registry import PEERS, absent, setup, status
+from uavbench.bench.third_party.visp import Visp
+from uavbench.bench.trial.check import check
+from uavbench.trajectories.errors import UserError
 
 SUITE = """
 title = "With peers"

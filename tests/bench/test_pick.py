@@ -11,11 +11,11 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from bench.check import TRIAL
-from bench.pick import Picking, serve
-from scenes.sequence import Sequence
-from tracker.initial_pose import read_init
-from trajectories.errors import UserError
+from uavbench.bench.pick.server import Picking, serve
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.initialization import read_init
+from uavbench.trajectories.errors import UserError
 
 
 @pytest.fixture

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bench.check import TRIAL
-from bench.pick import Picking
-from scenes.sequence import Sequence
 from tests.bench.test_pick import served
 from tests.reports.browser import browser
-from tracker.initial_pose import read_init
+from uavbench.bench.pick.server import Picking
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.initialization import read_init
 
 
 def click_at(page, x, y):

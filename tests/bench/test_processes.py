@@ -38,7 +38,7 @@ def rendered(tmp_path_factory):
 
 
 def run(suite, out, verb, mark, temporary):
-    command = [sys.executable, "-m", "bench.cli", verb, str(suite), "--out", str(out), "--jobs", "2"]
+    command = [sys.executable, "-m", "uavbench.bench.cli.main", verb, str(suite), "--out", str(out), "--jobs", "2"]
     environment = {**os.environ, "UAVBENCH_MARK": mark, "TMPDIR": str(temporary)}
     return subprocess.Popen(
         command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
@@ -79,7 +79,7 @@ def test_what_nohup_ignores_stays_ignored(rendered, tmp_path):
     note.unlink(missing_ok=True)
     mark = f"uavbench-mark-nohup-{tmp_path.name}"
     code = "import os, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); os.execv(sys.argv[1], sys.argv[1:])"
-    command = [sys.executable, "-m", "bench.cli", "track", str(suite), "--out", str(out), "--jobs", "2"]
+    command = [sys.executable, "-m", "uavbench.bench.cli.main", "track", str(suite), "--out", str(out), "--jobs", "2"]
     main = subprocess.Popen(
         [sys.executable, "-c", code, *command],
         env={**os.environ, "UAVBENCH_MARK": mark, "TMPDIR": str(tmp_path)},

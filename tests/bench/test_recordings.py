@@ -7,20 +7,20 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.check import TRIAL
-from bench.config import load_suite
-from reports.recorded import RecordedRun, edges_met, longest_gap_s, score_recorded
-from scenes.cao import write_cao
-from scenes.sequence import Sequence
 from tests.bench.test_end_to_end import uavbench
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
-from tracker.base import TrackResult
-from tracker.recording import VISP_CUBE, Files, RecordingSpec, VispCube, record
-from tracker.results import Results
-from tracker.run import track_sequence
-from tracker.variants import TRACKERS
-from trajectories.errors import UserError
-from trajectories.pose import Pose, rotation_log
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.recorded_score import RecordedRun, edges_met, longest_gap_s, score_recorded
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.model_files.cao import write_cao
+from uavbench.tracker.images.recorded_sequence import VISP_CUBE, Files, RecordingSpec, VispCube, record
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.registry import TRACKERS
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose, rotation_log
 
 SUITE = """
 title = "Our own images"

@@ -28,7 +28,17 @@ hold = {{ kind = "hold" }}
 
 
 def start(suite: Path, out: Path, jobs: int) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "bench.cli", "render", str(suite), "--out", str(out), "--jobs", str(jobs)]
+    command = [
+        sys.executable,
+        "-m",
+        "uavbench.bench.cli.main",
+        "render",
+        str(suite),
+        "--out",
+        str(out),
+        "--jobs",
+        str(jobs),
+    ]
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     )

@@ -9,16 +9,16 @@ from dataclasses import astuple, replace
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from bench.config import load_suite
-from bench.estimate import dry_run, remember
-from bench.folder import clean_leftovers, suite_folder
-from bench.graph import Outcome
-from bench.jobs import plan
-from bench.made import Stamp
-from bench.shard import Shard
-from tracker.initial_pose import CoarseGuess, PickedPoints
-from trajectories.errors import UserError
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.runner.estimate import dry_run, remember
+from uavbench.bench.runner.graph import Outcome
+from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.output_folder import clean_leftovers, suite_folder
+from uavbench.bench.runner.shard import Shard
+from uavbench.bench.runner.written_files import Stamp
+from uavbench.tracker.initialization import CoarseGuess, PickedPoints
+from uavbench.trajectories.errors import UserError
 
 SUITE = """
 title = "Many"
@@ -107,9 +107,9 @@ def test_leftovers_go_on_every_level_and_what_a_user_has_there_stays(tmp_path):
 START = """
 import sys
 from pathlib import Path
-from bench.config import load_suite
-from bench.folder import clean_leftovers, suite_folder
-from bench.shard import Shard
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.runner.output_folder import clean_leftovers, suite_folder
+from uavbench.bench.runner.shard import Shard
 suite, number, folder = load_suite(Path(sys.argv[1])), int(sys.argv[2]), Path(sys.argv[3])
 print("ready", flush=True)
 sys.stdin.read()

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from bench.speed_table import SPEED, Verdict, against, table
+from uavbench.bench.speed.table import SPEED, Verdict, against, table
 
 
 def test_goals():

@@ -5,13 +5,13 @@ import sys
 
 import pytest
 
-from bench.inventory import registered
-from bench.plugins import PLUGINS
+from uavbench.bench.config.inventory import registered
+from uavbench.bench.config.plugins import PLUGINS
 
 HEAVY = {"tracker", "scenes", "reports", "numba", "mujoco", "numpy", "scipy", "matplotlib", "pandas", "pydantic", "cv2"}
 CODE = """
 import sys
-from bench.cli import main
+from uavbench.bench.cli.main import main
 try:
     main({arguments}) if {arguments} is not None else None
 except SystemExit as end:

@@ -7,24 +7,24 @@ import shutil
 
 import pytest
 
-from bench.check import TRIAL
-from bench.config import load_suite, load_tracker
-from bench.config_paths import FREE
-from bench.external_job import write_frames
-from bench.gate_baseline import read_baseline
-from reports.score import Score
-from scenes.camera import Camera
-from scenes.exports import export
-from scenes.mesh_file import read as read_mesh
-from scenes.sequence import Sequence, inside
-from tracker.initial_pose import read_init
-from tracker.results import Results
-from trajectories.airframe_file import read_airframe
-from trajectories.airframes import Crazyflie
-from trajectories.errors import UserError
-from trajectories.formats import read_trajectory
-from trajectories.mount import Mount
-from trajectories.paths_along import read_waypoints
+from uavbench.bench.config.suite import load_suite, load_tracker
+from uavbench.bench.external.job_folder import write_frames
+from uavbench.bench.gate.baseline import read_baseline
+from uavbench.bench.inputs.file_paths import FREE
+from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.scoring.score import Score
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import Sequence, inside
+from uavbench.scenes.exports.registry import export
+from uavbench.scenes.model_files.mesh_file import read as read_mesh
+from uavbench.tracker.initialization import read_init
+from uavbench.tracker.results import Results
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.along import read_waypoints
+from uavbench.trajectories.trajectory_files.formats import read_trajectory
+from uavbench.trajectories.vehicle.airframe_file import read_airframe
+from uavbench.trajectories.vehicle.airframes import Crazyflie
 
 SUITE = """
 title = "Files"

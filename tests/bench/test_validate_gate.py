@@ -5,8 +5,8 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from bench.validate_gate import main
-from bench.verbs import Where, bring_up_to
+from uavbench.bench.gate.validation import main
+from uavbench.bench.runner.commands import Where, bring_up_to
 
 pytestmark = pytest.mark.slow
 SUITE = """

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.config import load_suite
-from bench.external import External, track_external
-from scenes.generate import generate
-from scenes.sequence import Sequence
-from scenes.tables import read_table
-from tracker.base import TrackResult
-from tracker.run import track_sequence
-from trajectories.sensors import SENSORS
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.external.program import External, track_external
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.table_files import read_table
+from uavbench.scenes.generate import generate
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.sensors.registry import SENSORS
 
 SUITE = """
 title = "seen"

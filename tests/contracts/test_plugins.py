@@ -9,9 +9,9 @@ import pytest
 from annotated_types import Interval
 from pydantic import ValidationError
 
-from bench.content import content_hash
-from bench.models import build, model_of
-from bench.plugins import PLUGINS
+from uavbench.bench.config.plugin_models import build, model_of
+from uavbench.bench.config.plugins import PLUGINS
+from uavbench.bench.inputs.content_hash import content_hash
 
 ALL = [
     pytest.param(kind, cls, verb, id=f"{protocol.__name__}-{kind}")

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.check import TRIAL
-from bench.cli import main
-from bench.reference import main as reference
 from tests.bench.small_suites import small_suite
+from uavbench.bench.cli.main import main
+from uavbench.bench.reference import main as reference
+from uavbench.bench.trial.check import TRIAL
 
 SILENT = {"list", "schema", "verify", "peers list"}
 """Commands that write nothing."""

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from bench.config import load_suite
-from scenes.generate import generate
-from scenes.sequence import Sequence
-from tracker.base import ImageError
-from tracker.run import track_sequence
-from tracker.variants import TRACKERS
-from trajectories.streams import stream
+from uavbench.bench.config.suite import load_suite
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.generate import generate
+from uavbench.tracker.protocol import ImageError
+from uavbench.tracker.registry import TRACKERS
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.random_streams import stream
 
 SUITE = """
 title = "contract"

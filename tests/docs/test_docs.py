@@ -8,12 +8,12 @@ import tomllib
 import click
 import pytest
 
-from bench.cli import main
-from bench.config import load_suite
-from bench.external import External
-from bench.external_rows import FAULTS
-from bench.reference import commands, plugins
 from tests.docs.pages import PAGES, ROOT, blocks
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.external.program import External
+from uavbench.bench.external.rows import FAULTS
+from uavbench.bench.reference import commands, plugins
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)

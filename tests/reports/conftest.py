@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from reports.report import ReportEntry, write_report
-from reports.score import score
-from scenes.sequence import Sequence
 from tests.reports.drawn import make_sequence, track
+from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.scoring.score import score
+from uavbench.scenes.dataset.sequence import Sequence
 
 
 @pytest.fixture(scope="session")

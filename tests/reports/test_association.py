@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from reports.association import NS, PosePairs, associate, nearest_to_shorter, one_to_one
-from trajectories.errors import UserError
-from trajectories.pose import Array
-from trajectories.trajectory import Trajectory
+from uavbench.reports.metrics.association import NS, PosePairs, associate, nearest_to_shorter, one_to_one
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.trajectory import Trajectory
 
 
 def trajectory(stamps_s: Array, seed: int = 0) -> Trajectory:

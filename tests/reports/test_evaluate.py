@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.evaluate import MODES, Options, evaluate, evaluate_files
-from reports.rpe import Stretch
-from trajectories.errors import UserError
-from trajectories.formats import write_euroc, write_kitti
-from trajectories.pose import Pose
-from trajectories.trajectory import Trajectory
+from uavbench.reports.evaluation.evaluate import MODES, Options, evaluate, evaluate_files
+from uavbench.reports.metrics.rpe import Stretch
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import write_euroc, write_kitti
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "evo"
 REFERENCE, ESTIMATE = GOLDEN / "A_orbit_gt.tum", GOLDEN / "A_orbit_est.tum"

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.flight_figure import flight, frustum, gnss_along
-from reports.style import house_style
 from tests.reports.drawn import make_sequence
+from uavbench.reports.figures.flight import flight, frustum, gnss_along
+from uavbench.reports.style import house_style
 
 
 def test_a_flight_is_drawn_the_same_twice_with_and_without_gnss(tmp_path: Path) -> None:

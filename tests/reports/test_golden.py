@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.align import align, alignment
-from reports.ape import absolute_errors
-from reports.association import PosePairs, associate
-from reports.rpe import Stretch, relative_errors, stretches
-from reports.segments import rpg_lengths, segment_errors
-from reports.summary import ErrorSummary
 from tests.golden.evo import make
-from trajectories.trajectory import Trajectory
+from uavbench.reports.metrics.align import align, alignment
+from uavbench.reports.metrics.ape import absolute_errors
+from uavbench.reports.metrics.association import PosePairs, associate
+from uavbench.reports.metrics.rpe import Stretch, relative_errors, stretches
+from uavbench.reports.metrics.sub_trajectories import rpg_lengths, segment_errors
+from uavbench.reports.metrics.summary_statistics import ErrorSummary
+from uavbench.trajectories.trajectory import Trajectory
 
 FOLDER = Path(__file__).parents[1] / "golden" / "evo"
 ROUND_OFF = 2e-14

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from reports.align import Similarity, align, alignment, umeyama, yaw_alignment
-from reports.ape import absolute_errors, pose_error_sizes
-from reports.association import NS, PosePairs
-from reports.rpe import (
+from uavbench.reports.metrics.align import Similarity, align, alignment, umeyama, yaw_alignment
+from uavbench.reports.metrics.ape import absolute_errors, pose_error_sizes
+from uavbench.reports.metrics.association import NS, PosePairs
+from uavbench.reports.metrics.rpe import (
     BLOCK,
     Stretch,
     motion_error_sizes,
@@ -15,8 +15,8 @@ from reports.rpe import (
     relative_motion_errors,
     stretches,
 )
-from trajectories.errors import UserError
-from trajectories.pose import Array
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array
 
 RNG = np.random.default_rng
 
@@ -177,9 +177,9 @@ def test_stretches_of_turning(unit: str, delta: float) -> None:
 
 def test_too_many_stretches_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = turning([0.0, 30.0, 60.0, 90.0])
-    monkeypatch.setattr("reports.rpe.MAX_PAIRS", 3)
+    monkeypatch.setattr("uavbench.reports.metrics.rpe.MAX_PAIRS", 3)
     assert len(rows(pairs, 30.0, "deg", True)) == 3
-    monkeypatch.setattr("reports.rpe.MAX_PAIRS", 2)
+    monkeypatch.setattr("uavbench.reports.metrics.rpe.MAX_PAIRS", 2)
     with pytest.raises(UserError, match="more than 2 pairs"):
         rows(pairs, 30.0, "deg", True)
 

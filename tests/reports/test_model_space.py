@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reports.bounds import edge_bounds
-from reports.model_space import add, box_symmetries, edge_reprojection, model_space, mspd, mssd
-from reports.uncertainty import component_sigmas, consistency, euler_zyx, nees
-from scenes.camera import Camera
-from scenes.sequence import Sequence
-from scenes.structure import Structure
 from tests.reports.drawn import box, results_of, true_rows
-from tracker.base import TrackResult
-from tracker.control_points import control_points
-from tracker.visible_edges import pinhole, visible_edges
-from trajectories.pose import Pose
+from uavbench.reports.metrics.model_space import add, box_symmetries, edge_reprojection, model_space, mspd, mssd
+from uavbench.reports.metrics.nees import component_sigmas, consistency, euler_zyx, nees
+from uavbench.reports.scoring.crlb_ratio import edge_bounds
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.shang_shen.control_points import control_points
+from uavbench.tracker.visible_edges import pinhole, visible_edges
+from uavbench.trajectories.pose import Pose
 
 CAMERA = Camera.from_field_of_view(320, 240, 70)
 TRUTH = Pose(np.eye(3), [0, 0, 3.0])

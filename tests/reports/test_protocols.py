@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.protocols import (
+from tests.reports.drawn import RATE_HZ, results_of, true_rows
+from uavbench.reports.protocols.restarting import (
     Restarted,
     accuracy,
     expected_error,
@@ -14,15 +15,14 @@ from reports.protocols import (
     run_from_anchors,
     run_with_resets,
 )
-from reports.score import Score, score
-from scenes.camera import Camera
-from scenes.sequence import Sequence
-from scenes.structure import Structure
-from tests.reports.drawn import RATE_HZ, results_of, true_rows
-from tracker.base import Image, Run, TrackResult
-from tracker.hold import Hold
-from trajectories.errors import UserError
-from trajectories.pose import Pose
+from uavbench.reports.scoring.score import Score, score
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.baselines.hold import Hold
+from uavbench.tracker.protocol import Image, Run, TrackResult
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from reports.report import ReportEntry, write_report
-from reports.style import COLOURS, PNG_DPI
-from trajectories.errors import UserError
+from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.style import COLOURS, PNG_DPI
+from uavbench.trajectories.errors import UserError
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from reports.report import ReportEntry
-from reports.rerun_export import write_rrd
-from reports.runs import open_runs
-from trajectories.errors import UserError
+from uavbench.reports.page.rerun_export import write_rrd
+from uavbench.reports.report import ReportEntry
+from uavbench.reports.scoring.runs import open_runs
+from uavbench.trajectories.errors import UserError
 
 
 def test_a_recording_or_a_clear_error(entries: list[ReportEntry], tmp_path: Path) -> None:

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.score import Score, score
-from scenes.crlb import write_bounds
-from scenes.sequence import Sequence
 from tests.reports.drawn import RATE_HZ, make_sequence, results_of, track, true_rows
-from tracker.base import TrackResult
-from tracker.results import Results
-from trajectories.errors import UserError
-from trajectories.pose import Pose
+from uavbench.reports.scoring.score import Score, score
+from uavbench.scenes.dataset.crlb import write_bounds
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.results import Results
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
 
 LOST = TrackResult(status="lost")
 

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.check import TRIAL
-from reports import figures_statistics
-from reports.runs import open_runs
-from reports.score import Score, score
-from scenes.sequence import Sequence
-from tracker.base import TrackResult
-from tracker.results import Results
-from tracker.run import track_frame
-from trajectories.pose import Pose
+from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.figures import distributions as figures_statistics
+from uavbench.reports.scoring.runs import open_runs
+from uavbench.reports.scoring.score import Score, score
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import track_frame
+from uavbench.trajectories.pose import Pose
 
 BAD = 3
 """The frame of which something is said that cannot be."""

@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import friedmanchisquare, norm, t
 
-from reports.attributes import ATTRIBUTES, breakdown, breakdowns
-from reports.runs import ScoredRun
-from reports.score import score
-from reports.statistics import (
+from tests.reports.drawn import RATE_HZ, track
+from uavbench.reports.scoring.attributes import ATTRIBUTES, breakdown, breakdowns
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.score import score
+from uavbench.reports.statistics.bootstrap import (
     Bootstrap,
     Ranks,
     compare,
@@ -24,9 +25,8 @@ from reports.statistics import (
     ranks,
     sign_flip_p,
 )
-from scenes.sequence import Sequence
-from tests.reports.drawn import RATE_HZ, track
-from trajectories.errors import UserError
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.trajectories.errors import UserError
 
 UNTOLD = {"blur", "occlusion"}
 """Attributes of which the drawn sequence knows nothing: it has neither a config nor a truth of its edges."""

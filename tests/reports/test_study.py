@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.attributes import blur_px, occlusion
-from reports.report import ReportEntry, write_report
-from reports.runs import ScoredRun
-from reports.score import Score, score
-from reports.style import house_style
-from reports.sweeps import draw_sweep, swept
-from reports.tables import COLUMNS, summary_table
-from reports.tables_latex import latex
-from reports.tables_write import markdown
-from scenes.frame_truth import EDGE_COLUMNS, edges_file
-from scenes.sequence import Sequence
 from tests.reports.drawn import make_sequence, results_of, true_rows
-from tracker.base import TrackResult
-from tracker.results import Results
-from tracker.visible_edges import visible_edges
-from trajectories.errors import UserError
+from uavbench.reports.figures.sweeps import draw_sweep, swept
+from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.scoring.attributes import blur_px, occlusion
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.score import Score, score
+from uavbench.reports.style import house_style
+from uavbench.reports.tables.latex import latex
+from uavbench.reports.tables.summary_table import COLUMNS, summary_table
+from uavbench.reports.tables.writers import markdown
+from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, edges_file
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.results import Results
+from uavbench.tracker.visible_edges import visible_edges
+from uavbench.trajectories.errors import UserError
 
 LOST = TrackResult(status="lost")
 

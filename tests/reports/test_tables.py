@@ -11,13 +11,22 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from reports.score import Score
-from reports.tables import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS, Column, Table, details, summary_table
-from reports.tables_latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
-from reports.tables_write import heads, markdown, write_summary, write_table, write_tables
 from tests.bench.drawn_scores import make_score, summary
-from trajectories.errors import UserError
+from uavbench.bench.cli.main import main
+from uavbench.reports.scoring.score import Score
+from uavbench.reports.tables.latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
+from uavbench.reports.tables.summary_table import (
+    COLUMNS,
+    DETAILS,
+    ONE_COLUMN,
+    TWO_COLUMNS,
+    Column,
+    Table,
+    details,
+    summary_table,
+)
+from uavbench.reports.tables.writers import heads, markdown, write_summary, write_table, write_tables
+from uavbench.trajectories.errors import UserError
 
 
 def run(label: str, cm: float, *, seed: int = 0, sequence: str = "box", rate_hz: float = 15.0, **more: float) -> Score:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from reports.uncertainty import component_sigmas, consistency, euler_zyx, nees
-from scenes.sequence import Sequence
 from tests.reports.drawn import results_of, true_rows
-from tracker.base import TrackResult
-from tracker.results import Results
-from trajectories.pose import Array, Pose
+from uavbench.reports.metrics.nees import component_sigmas, consistency, euler_zyx, nees
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.results import Results
+from uavbench.trajectories.pose import Array, Pose
 
 MOUNT = Pose.exp(np.array([0.3, -0.2, 0.5, 1.1, -0.7, 0.4]))
 """cam_from_body far from the middle of the body, and turned about all axes."""

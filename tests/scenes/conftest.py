@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from scenes.camera import Camera
-from scenes.meshes import box, panel
-from scenes.parts import Light, Part
-from trajectories.pose import Pose
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.primitives.meshes import box, panel
+from uavbench.scenes.renderables import Light, Part
+from uavbench.trajectories.pose import Pose
 
 FLAT_LIGHT = Light(
     to_lamp=(0.0, 0.0, 1.0), lamp=(0.0, 0.0, 0.0), above=(1.0, 1.0, 1.0), below=(1.0, 1.0, 1.0), shadow_map=False

@@ -4,15 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes.calibrate import calibrate, write_coverage
-from scenes.camera import Camera
-from scenes.checkerboard import Checkerboard
-from scenes.light import encode
-from scenes.render import Renderer
-from scenes.source import make_source, render_camera
 from tests.scenes.conftest import FLAT_LIGHT, looking
-from trajectories.errors import UserError
-from trajectories.pose import Pose, rotation_exp
+from uavbench.scenes.calibration import calibrate, write_coverage
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering.camera_simulator import make_source, render_camera
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.structures.checkerboard import Checkerboard
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose, rotation_exp
 
 BOARD = Checkerboard(square_m=0.025, lift_m=0.0)
 

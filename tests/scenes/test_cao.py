@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from scenes.box import Box
-from scenes.building import Building
-from scenes.cao import face_polygon, read_cao, write_cao
-from scenes.model_parts import parts_of
-from scenes.structure import Structure
-from scenes.truss import Truss
-from trajectories.errors import UserError
+from uavbench.scenes.model_files.cao import face_polygon, read_cao, write_cao
+from uavbench.scenes.model_files.referenced_files import parts_of
+from uavbench.scenes.structure import Structure
+from uavbench.scenes.structures.box import Box
+from uavbench.scenes.structures.building import Building
+from uavbench.scenes.structures.truss import Truss
+from uavbench.trajectories.errors import UserError
 
 
 def area(vertices, triangles):

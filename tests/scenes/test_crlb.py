@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from scenes.camera import Camera
-from scenes.crlb import FrameBounds, bound, directions, finer, information, jacobian, light_variance
-from scenes.generate import camera_path, generate
-from scenes.light import Radiance, decode, encode
-from scenes.scene import build_scene
-from scenes.sensor import AutoExposure, Noise, Quantization
-from scenes.sequence import Sequence, file_hash
-from scenes.source import Source, View, light_of, through_lens
-from scenes.spec import CameraSpec
-from scenes.studio import Studio
 from tests.scenes.test_generate import SPEC
-from trajectories.flight import fly
-from trajectories.mount import Mount
-from trajectories.pose import Pose
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.crlb import FrameBounds, bound, directions, finer, information, jacobian, light_variance
+from uavbench.scenes.dataset.sequence import Sequence, file_hash
+from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization
+from uavbench.scenes.generate import camera_path, generate
+from uavbench.scenes.rendering.camera_simulator import Source, View, light_of, through_lens
+from uavbench.scenes.rendering.radiance import Radiance, decode, encode
+from uavbench.scenes.scene import build_scene
+from uavbench.scenes.spec import CameraSpec
+from uavbench.scenes.world.studio import Studio
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.simulation.flight import fly
 
 FX_PX, DEPTH_M, SOFTNESS_PX, CONTRAST = 500.0, 2.0, 1.3, 0.4
 

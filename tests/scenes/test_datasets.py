@@ -7,23 +7,23 @@ import numpy as np
 import pytest
 from evo.tools import file_interface
 
-from scenes.box import Box
-from scenes.contact_sheet import LEGEND_PX, write_contact_sheet
-from scenes.exports import camera_truth, export
-from scenes.exposure import RollingShutter
-from scenes.frame_truth import EDGE_COLUMNS, load_edges, read_depth
-from scenes.generate import generate
-from scenes.indoor import Indoor
-from scenes.sequence import Sequence, write_manifest
-from scenes.spec import CameraSpec, SequenceSpec
-from scenes.verify import compare, verify
-from trajectories.errors import UserError
-from trajectories.flight import FlightSpec
-from trajectories.formats import read_euroc, read_kitti, read_tum
-from trajectories.hand_pilot import HandPilot
-from trajectories.mount import Mount
-from trajectories.sensors import SENSORS
-from trajectories.trajectory import Trajectory
+from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, load_edges, read_depth
+from uavbench.scenes.dataset.contact_sheet import LEGEND_PX, write_contact_sheet
+from uavbench.scenes.dataset.sequence import Sequence, write_manifest
+from uavbench.scenes.dataset.verify import compare, verify
+from uavbench.scenes.effects.exposure import RollingShutter
+from uavbench.scenes.exports.registry import camera_truth, export
+from uavbench.scenes.generate import generate
+from uavbench.scenes.spec import CameraSpec, SequenceSpec
+from uavbench.scenes.structures.box import Box
+from uavbench.scenes.world.indoor import Indoor
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.sensors.registry import SENSORS
+from uavbench.trajectories.simulation.flight import FlightSpec
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import read_euroc, read_kitti, read_tum
 
 SPEC = SequenceSpec(
     name="data",

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from scenes.camera import Camera
-from scenes.frame_truth import EDGE_COLUMNS, visible_edges
-from scenes.light import encode
-from scenes.meshes import box
-from scenes.parts import Part
-from scenes.render import Renderer
-from scenes.source import make_source, render_camera, sample
-from scenes.structure import Structure
 from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, visible_edges
+from uavbench.scenes.primitives.meshes import box
+from uavbench.scenes.renderables import Part
+from uavbench.scenes.rendering.camera_simulator import make_source, render_camera, sample
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.structure import Structure
 
 REACH_PX, FAR_PX = 6.0, 3.0
 """How far across an edge the light is gathered, and beyond what distance it is that of one side alone."""

@@ -4,18 +4,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenes.camera import Camera
-from scenes.effects import EFFECTS
-from scenes.exposure import MotionBlur, RollingShutter
-from scenes.generate import with_effects
-from scenes.light import CODES, LIGHT, Radiance, decode, encode
-from scenes.link import AnalogLink, Drops, Jpeg
-from scenes.render import Renderer
-from scenes.sensor import AutoExposure, Noise, Quantization, Vignetting
-from scenes.source import Source, make_source, render_camera
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
-from trajectories.errors import UserError
-from trajectories.pose import Pose, rotation_exp
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
+from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting
+from uavbench.scenes.effects.link import AnalogLink, Drops, Jpeg
+from uavbench.scenes.effects.registry import EFFECTS
+from uavbench.scenes.generate import with_effects
+from uavbench.scenes.rendering.camera_simulator import Source, make_source, render_camera
+from uavbench.scenes.rendering.radiance import CODES, LIGHT, Radiance, decode, encode
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose, rotation_exp
 
 SMALL = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
 

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes.camera import Camera
-from scenes.exports import EXPORTS, camera_truth, export
-from scenes.sequence import TRUTH_COLUMNS, Sequence
 from tests.reports.drawn import CAM_FROM_BODY, make_sequence
-from trajectories.errors import UserError
-from trajectories.pose import Array, Pose
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence
+from uavbench.scenes.exports.registry import EXPORTS, camera_truth, export
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array, Pose
 
 FRAMES = 4
 MOUNT = Pose.exp(np.array([0.05, -0.02, 0.1, 0.1, -0.2, 0.05])) @ CAM_FROM_BODY

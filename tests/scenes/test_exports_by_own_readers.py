@@ -1,6 +1,6 @@
 """Every number of every export, read by readers of this file's own, is that of the suite, the camera and the flight.
 
-Nothing of the exporters, of `Sequence` or of `trajectories.formats` is used here: what is expected is made from the
+Nothing of the exporters, of `Sequence` or of `trajectory_files.formats` is used here: what is expected is made from the
 TOML and the CSV, JSON and PNG files of the dataset.
 """
 
@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.config import load_suite
-from scenes.exports import EXPORTS, export
-from scenes.generate import generate
-from scenes.sequence import Sequence
-from trajectories.errors import UserError
+from uavbench.bench.config.suite import load_suite
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.exports.registry import EXPORTS, export
+from uavbench.scenes.generate import generate
+from uavbench.trajectories.errors import UserError
 
 HEAD = 'title = "t"\nseeds = [4]\nrates_hz = [5.0]\n[trackers]\nhold = { kind = "hold" }\n'
 PATH = 'kind = "orbit", distance_m = 0.9, height_m = 1.0, turns = 0.02, speed_m_s = 0.5, acceleration_m_s2 = 3.0'

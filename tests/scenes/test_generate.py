@@ -5,18 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.box import Box
-from scenes.exposure import MotionBlur
-from scenes.generate import camera_path, generate
-from scenes.indoor import Indoor
-from scenes.sensor import Noise
-from scenes.sequence import Sequence, file_hash
-from scenes.spec import CameraSpec, SequenceSpec
-from trajectories.errors import UserError
-from trajectories.flight import Flight, FlightSpec
-from trajectories.hand_pilot import HandPilot
-from trajectories.mount import Mount
-from trajectories.pose import Pose
+from uavbench.scenes.dataset.sequence import Sequence, file_hash
+from uavbench.scenes.effects.exposure import MotionBlur
+from uavbench.scenes.effects.image_sensor import Noise
+from uavbench.scenes.generate import camera_path, generate
+from uavbench.scenes.spec import CameraSpec, SequenceSpec
+from uavbench.scenes.structures.box import Box
+from uavbench.scenes.world.indoor import Indoor
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.simulation.flight import Flight, FlightSpec
 
 SPEC = SequenceSpec(
     name="small",
@@ -106,7 +106,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, monkeypatch: pyt
     def full(path: Path, image: object) -> None:
         Path("/dev/full").write_bytes(b"x")
 
-    monkeypatch.setattr("scenes.generate._write_image", full)
+    monkeypatch.setattr("uavbench.scenes.generate._write_image", full)
     with pytest.raises(UserError, match=r"full: cannot be written: No space left on device"):
         generate(SPEC, tmp_path / "full", content_hash="abc")
     assert list(tmp_path.iterdir()) == []

@@ -9,8 +9,8 @@ import pytest
 
 CODE = """
 import sys
-from scenes import gl
-from trajectories.errors import UserError
+from uavbench.scenes import gl
+from uavbench.trajectories.errors import UserError
 try:
     gl.context()
 except UserError as error:
@@ -44,7 +44,7 @@ WITH_OSMESA = pytest.param(
 
 @pytest.mark.parametrize("platform", ["egl", WITH_OSMESA])
 def test_the_platform_asked_for_is_the_one_used(platform: str) -> None:
-    code = "from scenes import gl; print(gl.name(), gl.version())"
+    code = "from uavbench.scenes.rendering import context; print(context.name(), context.version())"
     process = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, "UAVBENCH_GL": platform},

@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes.camera import Camera
-from scenes.contact_sheet import GREEN, with_edges
-from scenes.hidden_lines import seen_parts
-from scenes.meshes import box
-from scenes.sequence import Sequence
-from scenes.structure import Structure
 from tests.reports.drawn import make_sequence
 from tests.scenes.conftest import looking
-from tracker.base import TrackResult
-from tracker.overlay import draw_edges
-from tracker.visible_edges import seen_edges_px
-from trajectories.pose import Array
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.contact_sheet import GREEN, with_edges
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.hidden_lines import seen_parts
+from uavbench.scenes.primitives.meshes import box
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.overlay import draw_edges
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.visible_edges import seen_edges_px
+from uavbench.trajectories.pose import Array
 
 CAMERA = Camera.from_field_of_view(320, 240, 60.0)
 

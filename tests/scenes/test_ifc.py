@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.mesh_file import MeshFile
-from trajectories.errors import UserError
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.trajectories.errors import UserError
 
 STEP = """ISO-10303-21;
 HEADER;

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bench.check import TRIAL
-from scenes.calibrate import calibrate
-from scenes.images import KINDS, load_image, open_video
-from scenes.mesh_file import read as read_mesh
-from scenes.sequence import Sequence, read_image
-from trajectories.errors import UserError
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.calibration import calibrate
+from uavbench.scenes.dataset.sequence import Sequence, read_image
+from uavbench.scenes.image_files import KINDS, load_image, open_video
+from uavbench.scenes.model_files.mesh_file import read as read_mesh
+from uavbench.trajectories.errors import UserError
 
 SIDE = 30_000
 """Pixels: 900 million, 2.7 GB decoded."""
@@ -112,8 +112,8 @@ def test_a_bomb_takes_no_memory(tmp_path):
     """In a process of its own, whose address space a decoded bomb would not fit in."""
     (tmp_path / "a.png").write_bytes(bomb_png())
     code = (
-        "import resource, sys; from pathlib import Path; from scenes.images import load_image\n"
-        "from trajectories.errors import UserError\n"
+        "import resource, sys; from pathlib import Path; from uavbench.scenes.image_files import load_image\n"
+        "from uavbench.trajectories.errors import UserError\n"
         "used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
         "try: load_image(Path(sys.argv[1]))\n"
         "except UserError: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - used)\n"

@@ -9,16 +9,16 @@ import pytest
 import trimesh
 from PIL import Image
 
-from scenes import mesh_checks
-from scenes.generate import generate
-from scenes.mesh_file import MeshFile
-from scenes.outdoor import Outdoor
-from scenes.parts import BuiltStructure
-from scenes.sequence import Sequence
-from scenes.spec import CameraSpec, SequenceSpec
-from trajectories.errors import UserError
-from trajectories.flight import FlightSpec
-from trajectories.paths import PATHS
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.generate import generate
+from uavbench.scenes.model_files import mesh_checks
+from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.renderables import BuiltStructure
+from uavbench.scenes.spec import CameraSpec, SequenceSpec
+from uavbench.scenes.world.outdoor import Outdoor
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.registry import PATHS
+from uavbench.trajectories.simulation.flight import FlightSpec
 
 CUBE_CAO = """V1
 # 3D Points

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from scenes import noise
+from uavbench.scenes.materials import procedural_texture as noise
 
 
 def rng() -> np.random.Generator:

@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenes.camera import Camera
-from scenes.light import RENDERED, decode, encode
-from scenes.parts import Light, Mover
-from scenes.render import Renderer
-from scenes.shadow import split_by_lamp
 from tests.scenes.conftest import FLAT_LIGHT, grey_wall, looking, white_box
-from trajectories.pose import Pose, rotation_exp
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.renderables import Light, Mover
+from uavbench.scenes.rendering.radiance import RENDERED, decode, encode
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.rendering.shadows import split_by_lamp
+from uavbench.trajectories.pose import Pose, rotation_exp
 
 
 def edge_column(row: np.ndarray) -> float:

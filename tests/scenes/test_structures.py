@@ -3,29 +3,29 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from scenes.as_built import Deviation
-from scenes.box import Box
-from scenes.bridge import Bridge
-from scenes.building import Building
-from scenes.camera import Camera
-from scenes.checkerboard import Checkerboard
-from scenes.clutter import CLUTTER
-from scenes.environments import ENVIRONMENTS
-from scenes.indoor import Indoor
-from scenes.mesh_checks import closedness
-from scenes.outdoor import Outdoor
-from scenes.parts import Mover
-from scenes.placing import ring_places
-from scenes.scene import build_scene
-from scenes.solids import ear_clip
-from scenes.spec import SequenceSpec
-from scenes.structures import STRUCTURES
-from scenes.studio import Studio
-from scenes.truss import Truss
-from scenes.wall import Wall
 from tests.scenes.conftest import looking
-from trajectories.flight import FlightSpec
-from trajectories.hand_pilot import HandPilot
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.clutter.placing import ring_places
+from uavbench.scenes.clutter.registry import CLUTTER
+from uavbench.scenes.model_files.mesh_checks import closedness
+from uavbench.scenes.primitives.solids import ear_clip
+from uavbench.scenes.renderables import Mover
+from uavbench.scenes.scene import build_scene
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.structures.as_built import Deviation
+from uavbench.scenes.structures.box import Box
+from uavbench.scenes.structures.bridge import Bridge
+from uavbench.scenes.structures.building import Building
+from uavbench.scenes.structures.checkerboard import Checkerboard
+from uavbench.scenes.structures.registry import STRUCTURES
+from uavbench.scenes.structures.truss import Truss
+from uavbench.scenes.structures.wall import Wall
+from uavbench.scenes.world.indoor import Indoor
+from uavbench.scenes.world.outdoor import Outdoor
+from uavbench.scenes.world.registry import ENVIRONMENTS
+from uavbench.scenes.world.studio import Studio
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.simulation.flight import FlightSpec
 
 PARAMETRIC = [name for name in STRUCTURES if name != "mesh"]
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from tracker.base import TrackResult
-from tracker.fusion.state import STANDARD_GRAVITY_M_S2
-from trajectories.pose import Pose, rotation_exp, rotation_log
+from uavbench.tracker.fusion.state import STANDARD_GRAVITY_M_S2
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.pose import Pose, rotation_exp, rotation_log
 
 CAM_FROM_BODY = Pose(np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]), np.array([0.02, -0.01, 0.05]))
 SIZE_M, SWING_RAD = np.array([2.0, 1.0, 0.3]), np.array([0.2, 0.15, 0.8])

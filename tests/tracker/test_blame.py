@@ -7,23 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from bench.check import TRIAL, check
-from bench.graph import Job, Outcome
-from bench.verbs import count_failed_trackers
-from bench.works import Track
-from reports.protocols import run_from_anchors
-from scenes.sequence import Sequence
-from tracker.base import TrackResult
-from tracker.run import track_sequence
-from trajectories.errors import UserError
-from trajectories.pose import Pose
+from uavbench.bench.runner.commands import count_failed_trackers
+from uavbench.bench.runner.graph import Job, Outcome
+from uavbench.bench.runner.tasks import Track
+from uavbench.bench.trial.check import TRIAL, check
+from uavbench.reports.protocols.restarting import run_from_anchors
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
 
 MODULE = """
 import sys
 from dataclasses import dataclass
 import numpy as np
-from tracker.base import TrackResult
-from trajectories.pose import Pose
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.pose import Pose
 
 @dataclass(frozen=True)
 class Mine:
@@ -75,7 +75,10 @@ def errors(tracker, sequence):
         ("helper(image)", f"LinAlgError: Singular matrix (my_tracker.py:{LINE['helper']} in helper)"),
         ("sys.exit(3)", f"SystemExit: 3 (my_tracker.py:{LINE['track']} in track)"),
         ("raise ValueError('a\\x1b[31m\\nb')", "ValueError: a\\x1b[31m b (my_tracker.py"),
-        ("return None", f"[no-result] track returned None, not a tracker.base.TrackResult (my_tracker.py:{20}"),
+        (
+            "return None",
+            f"[no-result] track returned None, not a uavbench.tracker.protocol.TrackResult (my_tracker.py:{20}",
+        ),
         ("return self.pose", "[no-result] track returned Pose,"),
         ("return 'ok'", "[no-result] track returned str,"),
         ("return TrackResult(status='fine')", "[bad-result] the status 'fine' is none of ok, lost"),

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tracker.common_errors import ALIKE_S, CommonErrors
-from tracker.map_kernels import adjoint, pinned
-from trajectories.pose import Pose
+from uavbench.tracker.robust.solver.bias_kernels import adjoint, pinned
+from uavbench.tracker.robust.solver.nuisance_biases import ALIKE_S, CommonErrors
+from uavbench.trajectories.pose import Pose
 
 EDGES, POINTS = 7, 12
 SURE = np.eye(6) * 1e18
@@ -41,7 +41,7 @@ def test_a_twist_in_the_world_is_the_same_motion_as_its_adjoint_of_the_camera():
 
 
 def test_the_arrow_is_solved_as_the_whole_system_is(monkeypatch):
-    monkeypatch.setattr("tracker.common_errors.FORGET", 0.0)
+    monkeypatch.setattr("uavbench.tracker.robust.solver.nuisance_biases.FORGET", 0.0)
     rng = np.random.default_rng(2)
     common, spread = CommonErrors(EDGES), np.full(EDGES, 0.2**2)
     prior, first, second = np.diag(rng.uniform(1e3, 1e4, 6)), a_pose(rng), a_pose(rng)
@@ -85,7 +85,7 @@ def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():
 
 @pytest.mark.parametrize("offset_px", [0.0, 0.3])
 def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px, monkeypatch):
-    monkeypatch.setattr("tracker.common_errors.FORGET", 0.02)
+    monkeypatch.setattr("uavbench.tracker.robust.solver.nuisance_biases.FORGET", 0.02)
     rng = np.random.default_rng(3)
     common, spread = CommonErrors(EDGES), np.full(EDGES, 0.3**2)
     offsets = offset_px * rng.choice([-1.0, 1.0], EDGES)

@@ -14,12 +14,12 @@ from tests.tracker.flown_imu import (
     velocity,
     world_from_body,
 )
-from tracker.base import TrackResult
-from tracker.fusion.fusion_kernels import propagate, rotation
-from tracker.fusion.measurements import CameraPose, Height, OpticalFlow, Position
-from tracker.fusion.state import STANDARD_GRAVITY_M_S2, Estimate, FusionConfig
-from tracker.fusion.vehicle_filter import VehicleFilter
-from trajectories.pose import Pose, rotation_log
+from uavbench.tracker.fusion.kernels import propagate, rotation
+from uavbench.tracker.fusion.measurements import CameraPose, Height, OpticalFlow, Position
+from uavbench.tracker.fusion.state import STANDARD_GRAVITY_M_S2, Estimate, FusionConfig
+from uavbench.tracker.fusion.vehicle_filter import VehicleFilter
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.pose import Pose, rotation_log
 
 SIGMAS = np.array([0.01] * 3 + [0.005] * 3)
 CAMERA_COVARIANCE = np.diag(SIGMAS**2)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown, pose_error
-from tracker.light import Stretch, light_change
-from tracker.robust import Robust
+from uavbench.tracker.robust.preprocessing.gain_offset import Stretch, light_change
+from uavbench.tracker.robust.tracker import Robust
 
 STEP_NS = 66_666_667
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tracker.noise import ALLOWED, noise_level, smoothed
+from uavbench.tracker.robust.preprocessing.denoising import ALLOWED, noise_level, smoothed
 
 
 def scene(sigma, channels=3, seed=0):

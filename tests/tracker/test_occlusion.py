@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tracker.occlusion_kernels import LEAF_TRIANGLES, MARGIN, build_tree, hidden
+from uavbench.tracker.robust.edges.hidden_line_kernels import LEAF_TRIANGLES, MARGIN, build_tree, hidden
 
 EYE = np.zeros(3)
 WALL = np.array([[[-1.0, -1.0, 2.0], [1.0, -1.0, 2.0], [-1.0, 1.0, 2.0]]])

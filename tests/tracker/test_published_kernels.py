@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tracker.control_points import ControlPoints
-from tracker.published_kernels import cheapest, twists_of
-from tracker.search import MAX_CANDIDATES, search_segments
+from uavbench.tracker.shang_shen.control_points import ControlPoints
+from uavbench.tracker.shang_shen.edge_search import MAX_CANDIDATES, search_segments
+from uavbench.tracker.shang_shen.kernels import cheapest, twists_of
 
 
 @pytest.mark.parametrize("seed", range(4))

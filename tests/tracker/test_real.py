@@ -5,10 +5,17 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
-from tracker.initial_pose import INITIALIZATIONS, CoarseGuess, Known, PickedPoints, pose_from_points, read_init
-from tracker.real import in_order, track_images
-from tracker.variants import TRACKERS
-from trajectories.errors import UserError
+from uavbench.tracker.images.track_images import in_order, track_images
+from uavbench.tracker.initialization import (
+    INITIALIZATIONS,
+    CoarseGuess,
+    Known,
+    PickedPoints,
+    pose_from_points,
+    read_init,
+)
+from uavbench.tracker.registry import TRACKERS
+from uavbench.trajectories.errors import UserError
 
 BOX = box()
 POSES = orbit(6, seed=7)

@@ -5,17 +5,17 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes.model_files import save_structure
-from scenes.sequence import TRUTH_COLUMNS, Sequence, write_manifest
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
-from tracker.base import TrackResult
-from tracker.hold import Hold
-from tracker.results import Results
-from tracker.run import track_sequence
-from tracker.variants import TRACKERS
-from trajectories.errors import UserError
-from trajectories.pose import Pose
-from trajectories.trajectory import Trajectory
+from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.structure_files import save_structure
+from uavbench.tracker.baselines.hold import Hold
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.registry import TRACKERS
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.trajectory import Trajectory
 
 MOUNT = Pose([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0.01, 0.0, -0.02])
 

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from scenes.structure import Structure
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at, pose_error
-from tracker.edge_map import EdgeMap
-from tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
-from tracker.pose_search import PoseSearch, spread
-from tracker.robust import Robust
-from tracker.sampling_kernels import sample_edges
-from tracker.texture import Texture
-from tracker.weight_kernels import support
-from trajectories.errors import UserError
-from trajectories.pose import Pose
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
+from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
+from uavbench.tracker.robust.edges.weight_kernels import support
+from uavbench.tracker.robust.patches.patches import Texture
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, spread
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from scenes.structure import Structure
 from tests.tracker.synthetic import CAMERA, box, look_at
-from tracker.edge_fit import EdgeFitter
-from tracker.edge_map import EdgeMap
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 
 
 def cylinder(sides):

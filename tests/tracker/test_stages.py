@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, look_at
-from tracker.control_points import control_points
-from tracker.hypotheses import best_set, ransac
-from tracker.pose_update import normal_jacobian, prior_information, update_pose
-from tracker.search import Candidates, search_edge_pixels, search_gradient, search_segments
-from tracker.segments import detect_edge_pixels, detect_segments, grey
-from tracker.visible_edges import pinhole, visible_edges
-from trajectories.pose import Pose
+from uavbench.tracker.shang_shen.control_points import control_points
+from uavbench.tracker.shang_shen.edge_search import Candidates, search_edge_pixels, search_gradient, search_segments
+from uavbench.tracker.shang_shen.hypotheses import best_set, ransac
+from uavbench.tracker.shang_shen.pose_update import normal_jacobian, prior_information, update_pose
+from uavbench.tracker.shang_shen.segments import detect_edge_pixels, detect_segments, grey
+from uavbench.tracker.visible_edges import pinhole, visible_edges
+from uavbench.trajectories.pose import Pose
 
 BOX = box()
 POSE = look_at(np.array([0.9, 0.6, 0.7]), (0, 0, 0.15))

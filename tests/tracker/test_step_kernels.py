@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from scenes.light import encode
-from tracker.step_kernels import BLUR_PX, fit_step, learned_light
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.tracker.robust.edges.step_kernels import BLUR_PX, fit_step, learned_light
 
 SIZE, FINE = 41, 8
 DARK, BRIGHT = np.array([0.05, 0.08, 0.12]), np.array([0.5, 0.45, 0.4])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
-from tracker.motion import Motion
-from tracker.robust import Robust
-from trajectories.pose import Pose
+from uavbench.tracker.robust.motion_model import Motion
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.trajectories.pose import Pose
 
 STEP_NS = 133_333_333
 SIZE = np.array([0.4, 0.3, 0.3])

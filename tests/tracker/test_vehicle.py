@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from scenes.sequence import Sequence
 from tests.docs.pages import ROOT, blocks
+from uavbench.scenes.dataset.sequence import Sequence
 
 TRIAL = ROOT / "bench" / "trial" / "sequence"
 FOREIGN = ("pyrender", "OpenGL", "mujoco", "pandas", "matplotlib", "trimesh", "pydantic", "bench", "reports")

@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes.camera import Camera
-from scenes.structure import Structure
 from tests.tracker.synthetic import CAMERA, box, look_at
-from tracker.control_points import control_points
-from tracker.visible_edges import (
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.shang_shen.control_points import control_points
+from uavbench.tracker.visible_edges import (
     NEAR_M,
     clip_to_view,
     pinhole,
@@ -17,7 +17,7 @@ from tracker.visible_edges import (
     visible_edges,
     visible_faces,
 )
-from trajectories.pose import Pose
+from uavbench.trajectories.pose import Pose
 
 BOX = box()
 angles = st.floats(0.0, 2 * np.pi)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown
-from tracker.variants import TRACKERS
-from trajectories.kernel_types import argument_types
-from trajectories.kernels import KERNELS, compiled
-from trajectories.warm_up import kernels_of, prepare
+from uavbench.tracker.registry import TRACKERS
+from uavbench.trajectories.kernels.argument_types import argument_types
+from uavbench.trajectories.kernels.compiled import KERNELS, compiled
+from uavbench.trajectories.kernels.warm_up import kernels_of, prepare
 
 FRAME_NS = 66_666_667
 FLIGHT = """
@@ -21,7 +21,7 @@ import sys
 import numpy as np
 from numba.core import event
 from tests.tracker.synthetic import CAMERA, box
-from tracker.variants import TRACKERS
+from uavbench.tracker.registry import TRACKERS
 
 heard = []
 class Listener(event.Listener):
@@ -32,7 +32,7 @@ class Listener(event.Listener):
 
 with np.load(sys.argv[1]) as flight:
     images, first = flight["images"], flight["first"]
-from trajectories.pose import Pose
+from uavbench.trajectories.pose import Pose
 event.register("numba:compile", Listener())
 told = {}
 for kind in sorted(TRACKERS):
@@ -72,7 +72,7 @@ def test_no_frame_of_any_kind_compiles_anything(flight_file):
 
 def test_a_started_tracker_has_all_its_kernels_and_they_take_no_other_types():
     TRACKERS["robust"]().start(box(), CAMERA, flown(1, seed=5)[0][0], np.random.default_rng(0))
-    kernels = kernels_of(["tracker.robust"])
+    kernels = kernels_of(["uavbench.tracker.robust.tracker"])
     assert len(kernels) > 50
     for kernel in kernels:
         assert tuple(kernel.signatures) == kernel.declared
@@ -81,8 +81,9 @@ def test_a_started_tracker_has_all_its_kernels_and_they_take_no_other_types():
 
 
 def test_kernels_of_a_fresh_machine_are_compiled_and_told_of_once(tmp_path):
-    code = "import tracker.noise\nfrom trajectories.warm_up import kernels_of, prepare\n"
-    code += "prepare('tracker.noise')\nprint({len(k.signatures) for k in kernels_of(['tracker.noise'])})"
+    name = "uavbench.tracker.robust.preprocessing.denoising"
+    code = f"import {name}\nfrom uavbench.trajectories.kernels.warm_up import kernels_of, prepare\n"
+    code += f"prepare('{name}')\nprint({{len(k.signatures) for k in kernels_of(['{name}'])}})"
     path = os.pathsep.join(p for p in sys.path if p)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": path}
     runs = [
@@ -111,6 +112,6 @@ def test_words_that_are_no_types_are_refused():
 
 
 def test_preparing_twice_does_nothing():
-    prepare("tracker.published")
-    prepare("tracker.published")
-    assert all(kernel.overloads for kernel in kernels_of(["tracker.published"]))
+    prepare("uavbench.tracker.shang_shen.pipeline")
+    prepare("uavbench.tracker.shang_shen.pipeline")
+    assert all(kernel.overloads for kernel in kernels_of(["uavbench.tracker.shang_shen.pipeline"]))

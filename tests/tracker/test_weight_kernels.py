@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tracker.profile_kernels import FIRST_ERROR
-from tracker.weight_kernels import (
+from uavbench.tracker.robust.edges.profile_kernels import FIRST_ERROR
+from uavbench.tracker.robust.edges.weight_kernels import (
     COMMON_PART,
     CONTACT_VARIANCE,
     CREASE_VARIANCE,

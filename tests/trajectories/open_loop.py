@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from trajectories.airframes import AirframeSpec
-from trajectories.mount import Mount
-from trajectories.quadrotor import Quadrotor, compile_mjcf, physics
-from trajectories.rigid_body import drag_force, plant, rotor_speed_sum
-from trajectories.vectors import rotation
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.geometry.vectors import rotation
+from uavbench.trajectories.vehicle.airframes import AirframeSpec
+from uavbench.trajectories.vehicle.quadrotor import Quadrotor, compile_mjcf, physics
+from uavbench.trajectories.vehicle.rigid_body import drag_force, plant, rotor_speed_sum
 
 
 def coast(

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from trajectories.flown import Flight
-from trajectories.quadrotor import STEP_NS
-from trajectories.surroundings import Surroundings
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 FACES = np.array(

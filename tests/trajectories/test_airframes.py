@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from tests.trajectories.scene import BOX
-from trajectories.airframes import AIRFRAMES, TEMPLATE, AirframeFile, Crazyflie, Iris
-from trajectories.errors import UserError
-from trajectories.flight import FlightSpec, fly
-from trajectories.mount import Mount
-from trajectories.paths_around import Hover
-from trajectories.quadrotor import Quadrotor, compile_mjcf, physics
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.around import Hover
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.vehicle.airframes import AIRFRAMES, TEMPLATE, AirframeFile, Crazyflie, Iris
+from uavbench.trajectories.vehicle.quadrotor import Quadrotor, compile_mjcf, physics
 
 PRESETS = [name for name in AIRFRAMES if name != "file"]
 

@@ -10,25 +10,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trajectories import exact
+from uavbench.trajectories import reproducible_math as exact
 
 OLD_PROCESSOR = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR", "OPENBLAS_CORETYPE": "Nehalem"}
 """An x86-64 of 2008 as far as NumPy and OpenBLAS can tell; elsewhere the names mean nothing and change nothing."""
 FLY = """
 import hashlib
 import numpy as np
-from trajectories.airframes import AIRFRAMES
-from trajectories.barometer import Barometer
-from trajectories.flight import FlightSpec, fly
-from trajectories.flow_deck import FlowDeck
-from trajectories.gnss import Gnss
-from trajectories.hand_pilot import HandPilot
-from trajectories.imu import Imu
-from trajectories.mount import Mount
-from trajectories.paths_around import FigureEight, Orbit
-from trajectories.sensors import measure
-from trajectories.surroundings import Surroundings
-from trajectories.wind import Dryden
+from uavbench.trajectories.vehicle.airframes import AIRFRAMES
+from uavbench.trajectories.sensors.barometer import Barometer
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.paths.around import FigureEight, Orbit
+from uavbench.trajectories.sensors.registry import measure
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.wind.winds import Dryden
 
 corners = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.15, 0.15) for z in (0.0, 0.3)])
 box = Surroundings(corners, np.array([[0, 1, 3], [4, 6, 7], [0, 4, 5], [2, 3, 7], [0, 2, 6], [1, 5, 7]]))

@@ -9,10 +9,10 @@ import time
 
 import pytest
 
-from trajectories.errors import UserError
-from trajectories.files import new_file, new_folder, new_parts, owning, write_text
-from trajectories.seals import is_sealed, seal
-from trajectories.temporary import remove_leftovers, temporary
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.seals import is_sealed, seal
+from uavbench.trajectories.files.temporary_names import remove_leftovers, temporary
+from uavbench.trajectories.files.writing import new_file, new_folder, new_parts, owning, write_text
 
 PRECIOUS = b"years of work"
 
@@ -181,7 +181,7 @@ def test_an_error_or_an_interrupt_in_the_middle_leaves_the_old_and_nothing_else(
 KILLED = """
 import os, sys
 from pathlib import Path
-from trajectories.files import new_file, new_folder
+from uavbench.trajectories.files.writing import new_file, new_folder
 folder = Path(sys.argv[1])
 with new_folder(folder / "results", "record.json") as new, new_file(folder / "a.toml") as file:
     (new / "half").mkdir()
@@ -248,7 +248,7 @@ def test_processes_that_clean_up_at_the_same_time_do_not_trip_over_each_other(tm
         (tmp_path / f".a-uavbench-{token}").mkdir()
         (tmp_path / f".a-uavbench-{token}" / "b").touch()
         (tmp_path / f".a-uavbench-{token}.owner").symlink_to(f"uavbench m 12 345 {token}")
-    code = "import sys, pathlib; from trajectories.temporary import remove_leftovers\n"
+    code = "import sys, pathlib; from uavbench.trajectories.files.temporary_names import remove_leftovers\n"
     code += "sys.stdin.read(); remove_leftovers(pathlib.Path(sys.argv[1]), alone=True)"
     together = [
         subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdin=subprocess.PIPE, stderr=subprocess.PIPE)

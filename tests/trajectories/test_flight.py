@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 
 from tests.trajectories.scene import BOX, DECK, WALL
-from trajectories.airframes import Crazyflie
-from trajectories.barometer import Barometer
-from trajectories.control import Geometric
-from trajectories.errors import UserError
-from trajectories.flight import Flight, FlightSpec, fly
-from trajectories.flow_deck import FlowDeck
-from trajectories.gnss import Gnss
-from trajectories.hand_pilot import HandPilot
-from trajectories.imu import Imu
-from trajectories.mount import Mount
-from trajectories.paths_along import FacadeRaster, UndersidePass
-from trajectories.paths_around import Approach, FigureEight, Hover, Orbit
-from trajectories.pose import quaternion_from_rotation, rotation_from_quaternion
-from trajectories.quadrotor import STEP_NS, STEP_S
-from trajectories.sensors import measure
-from trajectories.wind import Dryden, Steady
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.along import FacadeRaster, UndersidePass
+from uavbench.trajectories.paths.around import Approach, FigureEight, Hover, Orbit
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.pose import quaternion_from_rotation, rotation_from_quaternion
+from uavbench.trajectories.sensors.barometer import Barometer
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.sensors.registry import measure
+from uavbench.trajectories.simulation.flight import Flight, FlightSpec, fly
+from uavbench.trajectories.vehicle.airframes import Crazyflie
+from uavbench.trajectories.vehicle.geometric_control import Geometric
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS, STEP_S
+from uavbench.trajectories.wind.winds import Dryden, Steady
 
 FIELDS = [name for name in Flight.__dataclass_fields__ if name not in ("status", "crashed_ns")]
 SHORT = FlightSpec(path=HandPilot(duration_s=4.0), wind=Dryden())
@@ -80,7 +80,7 @@ def test_a_longer_flight_begins_as_the_shorter_one() -> None:
 def test_the_physics_need_no_graphics_whatever_the_environment_says() -> None:
     program = (
         "import os\n"
-        "from trajectories.quadrotor import physics\n"
+        "from uavbench.trajectories.vehicle.quadrotor import physics\n"
         "physics().MjModel.from_xml_string('<mujoco/>')\n"
         "import sys\n"
         "assert not [m for m in sys.modules if m.startswith(('OpenGL', 'pyrender', 'glfw'))]\n"

@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.trajectories.scene import BOX, standing
-from trajectories.barometer import Barometer, height_at, pressure_at
-from trajectories.dryden import first_order
-from trajectories.flow_deck import FlowDeck, flow_truth
-from trajectories.surroundings import Surroundings
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.sensors.barometer import Barometer, height_at, pressure_at
+from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_truth
+from uavbench.trajectories.wind.dryden import first_order
 
 SCALE = 35.0 / 0.71674
 EXACT = FlowDeck(flow_noise_px=0.0, range_noise_m=0.0)

@@ -6,8 +6,9 @@ from evo.tools import file_interface
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trajectories.errors import UserError
-from trajectories.formats import (
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import (
     READERS,
     WRITERS,
     declared_frame,
@@ -17,7 +18,6 @@ from trajectories.formats import (
     write_euroc,
     write_tum,
 )
-from trajectories.trajectory import Trajectory
 
 
 def some(n: int = 20, seed: int = 0, start_ns: int = 1_403_636_580_838_555_574) -> Trajectory:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.trajectories.scene import BOX, block, standing
-from trajectories.dryden import first_order
-from trajectories.gnss import Gnss
-from trajectories.satellites import sky
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.satellites import sky
+from uavbench.trajectories.wind.dryden import first_order
 
 QUIET = Gnss(slow_m=0.0, white_m=0.0, doppler_m_s=0.0, rate_hz=1.0)
 SATELLITES = 24

@@ -4,13 +4,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.trajectories.scene import BOX
-from trajectories.flight import FlightSpec, fly
-from trajectories.flown import Flight
-from trajectories.hand_pilot import HandPilot, Pilot
-from trajectories.mount import Mount
-from trajectories.quadrotor import STEP_S
-from trajectories.reference import Seen
-from trajectories.sticks import Pad
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.paths.pilot.gamepad import Pad
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot, Pilot
+from uavbench.trajectories.paths.reference import Seen
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 FOCAL_PX = 502.0  # 65 degrees across 640 px
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.trajectories.scene import BOX, standing
-from trajectories.imu import Imu, ImuBmi088, inertial_truth
-from trajectories.quadrotor import GRAVITY_M_S2
+from uavbench.trajectories.sensors.imu import Imu, ImuBmi088, inertial_truth
+from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
 QUIET = Imu(
     gyro_noise_rad_s_sqrt_hz=0.0,

@@ -10,14 +10,14 @@ from pathlib import Path
 import numba
 import pytest
 
-from trajectories.kernel_cache import KEPT_DAYS, MARKER, KernelCache, cache_of, folder_of, remove_old
-from trajectories.sources import sources
+from uavbench.trajectories.kernels.cache import KEPT_DAYS, MARKER, KernelCache, cache_of, folder_of, remove_old
+from uavbench.trajectories.source_files import sources
 
 ROOT = Path(__file__).parents[2]
 TREE = {
     "scale": "SCALE = 2.0\n",
     "plant": "from typing import NamedTuple\n\n\nclass Plant(NamedTuple):\n    mass: float\n    drag: float\n",
-    "inner": """from trajectories.kernels import compiled
+    "inner": """from uavbench.trajectories.kernels.compiled import compiled
 from trajectories.scale import SCALE
 OFFSET = 1.0
 
@@ -27,7 +27,7 @@ def inner(x):
     return SCALE * x + OFFSET
 """,
     "outer": """from trajectories import inner as below
-from trajectories.kernels import compiled
+from uavbench.trajectories.kernels.compiled import compiled
 from trajectories.plant import Plant
 step = below.inner
 
@@ -146,8 +146,8 @@ def test_only_old_kernels_of_ours_are_removed(tmp_path):
 
 
 def test_every_kernel_of_the_project_is_kept_by_its_sources():
-    from tracker import variants  # noqa: F401, loads the kernels
-    from trajectories import simulate  # noqa: F401
+    from uavbench.tracker import registry as variants  # noqa: F401, loads the kernels
+    from uavbench.trajectories.simulation import simulate  # noqa: F401
 
     kernels = [
         (module, value)
@@ -160,6 +160,8 @@ def test_every_kernel_of_the_project_is_kept_by_its_sources():
     for module, kernel in kernels:
         assert type(kernel._cache) is type(cache_of(kernel.py_func)), kernel
         assert Path(module.__file__) in sources(module.__name__)
-    names = {path.name for path in sources("tracker.step_kernels")}
+    names = {path.name for path in sources("uavbench.tracker.robust.edges.step_kernels")}
     assert {"step_kernels.py", "profile_kernels.py", "pose.py", "kernels.py", "__init__.py"} <= names
-    assert not {"numba", "numpy"} & {part for path in sources("tracker.step_kernels") for part in path.parts}
+    assert not {"numba", "numpy"} & {
+        part for path in sources("uavbench.tracker.robust.edges.step_kernels") for part in path.parts
+    }

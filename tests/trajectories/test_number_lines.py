@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trajectories import number_lines
-from trajectories.errors import UserError
-from trajectories.formats import read_trajectory, read_tum
-from trajectories.number_lines import Layout, read_lines
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.trajectory_files import number_lines
+from uavbench.trajectories.trajectory_files.formats import read_trajectory, read_tum
+from uavbench.trajectories.trajectory_files.number_lines import Layout, read_lines
 
 TUM = Layout(8, unit_ns=10**9)
 ROW = "0 0 0 0 0 0 1"

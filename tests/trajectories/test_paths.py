@@ -7,23 +7,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.trajectories.scene import BOX, DECK, PIER, WALL, both
-from trajectories.airframes import Iris
-from trajectories.errors import UserError
-from trajectories.flight import FlightSpec, fly
-from trajectories.flight_summary import flown_summary, planned_summary
-from trajectories.formats import write_tum
-from trajectories.motion import fly_through, progress, stop_and_go
-from trajectories.mount import Mount
-from trajectories.pace import asked_speed
-from trajectories.paths import PATHS, PathSpec
-from trajectories.paths_along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
-from trajectories.paths_around import Approach, FigureEight, Hover, Orbit, PierSpiral
-from trajectories.pose import rotation_from_quaternion
-from trajectories.quadrotor import STEP_S
-from trajectories.recorded import Recorded
-from trajectories.reference import Planned
-from trajectories.surroundings import Surroundings
-from trajectories.trajectory import Trajectory
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.paths.along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
+from uavbench.trajectories.paths.around import Approach, FigureEight, Hover, Orbit, PierSpiral
+from uavbench.trajectories.paths.pace import asked_speed
+from uavbench.trajectories.paths.recorded import Recorded
+from uavbench.trajectories.paths.reference import Planned
+from uavbench.trajectories.paths.registry import PATHS, PathSpec
+from uavbench.trajectories.paths.smooth_motion import fly_through, progress, stop_and_go
+from uavbench.trajectories.pose import rotation_from_quaternion
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.simulation.summary import flown_summary, planned_summary
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import write_tum
+from uavbench.trajectories.vehicle.airframes import Iris
+from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 BRIDGE = both(DECK, PIER)
 PLANS = [

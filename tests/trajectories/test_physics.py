@@ -7,13 +7,13 @@ from scipy.integrate import solve_ivp
 
 from tests.trajectories.open_loop import coast
 from tests.trajectories.scene import BOX
-from trajectories.airframes import Crazyflie, Iris
-from trajectories.flight import FlightSpec, fly
-from trajectories.mount import Mount
-from trajectories.paths_around import FigureEight
-from trajectories.pose import rotation_from_quaternion
-from trajectories.quadrotor import GRAVITY_M_S2, STEP_S, Quadrotor
-from trajectories.wind import Dryden
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.paths.around import FigureEight
+from uavbench.trajectories.pose import rotation_from_quaternion
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.vehicle.airframes import Crazyflie, Iris
+from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S, Quadrotor
+from uavbench.trajectories.wind.winds import Dryden
 
 NO_DRAG = replace(Crazyflie(), rotor_drag_kg=(0.0, 0.0, 0.0))
 OFF = np.zeros((1000, 4))

@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from trajectories.errors import UserError
-from trajectories.limits import SETTINGS, FileLimit
-from trajectories.reading import read_bytes, read_json, read_text, read_toml
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import SETTINGS, FileLimit
+from uavbench.trajectories.files.reading import read_bytes, read_json, read_text, read_toml
 
 FEW = FileLimit("note", 10, "write less")
 

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from tests.trajectories.scene import BOX, DECK, block, standing
-from trajectories.barometer import Barometer, height_at, pressure_at
-from trajectories.flight import FlightSpec, fly
-from trajectories.flow_deck import FlowDeck, flow_truth
-from trajectories.gnss import Gnss
-from trajectories.hand_pilot import HandPilot
-from trajectories.imu import Imu, inertial_truth
-from trajectories.mount import Mount
-from trajectories.paths_along import UndersidePass
-from trajectories.paths_around import FigureEight
-from trajectories.pose import rotation_exp, rotation_from_quaternion
-from trajectories.quadrotor import GRAVITY_M_S2, STEP_S
-from trajectories.satellites import sky
-from trajectories.sensor import Table, sample_stamps, sampled, write_table
-from trajectories.sensors import SENSORS, flight_table, measure, write_flight
-from trajectories.streams import stream
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.paths.along import UndersidePass
+from uavbench.trajectories.paths.around import FigureEight
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.pose import rotation_exp, rotation_from_quaternion
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.sensors.barometer import Barometer, height_at, pressure_at
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.imu import Imu, inertial_truth
+from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_truth
+from uavbench.trajectories.sensors.registry import SENSORS, flight_table, measure, write_flight
+from uavbench.trajectories.sensors.satellites import sky
+from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled, write_table
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S
 
 FLIGHT = fly(FlightSpec(path=HandPilot(duration_s=5.0)), Mount(), BOX, 0)
 

@@ -4,11 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.trajectories.scene import BOX, DECK, PIER, both
-from trajectories.mesh_distances import mesh_distances
-from trajectories.mesh_rays import ray_distances, rays_blocked
-from trajectories.mesh_tree import build_tree
-from trajectories.mount import Mount
-from trajectories.surroundings import Surroundings
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.geometry.bvh import build_tree
+from uavbench.trajectories.geometry.distances import mesh_distances
+from uavbench.trajectories.geometry.rays import ray_distances, rays_blocked
+from uavbench.trajectories.obstacles import Surroundings
 
 near = st.floats(-2.0, 2.0, allow_nan=False)
 

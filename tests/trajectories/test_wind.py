@@ -3,9 +3,9 @@ import pytest
 from scipy.signal import welch
 
 from tests.trajectories.scene import BOX
-from trajectories.dryden import Dryden, first_order, second_order
-from trajectories.streams import stream
-from trajectories.wind import WINDS, Gust, Steady, Still
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.wind.dryden import Dryden, first_order, second_order
+from uavbench.trajectories.wind.winds import WINDS, Gust, Steady, Still
 
 
 def many(step_s: float, lag_s: float, kind: object) -> np.ndarray:

@@ -10,9 +10,9 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from tracker.fusion.state import ERROR
-from tracker.geometry_kernels import twist_between
-from trajectories.pose import Array, Pose, hat, read_only
+from uavbench.tracker.fusion.state import ERROR
+from uavbench.tracker.geometry_kernels import twist_between
+from uavbench.trajectories.pose import Array, Pose, hat, read_only
 
 POSITION, VELOCITY, ATTITUDE, CAMERA_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(15, 21)
 """Where the parts of the error stand."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trajectories.pose import Array, Pose, read_only
+from uavbench.trajectories.pose import Array, Pose, read_only
 
 STATE, ERROR = 27, 21
 """Numbers in a nominal state (rotation as a matrix) and in its error."""

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from tracker.base import TrackResult
-from tracker.fusion.fusion_kernels import normalized_innovation, propagate, update
-from tracker.fusion.measurements import CameraPose, Measurement
-from tracker.fusion.state import ERROR, Estimate, FusionConfig
-from trajectories.pose import Array, Pose
-from trajectories.warm_up import prepare
+from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, update
+from uavbench.tracker.fusion.measurements import CameraPose, Measurement
+from uavbench.tracker.fusion.state import ERROR, Estimate, FusionConfig
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.pose import Array, Pose
 
 IMU_RANK = 0
 """An IMU sample comes before the measurements of its stamp."""

@@ -1,0 +1,135 @@
+"""The commands over single files and folders: verify, export, calibrate, pick, evaluate."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import refuse_foreign_file
+
+FILE = click.Path(path_type=Path)
+
+
+@click.command("verify")
+@click.argument("folders", type=FILE, nargs=-1, required=True)
+@click.option("--against", type=FILE, help="Sequence rendered again, compared by tolerance where hashes differ.")
+def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
+    """Check sequence FOLDERS against their manifests, or one against its rendering elsewhere."""
+    from uavbench.scenes.dataset.verify import compare, verify
+
+    if against is not None and len(folders) != 1:
+        raise UserError("--against compares one folder with another")
+    verdicts = [compare(folder, against) if against else verify(folder) for folder in folders]
+    for verdict in verdicts:
+        click.echo(
+            f"{verdict.folder}: {'ok' if verdict.ok else 'DIFFERS'} ({verdict.files} files, by {verdict.method})"
+        )
+        for problem in verdict.problems:
+            click.echo(f"  {problem}")
+    sys.exit(0 if all(verdict.ok for verdict in verdicts) else 1)
+
+
+@click.command("export")
+@click.argument("sequence", type=FILE)
+@click.option("--format", "form", type=click.Choice(["euroc", "tum", "kitti", "bop", "video"]), required=True)
+@click.option("--out", type=FILE, required=True, help="Folder that is made.")
+@click.option("--undistort", is_flag=True, help="Take the lens's distortion out of the images.")
+def export_command(sequence: Path, form: str, out: Path, undistort: bool) -> None:
+    """Write the folder SEQUENCE in the form of another tool, and tell what that form has no place for."""
+    from uavbench.scenes.dataset.sequence import Sequence
+    from uavbench.scenes.exports.registry import export
+
+    for line in export(Sequence.load(sequence), form, out, undistort=undistort):
+        click.echo(f"not held: {line}", err=True)
+    click.echo(out)
+
+
+@click.command("calibrate")
+@click.argument("sources", type=FILE, nargs=-1, required=True)
+@click.option("--board", default="7x8", show_default=True, metavar="COLUMNSxROWS", help="Inner corners of the board.")
+@click.option("--square-m", type=click.FloatRange(0, min_open=True), default=0.025, show_default=True)
+@click.option("--model", type=click.Choice(["radtan", "equidistant"]), default="radtan", show_default=True)
+@click.option("--out", type=FILE, default=Path("camera.toml"), show_default=True)
+def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, model: Any, out: Path) -> None:
+    """Find K and distortion of a camera from images, folders or videos of a checkerboard."""
+    from uavbench.scenes.calibration import calibrate, write_coverage
+
+    columns, _, rows = board.partition("x")
+    if not (columns.isdigit() and rows.isdigit()):
+        raise UserError(f"--board {board!r}: write the numbers of inner corners as 7x8")
+    for path in (out, out.with_suffix(".png")):
+        refuse_foreign_file(path)
+    found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model)
+    found.camera.save(out, sealed=True)
+    write_coverage(found, out.with_suffix(".png"))
+    click.echo(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")
+    click.echo(f"corners in {100 * found.covered:.0f} % of the image: {out.with_suffix('.png')}")
+    click.echo(out)
+
+
+@click.command("pick")
+@click.option("--images", type=FILE, help="Folder of images; points are picked on the first by name.")
+@click.option("--video", type=FILE, help="Video; points are picked on its first frame.")
+@click.option("--model", type=FILE, required=True, help="Structure: .obj .stl .ply .glb .cao ...")
+@click.option("--camera", type=FILE, required=True, help="camera.toml")
+@click.option("--out", type=FILE, default=Path("init.toml"), show_default=True)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of this computer; default: a free one.")
+@click.option("--browser/--no-browser", default=True, help="Open the page at once; default: yes.")
+def pick_command(
+    images: Path | None, video: Path | None, model: Path, camera: Path, out: Path, port: int, browser: bool
+) -> None:
+    """Pick points of the model on the first image, in a page of your browser, for the first pose."""
+    source = images or video
+    if source is None or (images and video):
+        raise UserError("give --images or --video")
+    from uavbench.bench.pick.server import pick
+
+    pick(source, model, camera, out, port=port, browser=browser)
+
+
+ALIGNMENTS = ["none", "se3", "sim3", "yaw", "scale", "origin", "origin-scale"]
+UNITS = ["frames", "m", "deg", "rad", "s"]
+ASSOCIATIONS = ["one-to-one", "evo", "evo-interpolated"]
+FORMATS = ["tum", "euroc", "kitti", "uavbench"]
+MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
+
+
+@click.command("evaluate")
+@click.argument("reference", type=click.Path(path_type=Path))
+@click.argument("estimate", type=click.Path(path_type=Path))
+@click.option("--align", type=click.Choice(ALIGNMENTS), help="Alignment of the estimate; default: none.")
+@click.option("--delta", type=float, help="Length of the stretches of the RPE; default: 1.")
+@click.option("--unit", type=click.Choice(UNITS), help="Unit of --delta; default: frames.")
+@click.option("--all-pairs/--consecutive", default=None, help="Stretches of the RPE; default: consecutive.")
+@click.option("--pairs-from", type=click.Choice(["reference", "estimate"]), help="Whose deltas choose them.")
+@click.option("--t-offset", "t_offset_s", type=float, default=0.0, help="Added to the estimate's stamps, s.")
+@click.option("--max-diff", "max_difference_s", type=float, help="Largest difference of paired stamps, s.")
+@click.option("--association", type=click.Choice(ASSOCIATIONS), help="How stamps are paired; default: one-to-one.")
+@click.option("--mode", type=click.Choice(MODES), default="uavbench", help="Conventions of another tool.")
+@click.option("--reference-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
+@click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
+@click.option("--mount", type=FILE, help="Sequence folder by whose mount camera and body poses are converted.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def evaluate_command(reference: Path, estimate: Path, as_json: bool, **options: Any) -> None:
+    """Score the trajectory ESTIMATE against REFERENCE: ATE, RPE and coverage.
+
+    Each is a file of TUM, EuRoC, KITTI or uavbench's own form, or a folder of a sequence, an export or results.
+    """
+    import json
+
+    from uavbench.reports.evaluation.evaluate import evaluate_files
+
+    found = evaluate_files(reference, estimate, **options)
+    click.echo(json.dumps(found.to_json(), indent=1) if as_json else found.text(), nl=as_json)
+
+
+COMMANDS: tuple[click.Command, ...] = (
+    verify_command,
+    export_command,
+    calibrate_command,
+    pick_command,
+    evaluate_command,
+)

@@ -1,0 +1,115 @@
+"""The commands that judge changes: gate, compare, speed."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+def margin_options(command: Any) -> Any:
+    """The margins that `gate` and `compare` decide by."""
+    for name, default, about in (
+        ("--resolution", "10%", "A pass must exclude a change so large."),
+        ("--coverage-margin", "1%", "Tolerated loss of coverage, in shares of all frames."),
+        ("--latency-margin", "5%", "Tolerated growth of latency."),
+        ("--margin", "1%", "Tolerated growth of errors."),
+    ):
+        command = click.option(name, default=default, show_default=True, callback=share, help=about)(command)
+    return command
+
+
+def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
+    """A share from `5%` or `0.05`; 1 and more must carry its `%`, for `5` may mean 5 % or 500 %."""
+    number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
+    try:
+        value = float(number) / (100.0 if percent else 1.0)
+    except ValueError:
+        value = -1.0
+    if value >= 1.0 and not percent:
+        raise click.BadParameter(
+            f"{text!r} would be {100 * value:g} %: write {number}% for {number} percent, or a share below 1 as in 0.05"
+        )
+    if not 0.0 <= value < 10.0:
+        raise click.BadParameter(f"{text!r} is no share from 0% to 1000%: write 5% or 0.05")
+    return value
+
+
+@click.command("gate")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.option(
+    "--baseline",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder of a run on the same frames, or a file made by --update.",
+)
+@click.option("--update", is_flag=True, help="Make the baseline, a file, anew from RESULTS; compare nothing.")
+@margin_options
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
+def gate_command(
+    results: Path,
+    baseline: Path,
+    update: bool,
+    margin: float,
+    latency_margin: float,
+    coverage_margin: float,
+    resolution: float,
+    out: Path | None,
+) -> None:
+    """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive."""
+    if update:
+        from uavbench.bench.gate.baseline import write_baseline
+        from uavbench.bench.gate.paired_scores import read_side
+
+        write_baseline(read_side(results), baseline)
+        click.echo(baseline)
+        return
+    from uavbench.bench.gate.decision import Margins
+    from uavbench.bench.gate.findings import pronounce
+
+    margins = Margins(error=margin, latency=latency_margin, coverage=coverage_margin, resolution=resolution)
+    sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
+
+
+@click.command("speed")
+@click.option("--only", default="", help="Only benchmarks whose name holds this (an expression of pytest's -k).")
+@click.option("--save", type=click.Path(path_type=Path), help="File for pytest-benchmark's own JSON.")
+def speed_command(only: str, save: Path | None) -> None:
+    """Run the benchmarks and print their times against the goals."""
+    from uavbench.bench.speed.table import speed
+
+    sys.exit(speed(only, save))
+
+
+@click.command("compare")
+@click.argument("base_ref")
+@click.argument("head_ref", default=".")
+@click.option("--suite", default="gate", show_default=True, help="Suite that both versions' trackers run on.")
+@click.option("--repeats", type=click.IntRange(1), default=3, show_default=True, help="Runs of each, for the latency.")
+@click.option(
+    "--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes that render; default: all cores."
+)
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/compare"), show_default=True)
+@margin_options
+def compare_command(
+    base_ref: str,
+    head_ref: str,
+    suite: str,
+    repeats: int,
+    jobs: int,
+    out: Path,
+    margin: float,
+    latency_margin: float,
+    coverage_margin: float,
+    resolution: float,
+) -> None:
+    """Run two versions of this git repository on the same frames and let the gate decide; `.` is the working tree."""
+    from uavbench.bench.gate.compare import compare
+    from uavbench.bench.gate.decision import Margins
+
+    margins = Margins(error=margin, latency=latency_margin, coverage=coverage_margin, resolution=resolution)
+    sys.exit(compare((base_ref, head_ref), suite, out, repeats, margins, jobs))
+
+
+COMMANDS: tuple[click.Command, ...] = (gate_command, speed_command, compare_command)

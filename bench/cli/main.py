@@ -1,0 +1,82 @@
+"""The command `uavbench`: every verb reads and writes files, and is short here."""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+from uavbench.bench.cli import files as cli_files
+from uavbench.bench.cli import gate as cli_gate
+from uavbench.bench.cli import plugins as cli_plugins
+from uavbench.bench.cli import suite as cli_suite
+from uavbench.trajectories.errors import DISK_ERRORS, UserError, told_of_disk
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+PUT_IN_ORDER_S = 15.0
+"""Time that a command has to end its processes and to remove what is half-written before a signal interrupts again."""
+
+
+@contextmanager
+def interrupts() -> Iterator[None]:
+    """Take each signal to end the command as an interrupt, but not while one is being followed."""
+    last_s = -PUT_IN_ORDER_S
+
+    def interrupt(*_: Any) -> None:
+        nonlocal last_s
+        if time.monotonic() - last_s >= PUT_IN_ORDER_S:
+            last_s = time.monotonic()
+            raise KeyboardInterrupt
+
+    before: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:  # as nohup has it
+            signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class Group(click.Group):
+    """Prints a mistake of the user or an error of the disk as one message, without a traceback; exit code 2."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command that was asked for."""
+        try:
+            with interrupts():
+                return super().invoke(ctx)
+        except UserError as error:
+            click.echo(f"uavbench: {error}", err=True)
+            ctx.exit(2)
+        except OSError as error:
+            if error.errno not in DISK_ERRORS:
+                raise
+            click.echo(f"uavbench: {told_of_disk(error)}", err=True)
+            ctx.exit(2)
+        except KeyboardInterrupt:
+            click.echo("uavbench: interrupted; the same command goes on from here", err=True)
+            ctx.exit(130)
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="uavbench")
+def main() -> None:
+    """Ground truth for model-based UAV localization: render flights, run trackers, score, report."""
+
+
+for group in (cli_suite, cli_files, cli_gate, cli_plugins):
+    for command in group.COMMANDS:
+        main.add_command(command)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""The commands about what can be named in a suite: list, schema, check, peers."""
+
+import sys
+from pathlib import Path
+
+import click
+
+
+@click.command("list")
+def list_command() -> None:
+    """Show the suites and every plug-in by kind."""
+    from uavbench.bench.config.inventory import inventory
+
+    click.echo(inventory())
+
+
+@click.command("schema")
+def schema_command() -> None:
+    """Print the JSON Schema of a suite's TOML file, for editors."""
+    from uavbench.bench.runner.commands import schema
+
+    click.echo(schema())
+
+
+@click.command("check")
+@click.argument("tracker", type=click.Path(path_type=Path))
+@click.option("--keep", type=click.Path(path_type=Path), default=Path("out/check"), help="Folder of a faulty job.")
+@click.option("--isolate", is_flag=True, help="Let the program see only its job folder.")
+def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
+    """Try TRACKER, a TOML file with the table of one tracker, on a tiny sequence; explain every fault."""
+    from uavbench.bench.config.suite import load_tracker
+    from uavbench.bench.external.job_folder import KEPT_MARKER
+    from uavbench.bench.external.program import isolated_trackers
+    from uavbench.bench.trial.check import check
+    from uavbench.trajectories.files.writing import refuse_foreign
+
+    refuse_foreign(keep, KEPT_MARKER)
+    line, one = "", load_tracker(tracker)
+    for line in check(isolated_trackers({"tracker": one})["tracker"] if isolate else one, keep):
+        click.echo(line)
+    sys.exit(1 if line.startswith("faulty") else 0)
+
+
+@click.command("warm-up")
+def warm_up_command() -> None:
+    """Compile the kernels of trackers and flights now, which the first command would wait for otherwise."""
+    from uavbench.bench.config import plugins  # so that every module with kernels is there
+    from uavbench.trajectories.kernels.warm_up import kernels_of, prepare
+
+    prepare(plugins.__name__)
+    kernels, kinds = kernels_of([plugins.__name__]), plugins.PLUGINS
+    click.echo(f"{len(kernels)} kernels for {len(kinds)} kinds of plug-ins are compiled")
+
+
+@click.group("peers")
+def peers_group() -> None:
+    """Trackers of others to compare with: ViSP's, and OpenCV contrib's."""
+
+
+@peers_group.command("list")
+def peers_list_command() -> None:
+    """Show which peers are set up."""
+    from uavbench.bench.third_party.registry import status
+
+    click.echo("\n".join(status()))
+
+
+@peers_group.command("setup")
+@click.argument("name")
+def peers_setup_command(name: str) -> None:
+    """Set up the peer NAME, with what it needs, for this user."""
+    from uavbench.bench.third_party.registry import setup
+
+    click.echo(setup(name))
+
+
+COMMANDS: tuple[click.Command, ...] = (
+    list_command,
+    schema_command,
+    check_command,
+    warm_up_command,
+    peers_group,
+)

@@ -1,0 +1,112 @@
+"""The commands over a suite: run, render, track, score, report."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from uavbench.trajectories.errors import UserError
+
+FILE = click.Path(path_type=Path)
+
+
+def suite_options(command: Any) -> Any:
+    """What every command over a suite takes."""
+    for option in (
+        click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them."),
+        click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
+        click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
+        click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report."),
+        click.option("--isolate", is_flag=True, help="External trackers see only their job folder; no other code."),
+        click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing."),
+        click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores."),
+        click.option("--out", type=FILE, help="Folder for everything; default: out/SUITE."),
+    ):
+        command = option(command)
+    return command
+
+
+def suite_command(verb: str, help_text: str) -> click.Command:
+    """Command that brings a suite up to one verb of render -> track -> score -> report."""
+
+    @click.command(verb, help=help_text)
+    @click.argument("suite")
+    @suite_options
+    def command(suite: str, **options: Any) -> None:
+        sys.exit(bring_up_to("report" if verb == "run" else verb, suite, **options))
+
+    return figures_option(command) if verb in ("run", "report") else command
+
+
+def figures_option(command: Any) -> Any:
+    """What a command that writes a report takes."""
+    about = "Figures that are drawn: those of the first page, or all, with a page for every sequence."
+    choice = click.Choice(["page", "all"])
+    return click.option("--figures", type=choice, default="page", show_default=True, help=about)(command)
+
+
+def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
+    """Bring a suite up to one verb; the exit code."""
+    from uavbench.bench.runner.commands import Where, bring_up_to
+
+    return bring_up_to(verb, suite, out, Where(workers=jobs, slurm_options=slurm_option, **where))
+
+
+@click.command("track")
+@click.argument("what")
+@suite_options
+@click.option("--images", type=FILE, help="Folder of images to run the tracker WHAT on, in the order of their names.")
+@click.option("--video", type=FILE, help="Video to run the tracker WHAT on.")
+@click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with --images or --video).")
+@click.option("--camera", type=FILE, help="camera.toml (with --images or --video).")
+@click.option("--init", type=FILE, help="init.toml: first pose, or points to solve it from.")
+@click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
+def track_command(
+    what: str,
+    images: Path | None,
+    video: Path | None,
+    model: Path | None,
+    camera: Path | None,
+    init: Path | None,
+    rate_hz: float,
+    **options: Any,
+) -> None:
+    """Run the trackers of the suite WHAT, rendering what is missing; or the tracker WHAT on real images."""
+    source = images or video
+    if source is None:
+        sys.exit(bring_up_to("track", what, **options))
+    if images and video:
+        raise UserError("give --images or --video, not both")
+    if model is None or camera is None or init is None or options["out"] is None:
+        raise UserError("tracking real images needs --model, --camera, --init and --out")
+    from uavbench.bench.runner.commands import track_real
+
+    track_real(what, source, model, camera, init, options["out"], rate_hz)
+
+
+@click.command("tables")
+@click.argument("report", type=FILE)
+@click.option("--columns", default="", metavar="HEAD,HEAD...", help="Their heads as in tables/*.md; default: all.")
+@click.option(
+    "--width", type=click.Choice(["one", "two"]), default="two", show_default=True, help="IEEE columns (.tex)."
+)
+@click.option("--out", type=FILE, help="File .tex, .md or .csv; default: Markdown on the terminal.")
+def tables_command(report: Path, columns: str, width: str, out: Path | None) -> None:
+    """Write a table of the folder of a REPORT with columns of your choice."""
+    from uavbench.reports.tables.writers import WIDTHS, heads_of, markdown, write_table
+    from uavbench.reports.tables.written_scores import table_of
+
+    table = table_of(report).select(heads_of(columns)) if columns else table_of(report)
+    click.echo(write_table(table, out, WIDTHS[width]) if out else markdown(table), nl=out is not None)
+
+
+COMMANDS: tuple[click.Command, ...] = (
+    suite_command("run", "Render, track, score and report SUITE (a name or a TOML file)."),
+    suite_command("render", "Render the sequences of SUITE."),
+    suite_command("score", "Score the results of SUITE, making what is missing."),
+    suite_command("report", "Write the report of SUITE, making what is missing."),
+    track_command,
+    tables_command,
+)

@@ -1,0 +1,106 @@
+"""What there is to name in a suite: `uavbench list`.
+
+Plug-ins are read from the source, as the literal dicts at the foot of their modules name them: to import them all would
+load the renderer, the flight simulator and the trackers to print a page.
+"""
+
+import ast
+import textwrap
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from uavbench.bench.config.suite_files import suite_names, suite_title
+
+ROOT = Path(__file__).parents[3]
+TITLES = {
+    "StructureSpec": "structures",
+    "EnvironmentSpec": "environments",
+    "ClutterSpec": "clutter",
+    "EffectSpec": "effects",
+    "PathSpec": "paths",
+    "AirframeSpec": "airframes",
+    "WindSpec": "winds",
+    "SensorSpec": "body sensors",
+    "Initialization": "first poses",
+    "RecordingSource": "recordings",
+    "Tracker": "trackers",
+}
+
+
+def inventory() -> str:
+    """Suites and plug-ins by kind, each with the first sentence of what it is."""
+    lines = ["suites"]
+    for name in suite_names():
+        lines.append(f"  {name:<22} {suite_title(name)}")
+    for protocol, plugins in registered().items():
+        lines.append(f"\n{TITLES.get(protocol, protocol)}")
+        for kind, words in plugins.items():
+            about = textwrap.shorten(words.split("\n\n")[0], 90, placeholder=" ...")
+            lines.append(f"  {kind:<22} {about}")
+    return "\n".join(lines)
+
+
+def registered() -> dict[str, dict[str, str]]:
+    """Name of each protocol -> name of each of its plug-ins -> docstring."""
+    module = Source.of("uavbench.bench.config.plugins")
+    points = module.value("PLUGINS")
+    assert isinstance(points, ast.Dict)
+    found = {}
+    for protocol, entry in zip(points.keys, points.values, strict=True):
+        assert isinstance(protocol, ast.Name) and isinstance(entry, ast.Tuple)
+        found[protocol.id] = dict(module.plugins(entry.elts[0]))
+    return found
+
+
+class Source:
+    """The source of one module of ours."""
+
+    def __init__(self, name: str) -> None:
+        body = ast.parse(ROOT.joinpath(*name.split(".")).with_suffix(".py").read_text(encoding="utf-8")).body
+        self.classes = {node.name: node for node in body if isinstance(node, ast.ClassDef)}
+        self.values = {
+            node.target.id: node.value
+            for node in body
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+        }
+        self.imported = {
+            alias.asname or alias.name: (str(node.module), alias.name)
+            for node in body
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+
+    @staticmethod
+    @cache
+    def of(name: str) -> "Source":
+        """The source of a module."""
+        return Source(name)
+
+    def value(self, name: str) -> ast.expr | None:
+        """What stands behind `NAME: type =` in this module."""
+        return self.values[name]
+
+    def plugins(self, node: ast.expr | None) -> Iterator[tuple[str, str]]:
+        """Name and docstring of each plug-in of a dict, or of one by its name."""
+        if isinstance(node, ast.Name):
+            if node.id in self.imported:
+                module, name = self.imported[node.id]
+                yield from Source.of(module).plugins(ast.Name(name))
+            else:
+                yield from self.plugins(self.value(node.id))
+            return
+        assert isinstance(node, ast.Dict)
+        for kind, entry in zip(node.keys, node.values, strict=True):
+            if kind is None:  # **another
+                yield from self.plugins(entry)
+            else:
+                assert isinstance(kind, ast.Constant) and isinstance(entry, ast.Name)
+                yield str(kind.value), self.docstring(entry.id)
+
+    def docstring(self, name: str) -> str:
+        """Docstring of a class by the name that it has in this module."""
+        if name in self.imported:
+            module, name = self.imported[name]
+            return Source.of(module).docstring(name)
+        return ast.get_docstring(self.classes[name]) or ""

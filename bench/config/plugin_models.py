@@ -1,0 +1,161 @@
+"""Checked config models made from the plug-ins' own dataclasses.
+
+A plug-in is a plain frozen dataclass; here each becomes a pydantic model with a `kind`, so that a TOML file is checked
+whole, a JSON Schema comes for free, and the packages below need no validation library.
+"""
+
+import importlib
+import sys
+import types
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+
+from uavbench.bench.config.plugins import PLUGINS
+from uavbench.bench.inputs.plugin_files import loaded
+from uavbench.trajectories.errors import UserError
+
+Extra = tuple[tuple[str, type], ...]
+INPUT_FILES = "input_files"
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+
+
+class Model(BaseModel):
+    """Base of every config table: strict, and no key but its own."""
+
+    model_config = STRICT
+
+
+@cache
+def model_of(
+    cls: type, extra: Extra = (), kind: str | None = None, omit: frozenset[str] = frozenset()
+) -> type[BaseModel]:
+    """Model of a dataclass; fields that hold a plug-in become a choice by `kind`.
+
+    `extra` names the user's own plug-ins (`module:attribute`, class) that the choices offer too; the fields in `omit`
+    are not the config's to give.
+    """
+    hints = get_type_hints(cls, include_extras=True)
+    members: dict[str, Any] = {} if kind is None else {"kind": (Literal[kind], ...)}
+    for f in fields(cls):
+        if not f.init or f.name in omit:
+            continue
+        annotation = _translate(hints[f.name], extra)
+        if f.default is not MISSING and not is_dataclass(f.default) and not _holds_dataclass(f.default):
+            members[f.name] = (annotation, f.default)
+        elif f.default is not MISSING:
+            members[f.name] = (annotation, Field(default_factory=lambda value=f.default: value))
+        elif f.default_factory is not MISSING:
+            members[f.name] = (annotation, Field(default_factory=f.default_factory))
+        else:
+            members[f.name] = (annotation, ...)
+    if kind is not None and ":" in kind:
+        members.setdefault(INPUT_FILES, (tuple[str, ...], ()))
+    doc = (cls.__doc__ or "").split("\n")[0]
+    name = cls.__name__ if kind is None else f"{cls.__name__}:{kind}"
+    model: type[BaseModel] = create_model(name, __config__=STRICT, __doc__=doc, **members)
+    setattr(model, "plugin_class", cls)  # noqa: B010
+    return model
+
+
+def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
+    """Dataclass instance of a checked model; a ValueError of its own is added to `errors` under its key path.
+
+    `given` are the fields that the config does not give. A user's own plug-in may be given `input_files`, further files
+    whose change makes its results stale; it carries them whether it has such a field or not.
+    """
+    if isinstance(model, tuple | list):
+        return tuple(build(item, f"{at}[{i}]", errors) for i, item in enumerate(model))
+    cls = getattr(type(model), "plugin_class", None)
+    if cls is None:
+        return model
+    values = {
+        name: build(getattr(model, name), f"{at}.{name}" if at else name, errors)
+        for name in type(model).model_fields
+        if name in model.model_fields_set and name != "kind"
+    }
+    files = () if INPUT_FILES in {f.name for f in fields(cls)} else values.pop(INPUT_FILES, ())
+    errors += [f"{at}.{INPUT_FILES}: {name} is no file" for name in files if not Path(name).is_file()]
+    try:
+        made = cls(**values, **given)
+    except (ValueError, UserError) as error:
+        errors.append(f"{at}: {error}")
+        return None
+    if files:
+        _carry(made, files, at, errors)
+    return made
+
+
+def _carry(made: Any, files: tuple[str, ...], at: str, errors: list[str]) -> None:
+    """Give a plug-in the names of its input files, though it has no field for them."""
+    try:
+        object.__setattr__(made, INPUT_FILES, files)
+    except AttributeError:  # a class with slots
+        errors.append(f"{at}.{INPUT_FILES}: {type(made).__name__} needs a field `{INPUT_FILES}: tuple[str, ...] = ()`")
+
+
+def own_plugins(data: Any) -> Extra:
+    """The user's plug-ins that a config's `kind` keys name as `module:attribute`; UserError when one is not there."""
+    found: dict[str, type] = {}
+    stack = [data]
+    while stack:
+        item = stack.pop()
+        if isinstance(item, Mapping):
+            kind = item.get("kind")
+            if isinstance(kind, str) and ":" in kind and kind not in found:
+                found[kind] = import_plugin(kind)
+            stack.extend(item.values())
+        elif isinstance(item, list):
+            stack.extend(item)
+    return tuple(sorted(found.items()))
+
+
+def import_plugin(name: str) -> type:
+    """Class of a plug-in named `module:attribute`; UserError saying what is wrong with the name."""
+    module, _, attribute = name.partition(":")
+    before = frozenset(sys.modules)
+    try:
+        cls = getattr(importlib.import_module(module), attribute)
+    except Exception as error:  # whatever the module raises
+        told = str(error) if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
+        raise UserError(f"plug-in {name!r} cannot be imported: {told}; is its folder on PYTHONPATH?") from None
+    if not (isinstance(cls, type) and is_dataclass(cls)):
+        raise UserError(f"plug-in {name!r} must be a dataclass of its parameters")
+    for made_in in {module, cls.__module__}:
+        loaded[made_in] = loaded.get(made_in, frozenset()) | (frozenset(sys.modules) - before)
+    return cls
+
+
+def _translate(annotation: Any, extra: Extra) -> Any:
+    """The annotation with dataclasses and plug-in protocols replaced by their models."""
+    if annotation in PLUGINS:
+        return choice(annotation, extra)
+    if isinstance(annotation, type) and is_dataclass(annotation):
+        return model_of(annotation, extra)
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return Annotated[(_translate(arguments[0], extra), *arguments[1:])]
+    if origin is tuple:
+        return tuple[tuple(a if a is Ellipsis else _translate(a, extra) for a in arguments)]  # type: ignore[misc]
+    if origin in (Union, types.UnionType):
+        return Union[tuple(_translate(a, extra) for a in arguments)]  # noqa: UP007
+    return annotation
+
+
+@cache
+def choice(protocol: type, extra: Extra = ()) -> Any:
+    """Choice by `kind` among the registered plug-ins of one sort and the user's own that have its verb."""
+    registry, verb = PLUGINS[protocol]
+    members = [model_of(cls, extra, kind) for kind, cls in registry.items()]
+    members += [model_of(cls, extra, kind) for kind, cls in extra if hasattr(cls, verb)]
+    if len(members) == 1:
+        return members[0]
+    return Annotated[Union[tuple(members)], Field(discriminator="kind")]  # noqa: UP007
+
+
+def _holds_dataclass(value: Any) -> bool:
+    return isinstance(value, tuple) and any(is_dataclass(item) for item in value)

@@ -1,0 +1,34 @@
+"""Every plug-in point: the protocol, its registry, and the verb that a plug-in must have."""
+
+from typing import Any
+
+from uavbench.bench.external.program import External
+from uavbench.bench.third_party.registry import PEERS
+from uavbench.scenes.clutter.registry import CLUTTER
+from uavbench.scenes.effects.registry import EFFECTS
+from uavbench.scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, StructureSpec
+from uavbench.scenes.structures.registry import STRUCTURES
+from uavbench.scenes.world.registry import ENVIRONMENTS
+from uavbench.tracker.images.recorded_sequence import RECORDINGS, RecordingSource
+from uavbench.tracker.initialization import INITIALIZATIONS, Initialization
+from uavbench.tracker.protocol import Tracker
+from uavbench.tracker.registry import TRACKERS
+from uavbench.trajectories.paths.registry import PATHS, PathSpec
+from uavbench.trajectories.sensors.registry import SENSORS, SensorSpec
+from uavbench.trajectories.vehicle.airframes import AIRFRAMES, AirframeSpec
+from uavbench.trajectories.wind.winds import WINDS, WindSpec
+
+PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
+    StructureSpec: (STRUCTURES, "build"),
+    EnvironmentSpec: (ENVIRONMENTS, "build"),
+    ClutterSpec: (CLUTTER, "build"),
+    EffectSpec: (EFFECTS, "start"),
+    PathSpec: (PATHS, "plan"),
+    AirframeSpec: (AIRFRAMES, "build"),
+    WindSpec: (WINDS, "start"),
+    SensorSpec: (SENSORS, "measure"),
+    Initialization: (INITIALIZATIONS, "first_pose"),
+    RecordingSource: (RECORDINGS, "find"),
+    Tracker: ({**TRACKERS, **PEERS, "external": External}, "start"),
+}
+"""Protocol -> (name -> class, verb)."""

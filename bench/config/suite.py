@@ -1,0 +1,258 @@
+"""A suite: one TOML file in, checked specs out; all its mistakes are told at once."""
+
+import difflib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, Field, ValidationError, create_model
+
+from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.inputs.file_paths import located
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.images.recorded_sequence import RecordingSpec
+from uavbench.tracker.initialization import Initialization, Known
+from uavbench.tracker.protocol import Tracker
+from uavbench.tracker.run import KNOWN
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_toml
+
+Protocol = Literal["reset", "anchors"]
+Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at.
+
+    Its sequences are all rendered, or all recorded: without truth there is no error to set beside another.
+    start is where the first pose comes from; protocols are those that trackers run in beside the free run; flights is
+    the hash of what the file says of its sequences.
+    """
+
+    name: str
+    title: str
+    sequences: tuple[SequenceSpec | RecordingSpec, ...]
+    trackers: dict[str, Tracker]
+    rates_hz: tuple[float, ...]
+    start: Initialization = KNOWN
+    protocols: tuple[Protocol, ...] = ()
+    flights: str = ""
+
+
+def load_suite(path: Path) -> Suite:
+    """Suite of a TOML file; UserError naming the file and every key that is wrong."""
+    data, extra = _read(path)
+    checked = _check(path, suite_model(extra), data, _repeated(data))
+    errors: list[str] = []
+    sequences = tuple(
+        build(table, f"{kind}.{name}", errors, name=f"{name}-s{seed}", seed=seed)
+        for kind in ("sequences", "recordings")
+        for name, table in getattr(checked, kind).items()
+        for seed in checked.seeds
+    )
+    if bool(checked.sequences) == bool(checked.recordings):
+        errors.append("give either `sequences`, which are rendered, or `recordings`, which are real images")
+    trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
+    start = build(checked.start, "start", errors)
+    errors += [
+        f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
+        for spec in sequences
+        for rate in checked.rates_hz
+        if spec is not None and rate > spec.rate_hz
+    ]
+    errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
+    if errors:
+        raise UserError(_told(path, list(dict.fromkeys(errors))))
+    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
+    return Suite(
+        path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, tuple(checked.protocols), flights
+    )
+
+
+def load_tracker(path: Path) -> Tracker:
+    """Tracker of a TOML file that holds the table of one; UserError naming the file and every key that is wrong."""
+    data, extra = _read(path)
+    return tracker_of(data, path, extra)
+
+
+def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
+    """Tracker of a table that stands in a file; UserError naming the file and every key that is wrong."""
+    tracker: Tracker = _one(Tracker, "tracker", data, path, extra)
+    return tracker
+
+
+def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initialization:
+    """Where the first pose comes from, of a table that stands in a file; UserError as `tracker_of`."""
+    start: Initialization = _one(Initialization, "start", data, path, extra)
+    return start
+
+
+def _one(protocol: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
+    """The one plug-in that a table says, told in errors by a key."""
+    kind: Any = choice(protocol, extra)
+    fields: Any = {key: (kind, ...)}
+    table = _check(path, create_model("File", __config__=STRICT, **fields), {key: data})
+    errors: list[str] = []
+    plugin = build(getattr(table, key), key, errors)
+    if errors:
+        raise UserError(_told(path, errors))
+    return plugin
+
+
+@cache
+def suite_model(extra: Extra = ()) -> type[BaseModel]:
+    """Model of a suite file; its `model_json_schema()` is the JSON Schema for editors."""
+    sequence: Any = model_of(SequenceSpec, extra, omit=frozenset({"name", "seed"}))
+    recording: Any = model_of(RecordingSpec, extra, omit=frozenset({"name", "seed"}))
+    tracker: Any = choice(Tracker, extra)
+    start: Any = choice(Initialization, extra)
+    known = model_of(Known, extra, "known").model_construct
+    return create_model(
+        "Suite",
+        __config__=STRICT,
+        __doc__="A uavbench suite: what is rendered, which trackers run on it, and at which rates.",
+        title=(str, ...),
+        seeds=(Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1)], [0]),
+        rates_hz=(Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)], ...),
+        start=(start, Field(default_factory=known)),
+        protocols=(list[Protocol], []),
+        sequences=(dict[Name, sequence], {}),
+        recordings=(dict[Name, recording], {}),
+        trackers=(Annotated[dict[Name, tracker], Field(min_length=1)], ...),
+    )
+
+
+def _read(path: Path) -> tuple[dict[str, Any], Extra]:
+    """Content of a TOML file and the user's plug-ins that it names."""
+    data = read_toml(path, hint="; `uavbench list` shows the suites that come with uavbench")
+    try:
+        return data, own_plugins(data)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+
+
+def _repeated(data: dict[str, Any]) -> list[str]:
+    """A line for each seed, rate or protocol that is there already, or whose results would lie in one folder."""
+    lines = []
+    for key in ("seeds", "rates_hz", "protocols"):
+        first: dict[str, int] = {}
+        given: list[Any] = data[key] if isinstance(data.get(key), list) else []
+        for i, value in enumerate(given):
+            written = f"{value:g}" if key == "rates_hz" and isinstance(value, float) else str(value)
+            same = first.setdefault(written, i)
+            if same != i:
+                alike = f", {given[same]!r}: both are written {written}" if value != given[same] else ""
+                lines.append(f"{key}[{i}]: {value!r} is there already, as {key}[{same}]{alike}; leave one out")
+    return lines
+
+
+def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:
+    """A line for each rate that means the same frames of a sequence as one before it."""
+    strides = [round(min(spec.rate_hz / rate, 1e9)) for rate in rates_hz]
+    return [
+        f"rates_hz[{i}]: {rate:g} Hz is every {stride}. frame of sequence {spec.name} ({spec.rate_hz:g} Hz), "
+        f"and so is {rates_hz[strides.index(stride)]:g} Hz; leave one out"
+        for i, (rate, stride) in enumerate(zip(rates_hz, strides, strict=True))
+        if strides.index(stride) != i and rate <= spec.rate_hz
+    ]
+
+
+def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Sequence[str] = ()) -> Any:
+    """The config as its model; UserError with a line for each mistake, and for those that are known already."""
+    config, mistakes = located(data, path.parent)
+    mistakes += more
+    try:
+        checked = model.model_validate_json(json.dumps(config, default=str))
+    except ValidationError as error:
+        mistakes += [_explain(model, e) for e in error.errors()]
+    if mistakes:
+        raise UserError(_told(path, mistakes))
+    return checked
+
+
+def _told(path: Path, messages: list[str]) -> str:
+    count = f"{len(messages)} mistakes" if len(messages) > 1 else "1 mistake"
+    return f"{path}: {count}\n" + "\n".join(f"  {message}" for message in messages)
+
+
+def _explain(model: type[BaseModel], error: Any) -> str:
+    """One line of a validation error: key path, what is wrong, and the nearest valid name."""
+    keys, tables = zip(*_walk(model, error["loc"]), strict=True) if error["loc"] else ((), ())
+    path = _path(keys)
+    context = error.get("ctx", {})
+    match error["type"]:
+        case "extra_forbidden":
+            valid = [name for name in tables[-1].model_fields if name != "kind"] if tables[-1] else []
+            if elsewhere := _elsewhere(keys, tables):
+                return f"{path}: unknown key here; did you mean {elsewhere!r}?"
+            return f"{path}: unknown key{_nearest(str(keys[-1]), valid)}"
+        case "union_tag_invalid":
+            valid = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
+            return f"{path}.kind: unknown kind {context['tag']!r}{_nearest(context['tag'], valid)}"
+        case "union_tag_not_found":
+            return f"{path}: `kind` is missing"
+        case "missing" if keys[-1] == "kind":
+            return f"{path.removesuffix('.kind')}: `kind` is missing"
+        case "missing":
+            return f"{path}: this key is missing"
+        case _:
+            got = error["input"]
+            shown = f", got {got!r}" if not isinstance(got, dict | list) else ""
+            return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{shown}"
+
+
+def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
+    """Path of a misplaced key in one of the tables around it, or in a table beside it; "" where there is none."""
+    name = str(keys[-1])
+    for depth in range(len(keys) - 2, -1, -1):
+        if tables[depth] is not None and name in tables[depth].model_fields:
+            return _path((*keys[:depth], name))
+    for beside, field in tables[-1].model_fields.items() if tables[-1] else ():
+        inner = _bare(field.annotation)
+        if isinstance(inner, type) and issubclass(inner, BaseModel) and name in inner.model_fields:
+            return _path((*keys[:-1], beside, name))
+    return ""
+
+
+def _path(keys: tuple[Any, ...]) -> str:
+    """Dotted path of keys in a config; None is a step that has no key."""
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
+
+
+def _nearest(name: str, valid: list[str]) -> str:
+    near = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"{hint} (valid: {', '.join(valid)})"
+
+
+def _walk(model: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | int | None, type[BaseModel] | None]]:
+    """Each step of an error's location as (key, model that the key is looked up in); a union's tag has no key."""
+    here: Any = model
+    for step in location:
+        here = _bare(here)
+        if isinstance(here, type) and issubclass(here, BaseModel):
+            yield step, here
+            field = here.model_fields.get(str(step))
+            here = field.annotation if field else None
+        elif get_origin(here) in (list, tuple, dict):
+            yield step, None
+            here = get_args(here)[-1 if get_origin(here) is dict else 0]
+        else:
+            members = [m for m in get_args(here) if isinstance(m, type) and issubclass(m, BaseModel)]
+            tagged = [
+                m for m in members if "kind" in m.model_fields and step in get_args(m.model_fields["kind"].annotation)
+            ]
+            yield (None if tagged else step), None
+            here = tagged[0] if tagged else None
+
+
+def _bare(annotation: Any) -> Any:
+    """The annotation without Annotated."""
+    while hasattr(annotation, "__metadata__"):
+        annotation = annotation.__origin__
+    return annotation

@@ -1,0 +1,152 @@
+"""A temporary folder and the processes at work in it, both gone when we are, however we end.
+
+A process of its own, the guard, owns them (`guard_process`): it is the reaper of all that its program starts, so
+daemons that leave the session are found too, and a socket tells it when this process ends, even by kill -9.
+"""
+
+import array
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+SCRIPT = Path(__file__).parent / "guard_process.py"
+START_S, END_S = 60.0, 20.0
+"""Longest that a guard may take to begin and to end; it takes some hundredths of a second."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a program ended: its exit code, minus the signal if by one, and the memory in MB it was ended for, else 0."""
+
+    code: int
+    used_mb: float = 0.0
+
+
+class Guard:
+    """A context with a new, empty `folder`; leaving it ends what was started and removes the folder.
+
+    OSError when there is no room for a folder.
+    """
+
+    def __init__(self, prefix: str) -> None:
+        self._socket, theirs = socket.socketpair()
+        with theirs:
+            self.popen = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(SCRIPT), str(theirs.fileno()), prefix],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
+        self._received, self._gone = b"", False
+        self._ended: Ended | None = None
+        said = self._said(START_S)
+        if said is None:
+            self.close()
+            raise OSError(f"no temporary folder can be made in {os.environ.get('TMPDIR', '/tmp')}")
+        self.folder = Path(said["folder"])
+
+    def __enter__(self) -> "Guard":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def start(
+        self,
+        command: Sequence[str],
+        environment: Mapping[str, str],
+        files: tuple[int, int, int],
+        *,
+        cwd: Path | None = None,
+        memory_mb: int = 0,
+        file_mb: int = 0,
+    ) -> None:
+        """Start the one program of this guard, in its folder or in cwd; 0 MB is no limit.
+
+        files are its standard input, output and error. memory_mb limits the address space of each of its processes and
+        the memory of all together, file_mb the size of a file. What cannot be started ends with the code 127.
+        """
+        asked = {"command": list(command), "environment": dict(environment), "cwd": str(cwd or self.folder)}
+        line = json.dumps({**asked, "memory_mb": memory_mb, "file_mb": file_mb}).encode() + b"\n"
+        rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", files))]
+        self._socket.settimeout(START_S)
+        with suppress(OSError):  # a guard that is gone is told of by `wait`
+            sent = self._socket.sendmsg([line], rights)
+            self._socket.sendall(line[sent:])
+
+    def wait(self, timeout_s: float) -> Ended | None:
+        """How the program ended, None if it has not within this time."""
+        if self._ended is None and (said := self._said(timeout_s)) is not None:
+            self._ended = Ended(**said)
+        elif self._ended is None and self._gone:
+            self._ended = Ended(-signal.SIGKILL)  # somebody killed the guard, and the program with it
+        return self._ended
+
+    def end(self) -> None:
+        """End the program and all it has started."""
+        self._socket.settimeout(END_S)
+        with suppress(OSError):
+            self._socket.sendall(b'{"end": true}\n')
+            self.wait(END_S)
+
+    def close(self) -> None:
+        """End the program and all it has started, and remove the folder."""
+        self._socket.close()
+        try:
+            self.popen.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self.popen.kill()
+            self.popen.wait()
+        if self.popen.returncode < 0 and hasattr(self, "folder"):
+            shutil.rmtree(self.folder, ignore_errors=True)  # somebody killed the guard
+
+    def _said(self, timeout_s: float) -> dict[str, Any] | None:
+        """The next that the guard says, None if nothing came in time."""
+        deadline = time.monotonic() + timeout_s
+        while b"\n" not in self._received:
+            self._socket.settimeout(max(1e-3, deadline - time.monotonic()))
+            try:
+                data = self._socket.recv(1 << 12)
+            except TimeoutError:
+                return None
+            except OSError:
+                data = b""
+            if not data:
+                self._gone = True
+                return None
+            self._received += data
+        line, _, self._received = self._received.partition(b"\n")
+        said: dict[str, Any] = json.loads(line)
+        return said
+
+
+@dataclass(frozen=True)
+class Talk:
+    """A guarded program's standard input and output, as text."""
+
+    asks: TextIO
+    answers: TextIO
+
+
+@contextmanager
+def talk(command: Sequence[str], environment: Mapping[str, str], cwd: Path) -> Iterator[Talk]:
+    """A program to ask and be answered by; leaving the context, or dying in it, ends it with all it has started."""
+    with Guard("uavbench-talk-") as guard:
+        (their_asks, asks), (answers, their_answers) = os.pipe(), os.pipe()
+        guard.start(command, environment, (their_asks, their_answers, 2), cwd=cwd)
+        os.close(their_asks)
+        os.close(their_answers)
+        with suppress(BrokenPipeError), os.fdopen(asks, "w") as to_it, os.fdopen(answers) as from_it:
+            yield Talk(to_it, from_it)

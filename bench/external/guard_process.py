@@ -1,0 +1,252 @@
+"""Owns a temporary folder and a tree of processes, and ends both when its owner is gone: see `guard`.
+
+Run as `python -I -S guard_process.py SOCKET PREFIX`, so that it starts quickly and loads nothing of a user's. Lines of
+JSON go over the socket. To its owner: `{"folder": ...}`, and `{"code": ..., "used_mb": ...}` once its program has
+ended. From its owner: one `{"command": ..., "environment": ..., "cwd": ..., "memory_mb": ..., "file_mb": ...}` with the
+program's three standard files, and `{"end": true}`. When the owner dies, however it dies, the socket closes; then all
+is ended.
+"""
+
+import ctypes
+import json
+import os
+import resource
+import select
+import signal
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from shutil import rmtree
+from typing import Any
+
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
+SAMPLE_S = 0.1
+"""Time between two looks at the memory of all processes together, and at whether the owner is there."""
+GIVE_UP_S = 10.0
+"""A killed process that is still there after so long is in the kernel's hands."""
+
+
+def main() -> None:
+    """Make the folder, start what the owner asks for, and end it all."""
+    owner = socket.socket(fileno=int(sys.argv[1]))
+    owner.set_inheritable(False)
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
+        signal.signal(number, signal.SIG_IGN)
+    _prctl(PR_SET_CHILD_SUBREAPER, 1)
+    folder = os.path.realpath(tempfile.mkdtemp(prefix=sys.argv[2]))
+    try:
+        Guarding(owner).serve(folder)
+    except OSError:
+        pass  # the owner is gone
+    finally:
+        end_descendants()
+        rmtree(folder, ignore_errors=True)
+
+
+class Guarding:
+    """One owner, and its program once there is one."""
+
+    def __init__(self, owner: socket.socket) -> None:
+        self.owner, self.owner_pid = owner, os.getppid()
+        self.program, self.memory_mb, self.told = 0, 0, False
+        self.codes: dict[int, int] = {}
+        self.received, self.files = b"", list[int]()
+        woken, wake = os.pipe()
+        os.set_blocking(wake, False)
+        signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+        for number in (signal.SIGCHLD, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+        self.woken, self.terminated = woken, False
+
+    def _on_signal(self, number: int, _: object) -> None:
+        self.terminated |= number == signal.SIGTERM
+
+    def serve(self, folder: str) -> None:
+        """Do what the owner says until it is gone."""
+        self.tell({"folder": folder})
+        poll = select.poll()
+        poll.register(self.owner, select.POLLIN)
+        poll.register(self.woken, select.POLLIN)
+        while not self.terminated and os.getppid() == self.owner_pid:
+            ready = {handle for handle, _ in poll.poll(SAMPLE_S * 1e3)}
+            if self.woken in ready:
+                os.read(self.woken, 1 << 12)
+            if self.owner.fileno() in ready and not self.listen():
+                return
+            self.look_after()
+
+    def listen(self) -> bool:
+        """Take in and do what the owner says; False when it is gone."""
+        data, files, _, _ = socket.recv_fds(self.owner, 1 << 16, 3)
+        for handle in files:
+            os.set_inheritable(handle, False)
+        self.files += files
+        self.received += data
+        while b"\n" in self.received:
+            line, _, self.received = self.received.partition(b"\n")
+            asked = json.loads(line)
+            if "command" in asked:
+                self.start(asked)
+            else:
+                self.codes.update(end_descendants())
+        return bool(data)
+
+    def start(self, asked: dict[str, Any]) -> None:
+        """Start the program in a session of its own."""
+        self.memory_mb, guard = asked["memory_mb"], os.getpid()
+        self.program = os.fork()
+        if self.program:
+            for handle in self.files:
+                os.close(handle)
+            return
+        try:
+            os.setsid()
+            for number in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE, signal.SIGCHLD, signal.SIGTERM):
+                signal.signal(number, signal.SIG_DFL)
+            die_with(guard)
+            for target, handle in enumerate(self.files):
+                os.dup2(handle, target)
+            os.chdir(asked["cwd"])
+            limit(asked["memory_mb"], asked["file_mb"])
+            os.execvpe(asked["command"][0], asked["command"], asked["environment"])
+        except OSError as error:
+            os.write(2, f"{asked['command'][0]}: {error.strerror}\n".encode())
+        finally:
+            os._exit(127)
+
+    def look_after(self) -> None:
+        """Take in who has ended; end all when the program has, or when all together have too much memory."""
+        self.codes.update(reap())
+        if not self.program or self.told:
+            return
+        used_mb = 0.0 if self.program in self.codes else used_memory_mb(self.memory_mb)
+        if used_mb or self.program in self.codes:
+            self.codes.update(end_descendants())
+            self.told = True
+            self.tell({"code": self.codes.get(self.program, -signal.SIGKILL), "used_mb": used_mb})
+
+    def tell(self, what: dict[str, Any]) -> None:
+        """Send a line to the owner."""
+        self.owner.sendall(json.dumps(what).encode() + b"\n")
+
+
+def limit(memory_mb: int, file_mb: int) -> None:
+    """Limit the address space and the size of files of this process and its children, and leave no core files."""
+    for what, megabytes in (
+        (resource.RLIMIT_AS, memory_mb),
+        (resource.RLIMIT_FSIZE, file_mb),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        if megabytes or what == resource.RLIMIT_CORE:
+            resource.setrlimit(what, (megabytes << 20, megabytes << 20))
+
+
+def die_with(parent: int) -> None:
+    """Have the kernel kill this process when the thread that started it ends; at once where that has ended already."""
+    _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def end_descendants() -> list[tuple[int, int]]:
+    """Kill every process that this one has started, whatever session it went to; (pid, exit code) of its own children.
+
+    They are stopped first, so that none starts another one meanwhile.
+    """
+    ended: list[tuple[int, int]] = list(reap())
+    deadline = time.monotonic() + GIVE_UP_S
+    while (living := descendants(os.getpid())) and time.monotonic() < deadline:
+        _signal(living, signal.SIGSTOP)
+        _signal(living | descendants(os.getpid()), signal.SIGKILL)
+        time.sleep(0.002)
+        ended += reap()
+    return ended
+
+
+def reap() -> Iterator[tuple[int, int]]:
+    """Children that have ended: pid, and exit code as of `subprocess` (minus the signal)."""
+    with suppress(ChildProcessError):
+        while True:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+            if not pid:
+                return
+            yield pid, os.waitstatus_to_exitcode(status)
+
+
+def descendants(root: int) -> set[int]:
+    """Processes that a process has started, and those that these have started."""
+    found: set[int] = set()
+    todo = [root]
+    while todo:
+        new = [pid for pid in children(todo.pop()) if pid not in found]
+        found.update(new)
+        todo += new
+    return found
+
+
+def children(pid: int) -> Iterator[int]:
+    """Children of a process, none where there is no /proc to tell them."""
+    with suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            with suppress(OSError):
+                yield from map(int, (task / "children").read_text().split())
+    if not Path("/proc/thread-self/children").exists():  # a kernel without CONFIG_PROC_CHILDREN
+        with suppress(OSError):
+            others = (int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit())
+            yield from (other for other in others if _parent(other) == pid)
+
+
+def _parent(pid: int) -> int:
+    with suppress(OSError, IndexError):
+        return int(_read(f"/proc/{pid}/stat").rpartition(")")[2].split()[1])
+    return 0
+
+
+def used_memory_mb(limit_mb: int) -> float:
+    """Memory of all processes started from here, MB, if it is more than the limit; 0 if it is not.
+
+    Resident memory first, which counts pages that are shared once for each; where that is too much, the proportional
+    share of each process, which costs the kernel more to tell.
+    """
+    pids = descendants(os.getpid())
+    resident = {pid: _resident_mb(pid) for pid in pids}
+    if not limit_mb or sum(resident.values()) <= limit_mb:
+        return 0.0
+    used = sum(_proportional_mb(pid, resident[pid]) for pid in pids)
+    return used if used > limit_mb else 0.0
+
+
+def _resident_mb(pid: int) -> float:
+    with suppress(OSError, IndexError):
+        return int(_read(f"/proc/{pid}/statm").split()[1]) * resource.getpagesize() / 2**20
+    return 0.0
+
+
+def _proportional_mb(pid: int, otherwise: float) -> float:
+    with suppress(OSError, StopIteration):
+        lines = _read(f"/proc/{pid}/smaps_rollup").splitlines()
+        return int(next(line for line in lines if line.startswith("Pss:")).split()[1]) / 1024
+    return otherwise
+
+
+def _read(path: str) -> str:
+    return Path(path).read_text(encoding="ascii", errors="replace")
+
+
+def _signal(pids: Iterable[int], number: int) -> None:
+    for pid in pids:
+        with suppress(OSError):
+            os.kill(pid, number)
+
+
+def _prctl(option: int, value: int) -> None:
+    with suppress(OSError, AttributeError):  # there is none but on Linux; the socket tells of the owner's end anyway
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+if __name__ == "__main__":
+    main()

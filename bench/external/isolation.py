@@ -1,0 +1,189 @@
+"""`--isolate`: a program in namespaces of its own, that sees the system, its own files and its job folder, and no more.
+
+bubblewrap makes them, else `unshare` of util-linux; where neither can, the run is refused. Its processes, mounts,
+users, host name and shared memory are its own, and it has no network. Read-only: the system's programs and libraries,
+the Python that the command starts, and the files that its table names. Writable: its current folder, `/job`, and
+`/tmp`.
+"""
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+
+from uavbench.trajectories.errors import UserError
+
+SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32", "/nix/store", "/gnu/store")
+ETC = ("alternatives", "fonts", "ld.so.cache", "ld.so.conf", "ld.so.conf.d", "localtime", "nsswitch.conf")
+PREFIX = ("bin", "conda-meta", "etc", "include", "lib", "lib32", "lib64", "libexec", "pyvenv.cfg", "share", "ssl")
+"""What belongs to a Python in the folder that it, a virtual environment or conda is installed in."""
+KERNEL = ("sys", "sysrq-trigger", "irq", "bus")
+"""What of /proc is the whole machine's; root may write there without any capability, so it is read-only."""
+SHARED_MEMORY_MB = 256
+PASSED_IN = ("PATH", "LANG", "LC_ALL", "OMP_NUM_THREADS")
+"""The only environment variables of ours that get in."""
+WITHIN = {"HOME": "/tmp", "TMPDIR": "/tmp", "USER": "tracker", "PYTHONUNBUFFERED": "1"}
+PROBE_S = 30.0
+
+Way = Callable[[Sequence[str], Path, Sequence[Path]], list[str]]
+"""Makes the command that runs a command in a job folder, with paths that are seen."""
+
+
+def isolated(command: Sequence[str], folder: Path, files: Iterable[Path]) -> list[str]:
+    """The command that runs `command` isolated, with the job folder and read-only files; UserError where none can."""
+    way, program = usable(), unwrapped(command[0])
+    return way([program, *command[1:]], folder, visible(program, files))
+
+
+@cache
+def unwrapped(program: str) -> str:
+    """The Python itself where the PATH leads to a script that chooses one, as those of pyenv do."""
+    at = shutil.which(program)
+    if at is None or not Path(program).name.startswith("python") or Path(at).read_bytes()[:2] != b"#!":
+        return program
+    asked = [at, "-I", "-c", "import sys; print(sys.executable)"]
+    try:
+        return subprocess.run(asked, capture_output=True, text=True, timeout=PROBE_S, check=True).stdout.strip()
+    except (subprocess.SubprocessError, OSError):
+        return program
+
+
+def visible(program: str, files: Iterable[Path] = ()) -> list[Path]:
+    """All that is seen beside the job folder, read-only; no path lies in another."""
+    found = [*map(Path, SYSTEM), *(Path("/etc", name) for name in ETC), *_prefixes(program), *files]
+    if (at := shutil.which(program)) is not None:
+        found.append(Path(at).absolute())
+    kept: list[Path] = []
+    for path in sorted({path for path in found if path.exists()}, key=lambda path: len(path.parts)):
+        if not any(path.is_relative_to(outer) for outer in kept):
+            kept.append(path)
+    return kept
+
+
+def refuse_seen(program: str, files: Iterable[Path], hidden: Path) -> None:
+    """UserError when an isolated program would see a folder that must stay hidden, or something of it."""
+    hidden = hidden.resolve()
+    for path in visible(unwrapped(program), files):
+        if hidden.is_relative_to(path.resolve()) or path.resolve().is_relative_to(hidden):
+            raise UserError(
+                f"isolate: {path} would be seen, and the truth of {hidden} with it; put one of them elsewhere"
+            )
+
+
+@cache
+def usable() -> Way:
+    """What makes the namespaces here; UserError with the words of each that does not."""
+    why = []
+    ways: dict[str, Way] = {"bwrap": _bubblewrap, "unshare": _unshare}
+    for name, way in ways.items():
+        if shutil.which(name) is None:
+            why.append(f"{name} is not installed")
+            continue
+        with tempfile.TemporaryDirectory(prefix="uavbench-probe-") as scratch:
+            (Path(scratch) / "tmp").mkdir()
+            command = way(["true"], Path(scratch), visible("true"))
+            try:
+                done = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_S, check=False)
+            except subprocess.TimeoutExpired:
+                why.append(f"{name} hangs")
+                continue
+        if done.returncode == 0:
+            return way
+        words = done.stderr.strip().splitlines()
+        why.append(f"{name}: {words[-1] if words else f'exit code {done.returncode}'}")
+    raise UserError(
+        f"isolate: no program can be isolated here ({'; '.join(why)}); install bubblewrap, let users make namespaces, "
+        "or run without it what you trust"
+    )
+
+
+def _bubblewrap(command: Sequence[str], folder: Path, paths: Sequence[Path]) -> list[str]:
+    out = ["bwrap", "--unshare-all", "--die-with-parent", "--cap-drop", "ALL", "--hostname", "tracker"]
+    out += ["--bind", str(folder), "/job", "--bind", str(folder / "tmp"), "/tmp", "--proc", "/proc"]
+    for name in KERNEL:
+        out += ["--ro-bind-try", *[f"/proc/{name}"] * 2]
+    out += ["--dev", "/dev", "--size", str(SHARED_MEMORY_MB << 20), "--tmpfs", "/dev/shm"]
+    for path in paths:  # after /tmp, for it may hold some of them
+        out += ["--symlink", str(path.readlink()), str(path)] if _is_top_link(path) else ["--ro-bind", *[str(path)] * 2]
+    return [*out, "--remount-ro", "/", "--chdir", "/job", "--", *command]
+
+
+SCRIPT = f"""
+job=$1; shift
+root=$job/tmp/root
+mkdir "$root"
+mount -t tmpfs -o mode=755,size=16m tmpfs "$root"
+mkdir -p "$root/proc" "$root/dev/shm" "$root/job" "$root/tmp"
+mount --bind "$job" "$root/job"
+mount --bind "$job/tmp" "$root/tmp"
+see() {{
+    if [ -d "$1" ]; then mkdir -p "$root$1"; else mkdir -p "$(dirname "$root$1")"; : > "$root$1"; fi
+    mount --bind "$1" "$root$1"
+}}
+while [ "$1" != -- ]; do
+    if [ "$1" = link ]; then
+        shift
+        ln -s "$(readlink "$1")" "$root$1"
+    else
+        see "$1"
+        mount -o remount,bind,ro "$root$1"
+    fi
+    shift
+done
+shift
+for device in null zero full random urandom; do see /dev/$device; done
+mount -t tmpfs -o mode=1777,size={SHARED_MEMORY_MB}m tmpfs "$root/dev/shm"
+mount -t proc proc "$root/proc"
+for name in {" ".join(KERNEL)}; do
+    [ -e "$root/proc/$name" ] || continue
+    mount --bind "$root/proc/$name" "$root/proc/$name"
+    mount -o remount,bind,ro "$root/proc/$name"
+done
+mount -o remount,ro "$root"
+hostname tracker
+cd "$root"
+pivot_root . .
+umount -l .
+cd /job
+rmdir tmp/root
+exec setpriv --no-new-privs --bounding-set=-all --inh-caps=-all --ambient-caps=-all -- "$@"
+"""
+"""What bubblewrap does, by the tools of util-linux."""
+
+
+def _unshare(command: Sequence[str], folder: Path, paths: Sequence[Path]) -> list[str]:
+    out = [
+        "unshare",
+        "--user",
+        "--map-root-user",
+        "--mount",
+        "--pid",
+        "--net",
+        "--ipc",
+        "--uts",
+        "--fork",
+        "--kill-child",
+    ]
+    out += ["sh", "-euc", SCRIPT, "sh", str(folder)]
+    for path in paths:
+        out += ["link", str(path)] if _is_top_link(path) else [str(path)]
+    return [*out, "--", *command]
+
+
+def _is_top_link(path: Path) -> bool:
+    """Whether a path is one of those that lead into /usr, as /bin does on most systems."""
+    return path.is_symlink() and len(path.parts) == 2
+
+
+def _prefixes(program: str) -> Iterator[Path]:
+    """What belongs to a Python: its own installation, and the virtual environment that it is started from."""
+    found = shutil.which(program)
+    path = Path(found).absolute() if found else None
+    while path is not None:
+        root = path.parent.parent
+        python = (root / "pyvenv.cfg", root / "conda-meta", *root.glob("lib/python3*/os.py"))
+        if root != Path("/") and any(sign.exists() for sign in python):
+            yield from (root / name for name in PREFIX)
+        path = path.parent / path.readlink() if path.is_symlink() else None

@@ -1,0 +1,116 @@
+"""The folder that an external tracker works in: all that a tracker may know, and never the truth.
+
+    job.toml       mode, rate_hz, seed
+    camera.toml    width height fx fy cx cy distortion_model distortion
+    model.obj      the structure: vertices, triangles, one group for each planar face
+    model.cao      the same as polygons, one for each planar face, as ViSP reads it
+    edges.csv      its true edges: vertex_0, vertex_1, face_0, face_1 (from 0; -1: no face)
+    init.toml      cam_from_model at the first frame, a 4x4 matrix
+    sensors.toml   cam_from_body, and each sensor of the body: its columns, rate, noise and place
+
+and, where the tracker gets all frames at once,
+
+    frames.csv     stamp_ns, file
+    frames/*.png   the images
+    imu.csv ...    what each sensor measured, by its name: stamp_ns and its columns
+
+In the stream form images and samples come on standard input, each at its time. What may be known of the body and its
+sensors is in `uavbench.scenes.dataset.body`, for all trackers alike.
+"""
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from uavbench.bench.external.guard import Guard
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.body import Body, Samples, body_of, samples_of
+from uavbench.scenes.dataset.sequence import Sequence as Frames
+from uavbench.scenes.dataset.structure_files import save_structure
+from uavbench.scenes.model_files.cao import write_cao
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.errors import UserError, plain
+from uavbench.trajectories.files.writing import new_folder, write_text
+from uavbench.trajectories.pose import Pose
+
+KEPT_MARKER = "uavbench.json"
+"""File of a kept folder that lists the others."""
+MAX_WORDS_BYTES = 1 << 24
+"""Longest of a program's outputs that is kept."""
+
+
+def job_folder() -> Guard:
+    """An empty folder away from the dataset, removed at the end with all that was started in it."""
+    try:
+        return Guard("uavbench-job-")
+    except OSError as error:
+        raise UserError(f"{error}; name a folder with room in TMPDIR") from None
+
+
+def write_job(
+    folder: Path, structure: Structure, camera: Camera, cam_from_world: Pose, *, mode: str, rate_hz: float, seed: int
+) -> None:
+    """Write what both forms get."""
+    write_text(folder / "job.toml", f'mode = "{mode}"\nrate_hz = {rate_hz!r}\nseed = {seed}\n')
+    camera.save(folder / "camera.toml")
+    save_structure(structure, folder)
+    write_cao(structure, folder / "model.cao")
+    write_text(folder / "init.toml", _matrix("cam_from_model", cam_from_world))
+
+
+def write_sensors(folder: Path, body: Body) -> None:
+    """Write `sensors.toml`: what is known of the body and its sensors."""
+    text = _matrix("cam_from_body", body.cam_from_body)
+    for name, sensor in body.sensors.items():
+        about = {"kind": sensor.kind, "columns": list(sensor.columns), **sensor.parameters}
+        text += f"\n[sensors.{name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in about.items())
+    write_text(folder / "sensors.toml", text)
+
+
+def _matrix(key: str, pose: Pose) -> str:
+    rows = ",\n".join(f"    {row!r}" for row in pose.matrix.tolist())
+    return f"{key} = [\n{rows},\n]\n"
+
+
+def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
+    """Write the images at these indices, their stamps, and what the sensors measured up to the last of them.
+
+    Copies, so that a dataset cannot be changed.
+    """
+    (folder / "frames").mkdir()
+    lines = ["stamp_ns,file\n"]
+    for number, frame in enumerate(frames):
+        name = f"frames/{number:06d}{Path(sequence.files[frame]).suffix}"
+        (folder / name).write_bytes(sequence.image_bytes(frame))
+        lines.append(f"{sequence.stamps_ns[frame]},{name}\n")
+    write_text(folder / "frames.csv", "".join(lines))
+    last_ns = int(sequence.stamps_ns[frames[-1]])
+    for name, sensor in body_of(sequence).sensors.items():
+        samples = samples_of(sequence, name, sensor).between(None, last_ns)
+        rows = [",".join(("stamp_ns", *sensor.columns)), *(row for _, row in samples.rows())]
+        write_text(folder / f"{name}.csv", "\n".join(rows) + "\n")
+
+
+def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
+    """Keep a job folder whose run went wrong, with the faults in faults.txt; links in it are not followed."""
+    with new_folder(kept, KEPT_MARKER) as new:
+        shutil.copytree(folder, new, symlinks=True, dirs_exist_ok=True, ignore=_not_worth_keeping)
+        for words in (new / "stdout.txt", new / "stderr.txt"):
+            if words.is_file() and not words.is_symlink():
+                with words.open("rb") as handle:
+                    said = handle.read(MAX_WORDS_BYTES).decode("utf-8", errors="replace")
+                words.unlink()
+                write_text(words, plain(said))
+        write_text(new / "faults.txt", "".join(f"{fault}\n" for fault in faults))
+
+
+def _not_worth_keeping(folder: str, names: list[str]) -> list[str]:
+    """Temporary files, pipes, sockets and devices."""
+    return [n for n in names if n == "tmp" or not ((p := Path(folder, n)).is_symlink() or p.is_file() or p.is_dir())]
+
+
+def sample_lines(samples: Mapping[str, Samples]) -> bytes:
+    """Lines `NAME,stamp_ns,...` of the samples of all sensors, in the order of their stamps."""
+    rows = [(stamp, f"{name},{row}\n") for name, some in samples.items() for stamp, row in some.rows()]
+    return "".join(line for _, line in sorted(rows, key=lambda row: row[0])).encode()

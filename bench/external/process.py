@@ -1,0 +1,195 @@
+"""A program at work in its own folder: no shell, limits on time and memory, and nobody left behind."""
+
+import fcntl
+import os
+import select
+import shutil
+import signal
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+from uavbench.bench.external.guard import Guard
+from uavbench.bench.external.isolation import PASSED_IN, WITHIN, isolated
+from uavbench.bench.external.rows import TrackerFault
+from uavbench.trajectories.errors import one_line
+
+PASSED_ON = (
+    "PATH",
+    "HOME",
+    "LANG",
+    "LC_ALL",
+    "LD_LIBRARY_PATH",
+    "PYTHONPATH",
+    "CUDA_VISIBLE_DEVICES",
+    "OMP_NUM_THREADS",
+)
+"""The only environment variables that a program gets of ours."""
+PIPE_BYTES = 1 << 20
+MAX_LINE_BYTES = 1 << 14
+MAX_FILE_MB = 1024
+GONE_S = 2.0
+"""How long a program that has closed its output may take to end."""
+
+
+class Process:
+    """A running program; leaving the context kills it and all it has started.
+
+    files, where it is isolated, are those that it may read beside its folder; None: it is not isolated.
+    """
+
+    def __init__(
+        self, command: Sequence[str], guard: Guard, *, memory_mb: int, piped: bool, files: Sequence[Path] | None = None
+    ) -> None:
+        if shutil.which(command[0]) is None:
+            raise TrackerFault("cannot-start", "command", f"{command[0]!r} is no program that can be run")
+        self.guard, self.popen = guard, guard.popen
+        self.memory_mb, self._folder, self._buffer = memory_mb, guard.folder, bytearray()
+        self.stdin: int | None = None
+        self.stdout: int | None = None
+        (guard.folder / "tmp").mkdir()
+        passed_on: Sequence[str] = PASSED_ON
+        own = {"TMPDIR": str(guard.folder / "tmp"), "PYTHONUNBUFFERED": "1"}
+        if files is not None:
+            command, passed_on, own = isolated(command, guard.folder, files), PASSED_IN, WITHIN
+        environment = {name: os.environ[name] for name in passed_on if name in os.environ} | own
+        theirs = [self._input(piped), self._output(piped), _open(guard.folder / "stderr.txt")]
+        try:
+            files_of = (theirs[0], theirs[1], theirs[2])
+            guard.start(command, environment, files_of, memory_mb=memory_mb, file_mb=MAX_FILE_MB)
+        finally:
+            for handle in theirs:
+                os.close(handle)
+
+    def _input(self, piped: bool) -> int:
+        """The program's standard input; our end of it is kept."""
+        if not piped:
+            return os.open(os.devnull, os.O_RDONLY)
+        theirs, self.stdin = os.pipe()
+        _ready(self.stdin)
+        return theirs
+
+    def _output(self, piped: bool) -> int:
+        """The program's standard output; our end of it is kept."""
+        if not piped:
+            return _open(self._folder / "stdout.txt")
+        self.stdout, theirs = os.pipe()
+        _ready(self.stdout)
+        return theirs
+
+    def __enter__(self) -> "Process":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.kill()
+
+    def kill(self) -> None:
+        """End the program and all that it has started at once."""
+        self.guard.end()
+        self.close_input()
+        if self.stdout is not None:
+            os.close(self.stdout)
+            self.stdout = None
+
+    def close_input(self) -> None:
+        """End the program's standard input."""
+        if self.stdin is not None:
+            os.close(self.stdin)
+            self.stdin = None
+
+    def finish(self, timeout_s: float, where: str) -> None:
+        """Wait for the program's own end; TrackerFault when it hangs or ends with an error."""
+        self.close_input()
+        ended = self.guard.wait(timeout_s)
+        if ended is None:
+            raise TrackerFault("hung", where, f"the program did not end within {timeout_s:g} s")
+        if ended.code != 0 or ended.used_mb:
+            raise self.crash(where)
+
+    def send(self, parts: Sequence[bytes | memoryview], deadline: float, where: str) -> None:
+        """Write all parts; TrackerFault when the program is gone, or does not read them by the deadline."""
+        assert self.stdin is not None
+        handle = self.stdin
+        poll = select.poll()
+        poll.register(handle, select.POLLOUT)
+        for part in parts:
+            view = memoryview(part).cast("B")
+            while view:
+                if not poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
+                    raise TrackerFault("hung", where, "the program does not read its standard input")
+                try:
+                    view = view[os.write(handle, view) :]
+                except BlockingIOError:
+                    continue
+                except BrokenPipeError:
+                    raise self.crash(where) from None
+
+    def line(self, deadline: float, where: str) -> str:
+        """The next line that the program says; TrackerFault when it is gone, silent, or says no text."""
+        while b"\n" not in self._buffer:
+            if len(self._buffer) > MAX_LINE_BYTES:
+                raise TrackerFault("malformed", where, f"a line longer than {MAX_LINE_BYTES} bytes")
+            if not self._read(deadline - time.monotonic()):
+                if self.guard.wait(0.0) is not None or time.monotonic() < deadline:
+                    raise self.crash(where)
+                raise TrackerFault("hung", where, "no answer came in time")
+        text, _, self._buffer = self._buffer.partition(b"\n")
+        try:
+            return text.decode("utf-8")
+        except UnicodeDecodeError:
+            raise TrackerFault("malformed", where, f"the answer is not UTF-8 text: {bytes(text[:40])!r}") from None
+
+    def said_more(self) -> str:
+        """What the program has said beyond the lines taken, "" if nothing."""
+        self._read(0.0)
+        return self._buffer.decode("utf-8", errors="replace").strip()
+
+    def _read(self, timeout_s: float) -> bool:
+        """Take in what the program has said; False at its end, or when nothing came in time."""
+        assert self.stdout is not None
+        poll = select.poll()
+        poll.register(self.stdout, select.POLLIN)
+        if not poll.poll(max(0.0, timeout_s) * 1e3):
+            return False
+        with suppress(BlockingIOError):
+            piece = os.read(self.stdout, PIPE_BYTES)
+            self._buffer += piece
+            return bool(piece)
+        return True
+
+    def crash(self, where: str) -> TrackerFault:
+        """The fault of a program that is gone, with how it ended and the last it said."""
+        ended = self.guard.wait(GONE_S)
+        if ended is None:
+            how = "it closed its standard output but did not end"
+        elif ended.used_mb:
+            what = f"its processes together took {ended.used_mb:.0f} MB, memory_mb is {self.memory_mb}"
+            return TrackerFault("out-of-memory", where, what)
+        elif ended.code < 0:
+            how = f"it was ended by signal {signal.Signals(-ended.code).name}"
+        elif ended.code == 127:
+            return TrackerFault("cannot-start", where, f"it ended with exit code 127: {self.last_words()}")
+        else:
+            how = f"it ended with exit code {ended.code}"
+        return TrackerFault("crashed", where, f"{how} (memory limit {self.memory_mb} MB): {self.last_words()}")
+
+    def last_words(self) -> str:
+        """The last line on its standard error."""
+        with (self._folder / "stderr.txt").open("rb") as handle:
+            handle.seek(0, os.SEEK_END)
+            handle.seek(max(0, handle.tell() - 2000))
+            lines = handle.read().decode("utf-8", errors="replace").strip().splitlines()
+        return one_line(lines[-1])[:300] if lines else "no word on standard error"
+
+
+def _open(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+
+
+def _ready(pipe: int) -> None:
+    """Make our end of a pipe large, and never wait on it."""
+    os.set_blocking(pipe, False)
+    with suppress(OSError, AttributeError):
+        fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

@@ -1,0 +1,270 @@
+"""External trackers: a program in any language, given a folder or a stream of frames, never the truth.
+
+In the folder form the program gets all frames at once and writes `estimates.csv`. In the stream form it gets one frame
+at a time on standard input, says `ready` once and then one line for each frame, so that its latency is measured here
+and it cannot look ahead. docs/external-trackers.md is the protocol in full.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+from annotated_types import Ge, Gt, MinLen
+
+from uavbench.bench.external.guard import Guard
+from uavbench.bench.external.isolation import refuse_seen, usable
+from uavbench.bench.external.job_folder import job_folder, keep, sample_lines, write_frames, write_job, write_sensors
+from uavbench.bench.external.process import Process
+from uavbench.bench.external.rows import Fault, TrackerFault, read_estimates, read_row
+from uavbench.bench.inputs.command_files import command_files
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.body import Body, Feed, Samples
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.faults import is_ours
+from uavbench.tracker.initialization import Initialization
+from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import KNOWN, first_pose, make_record, stride, tracker_stream
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
+
+OnFrame = Callable[[int, TrackResult], None]
+MAX_FAULTS_TOLD = 20
+ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
+"""Faults that cost one frame and leave program and harness in step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class External:
+    """A program of your own, in any language, as a tracker.
+
+    command: program and arguments, no shell; those that are files beside the config are found there. mode: `stream`
+    gives a frame at a time, `folder` all at once. pixels: what the stream carries. timeout_s: for one frame, or for the
+    whole folder; start_timeout_s: until `ready`. memory_mb: address space of each of its processes, and memory of all.
+    input_files: further files whose change makes its results stale (sources, weights). isolate: it sees the system,
+    these files and its job folder, and no more (`uavbench.bench.external.isolation`).
+    """
+
+    command: Annotated[tuple[str, ...], MinLen(1)]
+    mode: Literal["stream", "folder"] = "stream"
+    pixels: Literal["bgr", "grey"] = "bgr"
+    timeout_s: Annotated[float, Gt(0)] = 60.0
+    start_timeout_s: Annotated[float, Gt(0)] = 60.0
+    memory_mb: Annotated[int, Ge(16)] = 8192
+    input_files: tuple[str, ...] = ()
+    isolate: bool = False
+
+    def __post_init__(self) -> None:
+        for name in self.input_files:
+            if not Path(name).is_file():
+                raise ValueError(f"input_files: {name} is no file")
+
+    @property
+    def entering_files(self) -> tuple[Path, ...]:
+        """Files whose content enters every result: what the command is made of, the input_files, the protocol's own."""
+        own = sorted(Path(__file__).parent.glob("*.py"))
+        return (*own, *self.named_files)
+
+    @property
+    def named_files(self) -> tuple[Path, ...]:
+        """Files that the command is made of, and the input_files."""
+        return (*command_files(self.command), *map(Path, self.input_files))
+
+    def run(self, guard: Guard) -> Process:
+        """The program at work in the folder of a guard."""
+        files = self.named_files if self.isolate else None
+        return Process(self.command, guard, memory_mb=self.memory_mb, piped=self.mode == "stream", files=files)
+
+    def start(
+        self,
+        structure: Structure,
+        camera: Camera,
+        cam_from_world: Pose,
+        rng: np.random.Generator,
+        *,
+        body: Body | None = None,
+    ) -> Run:
+        """Begin a run in the stream form; it ends with the last reference to it. UserError in the folder form."""
+        if self.mode == "folder":
+            raise UserError(f"{self.command[0]}: mode `folder` takes a whole sequence; use mode `stream` here")
+        with ExitStack() as stack:
+            guard = stack.enter_context(job_folder())
+            seed = int(rng.integers(2**31))
+            write_job(guard.folder, structure, camera, cam_from_world, mode="stream", rate_hz=0.0, seed=seed)
+            if body is not None:
+                write_sensors(guard.folder, body)
+            run = StreamRun(self, stack.enter_context(self.run(guard)))
+            run.held = stack.pop_all()
+            return run
+
+
+def isolated_trackers(trackers: Mapping[str, Tracker]) -> dict[str, Tracker]:
+    """Trackers by label, the programs among them isolated.
+
+    UserError where no program can be isolated here, and for Python code of the user's own, which runs in this process.
+    """
+    usable()
+    for label, tracker in trackers.items():
+        if not is_ours(tracker):
+            raise UserError(f"isolate: trackers.{label} is Python code in uavbench's own process; make it a program")
+    return {label: replace(t, isolate=True) if isinstance(t, External) else t for label, t in trackers.items()}
+
+
+class StreamRun:
+    """A run of a program that gets a frame at a time."""
+
+    held: ExitStack | None = None
+
+    def __init__(self, tracker: External, process: Process) -> None:
+        self.tracker, self.process, self.frames, self.stamp_ns = tracker, process, 0, -1
+        self.before = b""
+        word = process.line(time.monotonic() + tracker.start_timeout_s, "at its start").strip()
+        if word != "ready":
+            raise TrackerFault("not-ready", "at its start", f"the first line was {word[:60]!r}")
+
+    def sense(self, samples: Mapping[str, Samples]) -> None:
+        """Have what the sensors measured sent before the next frame."""
+        self.before += sample_lines(samples)
+
+    def track(self, image: Image, stamp_ns: int) -> TrackResult:
+        """Send the samples and a frame, take its answer; TrackerFault when there is no good one.
+
+        `total` is the wall time from the first byte sent until the answer was there.
+        """
+        where = f"frame {self.frames} (stamp {stamp_ns})"
+        self.expect_silence(where)
+        if self.tracker.pixels == "grey" and image.ndim == 3:
+            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        pixels = np.ascontiguousarray(image)
+        height, width, channels = (*pixels.shape, 1)[:3]
+        header = self.before + f"frame,{stamp_ns},{width},{height},{channels}\n".encode()
+        self.before = b""
+        deadline = time.monotonic() + self.tracker.timeout_s
+        begin = time.perf_counter()
+        self.process.send([header, memoryview(pixels.reshape(-1))], deadline, where)
+        answer = self.process.line(deadline, where)
+        total_ms = (time.perf_counter() - begin) * 1e3
+        self.frames += 1
+        stamp, result = read_row(answer, where)
+        if stamp != stamp_ns:
+            name = "duplicate" if stamp == self.stamp_ns else "unknown-stamp"
+            raise TrackerFault(name, where, f"the answer has the stamp {stamp}")
+        self.stamp_ns = stamp_ns
+        return TrackResult(
+            status=result.status,
+            cam_from_world=result.cam_from_world,
+            covariance=result.covariance,
+            stage_ms={"total": total_ms},
+        )
+
+    def close(self) -> None:
+        """End the program's standard input and let it end by itself; TrackerFault when it does not, or says more."""
+        self.process.finish(self.tracker.timeout_s, "at its end")
+        self.expect_silence("at its end")
+
+    def expect_silence(self, where: str) -> None:
+        """TrackerFault when more than one line for each frame was said."""
+        more = self.process.said_more()
+        if more:
+            name = "duplicate" if more.split(",")[0] == str(self.stamp_ns) else "unasked"
+            raise TrackerFault(name, where, f"{more[:60]!r} was said beyond one line for each frame")
+
+    def __del__(self) -> None:
+        if self.held is not None:
+            self.held.close()
+
+
+def track_external(
+    tracker: External,
+    sequence: Sequence,
+    *,
+    rate_hz: float,
+    seed: int,
+    kept_folder: Path,
+    on_frame: OnFrame | None = None,
+    start: Initialization = KNOWN,
+) -> Results:
+    """Results of a program on every k-th frame of a sequence, from the first pose of `start`.
+
+    What breaks the protocol makes frames lost and is told under `errors` in the record; the job folder is then kept at
+    `kept_folder`. TrackerFault when the program cannot be started at all, UserError when it is to be isolated and that
+    cannot be done.
+    """
+    frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
+    if tracker.isolate:
+        refuse_seen(tracker.command[0], tracker.named_files, sequence.folder)
+    with job_folder() as guard:
+        first, folder, feed = first_pose(start, sequence, 0, seed), guard.folder, Feed(sequence)
+        own = int(tracker_stream(tracker, seed).integers(2**31))
+        write_job(folder, sequence.structure, sequence.camera, first, mode=tracker.mode, rate_hz=rate_hz, seed=own)
+        write_sensors(folder, feed.body)
+        if tracker.mode == "stream":
+            rows, faults = _by_stream(tracker, sequence, frames, guard, feed, on_frame)
+        else:
+            rows, faults = _by_folder(tracker, sequence, frames, guard, on_frame)
+        if faults:
+            keep(folder, kept_folder, faults)
+    if faults and faults[0].name == "cannot-start":
+        raise TrackerFault(faults[0].name, faults[0].where, faults[0].what)
+    told = [str(fault) for fault in faults[:MAX_FAULTS_TOLD]]
+    if len(faults) > MAX_FAULTS_TOLD:
+        told.append(f"and {len(faults) - MAX_FAULTS_TOLD} more faults")
+    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=told, start=start)
+    record["tracker"]["kind"] = "external"
+    return Results(record, np.array(frames), sequence.stamps_ns[frames], tuple(rows))
+
+
+def _by_folder(
+    tracker: External, sequence: Sequence, frames: list[int], guard: Guard, on_frame: OnFrame | None
+) -> tuple[list[TrackResult], list[Fault]]:
+    """All frames at once; no latency of a frame can be known."""
+    write_frames(guard.folder, sequence, frames)
+    faults: list[Fault] = []
+    with _named(faults), tracker.run(guard) as process:
+        process.finish(tracker.timeout_s, "the run")
+    rows, in_file = read_estimates(guard.folder / "estimates.csv", sequence.stamps_ns[frames].tolist())
+    if on_frame is not None:
+        for frame, row in zip(frames, rows, strict=True):
+            on_frame(frame, row)
+    return rows, faults + [fault for fault in in_file if not faults or fault.name not in ("no-output", "missing")]
+
+
+def _by_stream(
+    tracker: External, sequence: Sequence, frames: list[int], guard: Guard, feed: Feed, on_frame: OnFrame | None
+) -> tuple[list[TrackResult], list[Fault]]:
+    """A frame at a time; after a fault of the protocol the rest is lost."""
+    rows: list[TrackResult] = []
+    faults: list[Fault] = []
+    with _named(faults), tracker.run(guard) as process:
+        run = StreamRun(tracker, process)
+        for frame in frames:
+            stamp = int(sequence.stamps_ns[frame])
+            image = sequence.image(frame)
+            run.sense(feed.upto(stamp))
+            try:
+                rows.append(run.track(image, stamp))
+            except TrackerFault as error:
+                if error.fault.name not in ROW_FAULTS:
+                    raise
+                faults.append(error.fault)
+                rows.append(TrackResult(status="lost"))
+            if on_frame is not None:
+                on_frame(frame, rows[-1])
+        run.close()
+    rows += [TrackResult(status="lost")] * (len(frames) - len(rows))
+    return rows, faults
+
+
+@contextmanager
+def _named(faults: list[Fault]) -> Iterator[None]:
+    """Gather the fault that ends a run."""
+    try:
+        yield
+    except TrackerFault as error:
+        faults.append(error.fault)

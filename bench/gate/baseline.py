@@ -1,0 +1,77 @@
+"""A baseline as one file that can be committed: `uavbench gate RESULTS --baseline FILE --update` makes it.
+
+It holds the few numbers that the gate compares, so it needs no frames and no results, and stands for one suite's
+flights. It is compared with frames that were rendered anew, perhaps on another machine or by newer code: what that
+changes by chance is in the spread that the gate measures, so its margins are wider. Nobody edits it: it carries the
+hash of its content.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from uavbench.bench.gate.paired_scores import Key, Measured, Side
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import SETTINGS
+from uavbench.trajectories.files.reading import read_json
+from uavbench.trajectories.files.writing import owning, write_text
+
+DIGITS = 6
+"""Significant digits of the numbers: less than any margin, more than a reader needs."""
+
+
+def write_baseline(side: Side, path: Path) -> None:
+    """Write what was measured in a suite's folder; UserError when a run of it is missing or crashed."""
+    for key, why in (*side.faults.items(), *((key, run.crash) for key, run in side.runs.items() if run.crash)):
+        raise UserError(f"no baseline of {key[0]} on {key[1]}, seed {key[2]}: {why}")
+    rows = [
+        [*key, _rounded(run.coverage), {metric: _rounded(value) for metric, value in run.errors.items()}]
+        for key, run in sorted(side.runs.items())
+    ]
+    how = next((dict(run.how) for run in side.runs.values()), {})
+    body = {"flights": side.flights, "how": how, "runs": rows}
+    lines = ",\n".join(f"  {json.dumps(row)}" for row in rows)
+    text = (
+        f'{{\n "sha256": "{_digest(body)}",\n "flights": {json.dumps(side.flights)},\n "how": {json.dumps(how)},\n'
+        f' "runs": [\n{lines}\n ]\n}}\n'
+    )
+    with owning([path] if _is_baseline(path) else []):
+        write_text(path, text)
+
+
+def read_baseline(path: Path, flights: str) -> Side:
+    """The baseline of a file; UserError when it was edited, or is of other flights than these."""
+    body = read_json(path, limit=SETTINGS)
+    anew = f"make it anew with `uavbench gate RESULTS --baseline {path} --update`"
+    if body.pop("sha256", None) != _digest(body):
+        raise UserError(f"{path}: this is no baseline as it was written; {anew}, never by hand")
+    if not flights or body.get("flights") != flights:
+        raise UserError(f"{path}: the suite's flights have changed since it was made; {anew}")
+    try:
+        runs: dict[Key, Measured] = {
+            (str(run), str(sequence), int(seed)): Measured(
+                coverage=float(coverage), errors={str(k): float(v) for k, v in errors.items()}, how=dict(body["how"])
+            )
+            for run, sequence, seed, coverage, errors in body["runs"]
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise UserError(f"{path}: this is no baseline ({error}); {anew}") from None
+    return Side(runs, {}, flights)
+
+
+def _is_baseline(path: Path) -> bool:
+    """Whether a file is a baseline as it was written: its own hash proves it."""
+    try:
+        body = read_json(path)
+        return bool(body.pop("sha256", None) == _digest(body))
+    except (UserError, OSError, ValueError, AttributeError):
+        return False
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _digest(body: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,175 @@
+"""Two versions of a repository on the same frames: `uavbench compare BASE_REF HEAD_REF`.
+
+All that is of a version comes from its own tree: uavbench itself where the repository has it, the suite's tables of
+trackers, their programs, files and plug-ins. The frames are those of the head's suite, rendered once by the uavbench
+that runs. Then both versions' trackers run on them in turn, base and
+head and head and base, several times over, so that whatever else the machine does meets both alike; of each frame's
+times the smallest counts. The scores are computed by one version, the running one, and the gate decides.
+"""
+
+import json
+import os
+import tomllib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from uavbench.bench.config.suite import Suite, load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.gate.compare_sides import Side, at_work, file_of, statements
+from uavbench.bench.gate.decision import Margins
+from uavbench.bench.gate.findings import pronounce
+from uavbench.bench.gate.versions import version
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.inputs.file_paths import FREE
+from uavbench.bench.runner.commands import Where, bring_up_to
+from uavbench.bench.runner.output_folder import resolved
+from uavbench.reports.scoring.score import score
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.results import MARKER, Results
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import mark, refuse_foreign, refuse_foreign_file, write_text
+
+SIDES = ("base", "head")
+LEAST_MS = 0.05
+"""Times below this are alike: their ratio says nothing."""
+
+
+def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
+    """Compare two versions; the gate's exit code, 1 when the frames cannot be rendered."""
+    out = resolved(out)
+    for path in (out / "base" / "suite.json", out / "head" / "timing.json"):
+        refuse_foreign_file(path)
+    given = suite_file(suite_name)
+    file = given.parent.resolve() / given.name
+    with ExitStack() as stack:
+        versions = dict(zip(SIDES, (stack.enter_context(version(ref)) for ref in refs), strict=True))
+        flown = file_of(versions["head"], file)
+        with reading_from(versions["head"].environment([])[FREE] if flown != file else None):
+            suite = load_suite(flown)
+            code = bring_up_to("render", str(flown), out / "head", Where(workers=workers))
+        if code:
+            return code
+        labels = [*suite.trackers]
+        sides = {name: stack.enter_context(at_work(each, file, labels)) for name, each in versions.items()}
+        commits = ", ".join(f"{name} {side.version.commit}" for name, side in sides.items())
+        click.echo(f"{commits}, {repeats} repeats", err=True)
+        for line in statements(sides, file):
+            click.echo(line, err=True)
+        times, unknown = run_in_turn(sides, suite, flown, out, repeats)
+    for label, why in unknown.items():
+        click.echo(f"not compared, unknown to the base: {label} ({why})", err=True)
+    known = [label for label in suite.trackers if label not in unknown]
+    if not known:
+        raise UserError("the base knows none of the suite's trackers")
+    runs = {f"{label}@{rate:g}hz": why for label, why in unknown.items() for rate in suite.rates_hz}
+    for side in SIDES:
+        describe(out / side, suite, known, {run: f"unknown to the base: {why}" for run, why in runs.items()})
+        score_all(out, side, suite, known)
+    timing = {"runs": smallest(times, known)}
+    write_text(out / "head" / "timing.json", json.dumps(timing, indent=1) + "\n", sealed=True)
+    return pronounce(out / "head", out / "base", margins, out / "gate")
+
+
+@contextmanager
+def reading_from(folders: str | None) -> Iterator[None]:
+    """Let suites read from these folders too, for a time."""
+    before = os.environ.get(FREE)
+    if folders is not None:
+        os.environ[FREE] = folders
+    try:
+        yield
+    finally:
+        os.environ.pop(FREE, None)
+        if before is not None:
+            os.environ[FREE] = before
+
+
+Times = dict[tuple[str, str, str, int, str], list[list[float]]]
+"""(label, run, sequence, seed, side) -> per repeat the time of each frame in ms."""
+
+
+def run_in_turn(
+    sides: dict[str, Side], suite: Suite, flown: Path, out: Path, repeats: int
+) -> tuple[Times, dict[str, str]]:
+    """Times of all runs, and why the base could not run a tracker; the results are in the folders of both sides.
+
+    flown: the file of the suite whose sequences and `start` these are.
+    """
+    start = tomllib.loads(flown.read_text(encoding="utf-8")).get("start")
+    for label, why in sides["head"].unknown.items():
+        raise UserError(f"head, {label}: {why}")
+    times: Times = {}
+    unknown: dict[str, str] = dict(sides["base"].unknown)
+    for repeat in range(repeats):
+        for number, spec in enumerate(suite.sequences):
+            for label, rate_hz in [(label, rate) for label in suite.trackers for rate in suite.rates_hz]:
+                run = f"{label}@{rate_hz:g}hz"
+                for side in SIDES if (repeat + number) % 2 == 0 else SIDES[::-1]:
+                    if label in unknown:
+                        continue
+                    ask = {
+                        "rate_hz": rate_hz,
+                        "seed": spec.seed,
+                        "sequence": str(out / "head" / "sequences" / spec.name),
+                        "out": str(out / side / "results" / spec.name / run),
+                        "content_hash": content_hash(sides[side].version.commit, label, rate_hz, spec.seed, spec.name),
+                        **({"start": start} if start else {}),
+                    }
+                    results = Path(ask["out"])
+                    refuse_foreign(results, MARKER)
+                    answer = sides[side].track(label, ask)
+                    if "error" not in answer:
+                        mark(results, MARKER)  # an older version does not
+                    if "error" in answer and side == "base":
+                        unknown[label] = str(answer["error"]).splitlines()[-1].strip()
+                    elif "error" in answer:
+                        raise UserError(f"head, {run} on {spec.name}: {answer['error']}")
+                    else:
+                        key = (label, run, spec.name, spec.seed, side)
+                        times.setdefault(key, []).append([np.nan if t is None else t for t in answer["total_ms"]])
+    return times, unknown
+
+
+def smallest(times: Times, labels: list[str]) -> dict[str, list[dict[str, Any]]]:
+    """By run, for each sequence: the median over the frames of each frame's smallest time on both sides.
+
+    Trackers whose times nobody measured are left out.
+    """
+    runs: dict[str, list[dict[str, Any]]] = {}
+    for label, run, name, seed, side in times:
+        if side != "head" or label not in labels:
+            continue
+        median = [float(np.median(np.min(times[label, run, name, seed, s], axis=0))) for s in SIDES]
+        base_ms, head_ms = np.maximum(median, LEAST_MS).tolist()
+        if np.isfinite([base_ms, head_ms]).all():
+            sequence = name.removesuffix(f"-s{seed}")
+            row = {"sequence": sequence, "seed": seed, "base_ms": base_ms, "head_ms": head_ms}
+            runs.setdefault(run, []).append(row)
+    return runs
+
+
+def describe(folder: Path, suite: Suite, labels: list[str], not_compared: dict[str, str]) -> None:
+    """Write `suite.json` of what was compared, and why runs were not."""
+    about = {
+        "suite": suite.name,
+        "title": suite.title,
+        "sequences": [spec.name for spec in suite.sequences],
+        "trackers": labels,
+        "rates_hz": list(suite.rates_hz),
+        "not_compared": not_compared,
+    }
+    write_text(folder / "suite.json", json.dumps(about, indent=1) + "\n", sealed=True)
+
+
+def score_all(out: Path, side: str, suite: Suite, labels: list[str]) -> None:
+    """Score the results of one side, with this version."""
+    for spec in suite.sequences:
+        sequence = Sequence.load(out / "head" / "sequences" / spec.name)
+        for run in [f"{label}@{rate:g}hz" for label in labels for rate in suite.rates_hz]:
+            results = out / side / "results" / spec.name / run
+            score(sequence, Results.load(results)).save(results / "score.json")

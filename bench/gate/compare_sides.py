@@ -1,0 +1,116 @@
+"""The sides of a comparison: one version's trackers, as its own tree has them, and the process that runs them."""
+
+import json
+import os
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from uavbench.bench.config.plugin_models import import_plugin
+from uavbench.bench.config.suite_files import SUITES
+from uavbench.bench.external.guard import Talk, talk
+from uavbench.bench.gate.versions import Version, placed
+from uavbench.trajectories.errors import UserError, plain
+
+MOST_TOLD = 8
+"""Names told of what is not in git; the rest is counted."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One version at work: its trackers' tables by label, why others cannot run, and which are nobody's version's.
+
+    suite: the file of its suite; foreign: labels of whose program or plug-in git keeps nothing.
+    """
+
+    version: Version
+    suite: Path
+    tables: Mapping[str, dict[str, Any]]
+    unknown: Mapping[str, str]
+    foreign: tuple[str, ...]
+    server: Talk
+
+    def track(self, label: str, ask: dict[str, Any]) -> dict[str, Any]:
+        """The server's answer to a request to run a tracker; UserError when it is gone, or cannot do what is asked."""
+        commit = self.version.commit
+        asked = {**ask, "label": label, "suite": str(self.suite), "tracker": self.tables[label]}
+        if self.version.folder != self.version.top:
+            asked["not_from"] = str(self.version.top)
+        try:
+            self.server.asks.write(json.dumps(asked, default=str) + "\n")
+            self.server.asks.flush()
+            answer: dict[str, Any] = json.loads(self.server.answers.readline())
+        except (OSError, ValueError):
+            raise UserError(
+                f"version {commit} cannot run trackers for comparison: it ended, or has no bench/gate/track_server.py"
+            ) from None
+        if "start" in ask and "error" not in answer and not answer.get("started"):
+            raise UserError(f"version {commit} is too old for a suite with `start`; leave it out to compare with it")
+        if "error" in answer:
+            answer["error"] = plain(str(answer["error"]))
+        return answer
+
+
+@contextmanager
+def at_work(version: Version, file: Path, labels: list[str]) -> Iterator[Side]:
+    """A version with its process, for these trackers of the suite in `file`, its own one where it has the file."""
+    suite = file_of(version, file)
+    tables = trackers_in(suite)
+    mine = {label: placed(version, tables[label], file.parent) for label in labels if label in tables}
+    unknown = {label: f"{suite}: no tracker of this name" for label in labels if label not in tables}
+    unknown |= {label: f"{each.missing[0]} is not in {version.commit}" for label, each in mine.items() if each.missing}
+    roots = {label: root for label, table in tables.items() if (root := plugin_root(table))}
+    foreign = [label for label, each in mine.items() if each.table.get("kind") == "external" and not each.own]
+    foreign += [label for label, root in roots.items() if label in mine and not version.keeps(root)]
+    placed_tables = {label: each.table for label, each in mine.items()}
+    command = [sys.executable, "-P", "-m", "uavbench.bench.gate.track_server"]
+    with talk(command, version.environment([*roots.values()]), version.folder) as server:
+        yield Side(version, suite, placed_tables, unknown, tuple(foreign), server)
+
+
+def file_of(version: Version, file: Path) -> Path:
+    """A version's own file; the one that is given where the version has none."""
+    own = version.of(file)
+    return own if own.is_file() else file
+
+
+def trackers_in(suite: Path) -> dict[str, dict[str, Any]]:
+    """The tables of a suite's trackers, as they stand; UserError naming the file."""
+    try:
+        tables: dict[str, dict[str, Any]] = tomllib.loads(suite.read_text(encoding="utf-8"))["trackers"]
+        assert all(isinstance(table, dict) for table in tables.values())
+    except (OSError, ValueError, KeyError, AttributeError, AssertionError) as error:
+        raise UserError(f"{suite}: not a readable suite: {error}") from None
+    return tables
+
+
+def plugin_root(table: Mapping[str, Any]) -> Path | None:
+    """Folder that a user's plug-in is imported from here; None for a tracker of ours, or where it cannot be."""
+    kind = table.get("kind")
+    if not isinstance(kind, str) or ":" not in kind:
+        return None
+    with suppress(UserError):
+        import_plugin(kind)
+    module = sys.modules.get(kind.partition(":")[0].partition(".")[0])
+    places = [*getattr(module, "__path__", ())] or [getattr(module, "__file__", None)]
+    return Path(os.path.normpath(Path(places[0]).absolute())).parent if places[0] else None
+
+
+def statements(sides: Mapping[str, Side], file: Path) -> Iterator[str]:
+    """What is the same on both sides though it may look like a version's own, a line each."""
+    for name, side in sides.items():
+        commit, top = side.version.commit, side.version.top
+        if file.is_relative_to(top) and side.suite == file and side.version.folder != top:
+            yield f"{name} {commit} has no {file.relative_to(top)}: its trackers are those of the file as it stands"
+    linked = sorted({name for side in sides.values() for name in side.version.linked})
+    if linked:
+        more = f" and {len(linked) - MOST_TOLD} more" if len(linked) > MOST_TOLD else ""
+        yield f"not in git, and so the same on both sides: {', '.join(linked[:MOST_TOLD])}{more}"
+    if not any(file.is_relative_to(side.version.top) for side in sides.values()) and file.parent != SUITES:
+        yield f"{file} lies outside of the repository: its tables are the same on both sides"
+    for label in dict.fromkeys(label for side in sides.values() for label in side.foreign):
+        yield f"{label}: nothing of its program or plug-in is in git: it is the same on both sides"

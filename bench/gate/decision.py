@@ -1,0 +1,248 @@
+"""The gate: whether results are worse than a baseline on the same frames, decided by statistics.
+
+Errors and latency are compared as ratios: `fail` when the one-sided 95 % lower bound of the change, from a paired
+hierarchical bootstrap and corrected by Holm over all metrics, lies above the margin; `inconclusive` when there are
+fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Each error is
+compared twice: its mean change, in which a few runs that break show, and its typical change, in which they count
+little and cannot hide what happened to all others. Coverage is compared as an absolute: its mean loss against its own
+margin. What is missing or not finite fails; what cannot be judged, because one side does not have it at all or a run
+crashes on both, is `inconclusive`: a gate passes only what it has compared.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from uavbench.bench.gate.baseline import read_baseline
+from uavbench.bench.gate.paired_scores import (
+    ERRORS,
+    Key,
+    Measured,
+    PairedValues,
+    Side,
+    expect_comparable,
+    read_side,
+    read_timing,
+)
+from uavbench.reports.statistics.bootstrap import Bootstrap, holm, sign_flip_p
+from uavbench.trajectories.errors import UserError
+
+Verdict = Literal["pass", "fail", "inconclusive"]
+ALPHA = 0.05
+MIN_SEEDS = 5
+TINY = 1e-12
+TYPICAL = 2.0
+"""How much a run counts in a typical change, in units of what must be told apart: enough to carry any change that is
+in all runs, too little for a run that breaks by chance to hide it."""
+ROUNDS = 5
+"""Draws of the bootstrap, so that its smallest p stands a correction over many metrics."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """What is tolerated, as shares of the baseline (errors, latency) or of all frames (coverage).
+
+    resolution: a change so large must be out of the interval for a pass.
+    """
+
+    error: float = 0.01
+    latency: float = 0.05
+    coverage: float = 0.01
+    resolution: float = 0.10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One metric of one tracker.
+
+    baseline and value are means over sequences of means over seeds: geometric, so that change is value / baseline - 1,
+    or, for the coverage, arithmetic, so that change is baseline - value. change, low and high are shares: of the
+    baseline, or of all frames, a loss being positive. p is corrected over all findings; NaN where nothing could be
+    computed. reason says why, in words.
+    """
+
+    run: str
+    metric: str
+    unit: str
+    verdict: Verdict
+    baseline: float = math.nan
+    value: float = math.nan
+    change: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    margin: float = math.nan
+    p: float = math.nan
+    sequences: int = 0
+    seeds: int = 0
+    reason: str = ""
+
+
+def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Finding]:
+    """Findings on all trackers of the baseline, a folder or a file; UserError when the two cannot be compared."""
+    head = read_side(results)
+    base = read_baseline(baseline, head.flights) if baseline.is_file() else read_side(baseline)
+    if not base.runs:
+        raise UserError(f"{baseline}: no scores in it; `uavbench run` a suite there first")
+    return compare_sides(base, head, read_timing(results), margins)
+
+
+def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], margins: Margins) -> list[Finding]:
+    """Findings on all trackers of both sides, and on the latencies of interleaved runs."""
+    for key in base.runs.keys() & head.runs.keys():
+        expect_comparable(base.runs[key], head.runs[key], key)
+    of_base, of_head = ({key[0] for key in (*side.runs, *side.faults)} for side in (base, head))
+    findings = [finding for run in sorted(of_base) for finding in _of_run(run, base, head, margins)]
+    findings += [_not_judged(run, "the baseline has no such tracker or rate") for run in sorted(of_head - of_base)]
+    findings += [_not_judged(run, why) for run, why in sorted(head.not_compared.items()) if run not in of_base]
+    findings += [
+        _not_judged(run, f"the baseline has `{metric}`, which this version does not know", metric)
+        for run, metric in sorted({(key[0], metric) for key, one in base.runs.items() for metric in one.errors})
+        if metric not in ERRORS
+    ]
+    findings += [
+        ratio_finding(run, "latency", "ms", times, margins.latency, margins.resolution)
+        for run, times in sorted(timing.items())
+    ]
+    return decide(findings)
+
+
+def _not_judged(run: str, why: str, metric: str = "all") -> Finding:
+    """What makes a pass impossible: something that could not be compared."""
+    return Finding(run=run, metric=metric, unit="", verdict="inconclusive", reason=f"not judged: {why}")
+
+
+def overall(findings: list[Finding]) -> Verdict:
+    """Fail when anything fails, else inconclusive when anything is, else pass."""
+    verdicts = {finding.verdict for finding in findings}
+    return "fail" if "fail" in verdicts or not verdicts else "inconclusive" if "inconclusive" in verdicts else "pass"
+
+
+def decide(findings: list[Finding]) -> list[Finding]:
+    """Findings with p corrected over all of them, and the verdicts that follow."""
+    tested = [f for f in findings if math.isfinite(f.p)]
+    corrected = dict(zip(map(id, tested), holm([f.p for f in tested]), strict=True))
+    return [_decided(replace(f, p=corrected[id(f)])) if id(f) in corrected else f for f in findings]
+
+
+def _decided(finding: Finding) -> Finding:
+    if finding.verdict == "inconclusive":
+        return finding
+    worse = finding.change > finding.margin
+    if finding.p <= ALPHA and worse:
+        return replace(finding, verdict="fail", reason="worse than the margin")
+    if finding.metric == "coverage":
+        doubt = "the loss is above the margin, but may be chance" if worse else ""
+    else:
+        doubt = finding.reason
+    return replace(finding, verdict="inconclusive" if doubt else "pass", reason=doubt)
+
+
+def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]:
+    """Findings on one tracker at one rate."""
+    keys = [key for key in (*base.runs, *base.faults, *head.runs, *head.faults) if key[0] == run]
+    crashed = sorted({k for k in keys if crash(head, k) and not crash(base, k)})
+    found = [coverage_finding(run, paired(keys, base, head, lambda one: one.coverage), margins.coverage)]
+    if crashed:
+        _, sequence, seed = crashed[0]
+        why = f"{len(crashed)} runs crash that did not, first {sequence}, seed {seed}: {crash(head, crashed[0])}"
+        found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
+    both = sorted({k for k in keys if crash(head, k) and crash(base, k)})
+    if both:
+        _, sequence, seed = both[0]
+        why = f"{len(both)} runs crash on both sides, first {sequence}, seed {seed}: {crash(head, both[0])}"
+        found.append(_not_judged(run, why, "crashes"))
+    for metric, (unit, _) in ERRORS.items():
+        values = paired(keys, base, head, lambda one, metric=metric: one.errors.get(metric, math.nan))  # type: ignore[misc]
+        at_most = TYPICAL * math.log1p(max(margins.error, margins.resolution))
+        for name, limit in ((metric, math.inf), (f"{metric}, typical", at_most)):
+            found.append(ratio_finding(run, name, unit, values, margins.error, margins.resolution, limit))
+    return found
+
+
+def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Measured], float]) -> PairedValues:
+    """One value of each run on both sides, NaN where there is no score."""
+    sides = [{(k[1], k[2]): value(side.runs[k]) if k in side.runs else math.nan for k in keys} for side in (base, head)]
+    return PairedValues(*sides)
+
+
+def crash(side: Side, key: Key) -> str:
+    """What made a run crash, "" if nothing did."""
+    return side.runs[key].crash if key in side.runs else ""
+
+
+def ratio_finding(
+    run: str,
+    metric: str,
+    unit: str,
+    values: PairedValues,
+    margin: float,
+    resolution: float,
+    at_most: float = math.inf,
+) -> Finding:
+    """Finding on a metric that is better when smaller, compared as a ratio; p is not corrected yet.
+
+    The log of a pair's ratio counts up to +-at_most.
+    """
+    finding = _described(run, metric, unit, values, margin)
+    if finding.verdict != "pass":
+        return finding
+    if math.isinf(at_most):
+        base_log, head_log = (Bootstrap.of(side).mean for side in values.sides(lambda x: math.log(x + TINY)))
+        finding = replace(finding, baseline=math.exp(base_log) - TINY, value=math.exp(head_log) - TINY)
+    ratios = values.by_sequence(lambda b, h: math.log((h + TINY) / (b + TINY)))
+    logs = Bootstrap.of([np.clip(ratio, -at_most, at_most) for ratio in ratios], rounds=ROUNDS)
+    finding = replace(
+        finding,
+        change=math.expm1(logs.mean),
+        low=math.expm1(logs.bound(ALPHA)),
+        high=math.expm1(logs.bound(1 - ALPHA)),
+        p=logs.p_above(math.log1p(margin)),
+    )
+    if finding.seeds < MIN_SEEDS:
+        return _too_few(finding)
+    if finding.high > max(resolution, margin):
+        return replace(finding, reason=f"a change of +{finding.high:.1%} cannot be excluded")
+    return finding
+
+
+def coverage_finding(run: str, values: PairedValues, margin: float) -> Finding:
+    """Finding on the share of frames with a pose, compared as a difference; p is not corrected yet."""
+    finding = _described(run, "coverage", "", values, margin)
+    if finding.verdict != "pass":
+        return finding
+    base, head = (Bootstrap.of(side).mean for side in values.sides(lambda x: x))
+    finding = replace(finding, baseline=base, value=head)
+    loss = values.by_sequence(lambda b, h: b - h)
+    losses = Bootstrap.of(loss, rounds=ROUNDS)
+    finding = replace(
+        finding,
+        change=losses.mean,
+        low=losses.bound(ALPHA),
+        high=losses.bound(1 - ALPHA),
+        p=sign_flip_p(np.concatenate(loss)),
+    )
+    return _too_few(finding) if finding.seeds < MIN_SEEDS else finding
+
+
+def _described(run: str, metric: str, unit: str, values: PairedValues, margin: float) -> Finding:
+    """The finding as far as it is known; it fails at once when a number is missing."""
+    missing = values.missing()
+    return Finding(
+        run=run,
+        metric=metric,
+        unit=unit,
+        verdict="fail" if missing else "pass",
+        margin=margin,
+        sequences=len(values.sequences),
+        seeds=values.seeds,
+        reason=missing,
+    )
+
+
+def _too_few(finding: Finding) -> Finding:
+    why = f"{finding.seeds} seeds are too few, {MIN_SEEDS} are needed"
+    return replace(finding, verdict="inconclusive", p=math.nan, reason=why)

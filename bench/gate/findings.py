@@ -1,0 +1,111 @@
+"""The gate's findings as text, JUnit XML, JSON and Markdown."""
+
+import json
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from uavbench.bench.gate.decision import Finding, Margins, gate, overall
+from uavbench.trajectories.files.writing import write_text
+
+HEADER = ["tracker", "metric", "baseline", "value", "change", "95 % bounds", "margin", "verdict", "why"]
+
+
+FOOT = (
+    "baseline and value: means over sequences of means over seeds. Of errors and latency they are geometric: change = "
+    "value / baseline - 1. Of the coverage they are arithmetic: change = value - baseline. A typical change limits "
+    "each run's ratio and has no means of its own."
+)
+EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
+
+
+def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int:
+    """Print and write the findings of the gate; its exit code."""
+    findings = gate(results, baseline, margins)
+    write_reports(findings, margins, out)
+    click.echo(to_text(findings))
+    return EXIT_CODES[overall(findings)]
+
+
+def write_reports(findings: list[Finding], margins: Margins, folder: Path) -> None:
+    """Write gate.json, gate.xml (JUnit) and gate.md."""
+    write_text(folder / "gate.json", to_json(findings, margins), sealed=True)
+    write_text(folder / "gate.xml", to_junit(findings), sealed=True)
+    write_text(folder / "gate.md", to_markdown(findings), sealed=True)
+
+
+def cells(finding: Finding) -> list[str]:
+    """A finding as the cells of a table, in the order of HEADER."""
+    unit = f" {finding.unit}" if finding.unit else ""
+    sign = -1 if finding.metric == "coverage" else 1  # a loss is shown as one
+    low, high = sorted((sign * finding.low, sign * finding.high))
+    bounds = "-" if math.isnan(finding.low) else f"{percent(low)} .. {percent(high)}"
+    numbers = [f"{v:#.5g}{unit}" if math.isfinite(v) else "-" for v in (finding.baseline, finding.value)]
+    change, margin = percent(sign * finding.change), percent(sign * finding.margin)
+    return [finding.run, finding.metric, *numbers, change, bounds, margin, finding.verdict, _plain(finding.reason)]
+
+
+def percent(share: float) -> str:
+    """A share in percent with its sign: two decimals, but two digits of what is smaller; `0%` for none at all."""
+    value = 100 * share
+    if not math.isfinite(value):
+        return "-"
+    if abs(value) < NOTHING_PERCENT:
+        return "0%"
+    decimals = max(2, 1 - math.floor(math.log10(abs(value))))
+    return f"{value:+.{decimals}f}%"
+
+
+NOTHING_PERCENT = 1e-6
+"""What rounding leaves of no change."""
+
+
+def to_text(findings: list[Finding]) -> str:
+    """Aligned table with the overall verdict under it."""
+    rows = [HEADER, *map(cells, findings)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(HEADER))]
+    lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join([*lines, "", FOOT, f"gate: {overall(findings)}"])
+
+
+def to_markdown(findings: list[Finding]) -> str:
+    """Table for a pull request's summary."""
+    rows = [HEADER, ["---"] * len(HEADER), *([c.replace("|", "\\|") for c in cells(f)] for f in findings)]
+    table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    return f"## uavbench gate: {overall(findings)}\n\n{table}\n\n{FOOT}\n"
+
+
+def to_json(findings: list[Finding], margins: Margins) -> str:
+    """JSON object; NaN becomes null."""
+    rows = [
+        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(f).items()}
+        for f in findings
+    ]
+    about = {"verdict": overall(findings), "means": FOOT, "margins": asdict(margins), "findings": rows}
+    return json.dumps(about, indent=1, allow_nan=False) + "\n"
+
+
+def to_junit(findings: list[Finding]) -> str:
+    """JUnit XML: a test case for each finding; inconclusive is `skipped`."""
+    counts = {v: str(sum(f.verdict == v for f in findings)) for v in ("fail", "inconclusive")}
+    attributes = {"tests": str(len(findings)), "failures": counts["fail"], "skipped": counts["inconclusive"]}
+    suites = ET.Element("testsuites", {"name": "uavbench gate", **attributes})
+    suite = ET.SubElement(suites, "testsuite", {"name": "uavbench gate", "errors": "0", **attributes})
+    for finding in findings:
+        case = ET.SubElement(suite, "testcase", {"classname": finding.run, "name": finding.metric})
+        line = "; ".join(f"{name}: {cell}" for name, cell in zip(HEADER[2:], cells(finding)[2:], strict=True) if cell)
+        if finding.verdict == "fail":
+            ET.SubElement(case, "failure", {"message": _plain(finding.reason)}).text = line
+        elif finding.verdict == "inconclusive":
+            ET.SubElement(case, "skipped", {"message": _plain(finding.reason)})
+        ET.SubElement(case, "system-out").text = line
+    ET.indent(suites)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(suites, encoding="unicode") + "\n"
+
+
+def _plain(text: str) -> str:
+    """Text without the control characters that neither XML nor a terminal should get."""
+    return "".join(c if c.isprintable() else " " for c in text)

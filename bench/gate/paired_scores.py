@@ -1,0 +1,175 @@
+"""The scores of two suites' folders, paired run by run: same tracker, same rate, same frames."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from uavbench.reports.scoring.score import PoseErrors, Score
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array
+
+Key = tuple[str, str, int]
+"""Tracker and rate (`lsd@15hz`), sequence without its seed, seed."""
+HOW = ("compared", "association", "rpe_pairs", "success", "std_ddof")
+"""Parts of a score's record that must agree before two numbers are compared."""
+
+
+def _rmse(errors: PoseErrors | None, kind: Literal["translation_m", "rotation_deg"]) -> float:
+    summary = getattr(errors, kind) if errors is not None else None
+    return math.nan if summary is None else float(summary.rmse)
+
+
+ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
+    "ATE": ("m", lambda score: _rmse(score.ate.get("none"), "translation_m")),
+    "ATE rotation": ("deg", lambda score: _rmse(score.ate.get("none"), "rotation_deg")),
+    "RPE 1 s": ("m", lambda score: _rmse(score.rpe.get("1 s"), "translation_m")),
+}
+"""Metrics that are compared as ratios: unit and value of a score."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What the gate compares of one run: its coverage, and its errors by metric, NaN where one is undefined.
+
+    crash: what went wrong, "" if nothing did; frames: hash of what made the frames, images: that of the frames as they
+    are, "" if any will do; how: the parts of the score's record that must agree.
+    """
+
+    coverage: float
+    errors: Mapping[str, float]
+    crash: str = ""
+    frames: str = ""
+    images: str = ""
+    how: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, score: Score) -> "Measured":
+        """The numbers of a score."""
+        return cls(
+            coverage=score.tracking.coverage,
+            errors={metric: value(score) for metric, (_, value) in ERRORS.items()},
+            crash=(score.errors or ("no word of why",))[0] if score.status == "crashed" else "",
+            frames=str(score.record.get("sequence", {}).get("content_hash", "")),
+            images=str(score.record.get("sequence", {}).get("images", "")),
+            how={part: score.record.get(part) for part in HOW},
+        )
+
+
+@dataclass(frozen=True)
+class Side:
+    """What was measured in one folder, and what is wrong with the runs that have no score.
+
+    flights: hash of the suite's sequences, as they are asked for; not_compared: why runs are only on this side, by
+    tracker and rate.
+    """
+
+    runs: Mapping[Key, Measured]
+    faults: Mapping[Key, str] = field(default_factory=dict)
+    flights: str = ""
+    not_compared: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_side(folder: Path) -> Side:
+    """What was measured in a suite's folder; UserError when it is none."""
+    about = read_json(folder / "suite.json")
+    found: dict[Key, Measured] = {}
+    faults: dict[Key, str] = {}
+    try:
+        names = [str(name) for name in about["sequences"]]
+        runs = [f"{label}@{float(rate):g}hz" for label in about["trackers"] for rate in about["rates_hz"]]
+        if leads := [name for name in (*names, *runs) if "/" in name or "\0" in name]:
+            raise ValueError(f"{leads[0]!r} is no name of a folder")
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise UserError(f"{folder / 'suite.json'}: not uavbench's: {error}") from None
+    for name in names:
+        sequence, _, seed = name.rpartition("-s")
+        for run in runs:
+            key = (run, sequence or name, int(seed) if sequence and seed.isdecimal() else 0)
+            try:
+                found[key] = Measured.of(Score.load(folder / "results" / name / run / "score.json"))
+            except UserError as error:
+                faults[key] = str(error)
+    not_compared = {str(run): str(why) for run, why in (about.get("not_compared") or {}).items()}
+    return Side(found, faults, str(about.get("flights", "")), not_compared)
+
+
+def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
+    """UserError unless both are of the same frames and were computed the same way."""
+    what = f"{key[0]} on {key[1]}, seed {key[2]}"
+    if base.frames and base.frames != head.frames:
+        raise UserError(
+            f"{what}: baseline and results are of different frames; use `uavbench compare`, or make the baseline anew"
+        )
+    if base.images and head.images and base.images != head.images:
+        raise UserError(
+            f"{what}: baseline and results are of the same flight, but its images differ: another GL driver, CPU or "
+            "library rendered them; use `uavbench compare`, or copy the folder `sequences` of one to the other"
+        )
+    for part in HOW:
+        if base.how.get(part) != head.how.get(part):
+            raise UserError(
+                f"{what}: `{part}` of the scores differs ({base.how.get(part)!r}, {head.how.get(part)!r}); "
+                "score both again with the same uavbench"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class PairedValues:
+    """One metric of one tracker on both sides: (sequence, seed) -> value, NaN where there is none."""
+
+    base: Mapping[tuple[str, int], float]
+    head: Mapping[tuple[str, int], float]
+
+    def missing(self) -> str:
+        """The first run without a finite number on one of the sides, and which; "" when there is none."""
+        for sequence, seed in sorted({*self.base, *self.head}):
+            for side, values in (("results", self.head), ("baseline", self.base)):
+                if not np.isfinite(values.get((sequence, seed), np.nan)):
+                    return f"no number in the {side} for {sequence}, seed {seed}"
+        return ""
+
+    @property
+    def seeds(self) -> int:
+        """The least number of seeds of a sequence."""
+        sequences = [sequence for sequence, _ in self.head]
+        return min((sequences.count(name) for name in set(sequences)), default=0)
+
+    @property
+    def sequences(self) -> list[str]:
+        """Names of the sequences."""
+        return sorted({sequence for sequence, _ in self.head})
+
+    def sides(self, function: Callable[[float], float]) -> tuple[list[Array], list[Array]]:
+        """function(value) of the baseline and of the results, an array (seeds,) for each sequence."""
+        base, head = (self.by_sequence(lambda b, h, k=k: function((b, h)[k])) for k in range(2))
+        return base, head
+
+    def by_sequence(self, function: Any) -> list[Array]:
+        """function(base, head) of each pair, an array (seeds,) for each sequence."""
+        return [
+            np.array([function(self.base[key], self.head[key]) for key in sorted(self.head) if key[0] == name])
+            for name in self.sequences
+        ]
+
+
+def read_timing(folder: Path) -> dict[str, PairedValues]:
+    """Latencies of interleaved runs by tracker and rate, as `uavbench compare` writes them; none without the file."""
+    path = folder / "timing.json"
+    if not path.is_file():
+        return {}
+    try:
+        runs = read_json(path)["runs"]
+        return {
+            run: PairedValues(
+                {(row["sequence"], int(row["seed"])): float(row["base_ms"]) for row in rows},
+                {(row["sequence"], int(row["seed"])): float(row["head_ms"]) for row in rows},
+            )
+            for run, rows in runs.items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise UserError(f"{path}: not a timing of `uavbench compare`: {error}") from None

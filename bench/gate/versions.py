@@ -1,0 +1,151 @@
+"""Versions of a git repository, each in a folder of its own, with what makes trackers run there.
+
+What git keeps is that of the version. What it does not (environments, weights, what was built) is the working tree's,
+linked into each version's folder, and so the same for all; it is told which that is.
+"""
+
+import io
+import os
+import subprocess
+import sys
+import tarfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from uavbench.bench.external.guard import Guard
+from uavbench.bench.inputs.file_paths import FREE, names_a_file
+from uavbench.trajectories.errors import UserError
+
+WORKING = "."
+"""How the working tree as it stands is named among versions."""
+OWN = Path(__file__).parents[3]
+SERVER = Path("src/uavbench/bench/gate/track_server.py")
+
+
+@dataclass(frozen=True)
+class Version:
+    """One version: how it is told, the folder that it lies in, and the top of the repository that it is of.
+
+    linked: what is not in git, relative to the top; empty for the working tree itself.
+    """
+
+    commit: str
+    folder: Path
+    top: Path
+    linked: tuple[str, ...] = ()
+
+    def of(self, path: Path) -> Path:
+        """Where a path in the repository lies in this version; the path itself where it lies outside."""
+        plain = Path(os.path.normpath(path))
+        return self.folder / plain.relative_to(self.top) if plain.is_relative_to(self.top) else path
+
+    def keeps(self, path: Path) -> bool:
+        """Whether a path is of the repository, and not of what the working tree has beside it."""
+        if not path.is_relative_to(self.top) or path.is_relative_to(sys.prefix):
+            return False
+        return not any(path.is_relative_to(self.top / name) for name in self.linked)
+
+    def environment(self, roots: list[Path]) -> dict[str, str]:
+        """Environment in which Python finds this version's modules before those of the working tree.
+
+        roots: further folders from which plug-ins are imported.
+        """
+        given = [Path(place).absolute() for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
+        paths = [*given, *(Path(place).absolute() for place in sys.path), *roots]
+        inside = [path for path in paths if path.is_relative_to(self.top) and not path.is_relative_to(sys.prefix)]
+        ours = [self.folder / "src"] if (self.top / SERVER).is_file() else []
+        running = [] if ours or "site-packages" in OWN.parts else [OWN]
+        search = [*ours, *map(self.of, inside), *(p for p in given if not p.is_relative_to(self.top)), *running]
+        free = [Path(place).resolve() for place in os.environ.get(FREE, "").split(os.pathsep) if place]
+        allowed = [self.folder, self.top, *free]
+        told = {"PYTHONPATH": search, FREE: allowed}
+        return {**os.environ, **{name: os.pathsep.join(dict.fromkeys(map(str, each))) for name, each in told.items()}}
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A tracker's table with its files those of a version.
+
+    missing: files of the working tree that git keeps and the version lacks; own: whether git keeps any of its files.
+    """
+
+    table: dict[str, Any]
+    missing: tuple[str, ...]
+    own: bool
+
+
+@contextmanager
+def version(ref: str) -> Iterator[Version]:
+    """A version of the repository that the current folder is in; `.` is the working tree as it stands."""
+    top = Path(git("rev-parse", "--show-toplevel").decode().rstrip("\n"))
+    if ref == WORKING:
+        yield Version("working tree", top, top)
+        return
+    commit = git("rev-parse", "--short", "--verify", "--end-of-options", f"{ref}^{{commit}}").decode().strip()
+    with Guard("uavbench-version-") as guard:
+        folder = guard.folder.resolve()
+        with tarfile.open(fileobj=io.BytesIO(git("-C", str(top), "archive", "--format=tar", commit))) as archive:
+            archive.extractall(folder, filter="data")
+        yield Version(commit, folder, top, tuple(_link_untracked(folder, top)))
+
+
+def placed(version: Version, table: dict[str, Any], beside: Path) -> Placed:
+    """A tracker's table that stands in a file in the folder `beside`, with the files that it names those of a version.
+
+    A word counts as a file where there is one by its name, in the working tree or in the version.
+    """
+    beside = beside.resolve()
+    missing: list[str] = []
+    own = False
+
+    def word(given: Any) -> Any:
+        nonlocal own
+        if not isinstance(given, str) or "\0" in given:
+            return given
+        path = Path(os.path.normpath(beside / given))
+        there = version.of(path)
+        if not path.is_relative_to(version.top) or not (path.is_file() or there.is_file()):
+            return given
+        if there.is_file():
+            own = own or version.keeps(path)
+            return str(there)
+        missing.append(str(path.relative_to(version.top)))
+        return given
+
+    def walk(value: Any, key: str) -> Any:
+        if isinstance(value, dict):
+            return {name: walk(inner, name) for name, inner in value.items()}
+        if isinstance(value, list):
+            return [walk(inner, key) for inner in value]
+        return word(value) if names_a_file(key) or key in ("command", "input_files") else value
+
+    return Placed(walk(table, ""), tuple(missing), own)
+
+
+def _link_untracked(folder: Path, top: Path) -> Iterator[str]:
+    """Link what lies in the working tree and is not in git into a version's folder; their names."""
+    listed = git("-C", str(top), "ls-files", "--others", "--directory", "-z").decode(errors="surrogateescape")
+    for name in filter(None, listed.split("\0")):
+        path = Path(name)
+        if "__pycache__" in path.parts or os.path.lexists(folder / path):
+            continue
+        with suppress(OSError):  # the version has a file where the working tree has a folder
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).symlink_to(top / path)
+            yield str(path)
+
+
+def git(*arguments: str) -> bytes:
+    """Output of git; UserError with its own words when it fails."""
+    try:
+        done = subprocess.run(["git", *arguments], capture_output=True, check=True)
+    except FileNotFoundError:
+        raise UserError("compare needs git") from None
+    except subprocess.CalledProcessError as error:
+        words = error.stderr.decode(errors="replace").strip().splitlines()
+        command = " ".join(word for word in arguments if word != "-C" and not word.startswith(os.sep))
+        raise UserError(f"git {command}: {words[-1] if words else 'failed'}") from None
+    return done.stdout

@@ -1,0 +1,121 @@
+"""Content hashes: a result is fresh when the hash of all that entered it is the one it carries."""
+
+import hashlib
+import json
+import platform
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from uavbench.bench.inputs.file_paths import names_a_file
+from uavbench.bench.inputs.plugin_files import bench_key, files_of, is_file, plugin_key
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_json
+from uavbench.trajectories.source_files import file_digest
+
+PACKAGES = {"uavbench"}
+PLAIN = {float, int, str, bool, type(None)}
+ROOT = Path(__file__).parents[2]
+LIBRARIES = [
+    *("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "mujoco", "trimesh", "pillow", "ifcopenshell"),
+    *("pyrender", "PyOpenGL", "pandas", "matplotlib"),
+]
+"""Libraries whose version may change a frame, an estimate, a score or a figure."""
+WORK = ROOT / "bench" / "runner" / "tasks.py"
+"""What every job does."""
+
+
+def content_hash(*parts: Any) -> str:
+    """sha256 of values in canonical form: plug-ins by class and fields, files by their content."""
+    text = json.dumps([canonical(part) for part in parts], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def canonical(value: Any) -> Any:
+    """JSON form of a value; a dataclass carries its class, and, where it is a user's own, the hash of its source."""
+    if type(value) in PLAIN:
+        return value
+    if is_dataclass(value) and not isinstance(value, type):
+        if not _looked:
+            return _of_plugin(value)
+        if id(value) not in _looked[-1]:
+            _looked[-1][id(value)] = (value, _of_plugin(value))
+        return _looked[-1][id(value)][1]
+    if isinstance(value, Mapping):
+        return {str(k): canonical(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [canonical(v) for v in value]
+    return value
+
+
+@contextmanager
+def one_look() -> Iterator[None]:
+    """Look at each plug-in and its files once only within this, however many jobs it is in the key of."""
+    _looked.append({})
+    try:
+        yield
+    finally:
+        _looked.pop()
+
+
+_looked: list[dict[int, tuple[Any, Any]]] = []
+"""By identity: plug-ins, kept alive, and their canonical forms."""
+
+
+def _of_plugin(value: Any) -> dict[str, Any]:
+    """Class, code, fields and files of a dataclass: a field that names a file stands for its content."""
+    cls = type(value)
+    form = {f.name: canonical(getattr(value, f.name)) for f in fields(cls)}
+    form["class"] = f"{cls.__module__}:{cls.__qualname__}"
+    top = cls.__module__.partition(".")[0]
+    if cls.__module__.startswith("uavbench.bench."):
+        form["code"] = bench_key(cls)
+    elif top not in PACKAGES:
+        form["code"] = plugin_key(cls)
+    named = [*getattr(value, "entering_files", ()), *map(Path, getattr(value, "input_files", ()))]
+    form["entering"] = [file_form(path) for path in named]
+    for f in fields(cls):
+        given = getattr(value, f.name)
+        if names_a_file(f.name) and given and isinstance(given, str):
+            form[f.name] = [file_form(path) for path in files_of(Path(given), whole=top not in PACKAGES)]
+    return form
+
+
+def file_form(path: Path) -> list[str]:
+    """Name and content of a file; the whole path where there is none, or none that can be read."""
+    try:
+        return [path.name, file_digest(path)] if is_file(path) else [str(path), "no file"]
+    except OSError:
+        return [str(path), "not readable"]
+
+
+@cache
+def code_hash(*packages: str) -> str:
+    """Hash of what a job does, of the sources of these packages and of the versions of the libraries under them."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    under = [python, file_digest(WORK), *(f"{name} {_version(name)}" for name in LIBRARIES)]
+    digest = hashlib.sha256(json.dumps(under).encode())
+    for package in packages:
+        for path in sorted((ROOT / package).rglob("*")):
+            if path.is_file() and path.parent.name != "__pycache__":
+                digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return ""
+
+
+def carried_hash(path: Path) -> str | None:
+    """Content hash that a JSON file carries, None when there is no such file or it is not whole."""
+    try:
+        return str(read_json(path)["content_hash"])
+    except (UserError, KeyError):
+        return None

@@ -1,1 +1,0 @@
-"""Trackers of others: programs that uavbench runs beside its own, and never links or imports."""

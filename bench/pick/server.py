@@ -1,0 +1,200 @@
+"""Pick points of the model on the first image, by hand, in a page that this computer serves to itself.
+
+The page shows the image under a loupe and the model as a wireframe with numbered corners. A corner and its place in the
+image make a pair; from four pairs on the pose is solved anew with each change and the model drawn into the image. Save
+writes `init.toml` and ends the server.
+"""
+
+import json
+import secrets
+import webbrowser
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import click
+import cv2
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.track_images import frames, load_model
+from uavbench.tracker.initialization import pose_from_points
+from uavbench.tracker.overlay import PIECES
+from uavbench.tracker.protocol import Image
+from uavbench.tracker.visible_edges import to_image, visible_edges
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import json_value
+from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+from uavbench.trajectories.pose import Array
+
+PAGE = Path(__file__).parent / "pick.html"
+FEWEST = 4
+MOST_BYTES = 1 << 20
+"""Of what the page sends: a pair is about 60 bytes."""
+SILENT_S = 20.0
+NOT_HERE = b"not here: open the address that uavbench printed, on this computer"
+
+
+@dataclass(frozen=True, eq=False)
+class Picking:
+    """The first image, and what is picked on it; corners (n, 3) are the ends of the structure's edges."""
+
+    image: Image
+    camera: Camera
+    structure: Structure
+    out: Path
+
+    @property
+    def corners(self) -> Array:
+        """Points (n, 3) of the model to choose from, metres."""
+        return self.structure.vertices[np.unique(self.structure.edges)]
+
+    def page(self, token: str) -> str:
+        """The page, whole in itself."""
+        number = {vertex: k for k, vertex in enumerate(np.unique(self.structure.edges).tolist())}
+        data = {
+            "token": token,
+            "width": self.camera.width,
+            "height": self.camera.height,
+            "corners": self.corners.tolist(),
+            "edges": [[number[a], number[b]] for a, b in self.structure.edges.tolist()],
+            "out": str(self.out),
+        }
+        text = PAGE.read_text(encoding="utf-8")
+        return text.replace("DATA_OF_THE_PICKING", json.dumps(data).replace("<", "\\u003c"))
+
+    def solve(self, pairs: Iterable[Any]) -> dict[str, Any]:
+        """Edges of the model at the pose of the pairs, as polylines in px, and each pair's distance from its corner."""
+        points, pixels = self._read(pairs)
+        pose = pose_from_points(points, pixels, self.camera)
+        part = np.linspace(0, 1, PIECES + 1)[:, None]
+        edges = visible_edges(self.structure, self.camera, pose).segments_px
+        lines = [to_image(a + part * (b - a), self.camera).round(2).tolist() for a, b in edges]
+        away = np.linalg.norm(self.camera.project(pose.transform(points)) - pixels, axis=1)
+        return {"lines": lines, "residuals_px": away.tolist(), "rms_px": float(np.sqrt(np.mean(away**2)))}
+
+    def save(self, pairs: Iterable[Any]) -> dict[str, Any]:
+        """Write `init.toml`, whole or not at all, once the pairs give a pose."""
+        pairs = list(pairs)
+        solved = self.solve(pairs)
+        points, pixels = self._read(pairs)
+        rows = [
+            f"    {{ model_m = {point}, image_px = {[round(v, 3) for v in pixel]} }},\n"
+            for point, pixel in zip(points.tolist(), pixels.tolist(), strict=True)
+        ]
+        write_text(self.out, "points = [\n" + "".join(rows) + "]\n", sealed=True)
+        return {"saved": str(self.out), "rms_px": solved["rms_px"]}
+
+    def _read(self, pairs: Iterable[Any]) -> tuple[Array, Array]:
+        """Model points (n, 3) and pixels (n, 2) of pairs {corner, image_px}; UserError when they are something else."""
+        try:
+            rows = [(int(p["corner"]), float(p["image_px"][0]), float(p["image_px"][1])) for p in pairs]
+            points = self.corners[[k for k, _, _ in rows if k >= 0]]
+        except (KeyError, IndexError, TypeError, ValueError):
+            raise UserError("a pair has a corner of the model and a place in the image") from None
+        pixels = np.array([[u, v] for _, u, v in rows]).reshape(-1, 2)
+        if len(rows) < FEWEST or len(points) != len(rows) or not np.isfinite(pixels).all():
+            raise UserError(f"{len(rows)} pairs; a pose takes at least {FEWEST}, better five")
+        return points, pixels
+
+
+def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, browser: bool) -> None:
+    """Pick points on the first image of a folder or a video; UserError naming the file at fault."""
+    refuse_foreign_file(out)
+    lens = Camera.load(camera)
+    first = next(frames(source, lens, 1.0), None)
+    if first is None:
+        raise UserError(f"{source}: no image in it")
+    picking = Picking(first[1], lens, load_model(model), out)
+
+    def announce(address: str) -> None:
+        click.echo(f"open {address}", err=True)
+        if browser:
+            webbrowser.open(address)
+
+    serve(picking, announce, port)
+    click.echo(out)
+
+
+def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> None:
+    """Serve the page on this computer until it is saved; announce gets its address.
+
+    Nobody else can reach it: it listens to this computer only, and answers only who has its address with the token.
+    """
+    token = secrets.token_urlsafe(16)
+    done: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        timeout = SILENT_S  # a request that does not go on is dropped
+
+        def do_GET(self) -> None:
+            if not self.from_here():
+                self.answer(403, "text/plain", NOT_HERE)
+            elif self.path == f"/{token}":
+                self.answer(200, "text/html; charset=utf-8", picking.page(token).encode())
+            elif self.path == f"/{token}/image.png":
+                self.answer(200, "image/png", cv2.imencode(".png", picking.image)[1].tobytes())
+            else:
+                self.answer(404, "text/plain", b"not here: open the address that uavbench printed")
+
+        def do_POST(self) -> None:
+            verbs = {f"/{token}/solve": picking.solve, f"/{token}/save": picking.save}
+            told_size = self.headers.get("Content-Length", "")
+            size = int(told_size) if told_size.isascii() and told_size.isdigit() and len(told_size) < 10 else -1
+            if not self.from_here():
+                self.answer(403, "text/plain", NOT_HERE)
+            elif self.path not in verbs:
+                self.answer(404, "text/plain", b"not here")
+            elif not 0 <= size <= MOST_BYTES:
+                self.answer(413 if size > 0 else 411, "text/plain", f"a body has at most {MOST_BYTES} bytes".encode())
+            else:
+                self.tell(verbs[self.path], size)
+
+        def tell(self, verb: Callable[[Iterable[Any]], dict[str, Any]], size: int) -> None:
+            """Answer what a verb says of the pairs in the body."""
+            try:
+                body = self.rfile.read(size)
+            except OSError:  # fewer bytes came than were told
+                self.close_connection = True
+                return
+            if len(body) < size:
+                self.answer(400, "text/plain", b"the body ends before its length")
+                return
+            try:
+                pairs = json_value(body)
+                told = verb(pairs if isinstance(pairs, list) else [])
+            except (UserError, ValueError, OSError) as error:
+                told = {"error": str(error)}
+            self.answer(200, "application/json", json.dumps(told).encode())
+            if "saved" in told:
+                done.append(told["saved"])
+
+        def from_here(self) -> bool:
+            """Whether the page itself asks: under this address and no other name of it, and from no other page."""
+            own = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}  # type: ignore[attr-defined]
+            origin = self.headers.get("Origin")
+            return self.headers.get("Host") in own and (origin is None or origin in {f"http://{name}" for name in own})
+
+        def answer(self, status: int, kind: str, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: Any) -> None:
+            """Say nothing of each request."""
+
+    try:
+        server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+    except OSError as error:
+        raise UserError(f"port {port} of this computer cannot be used: {error.strerror}; name another one") from None
+    with server:
+        server.timeout = 0.2
+        announce(f"http://127.0.0.1:{server.server_port}/{token}")
+        while not done:
+            server.handle_request()

@@ -1,0 +1,140 @@
+"""What the commands do."""
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from uavbench.bench.config.suite import load_suite, suite_model
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.external.program import isolated_trackers
+from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
+from uavbench.bench.runner.executors import dask_pool, local_pool
+from uavbench.bench.runner.extent import shortfalls, table_of_extents
+from uavbench.bench.runner.graph import Job, Outcome, run_graph
+from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.output_folder import resolved, suite_folder
+from uavbench.bench.runner.shard import Shard
+from uavbench.bench.runner.slurm import run_shards
+from uavbench.bench.runner.tasks import Figures, Render
+from uavbench.bench.third_party.registry import absent
+from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.writing import write_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """Where and how much of a suite is done; see `uavbench run --help`."""
+
+    workers: int = 1
+    shard: str = ""
+    dask: str = ""
+    slurm: int = 0
+    slurm_options: tuple[str, ...] = ()
+    dry_run: bool = False
+    isolate: bool = False
+    figures: Figures = "page"
+
+
+def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> int:
+    """Do what is missing of a suite up to `verb`.
+
+    Exit code 0 when all of it is there, 2 after a user's mistake,
+    1 when a job failed otherwise.
+    """
+    suite = load_suite(suite_file(suite_name))
+    if where.isolate:
+        suite = replace(suite, trackers=isolated_trackers(suite.trackers))
+    folder = resolved(out or Path("out") / suite.name)
+    shard = Shard.parse(where.shard) if where.shard else None
+    last = "score" if shard and verb == "report" else verb
+    jobs = plan(shard.of(suite) if shard else suite, folder, last=last, figures=where.figures)
+    if where.dry_run:
+        click.echo(dry_run(jobs, folder, where.slurm or where.workers))
+        click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
+        return 0
+    if where.slurm:
+        run_shards(verb, suite_name, folder, where.slurm, where.slurm_options, isolate=where.isolate)
+    with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
+        outcome = run_graph(jobs, executor, progress)
+        count_failed_trackers(jobs, outcome)
+        tell(outcome, folder)
+        if shard is None:
+            with told_at_most(folder / SECONDS):
+                remember(outcome, folder)
+        for label, why in absent(suite.trackers).items():
+            click.echo(f"absent: {label}: {why}", err=True)
+        if last == "report" and "report" not in outcome.failed:
+            click.echo((folder / "tables" / "summary.md").read_text(encoding="utf-8"))
+            click.echo(f"report: {folder / 'index.html'}")
+    return 2 if outcome.users_mistake else 1 if outcome.failed else 0
+
+
+def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:
+    """Count as failed the jobs, fresh ones too, whose tracker failed on all frames; their results are there to see."""
+    for job in jobs:
+        if job.verb == "track" and job.name not in outcome.failed and job.marker.is_file():
+            record = json.loads(job.marker.read_text(encoding="utf-8"))
+            if why := record.get("failed"):
+                outcome.failed[job.name] = str(why)
+    outcome.done = [job for job in outcome.done if job.name not in outcome.failed]
+    outcome.fresh = [job for job in outcome.fresh if job.name not in outcome.failed]
+
+
+def _executor(where: Where, folder: Path) -> AbstractContextManager[tuple[Executor, Any]]:
+    return dask_pool(where.dask, where.workers, folder) if where.dask else local_pool(where.workers)
+
+
+def tell(outcome: Outcome, folder: Path) -> None:
+    """Say on standard error what was done, how long it took, and what failed and why."""
+    count = f"{len(outcome.done)} jobs done, {len(outcome.fresh)} were fresh, {len(outcome.failed)} failed"
+    cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes together"
+    click.echo(f"{count}; {cost}", err=True)
+    for line in shortfalls(job.marker for job in outcome.done if job.verb == "render"):
+        click.echo(line, err=True)
+    for name, why in outcome.failed.items():
+        click.echo(f"FAILED {name}: {why}", err=True)
+    path = folder / "failures.txt"
+    with told_at_most(path):
+        if outcome.tracebacks:
+            text = "\n".join(f"{name}\n{text}" for name, text in outcome.tracebacks.items())
+            write_text(path, f"{text.rstrip()}\n", sealed=True)
+            click.echo(f"details: {path}", err=True)
+        elif is_sealed(path):
+            path.unlink()  # of an earlier run
+
+
+@contextmanager
+def told_at_most(path: Path) -> Iterator[None]:
+    """Tell of a file that cannot be written, and go on: the work itself is done."""
+    try:
+        yield
+    except UserError as error:
+        click.echo(f"not written: {error}", err=True)
+    except OSError as error:
+        click.echo(f"not written: {path}: {error.strerror or error}", err=True)
+
+
+def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, out: Path, rate_hz: float) -> None:
+    """Run a tracker on the images of a folder or a video, and say where the estimates are."""
+    from uavbench.tracker.images.track_images import track_images
+    from uavbench.tracker.registry import TRACKERS
+    from uavbench.tracker.run import all_failed
+
+    if kind not in TRACKERS:
+        raise unknown_name("tracker", kind, list(TRACKERS))
+    results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
+    if why := all_failed(results):
+        raise UserError(why)
+    click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
+
+
+def schema() -> str:
+    """JSON Schema of a suite."""
+    return json.dumps(suite_model().model_json_schema(), indent=1)

@@ -1,0 +1,209 @@
+"""Where jobs run: spawned processes here, a Dask cluster, or Slurm."""
+
+import multiprocessing
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from uavbench.bench.inputs.content_hash import code_hash
+from uavbench.bench.runner.graph import start_worker
+from uavbench.trajectories.errors import UserError
+
+WAIT_FOR_WORKERS_S = 60
+PACKAGES = ("bench", "reports", "scenes", "tracker", "trajectories")
+
+
+@dataclass
+class Task:
+    """A call that was submitted; suspect when a worker died while it ran."""
+
+    call: Callable[[], Any]
+    future: Future[Any] = field(default_factory=Future)
+    suspect: bool = False
+
+
+@dataclass(frozen=True)
+class Call:
+    """A function with its arguments, picklable."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+    def __call__(self) -> Any:
+        """Call it."""
+        return self.function(*self.arguments)
+
+
+class SpawnPool(Executor):
+    """Spawned processes, a GL context each; a worker that dies costs only the call it was at.
+
+    `ProcessPoolExecutor` gives up everything when one worker dies. Here the calls that were running then are tried
+    again, one at a time: the one whose worker dies again has failed, and the others go on. All workers are started by
+    one thread that lives as long as the pool: the kernel ends a worker with the thread that started it.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self._max_workers = workers
+        self._context = multiprocessing.get_context("spawn")
+        self.progress = self._context.Queue()
+        self._lock = threading.RLock()
+        self._waiting: deque[Task] = deque()
+        self._suspects: deque[Task] = deque()
+        self._running: dict[Future[Any], Task] = {}
+        self._starter = ThreadPoolExecutor(1, "pool-starter")
+        self._pool = self._new_pool()
+        self._broken = self._closed = False
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Future of a call; BrokenProcessPool when its worker died twice."""
+        assert not kwargs, "positional arguments only"
+        task = Task(Call(fn, args))
+        with self._lock:
+            self._waiting.append(task)
+            self._fill_soon()
+        return task.future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the workers; calls that wait are cancelled."""
+        with self._lock:
+            self._closed = True
+            for task in (*self._waiting, *self._suspects):
+                task.future.cancel()
+            self._waiting.clear()
+            self._suspects.clear()
+        self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+        if wait:
+            self._starter.shutdown()  # and not before: workers that still have something to do would end with it
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(
+            self._max_workers, mp_context=self._context, initializer=start_worker, initargs=(self.progress,)
+        )
+
+    def _fill_soon(self) -> None:
+        if not self._closed:
+            self._starter.submit(self._fill)
+
+    def _fill(self) -> None:
+        """Start what may run now: suspects alone, else as many as there are workers."""
+        with self._lock:
+            self._start_some()
+
+    def _start_some(self) -> None:
+        while not (self._broken or self._closed):
+            source, limit = (self._suspects, 1) if self._suspects else (self._waiting, self._max_workers)
+            if not source or len(self._running) >= limit:
+                return
+            task = source.popleft()
+            try:
+                future = self._pool.submit(task.call)
+            except BrokenProcessPool:
+                source.appendleft(task)
+                self._mend()
+                continue
+            except Exception as error:  # no process can be started
+                task.future.set_exception(error)
+                continue
+            self._running[future] = task
+            future.add_done_callback(self._settle)
+
+    def _settle(self, future: Future[Any]) -> None:
+        with self._lock:
+            task = self._running.pop(future)
+            error = None if future.cancelled() else future.exception()
+            died = isinstance(error, BrokenProcessPool) and not self._closed
+            again = died and not task.suspect
+            if again:
+                task.suspect = True
+                self._suspects.append(task)
+            if died:
+                self._mend()
+            self._fill_soon()
+        if again:
+            return
+        if future.cancelled():
+            task.future.cancel()
+        elif error is not None:
+            task.future.set_exception(error)
+        else:
+            task.future.set_result(future.result())
+
+    def _mend(self) -> None:
+        """A new pool once nothing is left of the broken one."""
+        self._broken = bool(self._running)
+        if not self._running and not self._closed:
+            self._pool.shutdown(wait=False)
+            self._pool = self._new_pool()
+
+
+@contextmanager
+def local_pool(workers: int) -> Iterator[tuple[Executor, Any]]:
+    """Pool of spawned processes and the queue on which they tell their progress; no process outlives it."""
+    pool = SpawnPool(workers)
+    try:
+        yield pool, pool.progress
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in multiprocessing.active_children():
+            child.terminate()
+        for child in multiprocessing.active_children():
+            child.join(timeout=10)
+            child.kill()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def dask_pool(address: str, workers: int, folder: Path) -> Iterator[tuple[Executor, Any]]:
+    """Executor of a Dask cluster at `tcp://HOST:PORT`, or of a `local` one of this many workers.
+
+    UserError when Dask is not installed, the scheduler does not answer, or a worker has several threads, does not see
+    the folder, or has another uavbench.
+    """
+    try:
+        from distributed import Client, LocalCluster  # type: ignore[import-not-found, unused-ignore]
+    except ImportError:
+        raise UserError("--dask needs Dask: pip install 'uavbench[dask]'") from None
+    try:
+        if address == "local":
+            cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+            client = Client(cluster)
+        else:
+            cluster, client = None, Client(address, timeout=20)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise UserError(f"--dask {address}: {error}; is `dask scheduler` running there?") from None
+    try:
+        _check_workers(client, folder)
+        yield client.get_executor(pure=False, retries=2), None
+    finally:
+        client.close()
+        if cluster is not None:
+            cluster.close()
+
+
+def _check_workers(client: Any, folder: Path) -> None:
+    try:
+        client.wait_for_workers(1, timeout=WAIT_FOR_WORKERS_S)
+    except TimeoutError:
+        why = "the cluster has no workers; start some: dask worker tcp://HOST:PORT --nthreads 1"
+        raise UserError(f"--dask: {why}") from None
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    for address, about in workers.items():
+        if about["nthreads"] != 1:
+            raise UserError(f"--dask: worker {address} has {about['nthreads']} threads; start it with --nthreads 1")
+    for address, (sees, code) in client.run(_what_a_worker_has, str(folder)).items():
+        if not sees:
+            raise UserError(f"--dask: worker {address} does not see {folder}; name a folder on a shared file system")
+        if code != code_hash(*PACKAGES):
+            raise UserError(f"--dask: worker {address} has another uavbench, or other libraries; install the same one")
+
+
+def _what_a_worker_has(folder: str) -> tuple[bool, str]:
+    return (Path(folder) / "suite.json").is_file(), code_hash(*PACKAGES)

@@ -1,0 +1,104 @@
+"""How much a suite's sequences are: frames, seconds of flight, megabytes; and what their paths do not reach."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from uavbench.bench.runner.tasks import Render
+from uavbench.scenes.scene import flown_around
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.sensors.registry import FLIGHT_RATE_HZ
+from uavbench.trajectories.simulation.flight import path_name
+from uavbench.trajectories.simulation.summary import FlightSummary, planned_summary
+
+IMAGE_BYTES_PER_PX, NOISY_IMAGE_BYTES_PER_PX = 1.2, 1.6
+"""Of a PNG of frames/, without and with sensor noise; measured at 640x480 on a box and a building, 15 % off."""
+DEPTH_BYTES_PER_PX, MASK_BYTES_PER_PX, EDGES_BYTES = 0.5, 0.01, 1000.0
+"""Of a frame's depth and mask (per pixel) and of its file of edges, measured on the box."""
+ROW_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 200.0, 550.0, 0.5e6
+"""Of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
+NOISY = {"Noise", "AnalogLink"}
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What each of the sequences of one name will be, one per seed, or why their flight cannot be planned.
+
+    bytes are those of one sequence, on disk where one is rendered (measured), else about.
+    """
+
+    name: str
+    seeds: int
+    frames: int
+    summary: FlightSummary | None
+    bytes: float
+    measured: bool = False
+    problem: str = ""
+
+
+def extents(renders: Iterable[Render]) -> list[Extent]:
+    """Extent of the rendered sequences by name; those that differ by their seed alone are planned once."""
+    by_name: dict[str, list[Render]] = {}
+    for render in renders:
+        if isinstance(render.spec, SequenceSpec):
+            by_name.setdefault(render.spec.name.rpartition("-s")[0], []).append(render)
+    return [_extent(name, alike) for name, alike in by_name.items()]
+
+
+def table_of_extents(renders: Iterable[Render]) -> str:
+    """Table of frames, seconds and megabytes by sequence, their sum, and what the paths do not reach; "" for none."""
+    found = extents(renders)
+    if not found:
+        return ""
+    lines = [f"\n{'each sequence':<36} {'seeds':>7} {'frames':>7} {'flight, s':>10} {'top m/s':>8} {'MB':>9}"]
+    for each in found:
+        seconds = f"{each.summary.duration_s:.1f}" if each.summary else "-"
+        top = each.summary.speed_planned_m_s if each.summary else None
+        speed, about = "-" if top is None else f"{top:.2f}", "" if each.measured else " about"
+        head = f"{each.name:<36} {each.seeds:>7} {each.frames:>7} {seconds:>10}"
+        lines.append(f"{head} {speed:>8} {each.bytes / 1e6:>9.1f}{about}")
+    seeds, frames = sum(each.seeds for each in found), sum(each.seeds * each.frames for each in found)
+    total_s = sum(each.seeds * each.summary.duration_s for each in found if each.summary)
+    total_mb = sum(each.seeds * each.bytes for each in found) / 1e6
+    lines.append(f"{'all sequences':<36} {seeds:>7} {frames:>7} {total_s:>10.1f} {'':>8} {total_mb:>9.1f}")
+    for each in found:
+        if told := each.problem or (each.summary.shortfall() if each.summary else ""):
+            lines.append(f"{each.name}: {told}")
+    return "\n".join(lines)
+
+
+def shortfalls(markers: Iterable[Path]) -> list[str]:
+    """What the flights of rendered sequences did not reach of what was asked for, by their sequence.json."""
+    lines = []
+    for marker in markers:
+        info = json.loads(marker.read_text(encoding="utf-8"))
+        if "flight" in info and (line := FlightSummary(**info["flight"]).shortfall()):
+            lines.append(f"{info['name']}: {line}")
+    return lines
+
+
+def _extent(name: str, alike: list[Render]) -> Extent:
+    spec = alike[0].spec
+    assert isinstance(spec, SequenceSpec)
+    try:
+        summary = planned_summary(spec.flight, spec.mount, flown_around(spec), spec.seed)
+    except UserError as error:
+        return Extent(name, len(alike), 0, None, 0.0, problem=f"path {path_name(spec.flight.path)}: {error}")
+    frames = int(summary.duration_s * spec.rate_hz + 1e-9) + 1
+    rendered = next((render.folder for render in alike if (render.folder / "sequence.json").is_file()), None)
+    if rendered is None:
+        return Extent(name, len(alike), frames, summary, _bytes(spec, frames, summary.duration_s))
+    size = float(sum(path.stat().st_size for path in rendered.rglob("*") if path.is_file()))
+    return Extent(name, len(alike), frames, summary, size, measured=True)
+
+
+def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
+    pixels = spec.camera.width * spec.camera.height
+    noisy = any(type(effect).__name__ in NOISY for effect in spec.effects)
+    each = pixels * (NOISY_IMAGE_BYTES_PER_PX if noisy else IMAGE_BYTES_PER_PX)
+    each += pixels * (DEPTH_BYTES_PER_PX * ("depth" in spec.truth) + MASK_BYTES_PER_PX * ("mask" in spec.truth))
+    each += EDGES_BYTES * ("edges" in spec.truth)
+    rows = sum(float(getattr(sensor, "rate_hz", 0.0)) for sensor in spec.sensors) * duration_s
+    return FIXED_BYTES + frames * each + ROW_BYTES * rows + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ * duration_s

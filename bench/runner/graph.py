@@ -1,0 +1,263 @@
+"""Run a graph of jobs on an executor: what is fresh is left alone, what fails does not stop the rest."""
+
+import queue
+import resource
+import sys
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+from tqdm import tqdm
+
+from uavbench.bench.inputs.content_hash import carried_hash, content_hash
+from uavbench.bench.runner.processes import end_when_told, end_with_parent
+from uavbench.bench.runner.written_files import Place
+from uavbench.trajectories.errors import DISK_ERRORS, UserError, plain, told_of_disk
+
+OnStep = Callable[[int, int], None]
+
+
+class Work(Protocol):
+    """What a job does: a picklable value whose call writes the job's output."""
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the output, its marker carrying content_hash; on_step(done, total) tells progress."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One idempotent step of a suite.
+
+    verb and name are what is shown; marker is the JSON file that carries the content hash once the output is whole.
+    root: the suite's folder, by default the marker's; lists: the file that lists the others of the marker's folder,
+    where that is this job's own. without: what to do instead when needs failed, given why by the names of all jobs
+    that failed; None, or a work of None, fails this job too.
+    """
+
+    verb: str
+    name: str
+    work: Work
+    marker: Path
+    content_hash: str
+    needs: tuple["Job", ...] = ()
+    weight: float = 1.0
+    root: Path | None = None
+    lists: str = ""
+    without: Callable[[Mapping[str, str]], Work | None] | None = None
+
+    @property
+    def place(self) -> Place:
+        """Where it writes."""
+        return Place(self.root or self.marker.parent, self.marker, self.lists)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the output is there as it was written, made from just what would make it now."""
+        return _is_done(self.place, self.content_hash)
+
+
+@dataclass
+class Outcome:
+    """What became of a graph: jobs done, jobs that were fresh, why others failed, and what it took.
+
+    users_mistake: some job failed for one; tracebacks are of the failures that are not.
+    """
+
+    done: list[Job] = field(default_factory=list)
+    fresh: list[Job] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    users_mistake: bool = False
+    tracebacks: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    wall_s: float = 0.0
+    peak_mb: float = 0.0
+
+
+class JobFaultError(Exception):
+    """A job failed, and not by a user's mistake; only text, so that it reaches another process whatever was raised."""
+
+
+_progress: Any = None
+
+
+def start_worker(progress: Any) -> None:
+    """Set up a worker: an interrupt is the parent's to handle, a termination cleans up what is half-written."""
+    global _progress
+    _progress = progress
+    if progress is not None:
+        progress.cancel_join_thread()  # a termination in the middle of a put() would else wait for its thread forever
+    cv2.setNumThreads(1)  # a worker has one core
+    end_when_told()
+    end_with_parent()
+
+
+def fresh_jobs(jobs: list[Job]) -> list[Job]:
+    """Jobs that are fresh, as are all that they need: what was damaged is made anew with all that was made of it.
+
+    Needs stand before the jobs that need them.
+    """
+    fresh: dict[int, Job] = {}
+    for job in jobs:
+        if all(id(need) in fresh for need in job.needs) and job.fresh:
+            fresh[id(job)] = job
+    return list(fresh.values())
+
+
+def run_job(
+    name: str, work: Work, content_hash: str, marker: Path, root: Path | None = None, lists: str = ""
+) -> tuple[float, float]:
+    """Do one job in a worker; seconds it took and the worker's peak memory in MB.
+
+    A job that is done already is left alone: a cluster may ask again when the worker that did it was lost.
+    """
+    begin = time.perf_counter()
+    place = Place(root or marker.parent, marker, lists)
+    if _is_done(place, content_hash):
+        return 0.0, 0.0
+
+    def on_step(done: int, total: int) -> None:
+        if _progress is not None:
+            _progress.put((name, done / max(total, 1)))
+
+    try:
+        with place.writing(content_hash):
+            work(content_hash, on_step)
+    except UserError as error:
+        raise UserError(str(error)) from error
+    except OSError as error:
+        if error.errno not in DISK_ERRORS:
+            raise JobFaultError(f"{type(error).__name__}: {error}") from error
+        raise UserError(told_of_disk(error)) from error
+    except Exception as error:
+        raise JobFaultError(plain(f"{type(error).__name__}: {error}")) from error
+    return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outcome:
+    """Run every job that is not fresh, after the jobs it needs; a job whose need failed fails too or does without.
+
+    UserError before anything is done where a job's folder holds what uavbench did not write.
+    """
+    begin = time.perf_counter()
+    for job in jobs:
+        job.place.refuse_foreign()
+    outcome = Outcome(fresh=fresh_jobs(jobs))
+    fresh = {id(job) for job in outcome.fresh}
+    todo = [job for job in jobs if id(job) not in fresh]
+    awaited = {id(job): sum(id(need) not in fresh for need in job.needs) for job in todo}
+    dependents: dict[int, list[Job]] = {}
+    for job in todo:
+        for need in job.needs:
+            dependents.setdefault(id(need), []).append(job)
+    running: dict[Future[tuple[float, float]], Job] = {}
+    settled: queue.SimpleQueue[Future[tuple[float, float]]] = queue.SimpleQueue()
+    peaks: dict[str, float] = {}
+
+    def start(job: Job) -> None:
+        future = executor.submit(run_job, job.name, job.work, job.content_hash, job.marker, job.root, job.lists)
+        running[future] = job
+        future.add_done_callback(settled.put)
+
+    def release(job: Job) -> None:
+        """Start, or fail, what waited for a job that is settled."""
+        for dependent in dependents.get(id(job), ()):
+            awaited[id(dependent)] -= 1
+            if dependent.name in outcome.failed or (awaited[id(dependent)] and dependent.without):
+                continue
+            lost = [need.name for need in dependent.needs if need.name in outcome.failed]
+            instead = dependent.without(outcome.failed) if lost and dependent.without else None
+            if lost and instead is None:
+                outcome.failed[dependent.name] = f"not done, because this failed: {lost[0]}"
+                release(dependent)
+            elif instead is not None:
+                made_from = content_hash(dependent.content_hash, sorted(outcome.failed.items()))
+                start(replace(dependent, work=instead, content_hash=made_from))
+            elif not awaited[id(dependent)]:
+                start(dependent)
+
+    with Bar(todo) as bar:
+        for job in todo:
+            if not awaited[id(job)]:
+                start(job)
+        while running:
+            bar.drain(progress)
+            try:
+                future = settled.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            job = running.pop(future)
+            _settle(job, future, outcome, peaks)
+            bar.finish(job, outcome)
+            release(job)
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    workers = sorted(peaks.values(), reverse=True)[: getattr(executor, "_max_workers", 1)]
+    outcome.wall_s, outcome.peak_mb = time.perf_counter() - begin, own + sum(workers)
+    return outcome
+
+
+def _is_done(place: Place, content_hash: str) -> bool:
+    return carried_hash(place.marker) == content_hash and place.is_whole(content_hash)
+
+
+def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, peaks: dict[str, float]) -> None:
+    try:
+        seconds, peaks[job.name] = future.result()
+    except UserError as error:
+        outcome.failed[job.name] = str(error)
+        outcome.users_mistake = True
+    except BrokenProcessPool:
+        outcome.failed[job.name] = "its worker process died (out of memory?); run the same command again to resume"
+    except Exception as error:
+        kind = "" if isinstance(error, JobFaultError) else f"{type(error).__name__}: "
+        outcome.failed[job.name] = plain(f"{kind}{error}")
+        outcome.tracebacks[job.name] = plain("".join(traceback.format_exception(error)))
+    else:
+        outcome.done.append(job)
+        outcome.seconds[job.name] = seconds
+
+
+class Bar:
+    """Progress over a graph in shares of its jobs: a bar on a terminal, a line per job elsewhere."""
+
+    def __init__(self, jobs: list[Job]) -> None:
+        self.weight = {job.name: job.weight for job in jobs}
+        self.share = dict.fromkeys(self.weight, 0.0)
+        self.bar = tqdm(
+            total=round(sum(self.weight.values()), 3) or 1,
+            disable=None,
+            bar_format="{desc} {percentage:3.0f}% |{bar}| {elapsed} elapsed, {remaining} left",
+        )
+
+    def __enter__(self) -> "Bar":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bar.close()
+
+    def drain(self, progress: Any) -> None:
+        """Take in what the workers have told."""
+        while progress is not None:
+            try:
+                name, share = progress.get_nowait()
+            except queue.Empty:
+                break
+            if name in self.share and share > self.share[name]:
+                self._move(name, share)
+                self.bar.set_description_str(name)
+
+    def finish(self, job: Job, outcome: Outcome) -> None:
+        """Mark a job as settled."""
+        self._move(job.name, 1.0)
+        if job.name in outcome.seconds:
+            self.bar.write(f"  {job.name:<44} {outcome.seconds[job.name]:7.1f} s", file=sys.stderr)
+
+    def _move(self, name: str, share: float) -> None:
+        self.bar.update((share - self.share[name]) * self.weight[name])
+        self.share[name] = share

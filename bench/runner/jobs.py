@@ -1,0 +1,144 @@
+"""A suite as a graph of jobs: render -> track -> score -> report.
+
+DIR/suite.json                          what this folder is
+DIR/sequences/SEQUENCE/                 rendered sequences
+DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
+DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that gives true poses on the way
+DIR/made/                               what each job wrote, with digests
+DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
+DIR/index.html ...                      the report
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from uavbench.bench.config.suite import Protocol, Suite
+from uavbench.bench.inputs.content_hash import code_hash, content_hash, one_look
+from uavbench.bench.runner.graph import Job
+from uavbench.bench.runner.tasks import Figures, Render, Report, Restart, Score, Spec, Track
+from uavbench.bench.third_party.registry import absent
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.images.recorded_sequence import RecordingSpec
+from uavbench.tracker.initialization import Initialization
+from uavbench.tracker.protocol import Tracker
+from uavbench.tracker.results import MARKER
+
+VERBS = ("render", "track", "score", "report")
+START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0.05, 1.0
+"""Seconds of a sequence, a frame rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
+
+
+def plan(suite: Suite, folder: Path, last: str = "report", figures: Figures = "page") -> list[Job]:
+    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; figures: of the report."""
+    with one_look():
+        return _plan(suite, folder, last, figures)
+
+
+def _plan(suite: Suite, folder: Path, last: str, figures: Figures) -> list[Job]:
+    renders = {spec.name: _render_job(spec, folder) for spec in suite.sequences}
+    away = absent(suite.trackers)
+    tracks = [
+        _track_job(suite.start, label, tracker, rate, spec, renders[spec.name], folder)
+        for spec in suite.sequences
+        for label, tracker in suite.trackers.items()
+        if label not in away
+        for rate in suite.rates_hz
+    ]
+    scores = [_score_job(track, folder) for track in tracks]
+    restarts = [_restart_job(track, protocol, folder) for track in tracks for protocol in suite.protocols]
+    report = _report_job(suite, scores, restarts, away, folder, figures)
+    jobs = [*renders.values(), *tracks, *restarts, *scores, report]
+    return [job for job in jobs if VERBS.index(job.verb) <= VERBS.index(last)]
+
+
+def frames(spec: Spec) -> float:
+    """How many frames a sequence will have; a guess of a minute where nothing says how long it takes."""
+    path = spec.flight.path if isinstance(spec, SequenceSpec) else spec.source
+    return float(getattr(path, "duration_s", None) or 60.0) * spec.rate_hz
+
+
+def _render_job(spec: Spec, folder: Path) -> Job:
+    output = folder / "sequences" / spec.name
+    packages = ("trajectories", "scenes", *(["tracker"] if isinstance(spec, RecordingSpec) else []))
+    every = getattr(spec, "crlb_every", 0)
+    return Job(
+        verb="render",
+        name=f"render {spec.name}",
+        work=Render(spec, output),
+        marker=output / "sequence.json",
+        root=folder,
+        lists="manifest.json",
+        content_hash=content_hash(spec, code_hash(*packages)),
+        weight=START_S + RENDER_S * frames(spec) + (BOUND_S * frames(spec) / every if every else 0.0),
+    )
+
+
+def _track_job(
+    start: Initialization,
+    label: str,
+    tracker: Tracker,
+    rate_hz: float,
+    spec: Spec,
+    render: Job,
+    folder: Path,
+) -> Job:
+    run = f"{label}@{rate_hz:g}hz"
+    output = folder / "results" / spec.name / run
+    return Job(
+        verb="track",
+        name=f"track {spec.name} {run}",
+        work=Track(label, tracker, rate_hz, spec.seed, folder / "sequences" / spec.name, output, start),
+        marker=output / MARKER,
+        root=folder,
+        lists=MARKER,
+        content_hash=content_hash(label, tracker, rate_hz, spec.seed, start, render.content_hash, code_hash("tracker")),
+        needs=(render,),
+        weight=TRACK_S * frames(spec) * rate_hz / spec.rate_hz,
+    )
+
+
+def _restart_job(track: Job, protocol: Protocol, folder: Path) -> Job:
+    assert isinstance(track.work, Track)
+    output = folder / "restarts" / track.work.sequence.name / track.work.folder.name / protocol
+    return replace(
+        track,
+        name=f"{track.name} {protocol}",
+        work=Restart(track.work, protocol, output),
+        marker=output / MARKER,
+        content_hash=content_hash(track.content_hash, protocol, code_hash("reports")),
+    )
+
+
+def _score_job(track: Job, folder: Path) -> Job:
+    assert isinstance(track.work, Track)
+    return Job(
+        verb="score",
+        name=track.name.replace("track", "score", 1),
+        work=Score(track.work.sequence, track.work.folder),
+        marker=track.work.folder / "score.json",
+        root=folder,
+        content_hash=content_hash(track.content_hash, code_hash("reports")),
+        needs=(track,),
+        weight=SCORE_S,
+    )
+
+
+def _report_job(
+    suite: Suite, scores: list[Job], restarts: list[Job], away: Mapping[str, str], folder: Path, figures: Figures
+) -> Job:
+    scored = tuple((job.work.sequence, job.work.results, "") for job in scores if isinstance(job.work, Score))
+    needs = (*scores, *restarts)
+    work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts), tuple(away.items()))
+    work = replace(work, figures=figures, recorded=any(isinstance(spec, RecordingSpec) for spec in suite.sequences))
+    return Job(
+        verb="report",
+        name="report",
+        work=work,
+        marker=folder / "report.json",
+        root=folder,
+        content_hash=content_hash(suite.title, [job.content_hash for job in needs], away, figures),
+        needs=needs,
+        weight=REPORT_S * (1 + len(scores)),
+        without=work.without,
+    )

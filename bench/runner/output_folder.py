@@ -1,0 +1,122 @@
+"""The output folder of a suite: claimed by name, used by one process at a time."""
+
+import fcntl
+import json
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from uavbench.bench.config.suite import Suite
+from uavbench.bench.runner.shard import Shard
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers
+from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+
+SUITE = "suite.json"
+DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "failed": 1, "made": 4}
+"""Folders in which something is written under a temporary name, and how many levels below."""
+
+
+def resolved(folder: Path) -> Path:
+    """The folder itself, links followed; UserError for a link that leads nowhere."""
+    if folder.is_symlink() and not folder.exists():
+        raise UserError(f"{folder}: is a link that leads nowhere; name another folder with --out")
+    return folder.resolve()
+
+
+@contextmanager
+def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iterator[Path]:
+    """The folder, made or taken up again; UserError when it holds something else or is in use.
+
+    Shards of a suite may be at work in one folder at the same time, each once; nothing else may. What killed processes
+    have left is removed, before and after.
+    """
+    _refuse_foreign(folder)
+    with ExitStack() as stack:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            locks = [stack.enter_context(_opened(folder / ".lock"))]
+            if shard is not None:
+                locks.append(stack.enter_context(_opened(folder / f".lock_{shard.number}_of_{shard.count}")))
+        except OSError as error:
+            raise UserError(f"{folder}: cannot be written: {error.strerror}; name another folder with --out") from None
+        try:
+            for lock, how in zip(locks, (fcntl.LOCK_SH if shard else fcntl.LOCK_EX, fcntl.LOCK_EX), strict=False):
+                fcntl.flock(lock, how | fcntl.LOCK_NB)
+        except OSError:
+            raise UserError(
+                f"{folder}: another uavbench is at work in it; wait for it or name another folder"
+            ) from None
+        _refuse_foreign(folder)
+        clean_leftovers(folder, alone=shard is None)
+        try:
+            _describe(folder, suite)
+            yield folder
+        finally:
+            clean_leftovers(folder, alone=shard is None)
+
+
+def clean_leftovers(folder: Path, *, alone: bool) -> None:
+    """Remove what killed processes had begun to write in a suite's folder; alone: nothing else is at work in it."""
+    remove_leftovers(folder, alone=alone)
+    for name, depth in DEPTHS.items():
+        _clean(folder / name, depth, alone)
+
+
+def _clean(folder: Path, depth: int, alone: bool) -> None:
+    remove_leftovers(folder, alone=alone)
+    if not depth:
+        return
+    try:
+        with os.scandir(folder) as entries:
+            below = [Path(entry.path) for entry in entries if entry.is_dir() and not is_temporary(entry.name)]
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    for path in below:
+        _clean(path, depth - 1, alone)
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """UserError when the folder is none of ours; one that we made has a `suite.json` that proves it."""
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise UserError(f"{folder}: not a folder; name another one with --out")
+    if not folder.is_dir() or is_sealed(folder / SUITE):
+        return
+    for path in sorted(folder.iterdir()):
+        early = path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)
+        if not early and not is_sealed(folder / SUITE):  # another shard may have written it meanwhile
+            raise UserError(
+                f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder with --out"
+            )
+
+
+def _describe(folder: Path, suite: Suite) -> None:
+    """Write `suite.json`, unless it says the same already: then shards that start together need not write it."""
+    about = {
+        "suite": suite.name,
+        "title": suite.title,
+        "sequences": [spec.name for spec in suite.sequences],
+        "trackers": list(suite.trackers),
+        "rates_hz": list(suite.rates_hz),
+        "flights": suite.flights,
+    }
+    text = json.dumps(about, indent=1) + "\n"
+    path = folder / SUITE
+    refuse_foreign_file(path)
+    if not (path.exists() and path.read_text(encoding="utf-8").startswith(text.removesuffix("\n}\n"))):
+        write_text(path, text, sealed=True)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    """A lock file, made where there is none and never written to; OSError when it is a link, UserError for a device."""
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    try:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise UserError(f"{path}: is no regular file; move it away or name another folder with --out")
+        yield handle
+    finally:
+        os.close(handle)

@@ -1,0 +1,82 @@
+"""A suite on Slurm: a job array of shards through submitit; the report is written here at the end."""
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from uavbench.trajectories.errors import UserError
+
+POLL_S = 5.0
+
+
+def run_shards(
+    verb: str,
+    suite: str,
+    out: Path,
+    shards: int,
+    options: tuple[str, ...],
+    *,
+    cluster: str | None = None,
+    isolate: bool = False,
+) -> int:
+    """Run every shard as a job of its own and wait for them; how many failed. An interrupt cancels them.
+
+    options: `key=value` of submitit (`slurm_partition=short`, `timeout_min=600`). UserError when submitit is not
+    installed, there is no Slurm, or an option is wrong.
+    """
+    try:
+        import submitit  # type: ignore[import-not-found, unused-ignore]
+    except ImportError:
+        raise UserError("--slurm needs submitit: pip install 'uavbench[slurm]'") from None
+    logs = out.resolve() / "slurm"
+    try:
+        executor = submitit.AutoExecutor(folder=logs, cluster=cluster)
+        if executor.cluster == "local" and cluster is None:
+            raise UserError("--slurm: there is no sbatch on this machine; run it where Slurm's commands are")
+        executor.update_parameters(**{"cpus_per_task": 1, "timeout_min": 24 * 60, **_parsed(options)})
+        with executor.batch():
+            jobs = [
+                executor.submit(run_shard, verb, suite, out.resolve(), f"{i}/{shards}", isolate)
+                for i in range(1, shards + 1)
+            ]
+    except (NameError, TypeError, ValueError, AssertionError) as error:
+        raise UserError(f"--slurm: {error}") from None
+    click.echo(f"{shards} shards submitted; logs: {logs}", err=True)
+    try:
+        while not all(job.done() for job in jobs):
+            time.sleep(POLL_S)
+    except KeyboardInterrupt:
+        for job in jobs:
+            job.cancel()
+        raise
+    return sum(_failed(job) for job in jobs)
+
+
+def run_shard(verb: str, suite: str, out: Path, shard: str, isolate: bool = False) -> int:
+    """Do one shard, in a job."""
+    from uavbench.bench.runner.commands import Where, bring_up_to
+
+    return bring_up_to(
+        "score" if verb == "report" else verb, suite, out, Where(workers=1, shard=shard, isolate=isolate)
+    )
+
+
+def _failed(job: Any) -> bool:
+    error = job.exception()
+    if error is not None:
+        print(f"FAILED shard, job {job.job_id}: {str(error).splitlines()[0]}", file=sys.stderr)
+        return True
+    return bool(job.result())
+
+
+def _parsed(options: tuple[str, ...]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for option in options:
+        key, equals, value = option.partition("=")
+        if not equals:
+            raise UserError(f"--slurm-option {option}: write key=value")
+        table[key] = int(value) if value.isdecimal() else value
+    return table

@@ -1,0 +1,167 @@
+"""What the jobs of a suite do: render, track, restart, score, report; each reads and writes files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from uavbench.bench.config.suite import Protocol
+from uavbench.bench.external.program import External
+from uavbench.bench.runner.graph import OnStep
+from uavbench.bench.third_party.peer import Peer
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.images.recorded_sequence import RecordingSpec, record
+from uavbench.tracker.initialization import Initialization
+from uavbench.tracker.protocol import Tracker
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import KNOWN
+from uavbench.trajectories.trajectory import Trajectory
+
+Spec = SequenceSpec | RecordingSpec
+Figures = Literal["page", "all"]
+"""Which figures a report draws, as in uavbench.reports.drawings; here again, because that one needs matplotlib."""
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render one sequence, or take over one that was recorded."""
+
+    spec: Spec
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the sequence folder."""
+        if isinstance(self.spec, RecordingSpec):
+            record(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
+            return
+        from uavbench.scenes.generate import generate
+
+        generate(self.spec, self.folder, content_hash=content_hash, on_frame=on_step)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Run one tracker over one sequence at one rate."""
+
+    label: str
+    tracker: Tracker
+    rate_hz: float
+    seed: int
+    sequence: Path
+    folder: Path
+    start: Initialization = KNOWN
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the results folder."""
+        from uavbench.bench.external.program import track_external
+        from uavbench.tracker.protocol import TrackResult
+        from uavbench.tracker.run import all_failed, track_sequence
+
+        sequence = Sequence.load(self.sequence)
+
+        def on_frame(frame: int, _: TrackResult) -> None:
+            on_step(frame + 1, len(sequence))
+
+        given: dict[str, Any] = {
+            "rate_hz": self.rate_hz, "seed": self.seed, "on_frame": on_frame, "start": self.start,
+        }  # fmt: skip
+        if isinstance(self.tracker, External | Peer):
+            kept = self.folder.parents[2] / "failed" / self.folder.parent.name / self.folder.name
+            program = self.tracker.present() if isinstance(self.tracker, Peer) else self.tracker
+            results = track_external(program, sequence, kept_folder=kept, **given)
+        else:
+            results = track_sequence(self.tracker, sequence, **given)
+        record = {**results.record, "label": self.label, "content_hash": content_hash}
+        if why := all_failed(results):
+            record["failed"] = why
+        if isinstance(self.tracker, Peer):
+            record["tracker"] = self.tracker.record
+        replace(results, record=record).save(self.folder, groundtruth(sequence, results))
+
+
+@dataclass(frozen=True)
+class Restart:
+    """Run one tracker over one sequence under a protocol that gives it true poses on the way."""
+
+    track: Track
+    protocol: Protocol
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the results folder."""
+        from uavbench.reports.protocols.restarting import PROTOCOLS
+
+        track = self.track
+        run = PROTOCOLS[self.protocol]
+        sequence = Sequence.load(track.sequence)
+        restarted = run(track.tracker, sequence, rate_hz=track.rate_hz, seed=track.seed)
+        results = restarted.results
+        record = {**results.record, "label": track.label, "content_hash": content_hash}
+        replace(results, record=record).save(self.folder, groundtruth(sequence, results))
+
+
+def groundtruth(sequence: Sequence, results: Results) -> Trajectory | None:
+    """True `world_from_body` at the frames of results, None where nobody knows it."""
+    return None if sequence.recorded else sequence.truth.select(results.frames)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score one result against its sequence's truth."""
+
+    sequence: Path
+    results: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write `score.json` in the results folder."""
+        from uavbench.reports.recorded_score import score_recorded
+        from uavbench.reports.scoring.score import score
+
+        sequence, results = Sequence.load(self.sequence), Results.load(self.results)
+        scored = score_recorded(sequence, results) if sequence.recorded else score(sequence, results)
+        scored.save(self.results / "score.json", content_hash=content_hash)
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write the report over all scores of a suite."""
+
+    title: str
+    folder: Path
+    scored: tuple[tuple[Path, Path, str], ...]
+    restarts: tuple[Path, ...] = ()
+    absent: tuple[tuple[str, str], ...] = ()
+    recorded: bool = False
+    unrendered: tuple[tuple[str, str], ...] = ()
+    figures: Figures = "page"
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write index.html, figures, tables and scores.json."""
+        from uavbench.reports.recorded_report import write_recorded_report
+        from uavbench.reports.report import ReportEntry, write_report
+
+        if self.recorded:
+            more: dict[str, Any] = {"content_hash": content_hash, "on_step": on_step}
+            write_recorded_report(self.folder, self.title, self.scored, absent=dict(self.absent), **more)
+            return
+        entries = [
+            ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
+        ]
+        given: dict[str, Any] = {
+            "restarts": self.restarts, "figures": self.figures, "content_hash": content_hash, "on_step": on_step,
+        }  # fmt: skip
+        write_report(self.folder, self.title, entries, dict(self.unrendered), absent=dict(self.absent), **given)
+
+    def without(self, failed: Mapping[str, str]) -> "Report | None":
+        """The report that shows what failed as failed; None where no sequence is left."""
+        unrendered, scored = {}, []
+        for sequence, results, _ in self.scored:
+            run = f"{sequence.name} {results.name}"
+            if why := failed.get(f"render {sequence.name}"):
+                unrendered[sequence.name] = why
+            else:
+                scored.append((sequence, results, failed.get(f"track {run}") or failed.get(f"score {run}", "")))
+        restarts = tuple(path for path in self.restarts if " ".join(["track", *path.parts[-3:]]) not in failed)
+        kept = replace(self, scored=tuple(scored), restarts=restarts, unrendered=tuple(unrendered.items()))
+        return kept if scored else None

@@ -1,0 +1,147 @@
+"""What a job wrote, on record: `made/` in a suite's folder tells of every file its size, times and digest.
+
+A job counts as done only while all of it is as it was written. The record says so from before work begins (then
+without a content hash, so that a job killed on its way is never taken for done) and keeps the names, so that what is
+damaged can be made anew.
+"""
+
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import noting, owning, refuse_foreign, tree, write_text
+
+RECORDS = "made"
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """A file as it was written: size in bytes, times of its content and of its entry in ns, sha256."""
+
+    size: int
+    mtime_ns: int
+    ctime_ns: int
+    sha256: str
+
+    @classmethod
+    def of(cls, path: Path) -> "Stamp":
+        """Stamp of a file."""
+        with path.open("rb") as handle:
+            digest = hashlib.file_digest(handle, "sha256").hexdigest()
+            about = os.fstat(handle.fileno())
+        return cls(about.st_size, about.st_mtime_ns, about.st_ctime_ns, digest)
+
+    def now(self, path: Path) -> "Stamp | None":
+        """The same file's stamp now, None when it is another or gone; its content is read only where times differ."""
+        try:
+            about = path.lstat()
+            if not stat.S_ISREG(about.st_mode) or about.st_size != self.size:
+                return None
+            if (about.st_mtime_ns, about.st_ctime_ns) == (self.mtime_ns, self.ctime_ns):
+                return self
+            found = Stamp.of(path)
+        except OSError:
+            return None
+        return found if found.sha256 == self.sha256 else None
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a job wrote: files by their names in the suite's folder; content_hash is "" until all is there."""
+
+    content_hash: str = ""
+    files: Mapping[str, Stamp] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, path: Path) -> "Record":
+        """The record of a file; an empty one where there is none, or none that is whole."""
+        try:
+            about = json.loads(path.read_text(encoding="utf-8"))
+            return cls(str(about["content_hash"]), {name: Stamp(*stamp) for name, stamp in about["files"].items()})
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return cls()
+
+    def write(self, path: Path) -> None:
+        """Write it, whole or not at all."""
+        files = {name: (stamp.size, stamp.mtime_ns, stamp.ctime_ns, stamp.sha256) for name, stamp in self.files.items()}
+        write_text(path, json.dumps({"content_hash": self.content_hash, "files": files}, indent=1) + "\n", sealed=True)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a job writes: a suite's folder, the marker of what it makes in there, and whether that folder is its own.
+
+    lists: the file that lists the others of its own folder.
+    """
+
+    root: Path
+    marker: Path
+    lists: str = ""
+
+    @property
+    def record(self) -> Path:
+        """File of the record."""
+        return self._record_of(self.marker.relative_to(self.root).as_posix())
+
+    def is_whole(self, content_hash: str) -> bool:
+        """Whether all that was made for this hash is there as it was written.
+
+        Where times alone have changed, as in a copy, the record is brought up to date, so that this is found once.
+        """
+        record = Record.read(self.record)
+        if record.content_hash != content_hash or not record.files:
+            return False
+        now = {name: stamp.now(self.root / name) for name, stamp in record.files.items()}
+        whole = {name: stamp for name, stamp in now.items() if stamp is not None}
+        if len(whole) < len(now):
+            return False
+        if whole != record.files:
+            with suppress(OSError, UserError):  # a folder that is only looked at
+                Record(content_hash, whole).write(self.record)
+        return True
+
+    @contextmanager
+    def writing(self, content_hash: str) -> Iterator[None]:
+        """Put on record what is written inside."""
+        before = Record.read(self.record)
+        Record("", before.files).write(self.record)
+        with owning(self._known(before)), noting() as written:
+            yield
+        here = self.marker.parent.absolute()
+        self.keep(content_hash, (path for path in {*written, self.marker.absolute()} if path.is_relative_to(here)))
+
+    def keep(self, content_hash: str, paths: Iterable[Path]) -> None:
+        """Put these files on record as what was made for this hash."""
+        root = self.root.absolute()
+        names = sorted(path.absolute().relative_to(root).as_posix() for path in paths if path.exists())
+        Record(content_hash, {name: Stamp.of(root / name) for name in names}).write(self.record)
+
+    def refuse_foreign(self) -> None:
+        """UserError naming what is in the job's own folder and was not written by uavbench."""
+        folder = self.marker.parent
+        if not self.lists or not os.path.lexists(folder):
+            return
+        known = self._known(Record.read(self.record))
+        if folder.is_dir() and not folder.is_symlink() and all(folder / name in known for name in tree(folder)):
+            return
+        with owning(known):
+            refuse_foreign(folder, self.lists)
+
+    def _known(self, record: Record) -> set[Path]:
+        """Files on this record, and those in the job's own folder that are another job's."""
+        folder = self.marker.parent
+        known = {self.root / name for name in record.files}
+        if self.lists and folder.is_dir() and not folder.is_symlink():
+            within = folder.relative_to(self.root)
+            others = [name for name in tree(folder) if folder / name not in known]
+            known |= {folder / name for name in others if self._record_of((within / name).as_posix()).is_file()}
+        return known
+
+    def _record_of(self, marker: str) -> Path:
+        return self.root / RECORDS / marker

@@ -1,0 +1,133 @@
+"""The benchmarks of bench/speed against their goals: `uavbench speed`."""
+
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import tomllib
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import click
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+
+SPEED = Path(__file__).parent
+
+
+def speed(only: str, save: Path | None) -> int:
+    """Run the benchmarks whose name holds `only` and print the table; 1 when one failed or missed its goal."""
+    if save is not None:
+        refuse_foreign_file(save)
+    goals = tomllib.loads((SPEED / "goals.toml").read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as scratch:
+        file = Path(scratch) / "speed.json"
+        arguments = [
+            "-q",
+            "--benchmark-only",
+            "--benchmark-disable-gc",
+            f"--benchmark-json={file}",
+            "-p",
+            "no:cacheprovider",
+        ]
+        where = ["-c", os.devnull, f"--rootdir={scratch}", "--import-mode=importlib", str(SPEED)]
+        command = [sys.executable, "-m", "pytest", *where, *arguments, *(["-k", only] if only else [])]
+        found_by = os.pathsep.join(path for path in sys.path if path)
+        environment = {**os.environ, "PYTHONPATH": found_by}
+        done = subprocess.run(command, cwd=scratch, env=environment, capture_output=True, text=True, check=False)
+        try:
+            results = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            words = (done.stdout + done.stderr).strip().splitlines()
+            raise UserError(
+                f"the benchmarks did not run (they need `pip install 'uavbench[speed]'`): {words[-1] if words else ''}"
+            ) from None
+        if save is not None:
+            write_text(save, json.dumps(results, indent=1) + "\n", sealed=True)
+    lines, met = table(results["benchmarks"], goals)
+    click.echo(
+        f"{results['machine_info']['cpu'].get('brand_raw', 'unknown processor')}; least and median of the rounds"
+    )
+    click.echo("\n".join(lines))
+    if done.returncode:
+        click.echo(
+            "\n".join(line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), err=True
+        )
+    return 0 if met and done.returncode == 0 else 1
+
+
+def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) -> tuple[list[str], bool]:
+    """Lines of the table, and whether no goal is missed."""
+    lines = [f"{'benchmark':<62} {'least':>11} {'median':>11}  {'goal':<50} verdict"]
+    all_met = True
+    for one in sorted(benchmarks, key=lambda b: str(b["name"])):
+        stats = one["stats"]
+        text, verdict = against(stats["min"], one.get("extra_info", {}), goals.get(str(one["name"]).split("[")[0], {}))
+        all_met &= verdict is not Verdict.MISSED
+        times = f"{seconds(stats['min']):>11} {seconds(stats['median']):>11}"
+        lines.append(f"{one['name']:<62} {times}  {text:<50} {verdict}")
+    return lines, all_met
+
+
+class Verdict(StrEnum):
+    """What a measurement says of a goal; nothing where there is no goal, or what it is held against is absent."""
+
+    MET = "met"
+    MISSED = "MISSED"
+    OPEN = "not decidable"
+    NONE = ""
+
+
+def against(least_s: float, extra: dict[str, Any], goal: dict[str, Any]) -> tuple[str, Verdict]:
+    """The goal in words, and what the measurement says of it."""
+    if "absent" in extra:
+        return f"absent: {extra['absent']}", Verdict.NONE
+    if "at_most_s" in goal:
+        return f"at most {seconds(goal['at_most_s'])}", Verdict.MET if least_s <= goal["at_most_s"] else Verdict.MISSED
+    if "figure" in goal:
+        found = Interval.of(extra.get(goal["figure"], float("nan")))
+        sort, limit = ("at least", goal["at_least"]) if "at_least" in goal else ("at most", goal["at_most"])
+        return f"{goal['figure']} {found}, {sort} {limit:g}", found.held_against(sort, limit)
+    return ", ".join(f"{name} {Interval.of(value)}" for name, value in extra.items()), Verdict.NONE
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Mean of a figure's rounds, and half the width of its 95 % interval (Student's t), 0 for a single round."""
+
+    mean: float
+    half: float = 0.0
+
+    @classmethod
+    def of(cls, figure: float | list[float]) -> "Interval":
+        """Interval of one value or of a value for each round."""
+        if not isinstance(figure, list):
+            return cls(float(figure))
+        from scipy.stats import t  # takes a second, and most tables have no rounds
+
+        error = statistics.stdev(figure) / math.sqrt(len(figure))
+        return cls(statistics.fmean(figure), float(t.ppf(0.975, len(figure) - 1)) * error)
+
+    def held_against(self, sort: str, limit: float) -> Verdict:
+        """Met or missed where the whole interval says so; otherwise more rounds, or a quieter machine, would tell."""
+        margin = self.mean - limit if sort == "at least" else limit - self.mean
+        if margin >= self.half:
+            return Verdict.MET
+        return Verdict.OPEN if margin > -self.half else Verdict.MISSED
+
+    def __str__(self) -> str:
+        return f"{self.mean:.3g} +- {self.half:.2g}" if self.half else f"{self.mean:.3g}"
+
+
+def seconds(value: float) -> str:
+    """A time with its unit."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if value >= size:
+            return f"{value / size:.3g} {unit}"
+    return f"{value / 1e-9:.3g} ns"

@@ -1,0 +1,60 @@
+"""`opencv-rapid`: the module `rapid` of OpenCV contrib, in an environment of its own.
+
+The product's OpenCV has no such module, and that of OpenCV 5 stops with a failed assertion in GOS and OLS.
+"""
+
+import subprocess
+import sys
+import venv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from annotated_types import Ge
+
+from uavbench.bench.third_party.peer import Peer
+from uavbench.trajectories.errors import UserError
+
+RUNNER = Path(__file__).parent / "rapid_runner.py"
+PACKAGES = ("opencv-contrib-python-headless==4.14.0.94", "numpy==2.4.6")
+
+
+@dataclass(frozen=True)
+class OpencvRapid(Peer):
+    """OpenCV contrib's RAPID (Harris & Stennett 1990), GOS or OLS tracker.
+
+    points on the model's edges, search_px to either side of each, at most so many iterations a frame.
+    """
+
+    name: ClassVar[str] = "opencv-rapid"
+    pixels: ClassVar[Literal["bgr", "grey"]] = "bgr"
+
+    method: Literal["rapid", "gos", "ols"] = "rapid"
+    points: Annotated[int, Ge(4)] = 100
+    search_px: Annotated[int, Ge(2)] = 20
+    iterations: Annotated[int, Ge(1)] = 20
+
+    def command(self) -> tuple[str, ...]:
+        """The runner in its environment, and its arguments."""
+        numbers = map(str, (self.points, self.search_px, self.iterations))
+        return (str(self.folder() / "venv" / "bin" / "python"), str(RUNNER), self.method, *numbers)
+
+    @classmethod
+    def setup(cls) -> dict[str, str]:
+        """Make the environment and install what the runner needs, in versions that were tried."""
+        folder = cls.folder() / "venv"
+        try:
+            venv.create(folder, with_pip=True, clear=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise UserError(f"opencv-rapid: {folder}: cannot be made: {error}; is python3-venv installed?") from None
+        python = str(folder / "bin" / "python")
+        done = subprocess.run(
+            [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", *PACKAGES],
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode:
+            last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
+            raise UserError(f"opencv-rapid: pip cannot install {' '.join(PACKAGES)}: {last}")
+        subprocess.run([python, "-c", "import cv2; cv2.rapid.OLSTracker_create"], check=True)
+        return {"python": sys.version.split()[0], **dict(package.split("==") for package in PACKAGES)}

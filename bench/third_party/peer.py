@@ -1,0 +1,83 @@
+"""What every peer has in common: a folder it is set up in, and a program that is there or absent."""
+
+import json
+import os
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from uavbench.bench.external.program import External
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Run
+from uavbench.tracker.run import parameters
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Pose
+
+
+class Peer(ABC):
+    """A tracker of others; a frozen dataclass of its parameters, with `command`.
+
+    It is absent until `uavbench peers setup NAME` has set it up: then its folder holds `peer.json` with the versions of
+    what it is made of, and they enter the hash of every result.
+    """
+
+    name: ClassVar[str]
+    pixels: ClassVar[Literal["bgr", "grey"]] = "grey"
+
+    @classmethod
+    def folder(cls) -> Path:
+        """Where it is set up: `$UAVBENCH_PEERS/NAME`, by default under the user's cache."""
+        cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+        return Path(os.environ.get("UAVBENCH_PEERS") or f"{cache}/uavbench/peers") / cls.name
+
+    @classmethod
+    def absence(cls) -> str:
+        """Why it cannot run here, "" when it can."""
+        if (cls.folder() / "peer.json").is_file():
+            return ""
+        return f"not set up on this machine; `uavbench peers setup {cls.name}` does it"
+
+    @classmethod
+    @abstractmethod
+    def setup(cls) -> dict[str, str]:
+        """Set it up on this machine; the versions of what it is made of. UserError saying what to install."""
+
+    @classmethod
+    def mark(cls, versions: dict[str, str]) -> None:
+        """Note that it is set up."""
+        write_text(cls.folder() / "peer.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", sealed=True)
+
+    @abstractmethod
+    def command(self) -> tuple[str, ...]:
+        """Program and arguments."""
+
+    @property
+    def entering_files(self) -> tuple[Path, ...]:
+        """Files whose content enters every result."""
+        marker = self.folder() / "peer.json"
+        return (*self.program.entering_files, marker) if marker.is_file() else ()
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What the record of a run says of its tracker."""
+        versions = json.loads((self.folder() / "peer.json").read_text(encoding="utf-8"))
+        return {"kind": self.name, "parameters": parameters(self), "versions": versions}
+
+    @property
+    def program(self) -> External:
+        """The program as an external tracker."""
+        return External(command=self.command(), pixels=self.pixels)
+
+    def present(self) -> External:
+        """The program; UserError where the peer is absent."""
+        if why := self.absence():
+            raise UserError(f"{self.name}: {why}")
+        return self.program
+
+    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+        """Begin a run; UserError where the peer is absent."""
+        return self.present().start(structure, camera, cam_from_world, rng)

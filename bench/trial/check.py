@@ -1,0 +1,170 @@
+"""Try a tracker on a tiny sequence and explain every fault: `uavbench check TRACKER.toml`."""
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from uavbench.bench.external.program import External, track_external
+from uavbench.bench.third_party.peer import Peer
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import Tracker
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.pose import Pose
+
+TRIAL = Path(__file__).parent / "sequence"
+CLOSE_M, CLOSE_DEG = 0.15, 10.0
+"""Poses off by more than this, where even the first pose repeated is closer, may be written by another convention."""
+
+
+def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
+    """Lines that say how a tracker does on the tiny sequence; the last begins with `good` or `faulty`."""
+    sequence = Sequence.load(TRIAL)
+    rate_hz = float(sequence.info["rate_hz"])
+    yield f"{len(sequence)} frames of {sequence.camera.width} x {sequence.camera.height} px at {rate_hz:g} Hz"
+    first = _run(tracker, sequence, rate_hz, kept_folder)
+    faults = list(first.record["errors"])
+    yield from faults
+    if faults and isinstance(tracker, External | Peer):
+        yield f"its job folder: {kept_folder}"
+    yield f"frames with a pose: {int(first.ok.sum())} of {len(first)}"
+    yield from _accuracy(first, sequence)
+    mistaken = _mistaken(first, sequence)
+    if mistaken:
+        right = "write cam_from_world, metres, w first, OpenCV axes"
+        yield f"[convention] the poses are right if read as {mistaken}; {right}"
+    if times := [row.stage_ms["total"] for row in first.rows if "total" in row.stage_ms]:
+        yield f"time per frame: median {np.median(times):.2f} ms, worst {max(times):.2f} ms"
+    if not faults:
+        with tempfile.TemporaryDirectory() as scratch:
+            again = _run(tracker, sequence, rate_hz, Path(scratch) / "again")
+        same = all(_same(a.cam_from_world, b.cam_from_world) for a, b in zip(first.rows, again.rows, strict=True))
+        yield (
+            "a second run gave the same poses" if same else "note: a second run gave other poses; seed it from job.toml"
+        )
+    yield "faulty" if faults or mistaken else "good: the protocol is kept"
+
+
+def _run(tracker: Tracker, sequence: Sequence, rate_hz: float, kept_folder: Path) -> Results:
+    if isinstance(tracker, Peer):
+        return _run(tracker.present(), sequence, rate_hz, kept_folder)
+    if isinstance(tracker, External):
+        return track_external(tracker, sequence, rate_hz=rate_hz, seed=0, kept_folder=kept_folder)
+    return track_sequence(tracker, sequence, rate_hz=rate_hz, seed=0)
+
+
+def _accuracy(results: Results, sequence: Sequence) -> Iterator[str]:
+    """The median error, where there is a pose."""
+    if pairs := _pairs(results, sequence):
+        metres, degrees = _median_error(pairs, AS_IT_IS, sequence)
+        yield f"median error: {metres * 100:.2f} cm, {degrees:.2f} deg"
+
+
+def _mistaken(results: Results, sequence: Sequence) -> str:
+    """The convention by which poses that are far off would be right, "" where they are not far off, or by none."""
+    pairs = _pairs(results, sequence)
+    if not pairs or _is_close(*_median_error(pairs, AS_IT_IS, sequence)):
+        return ""
+    close = (reading for reading in READINGS if _is_close(*_median_error(pairs, reading, sequence)))
+    return str(next(close, ""))
+
+
+def _pairs(results: Results, sequence: Sequence) -> list[tuple[Pose, Pose]]:
+    """Estimated and true cam_from_world of the frames with a pose."""
+    return [
+        (row.cam_from_world, sequence.true_cam_from_world(frame))
+        for frame, row in zip(results.frames.tolist(), results.rows, strict=True)
+        if row.cam_from_world is not None
+    ]
+
+
+def _median_error(pairs: list[tuple[Pose, Pose]], reading: "Reading", sequence: Sequence) -> tuple[float, float]:
+    """Median distance in m and median angle in degrees of poses that are read in a way."""
+    errors = [_error(reading.of(estimate, sequence.cam_from_body), truth) for estimate, truth in pairs]
+    metres, degrees = np.median(errors, axis=0).tolist()
+    return metres, degrees
+
+
+def _is_close(metres: float, degrees: float) -> bool:
+    return metres <= CLOSE_M and degrees <= CLOSE_DEG
+
+
+def _error(estimate: Pose, truth: Pose) -> tuple[float, float]:
+    """Distance of the camera centres in m and angle in degrees."""
+    metres = np.linalg.norm(estimate.inverse().translation - truth.inverse().translation)
+    return float(metres), float(np.degrees(np.linalg.norm((estimate @ truth.inverse()).log()[3:])))
+
+
+def _same(a: Pose | None, b: Pose | None) -> bool:
+    return a is None if b is None else a is not None and bool(np.array_equal(a.matrix, b.matrix))
+
+
+FLIP = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+"""From OpenGL's camera (y up, z back) to OpenCV's (y down, z forward), and back."""
+Unit = Literal["", "millimetres", "centimetres"]
+Part = Literal["", "rotation", "translation"]
+PARTS: tuple[Part, ...] = get_args(Part)
+UNITS: dict[Unit, float] = {"": 1.0, "millimetres": 1e-3, "centimetres": 1e-2}
+"""Metres in each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """A way to read a pose that was written by other conventions; mixed: which part is of the inverse."""
+
+    w_last: bool = False
+    unit: Unit = ""
+    inverse: bool = False
+    mixed: Part = ""
+    opengl: bool = False
+    of_body: bool = False
+
+    def of(self, written: Pose, cam_from_body: Pose) -> Pose:
+        """The cam_from_world that was meant."""
+        pose = Pose(written.rotation, written.translation * UNITS[self.unit])
+        if self.w_last:
+            w, x, y, z = pose.quaternion_wxyz
+            # what was written as x y z w was read as w x y z
+            pose = Pose.from_quaternion([z, w, x, y], pose.translation)
+        if self.mixed == "rotation":
+            pose = Pose(pose.rotation.T, pose.translation)
+        elif self.mixed == "translation":
+            pose = Pose(pose.rotation, -pose.rotation @ pose.translation)
+        pose = pose.inverse() if self.inverse else pose
+        pose = FLIP @ pose if self.opengl else pose
+        return cam_from_body @ pose if self.of_body else pose
+
+    def __str__(self) -> str:
+        source = "body" if self.of_body else "cam"
+        words = [
+            f"world_from_{source}" if self.inverse else "body_from_world" if self.of_body else "",
+            f"cam_from_world with the {self.mixed} of world_from_cam" if self.mixed else "",
+            "OpenGL axes (y up, z back)" if self.opengl else "",
+            self.unit,
+            "quaternions with w last" if self.w_last else "",
+        ]
+        return ", ".join(word for word in words if word)
+
+    @property
+    def strangeness(self) -> int:
+        """How many conventions are other ones."""
+        return sum(map(bool, (self.w_last, self.unit, self.inverse, self.mixed, self.opengl, self.of_body)))
+
+
+AS_IT_IS = Reading()
+READINGS = sorted(
+    (
+        Reading(w_last=w_last, unit=unit, inverse=inverse, mixed=mixed, opengl=opengl, of_body=of_body)
+        for w_last, unit, inverse, mixed, opengl, of_body in product(
+            (False, True), UNITS, (False, True), PARTS, (False, True), (False, True)
+        )
+        if not (opengl and of_body) and not (mixed and inverse)
+    ),
+    key=lambda reading: reading.strangeness,
+)[1:]
+"""Every other way, the plainest first."""

@@ -1,0 +1,270 @@
+"""Score any two trajectory files: the one-call form of association, alignment, ATE and RPE.
+
+A mode is a set of defaults that repeats what a known tool does; options that are given go before it.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+from uavbench.reports.evaluation.trajectory_files import Found, find_trajectory, mount_of
+from uavbench.reports.metrics.align import Alignment, alignment
+from uavbench.reports.metrics.ape import pose_error_sizes
+from uavbench.reports.metrics.association import NS, Association, PosePairs, associate
+from uavbench.reports.metrics.rpe import Stretch, Unit, motion_error_sizes, stretches
+from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
+from uavbench.reports.metrics.summary_statistics import ErrorSummary
+from uavbench.tracker.run import versions
+from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.trajectory import Trajectory
+
+Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How two trajectories are compared."""
+
+    align: Alignment = "none"
+    association: Association = "one-to-one"
+    max_difference_s: float = 0.01
+    offset_s: float = 0.0
+    stretch: Stretch = field(default_factory=Stretch)
+    segments: Literal["none", "kitti", "rpg"] = "none"
+
+
+MODES: dict[str, Options] = {
+    "uavbench": Options(),
+    "evo": Options(association="evo", stretch=Stretch(pairs_from="estimate")),
+    "tum": Options(align="se3", max_difference_s=0.02, stretch=Stretch(1.0, "s", all_pairs=True)),
+    "kitti": Options(segments="kitti"),
+    "rpg": Options(align="yaw", association="evo", max_difference_s=0.02, segments="rpg"),
+}
+"""What each mode stands for: evo 1.38 (Grupp), the TUM RGB-D scripts, the KITTI devkit, rpg_trajectory_evaluation."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one stretch.
+
+    coverage: poses matched over the poses that the sparser of the two files would have over the reference's time span.
+    """
+
+    ate: dict[str, ErrorSummary]
+    rpe: dict[str, ErrorSummary] | None
+    coverage: float
+    segments: tuple[SegmentErrors, ...]
+    record: dict[str, Any]
+    pairs: PosePairs
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object: ate, rpe, coverage, record, and segments where the mode has them."""
+        value: dict[str, Any] = {
+            "ate": {name: summary.to_json() for name, summary in self.ate.items()},
+            "rpe": self.rpe and {name: summary.to_json() for name, summary in self.rpe.items()},
+            "coverage": self.coverage,
+            "record": self.record,
+        }
+        if self.segments:
+            value["segments"] = [
+                {name: s if isinstance(s, float) else ErrorSummary(**s).to_json() for name, s in asdict(each).items()}
+                for each in self.segments
+            ]
+        return value
+
+    def text(self) -> str:
+        """The same for people, in columns."""
+        record, names = self.record, ("rmse", "mean", "median", "std", "min", "max")
+        lines = [
+            *(
+                f"{side:<11}{{file}}: {{format}}, {{poses}} poses, {{frame}}".format(**record[side])
+                for side in ("reference", "estimate")
+            ),
+            f"pairs      {record['pairs']} ({record['association']}, within {record['max_difference_s']:g} s), "
+            f"coverage {100 * self.coverage:.1f} %",
+            f"alignment  {record['align']}",
+            "",
+            f"{'':<28}" + "".join(f"{name:>12}" for name in names) + f"{'n':>9}",
+        ]
+        stretch = f"{record['delta']:g} {record['unit']}"
+        tables = {"ATE": self.ate, f"RPE {stretch}": self.rpe or {}}
+        for title, summaries in tables.items():
+            for name, summary in summaries.items():
+                values = "".join(f"{getattr(summary, key):>12.6g}" for key in names)
+                lines.append(f"{title + ' ' + name:<28}{values}{summary.n:>9}")
+        for each in self.segments:
+            lines.append(
+                f"{each.length_m:g} m segments: {each.translation_percent.mean:.4g} %, "
+                f"{each.rotation_deg_per_m.mean:.4g} deg/m (means of {each.translation_m.n})"
+            )
+        if self.rpe is None:
+            lines.append(f"RPE: the trajectory is too short for a stretch of {stretch}")
+        return "\n".join(lines) + "\n"
+
+
+def evaluate_files(
+    reference: Path,
+    estimate: Path,
+    *,
+    align: Alignment | None = None,
+    delta: float | None = None,
+    unit: Unit | None = None,
+    t_offset_s: float = 0.0,
+    max_difference_s: float | None = None,
+    association: Association | None = None,
+    all_pairs: bool | None = None,
+    pairs_from: Literal["reference", "estimate"] | None = None,
+    mode: Mode = "uavbench",
+    reference_format: str | None = None,
+    estimate_format: str | None = None,
+    mount: Path | None = None,
+    plot: Path | None = None,
+) -> Evaluation:
+    """Evaluation of two trajectories, of TUM, KITTI, EuRoC or uavbench's own files, or of folders that hold one.
+
+    t_offset_s is added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `mount` is a
+    sequence folder whose mount turns the estimate into the frame that the reference says. `plot`: a figure of paths
+    and errors is written there (.pdf or .png). UserError for a user's mistake, and for two files that say different
+    frames.
+    """
+    if mode not in MODES:
+        raise unknown_name("mode", mode, list(MODES))
+    if plot is not None and plot.suffix not in (".pdf", ".png"):
+        raise UserError(f"{plot}: a plot is written as .pdf or .png")
+    if plot is not None:
+        from uavbench.reports.style import refuse_foreign_figure
+
+        refuse_foreign_figure(plot.with_suffix(""), [plot.suffix])
+    preset = MODES[mode]
+    options = Options(
+        align=_given(align, preset.align),
+        association=_given(association, preset.association),
+        max_difference_s=_given(max_difference_s, preset.max_difference_s),
+        offset_s=t_offset_s,
+        stretch=Stretch(
+            _given(delta, preset.stretch.delta),
+            _given(unit, preset.stretch.unit),
+            _given(all_pairs, preset.stretch.all_pairs),
+            _given(pairs_from, preset.stretch.pairs_from),
+        ),
+        segments=preset.segments,
+    )
+    with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
+        first, second = pool.map(find_trajectory, (reference, estimate), (reference_format, estimate_format))
+    second = _in_one_frame(first, second, mount)
+    p, q = first.trajectory, second.trajectory
+    if not (first.stamped and second.stamped):
+        p, q = paired_by_row(p, q, reference, estimate)
+    files = {"mode": mode, "reference": _about(first), "estimate": _about(second)}
+    try:
+        found = evaluate(p, q, options, files)
+    except UserError as error:
+        raise UserError(f"{reference} against {estimate}: {error}") from None
+    if plot is not None:
+        from uavbench.reports.evaluation.figure import plot_evaluation
+
+        plot_evaluation(found, plot)
+    return found
+
+
+def evaluate(
+    reference: Trajectory, estimate: Trajectory, options: Options | None = None, files: dict[str, Any] | None = None
+) -> Evaluation:
+    """Evaluation of two trajectories; `files` goes into the record. UserError when they cannot be compared."""
+    options = options or Options()
+    pairs = associate(reference, estimate, options.association, options.max_difference_s, options.offset_s)
+    raw = pairs
+    found = alignment(pairs, options.align)
+    if options.align != "none":
+        pairs = found.apply(pairs)
+    stretch = options.stretch
+    i, j = stretches(pairs, stretch)
+    position_m, rotation_rad = pose_error_sizes(pairs)
+    motion_m, turn_rad = motion_error_sizes(pairs, i, j)
+    lengths: tuple[float, ...] = ()
+    if options.segments != "none":
+        lengths = KITTI_LENGTHS_M if options.segments == "kitti" else rpg_lengths(pairs.reference_m)
+    segments = [segment_errors(raw, m, "kitti" if options.segments == "kitti" else "rpg") for m in lengths]
+    return Evaluation(
+        ate={
+            "translation_m": ErrorSummary.of(position_m),
+            "rotation_deg": ErrorSummary.of(np.degrees(rotation_rad)),
+        },
+        rpe={
+            "translation_m": ErrorSummary.of(motion_m),
+            "rotation_deg": ErrorSummary.of(np.degrees(turn_rad)),
+        }
+        if len(i)
+        else None,
+        coverage=coverage(reference, estimate, pairs),
+        segments=tuple(s for s in segments if s.translation_m.n),
+        record={
+            **(files or {}),
+            "association": options.association,
+            "max_difference_s": options.max_difference_s,
+            "t_offset_s": options.offset_s,
+            "pairs": len(pairs),
+            "align": options.align,
+            "alignment": {
+                "scale": found.scale,
+                "rotation": found.rotation.tolist(),
+                "translation_m": found.translation.tolist(),
+            },
+            "delta": stretch.delta,
+            "unit": stretch.unit,
+            "all_pairs": stretch.all_pairs,
+            "pairs_from": stretch.pairs_from,
+            "std_ddof": 0,
+            "coverage": "matched / poses of the sparser file over the reference's span",
+            "versions": versions(),
+        },
+        pairs=pairs,
+    )
+
+
+def coverage(reference: Trajectory, estimate: Trajectory, pairs: PosePairs) -> float:
+    """Share of the poses that the sparser of both files, at its median rate, would have over the reference's span."""
+    span_s = float(reference.stamps_ns[-1] - reference.stamps_ns[0]) / NS
+    matched = 1 + int(np.count_nonzero(np.diff(pairs.stamps_ns)))
+    if len(reference) < 2 or len(estimate) < 2:
+        return matched / len(reference)
+    step_s = float(np.median(np.diff(estimate.stamps_ns))) / NS
+    expected = min(len(reference), round(span_s / step_s) + 1)
+    return min(1.0, matched / expected)
+
+
+def paired_by_row(p: Trajectory, q: Trajectory, reference: Path, estimate: Path) -> tuple[Trajectory, Trajectory]:
+    """Both trajectories with the stamps of the one that has some; UserError when their lengths differ."""
+    if len(p) != len(q):
+        raise UserError(
+            f"{reference} has {len(p)} poses and {estimate} has {len(q)}: files in KITTI form have no stamps, so they "
+            "can only be compared row by row"
+        )
+    return p, Trajectory(p.stamps_ns, q.positions_m, q.quaternions_wxyz)
+
+
+def _in_one_frame(reference: Found, estimate: Found, mount: Path | None) -> Found:
+    """The estimate in the frame of the reference; UserError where both say one and they differ, without a mount."""
+    if reference.frame is None or estimate.frame is None or reference.frame == estimate.frame:
+        return estimate
+    if mount is None or not {reference.frame, estimate.frame} <= {"world_from_body", "world_from_cam"}:
+        raise UserError(
+            f"{reference.file} says that it holds {reference.frame}, and {estimate.file} {estimate.frame}: poses of "
+            "different frames, which cannot be compared. Give files of one frame, or --mount SEQUENCE, the folder of "
+            "the sequence, by whose cam_from_body the estimate is converted"
+        )
+    return estimate.seen_as(reference.frame, mount_of(mount))
+
+
+def _about(found: Found) -> dict[str, Any]:
+    """What the record says of a file."""
+    frame = found.frame or "frame not said"
+    return {"file": str(found.file), "format": found.format, "poses": len(found.trajectory), "frame": frame}
+
+
+def _given(value: T | None, default: T) -> T:
+    return default if value is None else value

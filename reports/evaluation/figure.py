@@ -1,0 +1,45 @@
+"""The figure of `uavbench evaluate`: both paths, and the errors over time."""
+
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.reports.evaluation.evaluate import Evaluation
+from uavbench.reports.metrics.association import NS
+from uavbench.reports.metrics.quaternions import angle, between, norm
+from uavbench.reports.style import TRUTH, colour, house_style, line, new_figure, save_figure
+
+
+def plot_evaluation(found: Evaluation, path: Path) -> None:
+    """Write paths from above and errors over time, 7.16 in wide, as .pdf or .png, and the numbers as .csv."""
+    pairs = found.pairs
+    t = (pairs.stamps_ns - pairs.stamps_ns[0]) / NS
+    metres = norm(pairs.estimate_m - pairs.reference_m)
+    degrees = np.degrees(angle(between(pairs.reference_q, pairs.estimate_q)))
+    with house_style():
+        figure = new_figure(2.6)
+        grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.6])
+        above = figure.add_subplot(grid[:, 0])
+        above.plot(*pairs.reference_m[:, :2].T, color=TRUTH, lw=1.4, label="reference")
+        above.plot(*pairs.estimate_m[:, :2].T, label=f"estimate, aligned: {found.record['align']}", **line(1))
+        above.set_aspect("equal", adjustable="datalim")
+        above.set_xlabel("x (m)")
+        above.set_ylabel("y (m)")
+        top = figure.add_subplot(grid[0, 1])
+        below = figure.add_subplot(grid[1, 1], sharex=top)
+        for panel, values, key, name in (
+            (top, metres, "translation_m", "position error (m)"),
+            (below, degrees, "rotation_deg", "rotation error (deg)"),
+        ):
+            panel.plot(t, values, color=colour(1), lw=0.7)
+            panel.axhline(found.ate[key].rmse, color=TRUTH, lw=0.7, ls=":")
+            panel.set_title(f"RMSE {found.ate[key].rmse:.4g} (dotted)", loc="right", fontsize=7, pad=2)
+            panel.set_ylabel(name)
+            panel.set_ylim(bottom=0)
+        top.tick_params(labelbottom=False)
+        below.set_xlabel("time (s)")
+        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        rows = np.column_stack([t, pairs.reference_m, pairs.estimate_m, metres, degrees]).tolist()
+        places = [f"{what}_{axis}_m" for what in ("reference", "estimate") for axis in "xyz"]
+        columns = ["time_s", *places, "position_error_m", "rotation_error_deg"]
+        save_figure(figure, path.with_suffix(""), columns, rows, suffixes=(path.suffix,), sealed=True)

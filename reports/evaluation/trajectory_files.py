@@ -1,0 +1,148 @@
+"""Whatever holds a trajectory, as a file or a folder, read with what it says of its frame."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import TRAJECTORY
+from uavbench.trajectories.files.reading import read_header, read_text
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import declared_frame, guess_format, read_trajectory
+
+POSE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
+"""Pose of the tables that uavbench writes: `world_from_body`; beside a `status` it is a tracker's `cam_from_world`."""
+IN_FOLDERS = (
+    "truth.csv",
+    "estimate_world_from_body.tum",
+    "estimate_world_from_cam.tum",
+    "mav0/state_groundtruth_estimate0/data.csv",
+    "state_groundtruth_estimate0/data.csv",
+    "data.csv",
+    "groundtruth.txt",
+    "poses.txt",
+)
+"""The trajectory of a folder: of a sequence, a tracker's results, or an export to EuRoC, TUM or KITTI."""
+EXPORT = "export.json"
+"""Beside an export: what its files hold, for those formats that have no place to say it."""
+LEVELS = 4
+"""How many folders up from a file its export.json is looked for."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A trajectory, where it was, its format, and its frame, None where nothing says it; stamped: not by row number."""
+
+    trajectory: Trajectory
+    file: Path
+    format: str
+    frame: str | None
+    stamped: bool = True
+
+    def seen_as(self, frame: str, cam_from_body: Pose) -> "Found":
+        """The same motion of the body or the camera, as `frame` says."""
+        if self.frame == frame:
+            return self
+        right = cam_from_body if frame == "world_from_body" else cam_from_body.inverse()
+        poses = [self.trajectory.pose(i) @ right for i in range(len(self.trajectory))]
+        return replace(self, trajectory=Trajectory.from_poses(self.trajectory.stamps_ns.tolist(), poses), frame=frame)
+
+
+def find_trajectory(path: Path, format: str | None = None) -> Found:
+    """Trajectory of a file, or of a folder that holds one, its format guessed unless given.
+
+    UserError naming the file and what is wrong with it, or that there is no trajectory.
+    """
+    file = _in_folder(path) if path.is_dir() else path
+    if format == "uavbench" or (format is None and _is_table(file)):
+        return _of_table(file)
+    name = format or guess_format(file)
+    trajectory, _ = read_trajectory(file, name)
+    frame = declared_frame(file) or _exported_frame(file)
+    if name != "kitti":
+        return Found(trajectory, file, name, frame)
+    stamps = _kitti_stamps(file, len(trajectory))
+    if stamps is None:
+        return Found(trajectory, file, name, frame, stamped=False)
+    return Found(Trajectory(stamps, trajectory.positions_m, trajectory.quaternions_wxyz), file, name, frame)
+
+
+def mount_of(folder: Path) -> Pose:
+    """`cam_from_body` of a sequence folder, or of a tracker's results; UserError naming the file without it."""
+    file = next((folder / name for name in ("sequence.json", "record.json") if (folder / name).is_file()), None)
+    if file is None:
+        raise UserError(f"{folder}: holds neither sequence.json nor record.json, which tell how the camera is mounted")
+    try:
+        return Pose.from_matrix(read_json(file)["cam_from_body"])
+    except (KeyError, ValueError, TypeError) as error:
+        raise UserError(f"{file}: cam_from_body: {error}") from None
+
+
+def _in_folder(folder: Path) -> Path:
+    for name in IN_FOLDERS:
+        if (folder / name).is_file():
+            return folder / name
+    raise UserError(
+        f"{folder}: this folder holds no trajectory that is known ({', '.join(IN_FOLDERS)}); name the file itself"
+    )
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file begins with the header of one of uavbench's own tables."""
+    try:
+        return "stamp_ns" in read_header(path, TRAJECTORY)
+    except UserError:
+        return False  # the reader of formats tells why
+
+
+def _of_table(path: Path) -> Found:
+    """Trajectory of truth.csv, flight.csv or a tracker's frames.csv."""
+    rows = read_table(path, ["stamp_ns"])
+    columns = list(rows[0]) if rows else []
+    if not rows or any(name not in columns for name in POSE):
+        raise UserError(f"{path}: holds no poses (columns {', '.join(POSE)}), but {', '.join(columns) or 'nothing'}")
+    stamps = read_integers(path, ["stamp_ns"])[:, 0]
+    if "status" not in columns:
+        values, frame = read_numbers(path, POSE), "world_from_body"
+        try:
+            return Found(Trajectory(stamps, values[:, :3], values[:, 3:]), path, "uavbench", frame)
+        except ValueError as error:
+            raise UserError(f"{path}: {error}") from None
+    ok = [row["status"] == "ok" for row in rows]
+    try:
+        values = np.array([[float(row[name]) for name in POSE] for row, good in zip(rows, ok, strict=True) if good])
+        cameras = [Pose.from_quaternion(row[3:], row[:3]).inverse() for row in values]
+        trajectory = Trajectory.from_poses(stamps[np.array(ok)].tolist(), cameras)
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from None
+    if not len(trajectory):
+        raise UserError(f"{path}: holds no pose: no frame of it is ok")
+    return Found(trajectory, path, "uavbench", "world_from_cam")
+
+
+def _exported_frame(file: Path) -> str | None:
+    """Frame that the export.json of the export around a file says of it."""
+    here = file.resolve()
+    for folder in here.parents[:LEVELS]:
+        if (folder / EXPORT).is_file():
+            frames = read_json(folder / EXPORT).get("frames", {})
+            said = frames.get(here.relative_to(folder).as_posix()) if isinstance(frames, dict) else None
+            return said if isinstance(said, str) else None
+    return None
+
+
+def _kitti_stamps(file: Path, count: int) -> np.ndarray | None:
+    """Stamps of the times.txt beside KITTI poses, None where there is none of as many rows."""
+    times = file.with_name("times.txt")
+    if file.name == "times.txt" or not times.is_file():
+        return None
+    try:
+        seconds = [float(word) for word in read_text(times, TRAJECTORY).split()]
+    except ValueError as error:
+        raise UserError(f"{times}: not readable as one time in seconds per line: {error}") from None
+    if len(seconds) != count:
+        raise UserError(f"{times}: has {len(seconds)} times for the {count} poses of {file}")
+    return np.array([round(s * 1e9) for s in seconds], dtype=np.int64)

@@ -1,0 +1,206 @@
+"""Figures of statistics: ranks and wins, attributes, NEES, error over the Cramer-Rao bound, sweeps."""
+
+from collections.abc import Mapping
+from collections.abc import Sequence as ListOf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from uavbench.reports.figures.time import finite
+from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, nees
+from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.statistics.bootstrap import Comparison, Ranks, hierarchical_interval, least_units
+from uavbench.reports.style import TRUTH, colour, line, marker, new_figure, panel_letter, save_figure
+from uavbench.trajectories.pose import Array
+
+
+def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, what: str) -> list[Path]:
+    """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not tell apart."""
+    names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
+    k, half = len(names), (len(names) + 1) // 2
+    figure = new_figure(0.95 + 0.17 * half, wide=False)
+    panel = figure.subplots()
+    reach = 0.45 * k
+    panel.set_xlim(1 - reach, k + reach)
+    panel.set_ylim(-half - 1.7, 2.0)
+    panel.axis("off")
+    panel.plot([1, k], [0, 0], color=TRUTH, lw=0.8)
+    for tick in range(1, k + 1):
+        panel.plot([tick, tick], [0, 0.15], color=TRUTH, lw=0.8)
+        panel.text(tick, 0.25, str(tick), ha="center", va="bottom", fontsize=7)
+    for place, name in enumerate(names):
+        at_left = place < half
+        rank, y = found.mean_ranks[name], -1.0 - (place if at_left else k - 1 - place)
+        end, index = (0.9 if at_left else k + 0.1), colours.get(name, 0)
+        panel.plot([rank, rank, end], [0, y, y], color=colour(index), lw=0.8)
+        panel.plot(rank, 0, **marker(index))
+        text = f"{name}  {rank:.2f} " if at_left else f" {rank:.2f}  {name}"
+        panel.text(end, y, text, ha="right" if at_left else "left", va="center", fontsize=7)
+    for level, group in enumerate(found.cliques):
+        ends = [found.mean_ranks[name] for name in group]
+        height = -0.28 - 0.2 * level
+        panel.plot([min(ends) - 0.04, max(ends) + 0.04], [height] * 2, color="#444444", lw=2.2, solid_capstyle="butt")
+    width = min(found.critical_difference, k - 1)
+    panel.plot([1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=TRUTH, lw=0.9)
+    known = f"CD = {found.critical_difference:.2f}"
+    text = known if np.isfinite(found.critical_difference) else f"CD: n/a, of {least_units()} runs at least"
+    panel.text(1 + width / 2, 1.45, text, va="bottom", ha="center", fontsize=7)
+    note = f"mean rank by {what}; n = {found.n}, best at the left"
+    panel.text((k + 1) / 2, -half - 1.6, note, ha="center", va="bottom", fontsize=7)
+    rows = sorted(found.mean_ranks.items(), key=lambda item: item[1])
+    return save_figure(figure, stem, ["tracker", "mean_rank"], rows)
+
+
+def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, what: str) -> list[Path]:
+    """How often the row beats the column, in percent; a star where the difference stands at the 5 % level."""
+    wins = np.full((len(names), len(names)), np.nan)
+    star = np.zeros(wins.shape, dtype=bool)
+    for c in comparisons:
+        a, b = names.index(c.first), names.index(c.second)
+        wins[a, b], wins[b, a] = 100 * c.wins, 100 * (1 - c.wins)
+        star[a, b] = star[b, a] = c.significant
+    needed = least_units(len(comparisons))
+    few = max((c.units for c in comparisons), default=0) < needed
+    figure = new_figure(1.0 + 0.28 * len(names), wide=False)
+    panel = figure.subplots()
+    panel.imshow(np.nan_to_num(wins, nan=50), cmap="cividis", vmin=0, vmax=100, aspect="auto", alpha=0.85)
+    panel.grid(False)
+    for (row, column), value in np.ndenumerate(wins):
+        if np.isfinite(value):
+            text = f"{value:.0f}{'*' if star[row, column] else ''}"
+            panel.text(
+                column, row, text, ha="center", va="center", color="white" if value < 50 else "black", fontsize=7
+            )
+    panel.set_xticks(range(len(names)), names, rotation=30, ha="right")
+    panel.set_yticks(range(len(names)), names)
+    note = f"\nsignificance n/a: {needed} independent runs are needed" if few else ""
+    panel.set_title(f"row beats column, % of runs, by {what}{note}", fontsize=7.5)
+    rows = [
+        [
+            c.first,
+            c.second,
+            c.wins,
+            c.difference.mean,
+            *map(finite, (c.difference.low, c.difference.high)),
+            c.p,
+            c.units,
+        ]
+        for c in comparisons
+    ]
+    return save_figure(figure, stem, ["first", "second", "wins", "difference", "low", "high", "p_holm", "units"], rows)
+
+
+def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], stem: Path) -> list[Path]:
+    """Success of each tracker in the quarters of the frames by each attribute: where and why it fails."""
+    figure = new_figure(1.9)
+    panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    rows: list[list[Any]] = []
+    for letter, panel, (attribute, runs) in zip("abcdefgh", panels, found.items(), strict=False):
+        unit = ATTRIBUTES[attribute][0]
+        for name, parts in runs.items():
+            middles = [(part.low + part.high) / 2 for part in parts]
+            shares = [100 * part.success for part in parts]
+            index = colours.get(name, 0)
+            panel.plot(middles, shares, **{**line(index), "marker": marker(index)["marker"]}, label=name)
+            rows += [[attribute, name, p.low, p.high, p.frames, p.success, finite(p.median_m)] for p in parts]
+        panel.set_xlabel(f"{attribute} ({unit})" if unit else attribute)
+        panel.set_ylim(-4, 104)
+        panel_letter(panel, letter)
+    panels[0].set_ylabel("within 5 cm, 5 deg (%)")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    columns = ["attribute", "run", "low", "high", "frames", "success", "median_error_m"]
+    return save_figure(figure, stem, columns, rows)
+
+
+def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """NEES of every run that claims a covariance, with the central 95 % of chi-square for 6 degrees of freedom."""
+    figure = new_figure(2.0, wide=False)
+    panel = figure.subplots()
+    low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM)) for p in (0.025, 0.975))
+    panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of an honest tracker")
+    panel.axhline(DEGREES_OF_FREEDOM, color=TRUTH, lw=0.7, ls=":")
+    rows: list[list[Any]] = []
+    fastest_hz = max((run.score.rate_hz for run in runs), default=0.0)
+    for run in runs:
+        values = nees(run.sequence, run.results)
+        values = np.where(np.isfinite(values), values, np.nan)
+        if np.isnan(values).all():
+            continue
+        t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / 1e9
+        panel.plot(t, values, label=run.title, **line(run.colour, slower=run.score.rate_hz < fastest_hz))
+        rows += [[run.name, s, finite(v)] for s, v in zip(t.tolist(), values.tolist(), strict=True)]
+    panel.set_yscale("log")
+    panel.set_xlabel("time (s)")
+    panel.set_ylabel("NEES")
+    handles, labels = panel.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once.keys(), loc="outside upper center", ncols=3)
+    return save_figure(figure, stem, ["run", "time_s", "nees"], rows)
+
+
+def error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], stem: Path) -> list[Path]:
+    """Distribution of the ratio of the position error to the Cramer-Rao bound of its frame (1: as good as can be)."""
+    figure = new_figure(2.1, wide=False)
+    panel = figure.subplots()
+    rows: list[list[Any]] = []
+    for name, values in ratios.items():
+        known = np.sort(values[np.isfinite(values)])
+        share = 100 * np.arange(1, len(known) + 1) / len(values)
+        panel.plot(known, share, label=f"{name}: {_median(values)}", **line(colours.get(name, 0)))
+        rows += [[name, ratio, s / 100] for ratio, s in zip(known.tolist(), share.tolist(), strict=True)]
+    panel.axvline(1, color=TRUTH, lw=0.7, ls=":")
+    panel.set_xscale("log")
+    panel.set_xlim(left=max(panel.get_xlim()[0], 0.02))
+    panel.set_ylim(0, 102)
+    panel.set_xlabel("position error / Cramer-Rao bound")
+    panel.set_ylabel("frames below it (%)")
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return save_figure(figure, stem, ["run", "ratio", "share_of_frames"], rows)
+
+
+def sweep(
+    curves: Mapping[str, Mapping[float, ListOf[Array]]],
+    colours: Mapping[str, int],
+    stem: Path,
+    *,
+    swept: str,
+    metric: str,
+    share: bool = False,
+) -> list[Path]:
+    """A metric against a swept parameter (noise, speed, deviation), with the 95 % interval as a band.
+
+    curves[tracker][value] are the metric's values per sequence, each over its seeds. share: they are percentages;
+    otherwise they are errors, on a logarithmic axis. So is the parameter where it goes over more than a decade.
+    """
+    figure = new_figure(2.2, wide=False)
+    panel = figure.subplots()
+    rows: list[list[Any]] = []
+    for name, points in curves.items():
+        xs = sorted(points)
+        found = [hierarchical_interval(points[x]) for x in xs]
+        index = colours.get(name, 0)
+        bounds = np.array([[f.low, f.high] for f in found])
+        bounds = np.clip(bounds, 0, 100) if share else bounds
+        panel.fill_between(xs, *bounds.T, color=colour(index), alpha=0.2, lw=0)
+        panel.plot(xs, [f.mean for f in found], label=name, **{**line(index), "marker": marker(index)["marker"]})
+        rows += [[name, x, f.mean, finite(f.low), finite(f.high), f.n, f.why] for x, f in zip(xs, found, strict=True)]
+    values = [row[1] for row in rows]
+    if values and min(values) > 0 and max(values) > 10 * min(values):
+        panel.set_xscale("log")
+    if share:
+        panel.set_ylim(-3, 103)
+    else:
+        panel.set_yscale("log")
+        panel.set_ylim(bottom=0.5 * min((row[2] for row in rows if row[2] > 0), default=1e-3))
+    panel.set_xlabel(swept)
+    panel.set_ylabel(metric)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    return save_figure(figure, stem, ["tracker", "value", "mean", "low", "high", "runs", "no_interval"], rows)
+
+
+def _median(values: Array) -> str:
+    middle = float(np.median(values))
+    return f"median {middle:.1f}" if np.isfinite(middle) else "half is lost"

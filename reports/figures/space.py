@@ -1,0 +1,142 @@
+"""Figures in space: paths in 3-D and from above over the structure, error against distance, over sub-trajectories."""
+
+from collections.abc import Mapping
+from collections.abc import Sequence as ListOf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.ticker import MaxNLocator
+
+from uavbench.reports.figures.time import finite, nice_log
+from uavbench.reports.metrics.rpe import Stretch, relative_errors, stretches
+from uavbench.reports.metrics.sub_trajectories import distance_along
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.style import TRUTH, colour, line, new_figure, panel_letter, save_figure
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.pose import Array
+
+SHARES = (0.05, 0.1, 0.2, 0.4)
+
+
+def paths(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """True and estimated paths of one sequence, in 3-D and from above, with the structure; metres."""
+    figure = new_figure(3.2)
+    solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
+    flat = figure.add_subplot(1, 2, 2)
+    sequence = runs[0].sequence
+    truth = sequence.truth.positions_m
+    outline(flat, sequence.structure)
+    edges = np.insert(sequence.structure.edge_segments, 2, np.nan, axis=1).reshape(-1, 3)
+    solid.plot(*edges.T, color="#8A7F70", lw=0.6)
+    flat.plot(truth[:, 0], truth[:, 1], color=TRUTH, lw=1.6, label="truth")
+    flat.plot(*truth[0, :2], marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none", label="start")
+    solid.plot(*truth.T, color=TRUTH, lw=1.4)
+    rows: list[list[Any]] = [["truth", i, *p] for i, p in enumerate(truth.tolist())]
+    low, high = limits(sequence.structure, truth)
+    for run in runs:
+        p = run.errors.pairs.estimate_m
+        still = float(np.nanmax(np.ptp(p[run.errors.ok], axis=0))) < 0.01 if run.errors.ok.any() else True
+        style = {**line(run.colour), "marker": "x" if still else "", "lw": 0.9}
+        flat.plot(p[:, 0], p[:, 1], label=run.title, **style)
+        inside = np.logical_and(p >= low, p <= high).all(axis=1)
+        kept = np.where(inside.reshape(-1, 1), p, np.nan)
+        solid.plot(*kept.T, **style)
+        rows += [[run.name, f, *q] for f, q in zip(run.errors.frames.tolist(), p.tolist(), strict=True) if q[0] == q[0]]
+    flat.set_aspect("equal")
+    flat.set_xlim(low[0], high[0])
+    flat.set_ylim(low[1], high[1])
+    flat.set_xlabel("x (m)")
+    flat.set_ylabel("y (m)")
+    for axis, a, b in zip("xyz", low, high, strict=True):
+        getattr(solid, f"set_{axis}lim")(a, b)
+        getattr(solid, f"set_{axis}label")(f"{axis} (m)", labelpad=-6)
+        getattr(solid, f"{axis}axis").pane.fill = False
+    solid.tick_params(labelsize=6, pad=-3)
+    solid.zaxis.set_major_locator(MaxNLocator(3))
+    solid.set_box_aspect(tuple(high - low), zoom=1.12)
+    solid.view_init(elev=24, azim=-58)
+    figure.legend(*flat.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    return save_figure(figure, stem, ["run", "frame", "x_m", "y_m", "z_m"], rows)
+
+
+def outline(panel: Axes, structure: Structure) -> None:
+    """The structure from above: its upward faces filled, its edges drawn."""
+    up = structure.face_normals[structure.triangle_face][:, 2] > 0.3
+    for triangle in structure.triangles[up]:
+        panel.fill(*structure.vertices[triangle][:, :2].T, color="#DDD6CB", lw=0.3, zorder=1)
+    segments = list(structure.edge_segments[:, :, :2])
+    panel.add_collection(LineCollection(segments, colors="#8A7F70", linewidths=0.7, zorder=1.5))
+
+
+def limits(structure: Structure, truth: Array) -> tuple[Array, Array]:
+    """Lowest and highest corner (3,) around the structure and the true path; what strays farther is cut."""
+    low = np.minimum(structure.bounds[0], truth.min(axis=0))
+    high = np.maximum(structure.bounds[1], truth.max(axis=0))
+    margin = 0.12 * float((high - low).max())
+    return low - [margin, margin, 0.0], high + margin
+
+
+def error_against_distance(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """(a) Error against distance travelled; (b) relative error over sub-trajectories of growing length, as boxes.
+
+    Without (b) where the frames lie so far apart that there is no sub-trajectory of any such length.
+    """
+    total = float(distance_along(runs[0].sequence.truth.positions_m)[-1])
+    lengths = [share * total for share in SHARES]
+    over = {run.name: [_over(run, length) for length in lengths] for run in runs}
+    boxed = any(len(values) for of_run in over.values() for values in of_run)
+    figure = new_figure(2.4, wide=boxed)
+    left, *right = figure.subplots(1, 2 if boxed else 1, squeeze=False)[0]
+    rows: list[list[Any]] = []
+    for run in runs:
+        errors, along = run.errors, distance_along(run.errors.pairs.reference_m)
+        left.plot(along, np.where(errors.ok, 100 * errors.translation_m, np.nan), label=run.title, **line(run.colour))
+        rows += [
+            [run.name, "along", a, finite(m)]
+            for a, m in zip(along.tolist(), errors.translation_m.tolist(), strict=True)
+        ]
+        for length, values in zip(lengths, over[run.name], strict=True):
+            rows += [[run.name, f"over {length:.4g} m", None, value] for value in values.tolist()]
+    for letter, panel in zip("ab", (left, *right), strict=False):
+        panel.set_yscale("log")
+        panel_letter(panel, letter if boxed else "")
+    for panel in right:
+        _draw_boxes(panel, runs, lengths, over)
+        nice_log(panel)
+    nice_log(left)
+    left.set_xlabel("distance travelled (m)")
+    left.set_ylabel("position error (cm)")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=6 if boxed else 3)
+    return save_figure(figure, stem, ["run", "what", "distance_m", "error_m"], rows)
+
+
+def _over(run: ScoredRun, length_m: float) -> Array:
+    """Relative errors (n,) in m over the sub-trajectories of one length."""
+    if length_m <= 0:
+        return np.empty(0)
+    pairs, ok = run.errors.pairs, run.errors.ok
+    i, j = stretches(pairs, Stretch(length_m, "m", all_pairs=True))
+    both = ok[i] & ok[j]
+    return relative_errors(pairs, i[both], j[both], "translation_m")
+
+
+def _draw_boxes(panel: Axes, runs: ListOf[ScoredRun], lengths: list[float], over: Mapping[str, list[Array]]) -> None:
+    for k, run in enumerate(runs):
+        known = [(place, values) for place, values in enumerate(over[run.name]) if len(values)]
+        if not known:
+            continue
+        ink = {"color": colour(run.colour), "linewidth": 0.8}
+        panel.boxplot(
+            [100 * values / lengths[place] for place, values in known],
+            positions=[place + (k - (len(runs) - 1) / 2) * 0.8 / len(runs) for place, _ in known],
+            widths=0.6 / len(runs), manage_ticks=False, showfliers=False, patch_artist=True,
+            whis=(5, 95), boxprops={**ink, "facecolor": "white"}, medianprops={**ink, "linewidth": 1.6},
+            whiskerprops=ink, capprops=ink,
+        )  # fmt: skip
+    panel.set_xticks(range(len(lengths)), [f"{length:.2g}" for length in lengths])
+    panel.grid(False, axis="x")
+    panel.set_xlabel("length of the sub-trajectory (m)")
+    panel.set_ylabel("relative error (% of length)")

@@ -1,0 +1,81 @@
+"""Suites that change one thing: what it is, and how trackers do along it.
+
+Conventions: the sequences of a suite are a sweep when their configs differ in one number only, seeds and names aside.
+"""
+
+from collections.abc import Iterator, Mapping
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from uavbench.reports.figures.distributions import sweep
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.trajectories.pose import Array
+
+LEAST_VALUES = 3
+"""Two sequences that differ in one number are a comparison, no curve."""
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a suite sweeps: the key's path in the config, and its value in each sequence by name."""
+
+    key: str
+    values: Mapping[str, float]
+
+
+def swept(sequences: ListOf[Sequence]) -> Swept | None:
+    """The one number in which the configs of the sequences differ; None where there is no such number."""
+    configs = {s.name: dict(_leaves(s.info.get("config") or {})) for s in sequences}
+    for config in configs.values():
+        for own in ("name", "seed"):
+            config.pop(own, None)
+    keys = {key for config in configs.values() for key in config}
+    differing = [key for key in keys if len({repr(config.get(key)) for config in configs.values()}) > 1]
+    if len(differing) != 1:
+        return None
+    found = {name: config.get(differing[0]) for name, config in configs.items()}
+    values = {name: float(v) for name, v in found.items() if isinstance(v, int | float) and not isinstance(v, bool)}
+    if len(values) < len(configs) or len(set(values.values())) < LEAST_VALUES:
+        return None
+    return Swept(differing[0], values)
+
+
+def draw_sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], stem: Path) -> list[Path]:
+    """ATE where there is a pose, or success, against what is swept, per tracker at the highest rate."""
+    fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
+    colours = {run.score.label: run.colour for run in fast}
+    curves: dict[str, dict[float, list[Array]]] = {}
+    for label in colours:
+        group = [run for run in fast if run.score.label == label]
+        for value in sorted(set(found.values.values())):
+            numbers = [_percent_or_cm(run, what) for run in group if found.values[run.sequence.name] == value]
+            known = np.array([number for number in numbers if number is not None])
+            if len(known):
+                curves.setdefault(label, {})[value] = [known]
+    name = found.key.rpartition(".")[2]
+    metric = "ATE position (cm)" if what == "ate" else "within 5 cm, 5 deg (%)"
+    return sweep(curves, colours, stem, swept=name, metric=metric, share=what == "success")
+
+
+def _percent_or_cm(run: ScoredRun, what: Literal["ate", "success"]) -> float | None:
+    if what == "success":
+        return 100 * run.score.tracking.success
+    error = run.score.ate["none"].translation_m
+    return None if error is None else 100 * error.rmse
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every plain value of a config with the path of its key."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(item, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list):
+        for k, item in enumerate(value):
+            yield from _leaves(item, f"{path}[{k}]")
+    else:
+        yield path, value

@@ -1,0 +1,169 @@
+"""Figures over time: the six pose components, the errors, the segment counts."""
+
+from collections.abc import Sequence as ListOf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, NullFormatter
+from numpy.typing import NDArray
+
+from uavbench.reports.metrics.association import NS
+from uavbench.reports.metrics.frame_errors import SUCCESS_M
+from uavbench.reports.metrics.nees import component_sigmas, euler_zyx
+from uavbench.reports.scoring.coverage import failures
+from uavbench.reports.scoring.runs import ScoredRun, counts
+from uavbench.reports.style import LOSS, TRUTH, colour, line, new_figure, save_figure
+from uavbench.trajectories.pose import Array
+
+COMPONENTS = (("x", "cm"), ("y", "cm"), ("z", "cm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
+TO_SHOWN_UNITS = np.array([100.0] * 3 + [float(np.degrees(1.0))] * 3)
+
+
+def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
+    """Six components of `world_from_body`, estimate against truth in cm and degrees, with the claimed 3-sigma band."""
+    t, frames = run.errors.seconds, run.errors.frames
+    full = run.sequence.truth
+    t_full = (full.stamps_ns - full.stamps_ns[0]) / NS
+    truth = true_components(run)
+    estimate = estimated_components(run, truth[frames])
+    sigma = np.full((len(frames), 6), np.nan)
+    sigma[np.searchsorted(frames, run.results.frames)] = component_sigmas(run.results) * TO_SHOWN_UNITS
+    figure = new_figure(3.1)
+    axes = figure.subplots(2, 3, sharex=True)
+    sparse = len(t) < 80
+    for k, ((name, unit), panel) in enumerate(zip(COMPONENTS, axes.flat, strict=True)):
+        shade_loss(panel, t, run.errors.success)
+        panel.plot(t_full, truth[:, k], color=TRUTH, lw=1.4, label="truth")
+        low, high = estimate[:, k] - 3 * sigma[:, k], estimate[:, k] + 3 * sigma[:, k]
+        if np.isfinite(low).any():
+            panel.fill_between(t, low, high, color=colour(run.colour), alpha=0.25, lw=0, label=r"claimed $3\sigma$")
+        style = {"marker": "o", "ms": 2.5, "lw": 0.7} if sparse else {"lw": 0.9}
+        panel.plot(t, estimate[:, k], color=colour(run.colour), ls=(0, (4, 1)), label=run.title, **style)
+        panel.set_ylabel(f"{name} ({unit})" if unit == "cm" else f"{name} (deg)")
+        margin_around(panel, truth[:, k], estimate[:, k])
+    for panel in axes[1]:
+        panel.set_xlabel("time (s)")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if not run.errors.success.all():
+        handles.append(Patch(color=LOSS))
+        labels.append("off target: no pose within 5 cm and 5 deg")
+    figure.legend(handles, labels, loc="outside upper center", ncols=4)
+    names = [f"{n}_{u}" for n, u in COMPONENTS]
+    columns = [f"{what}_{n}" for what in ("true", "estimated", "sigma") for n in names]
+    values = np.hstack([truth[frames], estimate, sigma]).tolist()
+    rows = ([f, s, *map(finite, v)] for f, s, v in zip(frames.tolist(), t.tolist(), values, strict=True))
+    return save_figure(figure, stem, ["frame", "time_s", *columns], rows)
+
+
+def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Position and rotation error of every tracker over time; a strip per tracker shows where it is off target."""
+    figure = new_figure(2.6 + 0.13 * len(runs))
+    grid = figure.add_gridspec(3, 1, height_ratios=[10, 10, 1.2 * len(runs)])
+    top = figure.add_subplot(grid[0])
+    below = figure.add_subplot(grid[1], sharex=top)
+    strip = figure.add_subplot(grid[2], sharex=top)
+    rows: list[list[Any]] = []
+    for k, run in enumerate(runs):
+        errors, t = run.errors, run.errors.seconds
+        shown: dict[str, Any] = {"marker": "o", "ms": 2.5} if len(t) < 80 else {}
+        for panel, values in ((top, 100 * errors.translation_m), (below, errors.angle_deg)):
+            panel.plot(t, np.where(errors.ok, values, np.nan), label=run.title, **line(run.colour), **shown)
+        for a, b in spans(t, ~errors.success):
+            low, high = 1 - (k + 0.9) / len(runs), 1 - (k + 0.1) / len(runs)
+            strip.axvspan(a, b, ymin=low, ymax=high, color=colour(run.colour), lw=0)
+        columns = (errors.frames, t, errors.translation_m, errors.angle_deg, errors.success)
+        rows += [
+            [run.name, frame, seconds, finite(metres), finite(degrees), int(success)]
+            for frame, seconds, metres, degrees, success in zip(*(c.tolist() for c in columns), strict=True)
+        ]
+    for panel, limit, name in ((top, 100 * SUCCESS_M, "position error (cm)"), (below, 5.0, "rotation error (deg)")):
+        panel.set_yscale("log")
+        panel.axhline(limit, color=TRUTH, lw=0.6, ls=":")
+        panel.set_ylabel(name)
+        panel.tick_params(labelbottom=False)
+        nice_log(panel)
+    middles = [1 - (k + 0.5) / len(runs) for k in range(len(runs))]
+    strip.set_yticks(middles, [run.score.label for run in runs], fontsize=6)
+    strip.set_ylim(0, 1)
+    strip.grid(False)
+    strip.set_xlabel("time (s)")
+    strip.set_ylabel("off\ntarget", rotation=0, ha="right", va="center", fontsize=7)
+    figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    return save_figure(figure, stem, ["run", "frame", "time_s", "position_m", "rotation_deg", "success"], rows)
+
+
+def segment_counts(run: ScoredRun, stem: Path) -> list[Path]:
+    """Segments found in each frame, control points, and those that the pose rests on."""
+    figure = new_figure(1.9, wide=False)
+    panel = figure.subplots()
+    t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / NS
+    names = {"segments": "segments", "control_points": "control points", "inliers": "inliers"}
+    shown = {label: counts(run.results, name) for name, label in names.items()}
+    shade_loss(panel, run.errors.seconds, run.errors.success)
+    for k, (label, values) in enumerate(shown.items()):
+        if np.isfinite(values).any():
+            panel.plot(t, values, label=label, **line(k))
+    panel.set_xlabel("time (s)")
+    panel.set_ylabel("count per frame")
+    panel.set_ylim(bottom=0)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    table = np.column_stack([t, *shown.values()]).tolist()
+    columns = ["frame", "time_s", *names]
+    return save_figure(
+        figure, stem, columns, ([f, *map(finite, v)] for f, v in zip(run.results.frames.tolist(), table, strict=True))
+    )
+
+
+def true_components(run: ScoredRun) -> Array:
+    """Values x y z in cm, roll pitch yaw in degrees without jumps (n, 6), of every frame of the sequence."""
+    truth = run.sequence.truth
+    angles = np.unwrap(euler_zyx(truth.quaternions_wxyz), axis=0)
+    values: Array = np.hstack([truth.positions_m, angles]) * TO_SHOWN_UNITS
+    return values
+
+
+def estimated_components(run: ScoredRun, truth: Array) -> Array:
+    """The same (n, 6) of each estimate, the angles within half a turn of the truth (n, 6); NaN without a pose."""
+    pairs = run.errors.pairs
+    values: Array = np.hstack([pairs.estimate_m, euler_zyx(pairs.estimate_q)]) * TO_SHOWN_UNITS
+    values[:, 3:] = truth[:, 3:] + (values[:, 3:] - truth[:, 3:] + 180) % 360 - 180
+    return values
+
+
+def margin_around(panel: Axes, truth: Array, estimate: Array) -> None:
+    """Limit y to the truth and what lies within twice its spread, so that a lost estimate does not hide it."""
+    low, high = float(truth.min()), float(truth.max())
+    spread = max(high - low, 2.0)
+    kept = estimate[(estimate > low - spread) & (estimate < high + spread)]
+    low, high = min(low, *kept, low), max(high, *kept, high)
+    panel.set_ylim(low - 0.06 * (high - low + 1), high + 0.06 * (high - low + 1))
+
+
+def nice_log(panel: Axes) -> None:
+    """Plain numbers on a logarithmic y axis, nothing below a hundredth."""
+    panel.set_ylim(bottom=max(panel.get_ylim()[0], 0.01))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+
+
+def finite(value: float) -> float | None:
+    """The value, None unless it is finite."""
+    return value if np.isfinite(value) else None
+
+
+def shade_loss(panel: Axes, t: Array, success: NDArray[np.bool_]) -> None:
+    """Shade the stretches of time in which a tracker has no pose within 5 cm and 5 deg."""
+    for a, b in spans(t, ~success):
+        panel.axvspan(a, b, color=LOSS, lw=0, zorder=0.5)
+
+
+def spans(t: Array, on: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Stretches of time (start, end) around the rows that are on; a row reaches halfway to its neighbours."""
+    if len(t) < 2:
+        return [(float(t[0]) - 0.5, float(t[0]) + 0.5)] if on.any() else []
+    borders = np.concatenate([[t[0]], (t[1:] + t[:-1]) / 2, [t[-1]]])
+    begins, ends = failures(~on)
+    return [(float(borders[a]), float(borders[b])) for a, b in zip(begins, ends, strict=True)]

@@ -1,0 +1,44 @@
+"""Absolute pose error: how far each estimated pose is from its true one.
+
+Conventions: E = P_ref^-1 Q_est. translation |t_E| in m (= |p - q|); angle |log R_E| in deg or rad;
+rotation |R_E - I| and full |E - I| in the Frobenius norm.
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from uavbench.reports.metrics.association import PosePairs
+from uavbench.reports.metrics.quaternions import angle, between, chord, norm
+from uavbench.trajectories.pose import Array
+
+BLOCK = 8192
+ApeRelation = Literal["translation_m", "angle_deg", "angle_rad", "rotation", "full"]
+
+
+def absolute_errors(pairs: PosePairs, relation: ApeRelation) -> Array:
+    """Errors (n,) of the estimated poses."""
+    if relation == "translation_m":
+        return distances(pairs)
+    E = between(pairs.reference_q, pairs.estimate_q)
+    if relation == "angle_rad":
+        return angle(E)
+    if relation == "angle_deg":
+        return np.degrees(angle(E))
+    if relation == "rotation":
+        return chord(E)
+    return np.hypot(chord(E), distances(pairs))
+
+
+def pose_error_sizes(pairs: PosePairs) -> tuple[Array, Array]:
+    """Sizes of E: translation (n,) in m and rotation (n,) in rad, in blocks that fit a cache."""
+    radians = np.empty(len(pairs))
+    for start in range(0, len(pairs), BLOCK):
+        block = slice(start, start + BLOCK)
+        radians[block] = angle(between(pairs.reference_q[block], pairs.estimate_q[block]))
+    return distances(pairs), radians
+
+
+def distances(pairs: PosePairs) -> Array:
+    """Distances (n,) in metres between estimated and true positions."""
+    return norm(pairs.estimate_m - pairs.reference_m)

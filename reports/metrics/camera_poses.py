@@ -1,0 +1,35 @@
+"""Camera poses of many frames as arrays: rotations (n, 3, 3) and translations (n, 3) of `cam_from_world`."""
+
+from collections.abc import Sequence as ListOf
+
+import numpy as np
+
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.results import Results
+from uavbench.trajectories.pose import Array, Pose
+
+
+def true_cameras(sequence: Sequence, frames: ListOf[int]) -> tuple[Array, Array]:
+    """True poses at frames of a sequence."""
+    truth = sequence.truth.select(np.asarray(frames, dtype=np.int64))
+    mount = sequence.cam_from_body
+    R: Array = mount.rotation @ np.swapaxes(truth.rotations, 1, 2)
+    return R, mount.translation - np.einsum("nij,nj->ni", R, truth.positions_m)
+
+
+def estimated_cameras(results: Results) -> tuple[Array, Array]:
+    """Estimated pose of each row, NaN where there is none or it is not finite."""
+    R, t = np.full((len(results), 3, 3), np.nan), np.full((len(results), 3), np.nan)
+    for i, row in enumerate(results.rows):
+        if row.cam_from_world is not None:
+            R[i], t[i] = row.cam_from_world.rotation, row.cam_from_world.translation
+    bad = ~(np.isfinite(R).all(axis=(1, 2)) & np.isfinite(t).all(axis=1))
+    R[bad], t[bad] = np.nan, np.nan
+    return R, t
+
+
+def bodies(R: Array, t: Array, cam_from_body: Pose) -> tuple[Array, Array]:
+    """Rotations and translations of `world_from_body` for cameras R (n, 3, 3), t (n, 3)."""
+    back = np.swapaxes(R, 1, 2)
+    rotations: Array = back @ cam_from_body.rotation
+    return rotations, np.einsum("nij,nj->ni", back, cam_from_body.translation - t)

@@ -1,0 +1,119 @@
+"""What a tracker claims of its own errors: covariances of the body's pose, and NEES.
+
+Conventions: a tracker's covariance is of the twist xi with cam_from_world_true = exp(xi) cam_from_world, translation
+first. NEES is xi^T P^-1 xi with the true xi; for an honest covariance it is chi-square distributed with 6 degrees of
+freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.results import Results
+from uavbench.trajectories.pose import Array, hat
+
+DEGREES_OF_FREEDOM = 6
+CENTRAL = (0.025, 0.975)
+SINGULAR = 1e-14
+"""Least eigenvalue of a correlation matrix that is more than round-off (6 x 2^-52)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Consistency:
+    """NEES of the n frames whose covariance has an inverse; in the `singular` others that claim one it is undefined.
+
+    mean (None where n is 0), and the interval in which the mean of an honest tracker lies with 95 % probability if its
+    errors are independent from frame to frame; inside: share of all n + singular frames in the central 95 % of the
+    distribution; sharpness: median standard deviation of position (m) and of rotation (deg).
+    """
+
+    n: int
+    mean: float | None
+    low: float
+    high: float
+    inside: float
+    sharpness_m: float
+    sharpness_deg: float
+    singular: int = 0
+
+
+def nees(sequence: Sequence, results: Results) -> Array:
+    """NEES of each row (n,), NaN where there is no pose or no covariance, infinite where that has no inverse."""
+    out = np.full(len(results), np.nan)
+    for i, (frame, row) in enumerate(zip(results.frames.tolist(), results.rows, strict=True)):
+        if row.cam_from_world is None or row.covariance is None:
+            continue
+        xi = (sequence.true_cam_from_world(frame) @ row.cam_from_world.inverse()).log()
+        value = np.inf if is_singular(row.covariance) else float(xi @ np.linalg.solve(row.covariance, xi))
+        out[i] = value if value >= 0 else np.inf
+    return out
+
+
+def consistency(sequence: Sequence, results: Results) -> Consistency | None:
+    """NEES figures of a run; None when its tracker claims no covariance."""
+    values = nees(sequence, results)
+    values = values[~np.isnan(values)]
+    singular = int(np.isinf(values).sum())
+    values = values[np.isfinite(values)]
+    n = len(values)
+    if n + singular == 0:
+        return None
+    low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM * max(n, 1))) / max(n, 1) for p in CENTRAL)
+    inner_low, inner_high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM)) for p in CENTRAL)
+    spreads = np.array([np.diag(r.covariance) for r in results.rows if r.covariance is not None])
+    return Consistency(
+        n=n,
+        mean=float(values.mean()) if n else None,
+        low=low,
+        high=high,
+        inside=float(((values >= inner_low) & (values <= inner_high)).sum()) / (n + singular),
+        sharpness_m=float(np.median(np.sqrt(spreads[:, :3].sum(axis=1)))),
+        sharpness_deg=float(np.degrees(np.median(np.sqrt(spreads[:, 3:].sum(axis=1))))),
+        singular=singular,
+    )
+
+
+def is_singular(covariance: Array) -> bool:
+    """Whether a covariance (6, 6) has no inverse to the precision of float64; units of its parts do not matter."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    if not (spread > 0).all():
+        return True
+    least = float(np.linalg.eigvalsh(covariance / spread / spread[:, None])[0])
+    return not least > SINGULAR
+
+
+def component_sigmas(results: Results) -> Array:
+    """Standard deviations (n, 6) of body x y z (m) and roll pitch yaw (rad), NaN where none is claimed.
+
+    To first order: the body stands at R_wc t + p_c with t its place in the camera, so dp = R_wc (hat(t) phi - rho); its
+    rotation turns by -R_wc phi in the world, and the ZYX Euler rates follow from that.
+    """
+    out = np.full((len(results), 6), np.nan)
+    mount = results.cam_from_body
+    for i, row in enumerate(results.rows):
+        if row.cam_from_world is None or row.covariance is None:
+            continue
+        R = row.cam_from_world.rotation.T
+        J = np.zeros((6, 6))
+        J[:3, :3], J[:3, 3:] = -R, R @ hat(mount.translation)
+        J[3:, 3:] = -np.linalg.solve(_euler_rates(R @ mount.rotation), R)
+        out[i] = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, row.covariance, J), 0.0))
+    return out
+
+
+def euler_zyx(q: Array) -> Array:
+    """Roll, pitch, yaw (n, 3) in rad of quaternions wxyz (n, 4): R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    w, x, y, z = q.T
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.column_stack([roll, pitch, yaw])
+
+
+def _euler_rates(R: Array) -> Array:
+    """Matrix that takes roll, pitch and yaw rates to the angular velocity in the world."""
+    yaw, pitch = np.arctan2(R[1, 0], R[0, 0]), np.arcsin(np.clip(-R[2, 0], -0.999999, 0.999999))
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c * np.cos(pitch), -s, 0], [s * np.cos(pitch), c, 0], [-np.sin(pitch), 0, 1.0]])

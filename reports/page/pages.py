@@ -1,0 +1,290 @@
+"""The pages of a report: an index, and one page per sequence, that open from disk without a network."""
+
+import json
+from collections.abc import Mapping
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from PIL import Image
+
+from uavbench.reports.figures.time import finite
+from uavbench.reports.figures.tracker_pictures import View
+from uavbench.reports.page.failures import failed_trackers, status, worst_first
+from uavbench.reports.page.overlay_animation import scrubbed
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.style import PNG_DPI, TWO_COLUMNS_IN, colour
+from uavbench.reports.tables.summary_table import TWO_COLUMNS, Table
+from uavbench.tracker.run import versions
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array
+
+HERE = Path(__file__).parent
+THEMES = {
+    "Errors": ("AUC 10 cm", "RPE 1 frame", "edges", "ADD", "MSSD", "MSPD", "error / CRLB"),
+    "Failures": ("failures", "first failure", "longest failure", "recovery"),
+    "Claimed uncertainty": ("NEES", "claimed sigma"),
+    "Time": ("frame p50", "frame p95", "frame p99", "frame max", "deadline misses"),
+    "In real time": tuple(
+        f"in real time: {what}" for what in ("within 5 cm, 5 deg", "frames missed", "age of the pose")
+    ),
+}
+"""The columns of the detailed tables of the page, by title: so many beside each other as fit."""
+MAX_EDGES = 150
+"""The page draws this many model edges per frame at most, the longest."""
+
+
+@dataclass(frozen=True)
+class FigureOnPage:
+    """A figure's files relative to the report's folder, with its title and caption."""
+
+    files: tuple[str, ...]
+    title: str
+    caption: str
+    up: str = ""
+
+    @property
+    def png(self) -> str:
+        """The picture that the page shows."""
+        return next(f for f in self.files if f.endswith(".png"))
+
+    @property
+    def id(self) -> str:
+        """Anchor on the page."""
+        return Path(self.png).stem
+
+    def sized(self, folder: Path) -> dict[str, Any]:
+        """What the template needs; width and height in CSS px."""
+        with Image.open(folder / self.png) as picture:
+            width, height = picture.size
+        wide = width > 0.75 * TWO_COLUMNS_IN * PNG_DPI
+        return {
+            "files": self.files, "title": self.title, "caption": self.caption, "up": self.up, "png": self.png,
+            "id": self.id, "wide": wide, "width": round(width * 96 / PNG_DPI), "height": round(height * 96 / PNG_DPI),
+        }  # fmt: skip
+
+
+def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> FigureOnPage:
+    """A figure with its files relative to the report."""
+    return FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption)
+
+
+@dataclass(frozen=True)
+class SequenceOnPage:
+    """What the index and a sequence's own page show of it."""
+
+    name: str
+    page: str
+    moving: str
+    moving_text: str
+    text: str
+    index_text: str
+
+
+@dataclass(frozen=True)
+class Undrawn:
+    """What a report leaves to be drawn on demand: so many figures, and the pages of these sequences."""
+
+    figures: int
+    sequences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an index says beside its runs: sequences that could not be made, trackers not here, and why; the undrawn."""
+
+    title: str
+    unrendered: Mapping[str, str]
+    absent: Mapping[str, str]
+    undrawn: Undrawn
+
+
+def write_index(
+    folder: Path,
+    told: Told,
+    runs: ListOf[ScoredRun],
+    tables: ListOf[tuple[str, Table]],
+    figures: ListOf[FigureOnPage],
+    sequences: ListOf[SequenceOnPage],
+) -> Path:
+    """Write `index.html`: scores first, then failures, figures, details, and the pages of the sequences."""
+    labels = list(dict.fromkeys(run.score.label for run in runs))
+    rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
+    names = list(dict.fromkeys(run.sequence.name for run in runs))
+    summary = tables[0][1]
+    text = environment().get_template("page_index.html").render(
+        title=told.title,
+        css=asset("page.css"),
+        js=asset("page.js"),
+        runs=runs,
+        trackers=", ".join(labels),
+        rates=" and ".join(f"{rate:g} Hz" for rate in rates),
+        names=names,
+        sequences=sequences,
+        unrendered=told.unrendered,
+        absent=told.absent,
+        undrawn=told.undrawn,
+        summary=_shown("summary", "Scores", summary.select(TWO_COLUMNS), runs),
+        details=_themes([table for _, table in tables], runs),
+        table_files=[f"tables/{name}{end}" for name, _ in tables for end in TABLE_FILES[name == "summary"]],
+        failures=failed_trackers(runs, {s.name: s.page for s in sequences}),
+        figures=[f.sized(folder) for f in figures],
+        record=json.dumps(runs[0].score.record, indent=1) if runs else "",
+        version=versions()["uavbench"],
+    )  # fmt: skip
+    write_text(folder / "index.html", text)
+    return folder / "index.html"
+
+
+TABLE_FILES = ((".md", ".csv", ".tex"), (".md", ".csv", ".tex", "_one_column.tex"))
+"""Ends of the files of a table, and of the summary's."""
+
+
+def _themes(tables: ListOf[Table], runs: ListOf[ScoredRun]) -> list[dict[str, Any]]:
+    """The detailed tables, without columns of which nothing is known."""
+    joined = tables[0]
+    for table in tables[1:]:
+        rows = zip(joined.rows, table.rows, strict=True)
+        joined = replace(
+            joined,
+            columns=(*joined.columns, *table.columns),
+            rows=tuple((name, (*a, *b)) for (name, a), (_, b) in rows),
+        )
+    known = {
+        column.head for k, column in enumerate(joined.columns) if any(row[k].mean is not None for _, row in joined.rows)
+    }
+    themes = {**THEMES, **({PROTOCOLS: [c.head for c in tables[2].columns]} if len(tables) > 2 else {})}
+    chosen = {title: [head for head in heads if head in known] for title, heads in themes.items()}
+    joined = replace(joined, absent=())
+    return [
+        _shown(title.lower().replace(" ", "-"), title, joined.select(heads), runs)
+        for title, heads in chosen.items()
+        if heads
+    ]
+
+
+PROTOCOLS = "With true poses on the way"
+
+
+def write_sequence_page(
+    folder: Path, title: str, shown: SequenceOnPage, runs: ListOf[ScoredRun], figures: ListOf[FigureOnPage]
+) -> None:
+    """Write the page of one sequence, with its frame scrubber."""
+    text = environment().get_template("page_sequence.html").render(
+        title=title,
+        name=shown.name,
+        css=asset("page.css"),
+        js=asset("scrubber.js"),
+        text=shown.text,
+        runs=[run.title for run in runs],
+        moving=shown.moving,
+        moving_text=shown.moving_text,
+        figures=[f.sized(folder) for f in figures],
+        data=_inlined(scrubber_data(runs, shown)),
+        version=versions()["uavbench"],
+    )  # fmt: skip
+    write_text(folder / shown.page, text)
+
+
+def scrubber_data(runs: ListOf[ScoredRun], shown: SequenceOnPage) -> dict[str, Any]:
+    """What the frame scrubber shows: model edges in px, errors, states of every run at the scrubbed frames."""
+    sequence = runs[0].sequence
+    frames = scrubbed(len(sequence))
+    blank = np.zeros((1, 1, 3), dtype=np.uint8)
+    view = View(blank, sequence.camera, sequence.structure)
+    seconds = (sequence.stamps_ns[frames] - sequence.stamps_ns[0]) / 1e9
+    return {
+        "folder": Path(shown.page).stem + "/",
+        "width": sequence.camera.width,
+        "height": sequence.camera.height,
+        "frames": frames,
+        "seconds": np.round(seconds, 4).tolist(),
+        "step_ms": round(1e3 * float(np.diff(seconds).mean())) if len(frames) > 1 else 100,
+        "truth": [flat(view.projected(sequence.true_cam_from_world(frame))) for frame in frames],
+        "runs": [_scrubbed_run(run, view, frames) for run in runs],
+    }
+
+
+def _scrubbed_run(run: ScoredRun, view: View, frames: list[int]) -> dict[str, Any]:
+    rows = np.searchsorted(run.errors.frames, frames, side="right") - 1
+    answered = np.searchsorted(run.results.frames, frames, side="right") - 1
+    since = [f - int(run.results.frames[a]) if a >= 0 else None for f, a in zip(frames, answered.tolist(), strict=True)]
+    return {
+        "name": run.title,
+        "colour": colour(run.colour),
+        "cm": [finite(round(100 * v, 4)) for v in run.errors.translation_m[rows].tolist()],
+        "deg": [finite(round(v, 4)) for v in run.errors.angle_deg[rows].tolist()],
+        "success": run.errors.success[rows].astype(int).tolist(),
+        "since": since,
+        "edges": _edges(run, view, frames),
+    }
+
+
+def _edges(run: ScoredRun, view: View, frames: list[int]) -> list[list[float]]:
+    """Edges at the latest estimate of each frame; one that holds for several frames is projected once."""
+    found: list[list[float]] = []
+    before: object = object()
+    for frame in frames:
+        pose = run.latest_pose[frame]
+        found.append(found[-1] if pose is before else flat(view.projected(pose)))
+        before = pose
+    return found
+
+
+def flat(segments_px: Array) -> list[float]:
+    """Segments (k, 2, 2) as a flat list with one decimal, the longest MAX_EDGES of them."""
+    if len(segments_px) > MAX_EDGES:
+        lengths = np.linalg.norm(segments_px[:, 1] - segments_px[:, 0], axis=1)
+        segments_px = segments_px[np.sort(np.argsort(-lengths)[:MAX_EDGES])]
+    return np.round(segments_px, 1).reshape(-1).tolist()
+
+
+def _shown(name: str, title: str, table: Table, runs: ListOf[ScoredRun]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "title": title,
+        "heads": [
+            {"name": "tracker", "unit": "", "best": "min"},
+            *({"name": c.head, "unit": c.unit, "best": c.best} for c in table.columns),
+        ],
+        "rows": [_row(run, cells, runs) for run, cells in table.rows],
+        "absent": table.absent,
+        "caption": table.caption if name == "summary" else "",
+        "shares": name == "summary",
+    }
+
+
+def _row(name: str, cells: Any, runs: ListOf[ScoredRun]) -> dict[str, Any]:
+    group = [run for run in runs if run.name == name]
+    shares = {0, 1}
+    return {
+        "name": name,
+        "title": group[0].title,
+        "colour": colour(group[0].colour),
+        "status": status(worst_first(group)[0]),
+        "cells": [
+            {"text": c.text + "*" * c.significant, "bounds": c.bounds, "why": c.why, "best": c.best,
+             "sort": "" if c.mean is None else f"{c.mean:.9g}",
+             "share": round(c.mean, 2) if k in shares and c.mean is not None else None}
+            for k, c in enumerate(cells)
+        ],
+    }  # fmt: skip
+
+
+def environment() -> Environment:
+    """The pages' templates."""
+    return Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=False)
+
+
+def _inlined(value: Any) -> Markup:
+    """JSON that may stand in a script element."""
+    return Markup(json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
+
+
+def asset(name: str) -> Markup:
+    """A file that stands whole in a page."""
+    return Markup((HERE / name).read_text(encoding="utf-8"))

@@ -1,0 +1,115 @@
+"""The figures of a report that compare trackers over all sequences."""
+
+from collections.abc import Sequence as ListOf
+from functools import partial
+
+from uavbench.reports.drawings import Drawing
+from uavbench.reports.figures import comparison as figures_compare
+from uavbench.reports.figures import distributions as figures_statistics
+from uavbench.reports.figures.sweeps import draw_sweep, swept
+from uavbench.reports.restarts import RestartedRun, error_after_anchors
+from uavbench.reports.scoring.attributes import breakdowns
+from uavbench.reports.scoring.crlb_ratio import SIGMA_PX, error_over_bound
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.statistics.bootstrap import compare_pairs, ranks, units
+from uavbench.reports.tables.summary_table import by_sequence
+
+RANKED_BY = "area over the success curve"
+
+
+def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
+    """Figures over all runs."""
+    colours = {run.name: run.colour for run in runs}
+    fastest_hz = max(run.score.rate_hz for run in runs)
+    fast = [run for run in runs if run.score.rate_hz == fastest_hz]
+    made = [
+        Drawing("accuracy", "Error and coverage",
+                "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and "
+                "that are within 5 cm and 5\N{DEGREE SIGN} (dotted). An error means little without its coverage.",
+                partial(figures_compare.accuracy_and_coverage, runs)),
+        Drawing("success", "Success curves",
+                "Share of all frames within a distance of the truth; frames without a pose are within none.",
+                partial(figures_compare.success_curves, runs)),
+        Drawing("latency", "Accuracy against latency",
+                "Median time of a frame with a line to the 95th percentile; hollow at the lower rates.",
+                partial(figures_compare.accuracy_against_latency, runs)),
+        Drawing("attributes", f"Why they fail, {fastest_hz:g} Hz",
+                "Success in the quarters of the frames by what the renderer knows of them.",
+                lambda stem: figures_statistics.by_attribute(breakdowns(fast), colours, stem)),
+    ]  # fmt: skip
+    for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
+        made += rank([run for run in runs if run.score.rate_hz == rate], colours, rate, always=rate == fastest_hz)
+    made.append(bound(fast, colours))
+    if any(run.score.consistency is not None for run in runs):
+        caption = "Squared error over the claimed covariance; above the band it claims too much."
+        made.append(Drawing("nees", "NEES", caption, partial(figures_statistics.nees_over_time, runs)))
+    return made
+
+
+def bound(fast: ListOf[ScoredRun], colours: dict[str, int]) -> Drawing:
+    """The errors at the highest rate over the Cramer-Rao bound of their frames, on the first sequence."""
+    sequence = fast[0].sequence
+    caption = (
+        "Position error over the Cramer-Rao bound of the image's noise, of every frame that has one; 1 is as good as "
+        "one frame allows a tracker that knows how the structure looks."
+        if sequence.pose_bounds
+        else f"Position error of each frame over the Cramer-Rao bound of its edges, {SIGMA_PX} px of noise on each "
+        "control point assumed; 1 is as good as one frame's edges allow."
+    )
+    followed = {run.name: run.errors for run in fast if run.sequence is sequence}
+    return Drawing(
+        "bound",
+        f"Error over the bound, {sequence.name}",
+        caption,
+        lambda stem: figures_statistics.error_over_bound(
+            {name: error_over_bound(sequence, errors) for name, errors in followed.items()}, colours, stem
+        ),
+    )
+
+
+def compare_restarts(runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun]) -> list[Drawing]:
+    """The figure over all runs from anchors; none without such runs."""
+    if not any(run.protocol == "anchors" for run in restarted):
+        return []
+    caption = (
+        "Every run starts from the true pose every 5 s: what became of it since, over all sequences; lower rates are "
+        "thin, with a mark at each frame."
+    )
+    colours = {run.name: run.colour for run in runs}
+    return [Drawing("anchors", "Error after an anchor", caption, partial(error_after_anchors, restarted, colours))]
+
+
+def compare_along(runs: ListOf[ScoredRun]) -> list[Drawing]:
+    """The curves of a suite whose sequences differ in one number; none for other suites."""
+    found = swept(list({run.sequence.name: run.sequence for run in runs}.values()))
+    if found is None:
+        return []
+    caption = (
+        f"Against `{found.key}`, at the highest rate; bands: 95 % intervals over the seeds, where there are enough. "
+        "The error is that of the frames with a pose: read it with the success."
+    )
+    return [
+        Drawing("sweep_ate", "Error along the sweep", caption, partial(draw_sweep, runs, found, "ate")),
+        Drawing("sweep_success", "Success along the sweep", caption, partial(draw_sweep, runs, found, "success")),
+    ]
+
+
+def rank(runs: ListOf[ScoredRun], colours: dict[str, int], rate_hz: float, *, always: bool) -> list[Drawing]:
+    """Mean ranks and wins at one rate, by the area over the success curve; none with one run or one tracker."""
+    names = list(dict.fromkeys(run.name for run in runs))
+    keys = [sorted((r.score.flight, r.score.seed) for r in runs if r.name == name) for name in names]
+    if len(names) < 2 or len(set(keys[0])) < 2 or any(key != keys[0] for key in keys):
+        return []
+    values = {
+        name: by_sequence([r.score for r in runs if r.name == name], lambda score: 1 - score.tracking.success_auc)
+        for name in names
+    }
+    return [
+        Drawing(f"ranks_{rate_hz:g}hz", f"Mean ranks, {rate_hz:g} Hz",
+                "Best at the left; bars join trackers that Nemenyi's test does not tell apart.",
+                lambda stem: figures_statistics.critical_difference(
+                    ranks({name: units(v) for name, v in values.items()}), colours, stem, RANKED_BY), always),
+        Drawing(f"wins_{rate_hz:g}hz", f"Wins, {rate_hz:g} Hz",
+                "Paired by sequence and seed; *: the mean difference stands at the 5 % level.",
+                lambda stem: figures_statistics.win_table(names, compare_pairs(values), stem, RANKED_BY), always),
+    ]  # fmt: skip

@@ -1,0 +1,186 @@
+"""Why trackers fail: success by attributes of the frames that the renderer knows.
+
+Conventions: an attribute has one value per frame, NaN where it is unknown. A breakdown cuts the frames into parts of
+equal size by the attribute and tells what became of each part.
+"""
+
+from collections.abc import Callable
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from uavbench.reports.metrics.quaternions import norm
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.scenes.dataset.annotations import edges_file, load_edges
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import Image
+from uavbench.tracker.shang_shen.segments import grey
+from uavbench.tracker.visible_edges import ProjectedEdges, to_image, visible_edges
+from uavbench.trajectories.pose import Array
+
+PARTS = 4
+MAX_FRAMES = 200
+"""A breakdown looks at this many frames at most, evenly spread over all sequences, but FEW of each at least."""
+FEW = 4
+CONTRAST_OFFSET_PX = 4.0
+POINTS_PER_EDGE = 15
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Frames whose attribute lies in low .. high: their number, share that succeed, median error (inf: lost)."""
+
+    low: float
+    high: float
+    frames: int
+    success: float
+    median_m: float
+
+
+def speed_m_s(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Speed of the body (n,)."""
+    return norm(sequence.truth_table[list(frames), 9:12])
+
+
+def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Median way (n,) in px that points of the true edges move while the shutter is open.
+
+    From the true poses and the exposure of the sequence's config, 0 without motion blur; NaN where the config is not
+    known, and for the last frame.
+    """
+    config = sequence.info.get("config")
+    if not config:
+        return np.full(len(frames), np.nan)
+    exposure_ms = sum(e.get("exposure_ms", 0.0) for e in config.get("effects", []) if e.get("kind") == "motion-blur")
+    out = np.full(len(frames), np.nan)
+    for k, frame in enumerate(frames):
+        if frame + 1 >= len(sequence):
+            continue
+        now, later = sequence.true_cam_from_world(frame), sequence.true_cam_from_world(frame + 1)
+        step_ms = (int(sequence.stamps_ns[frame + 1]) - int(sequence.stamps_ns[frame])) / 1e6
+        ends = visible_edges(sequence.structure, sequence.camera, now).segments_m.reshape(-1, 3)
+        here, there = now.transform(ends), later.transform(ends)
+        seen = (here[:, 2] > 0.01) & (there[:, 2] > 0.01)
+        if seen.any():
+            camera = sequence.camera.without_distortion
+            moved = np.linalg.norm(camera.project(there[seen]) - camera.project(here[seen]), axis=1)
+            out[k] = np.median(moved) * exposure_ms / step_ms
+    return out
+
+
+def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Share (n,) in percent of the length in px of the visible model edges that something else hides.
+
+    The structure's own edges at the true pose against those that the renderer saw; NaN where the dataset has no truth
+    of edges (`truth = ["edges"]`).
+    """
+    out = np.full(len(frames), np.nan)
+    for k, frame in enumerate(frames):
+        if not edges_file(sequence, frame).is_file():
+            continue
+        rows = load_edges(sequence, frame)
+        seen_px = float(np.hypot(rows[:, 3] - rows[:, 1], rows[:, 4] - rows[:, 2]).sum())
+        ends = to_image(_edges(sequence, frame).segments_px.reshape(-1, 2), sequence.camera).reshape(-1, 2, 2)
+        all_px = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+        if all_px > 0:
+            out[k] = np.round(100 * np.clip(1 - seen_px / all_px, 0, 1), 1)
+    return out
+
+
+def visible_edge_count(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Number (n,) of visible edges in the image at the true pose."""
+    return np.array([float(len(_edges(sequence, frame).edges)) for frame in frames])
+
+
+def distance_m(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Median depth (n,) of the visible edges at the true pose, NaN where none is in view."""
+    depths = [_edges(sequence, frame).depths_m for frame in frames]
+    return np.array([float(np.median(d)) if d.size else np.nan for d in depths])
+
+
+def contrast(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Mean difference (n,) of grey levels across the true visible edges, 4 px to either side, of 255."""
+    out = np.full(len(frames), np.nan)
+    for k, frame in enumerate(frames):
+        segments = _edges(sequence, frame).segments_px
+        lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+        segments, lengths = segments[lengths > 2 * CONTRAST_OFFSET_PX], lengths[lengths > 2 * CONTRAST_OFFSET_PX]
+        if not len(segments):
+            continue
+        along = (segments[:, 1] - segments[:, 0]) / lengths[:, None]
+        normal = np.column_stack([-along[:, 1], along[:, 0]])[:, None] * CONTRAST_OFFSET_PX
+        w = np.linspace(0.1, 0.9, POINTS_PER_EDGE)[None, :, None]
+        middle = segments[:, :1] + w * (segments[:, 1:] - segments[:, :1])
+        image = np.asarray(cv2.GaussianBlur(grey(sequence.image(frame)), (3, 3), 0), dtype=np.uint8)
+        sides = [_sampled(image, to_image((middle + s * normal).reshape(-1, 2), sequence.camera)) for s in (1, -1)]
+        out[k] = float(np.abs(sides[0] - sides[1]).mean())
+    return out
+
+
+ATTRIBUTES: dict[str, tuple[str, Callable[[Sequence, ListOf[int]], Array]]] = {
+    "speed": ("m/s", speed_m_s),
+    "blur": ("px", blur_px),
+    "visible edges": ("", visible_edge_count),
+    "occlusion": ("%", occlusion),
+    "distance": ("m", distance_m),
+    "contrast": ("of 255", contrast),
+}
+"""Name -> unit, function of a sequence and its frames."""
+
+
+def breakdown(values: Array, success: Array, translation_m: Array, parts: int = PARTS) -> list[Part]:
+    """What became of the frames (n,) in parts of equal size by an attribute; fewer parts where values repeat."""
+    known = np.isfinite(values)
+    if not known.any():
+        return []
+    values, success, translation_m = values[known], success[known], translation_m[known]
+    borders = np.unique(np.quantile(values, np.linspace(0, 1, parts + 1)))
+    index = np.clip(np.searchsorted(borders, values, side="right") - 1, 0, max(len(borders) - 2, 0))
+    found = []
+    for part in range(max(len(borders) - 1, 1)):
+        inside = index == part
+        if inside.any():
+            found.append(Part(
+                low=float(values[inside].min()), high=float(values[inside].max()), frames=int(inside.sum()),
+                success=float(success[inside].mean()), median_m=float(np.median(translation_m[inside])),
+            ))  # fmt: skip
+    return found
+
+
+def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
+    """Parts by attribute and run name, over all sequences of runs at one rate; attributes that are known only."""
+    names = list(dict.fromkeys(run.name for run in runs))
+    at_most = max(FEW, MAX_FRAMES // len({id(run.sequence) for run in runs}))
+    found: dict[str, dict[str, list[Part]]] = {}
+    for attribute, (_, function) in ATTRIBUTES.items():
+        of_sequence: dict[int, Array] = {}
+        for run in runs:
+            if id(run.sequence) not in of_sequence:
+                of_sequence[id(run.sequence)] = function(run.sequence, looked_at(run, at_most))
+        found[attribute] = {}
+        for name in names:
+            group = [run for run in runs if run.name == name]
+            values = np.concatenate([of_sequence[id(run.sequence)] for run in group])
+            rows = [np.searchsorted(run.errors.frames, looked_at(run, at_most)) for run in group]
+            success = np.concatenate([run.errors.success[k].astype(float) for run, k in zip(group, rows, strict=True)])
+            metres = np.concatenate([run.errors.translation_m[k] for run, k in zip(group, rows, strict=True)])
+            found[attribute][name] = breakdown(values, success, metres)
+    return {attribute: of_run for attribute, of_run in found.items() if any(of_run.values())}
+
+
+def looked_at(run: ScoredRun, at_most: int) -> list[int]:
+    """Frames of a run that a breakdown looks at."""
+    frames: list[int] = run.errors.frames.tolist()
+    return frames[:: -(-len(frames) // at_most)]
+
+
+def _edges(sequence: Sequence, frame: int) -> ProjectedEdges:
+    return visible_edges(sequence.structure, sequence.camera, sequence.true_cam_from_world(frame))
+
+
+def _sampled(image: Image, pixels: Array) -> Array:
+    at = pixels.astype(np.float32).reshape(-1, 1, 2)
+    values = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return values.astype(np.float64)

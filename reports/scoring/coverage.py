@@ -1,0 +1,77 @@
+"""How well a tracker stays on: coverage, success, failures and recovery.
+
+Conventions: a frame succeeds within 5 cm and 5 deg; a failure begins at a frame that does not succeed
+after one that did (or at the first frame), and ends at the next that does.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.reports.metrics.frame_errors import FrameErrors
+from uavbench.trajectories.pose import Array
+
+AUC_LIMIT_M = 0.10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracking:
+    """Shares of all frames, and times in seconds.
+
+    coverage: frames with a pose; success: frames within 5 cm and 5 deg; success_auc: area under the share of frames
+    within a distance, from 0 to 10 cm, over 10 cm. time_to_first_loss_s: None when it never fails; time_to_recover_s:
+    mean over the failures that end, None when none does.
+    """
+
+    frames: int
+    with_pose: int
+    coverage: float
+    success: float
+    success_auc: float
+    failures: int
+    failures_per_minute: float
+    time_to_first_loss_s: float | None
+    time_to_recover_s: float | None
+    longest_failure_s: float
+    duration_s: float = 0.0
+
+
+def tracking(errors: FrameErrors) -> Tracking:
+    """Tracking figures of a run."""
+    success, seconds = errors.success, errors.seconds
+    period = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+    begins, ends = failures(success)
+    ended = ends < len(success)
+    until = np.append(seconds, seconds[-1] + period)
+    lasted = until[ends] - seconds[begins]
+    duration_s = float(until[-1] - seconds[0])
+    return Tracking(
+        frames=len(errors),
+        with_pose=int(errors.ok.sum()),
+        coverage=float(errors.ok.mean()),
+        success=float(success.mean()),
+        success_auc=success_auc(errors.translation_m),
+        failures=len(begins),
+        failures_per_minute=60.0 * len(begins) / duration_s if duration_s > 0 else float(len(begins)),
+        time_to_first_loss_s=float(seconds[begins[0]]) if len(begins) else None,
+        time_to_recover_s=float(lasted[ended].mean()) if ended.any() else None,
+        longest_failure_s=float(lasted.max(initial=0.0)),
+        duration_s=duration_s,
+    )
+
+
+def failures(success: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First row of each failure, and the row of the success that ends it (n where none does)."""
+    edge = np.diff(np.concatenate([[False], ~success, [False]]).astype(np.int8))
+    return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
+
+
+def success_curve(translation_m: Array, limits_m: Array) -> Array:
+    """Share (k,) of all frames within each distance; frames without a pose are within none."""
+    return np.searchsorted(np.sort(translation_m), limits_m, side="right") / len(translation_m)
+
+
+def success_auc(translation_m: Array, limit_m: float = AUC_LIMIT_M) -> float:
+    """Area under the success curve from 0 to a limit, over the limit: 1 is perfect."""
+    return float(np.clip(1.0 - translation_m / limit_m, 0.0, 1.0).mean())

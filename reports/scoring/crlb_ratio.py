@@ -1,0 +1,81 @@
+"""How good a tracker could be: the Cramer-Rao bound of the position of the body in each frame.
+
+Conventions: for unbiased estimates from one frame, E |p - q|^2 is at least the squared bound (Kay 1993, section 3.7).
+It is that of the rendered image and its noise where the sequence has it (`crlb`). Otherwise it is one of edges
+alone, and rests on an assumption: what can be measured at the true pose is the distance of each control point of the
+visible edges from its edge, along the normal, with independent Gaussian noise of sigma_px. Trackers that use more than
+one frame may go below either, and those that use more than edges below the second.
+"""
+
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavbench.reports.metrics.frame_errors import FrameErrors
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.shang_shen.control_points import control_points
+from uavbench.tracker.visible_edges import visible_edges
+from uavbench.trajectories.pose import Array, Pose, hat
+
+SIGMA_PX = 0.3
+"""Assumed noise of one edge measurement: an assumption, and written beside every ratio."""
+SINGULAR = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorOverBound:
+    """Median ratio of the position error to the bound of its frame, over the n frames that have a pose and a bound."""
+
+    n: int
+    median: float
+
+    @classmethod
+    def of(cls, sequence: Sequence, errors: FrameErrors) -> "ErrorOverBound | None":
+        """Ratio to the bounds of the images; None where no frame with a pose has one."""
+        ratios = errors.translation_m / image_bounds(sequence, errors.frames.tolist())
+        ratios = ratios[np.isfinite(ratios)]
+        return cls(n=len(ratios), median=float(np.median(ratios))) if len(ratios) else None
+
+
+def image_bounds(sequence: Sequence, frames: ListOf[int]) -> Array:
+    """Bound (n,) in m on the RMS position error of the body from the image, NaN where the sequence has none."""
+    known, mount = sequence.pose_bounds, sequence.cam_from_body
+    return np.array([_position(known[frame], mount) if frame in known else np.nan for frame in frames])
+
+
+def edge_bounds(sequence: Sequence, frames: ListOf[int], sigma_px: float = SIGMA_PX) -> Array:
+    """Bound (n,) in m on the RMS position error of the body, infinite where the edges in view do not fix the pose."""
+    out = np.full(len(frames), np.inf)
+    camera, mount = sequence.camera, sequence.cam_from_body
+    for k, frame in enumerate(frames):
+        truth = sequence.true_cam_from_world(frame)
+        points = control_points(visible_edges(sequence.structure, camera, truth))
+        if len(points) < 6:
+            continue
+        at = truth.transform(points.points_m)
+        x, y, z = at.T
+        toward = np.zeros((len(at), 3))  # n^T du/dX
+        toward[:, 0] = points.normals[:, 0] * camera.fx / z
+        toward[:, 1] = points.normals[:, 1] * camera.fy / z
+        toward[:, 2] = -(toward[:, 0] * x + toward[:, 1] * y) / z
+        J = np.hstack([toward, np.einsum("ni,nij->nj", toward, -hat(at))])
+        values, vectors = np.linalg.eigh(J.T @ J)
+        if values[0] <= SINGULAR * values[-1]:
+            continue
+        out[k] = _position(sigma_px**2 * (vectors / values) @ vectors.T, mount)
+    return out
+
+
+def error_over_bound(sequence: Sequence, errors: FrameErrors) -> Array:
+    """Ratio of the position error to its bound of each frame (n,) that has one; infinite where the frame is lost."""
+    frames = errors.frames.tolist()
+    bounds = image_bounds(sequence, frames) if sequence.pose_bounds else edge_bounds(sequence, frames)
+    known = ~np.isnan(bounds)
+    return np.asarray(errors.translation_m[known] / bounds[known])
+
+
+def _position(covariance: Array, cam_from_body: Pose) -> float:
+    """RMS position error of the body, of a covariance of the twist of `cam_from_world`."""
+    M = np.hstack([-np.eye(3), hat(cam_from_body.translation)])
+    return float(np.sqrt(np.trace(M @ covariance @ M.T)))

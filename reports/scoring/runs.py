@@ -1,0 +1,113 @@
+"""The runs that a report is about, opened for reading."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.reports.metrics.frame_errors import FrameErrors, frame_errors
+from uavbench.reports.scoring.score import Score, how, score
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.results import Results
+from uavbench.tracker.sound_results import sound
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredRun:
+    """One tracker's results on one sequence, with their score."""
+
+    sequence: Sequence
+    results: Results
+    score: Score
+    colour: int
+
+    @property
+    def name(self) -> str:
+        """Name of tracker and rate, `lsd@15hz`."""
+        return self.score.run
+
+    @property
+    def title(self) -> str:
+        """Name for people, `lsd, 15 Hz`."""
+        return f"{self.score.label}, {self.score.rate_hz:g} Hz"
+
+    @property
+    def slug(self) -> str:
+        """Name for files: sequence and run."""
+        seed = f"_seed{self.score.seed}" if self.score.seed else ""
+        return f"{self.sequence.name}_{self.name}{seed}".replace("/", "-").replace(" ", "-").replace(":", "-")
+
+    @cached_property
+    def errors(self) -> FrameErrors:
+        """What became of every frame."""
+        return frame_errors(self.sequence, self.results)
+
+    @cached_property
+    def latest_pose(self) -> list[Pose | None]:
+        """Estimated cam_from_world known at each frame of the sequence: that of the latest tracked frame."""
+        rows = np.searchsorted(self.results.frames, np.arange(len(self.sequence)), side="right") - 1
+        return [self.results.rows[row].cam_from_world if row >= 0 else None for row in rows.tolist()]
+
+
+def counts(results: Results, name: str) -> Array:
+    """A count of each row (n,), NaN where a tracker gives none."""
+    values = [getattr(row, name) for row in results.rows]
+    return np.array([np.nan if v is None else float(v) for v in values])
+
+
+def open_runs(entries: list[tuple[Path, Path, Path, str]]) -> list[ScoredRun]:
+    """Runs of (sequence folder, results folder, score.json, why); a sequence is opened once, a tracker has one colour.
+
+    Where there is no results folder, or `why` tells why what it holds does not count, the run is missing: it is scored
+    as one that located no frame.
+    """
+    sequences: dict[Path, Sequence] = {}
+    labels: dict[str, int] = {}
+    runs = []
+    for sequence_folder, results_folder, score_file, why in entries:
+        if sequence_folder not in sequences:
+            sequences[sequence_folder] = Sequence.load(sequence_folder)
+        sequence = sequences[sequence_folder]
+        if results_folder.exists() and not why:
+            results, found = sound(Results.load(results_folder))[0], Score.load(score_file)
+            _belongs(found, sequence, results, score_file)
+        else:
+            results = missing_results(sequence, results_folder, why)
+            found = score(sequence, results)
+        index = labels.setdefault(found.label, len(labels))
+        runs.append(ScoredRun(sequence, results, found, index))
+    return runs
+
+
+def _belongs(found: Score, sequence: Sequence, results: Results, path: Path) -> None:
+    """UserError unless a score is of these results and this sequence, computed as scores are computed now."""
+    for key, now in how(sequence, results).items():
+        if key == "versions":
+            continue
+        before = found.record.get(key)
+        if before != now:
+            raise UserError(f"{path}: its record says {key} = {before!r}, but here it is {now!r}; score again")
+
+
+def missing_results(sequence: Sequence, folder: Path, why: str = "") -> Results:
+    """Results without a row for a run that is missing; UserError unless its folder is named `LABEL@RATEhz`."""
+    label, _, rate = folder.name.partition("@")
+    try:
+        rate_hz = float(rate.removesuffix("hz"))
+    except ValueError:
+        raise UserError(
+            f"{folder}: no such results, and its name does not tell tracker and rate (LABEL@RATEhz)"
+        ) from None
+    record = {
+        "tracker": {"kind": label, "parameters": {}},
+        "label": label,
+        "rate_hz": rate_hz,
+        "seed": int(sequence.info.get("seed", 0)),
+        "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
+        "cam_from_body": sequence.cam_from_body.matrix.tolist(),
+        "errors": [why] if why else [],
+    }
+    return Results(record, np.empty(0, np.int64), np.empty(0, np.int64), ())

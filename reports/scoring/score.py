@@ -1,0 +1,198 @@
+"""The score of one tracker's results on one sequence, with a record of how it was computed."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from uavbench.reports.metrics.align import Alignment, align
+from uavbench.reports.metrics.ape import absolute_errors
+from uavbench.reports.metrics.association import PosePairs
+from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M, FrameErrors, frame_errors
+from uavbench.reports.metrics.latency import Latency, deadline_misses, stage_latencies
+from uavbench.reports.metrics.model_space import ModelSpace, model_space
+from uavbench.reports.metrics.nees import Consistency, consistency
+from uavbench.reports.metrics.rpe import Stretch, motion_error_sizes, stretches
+from uavbench.reports.metrics.summary_statistics import ErrorSummary
+from uavbench.reports.protocols.restarting import Replay, replay_in_real_time
+from uavbench.reports.scoring.coverage import Tracking, tracking
+from uavbench.reports.scoring.crlb_ratio import ErrorOverBound
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import versions
+from uavbench.tracker.sound_results import sound
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
+
+ALIGNMENTS: tuple[Alignment, ...] = ("none", "se3", "sim3")
+Status = Literal["complete", "lost", "crashed", "missing"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseErrors:
+    """Errors of poses or of motions, over the frames that have a pose; None where there is none to summarize."""
+
+    translation_m: ErrorSummary | None
+    rotation_deg: ErrorSummary | None
+    undefined: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Score of one run.
+
+    status: `complete` when every frame has a pose, `lost` when some have none, `crashed` when the tracker raised an
+    error or stopped early, `missing` when there is no result at all. ate by alignment and rpe by stretch (`1 frame`,
+    `1 s`) are over the frames that have a pose: read them with tracking.coverage. latency by stage, `total` first.
+    replay, model, consistency and bound: what lateness costs, errors in the structure's space and the image, NEES,
+    errors over their Cramer-Rao bound; None where times, covariances or bounds are missing.
+    """
+
+    label: str
+    rate_hz: float
+    seed: int
+    sequence: str
+    status: Status
+    tracking: Tracking
+    ate: dict[str, PoseErrors]
+    rpe: dict[str, PoseErrors]
+    latency: dict[str, Latency]
+    deadline_misses: float | None
+    replay: Replay | None = None
+    model: ModelSpace | None = None
+    consistency: Consistency | None = None
+    bound: ErrorOverBound | None = None
+    errors: tuple[str, ...]
+    record: dict[str, Any]
+
+    @property
+    def run(self) -> str:
+        """Name of tracker and rate, `lsd@15hz`."""
+        return f"{self.label}@{self.rate_hz:g}hz"
+
+    @property
+    def flight(self) -> str:
+        """Name of the sequence without its seed."""
+        return self.sequence.removesuffix(f"-s{self.seed}")
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object."""
+        value = asdict(self)
+        value["errors"] = list(self.errors)
+        return value
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> "Score":
+        """What `to_json` gave; UserError when it is something else."""
+        known = {name: value[name] for name in cls.__dataclass_fields__ if name in value}
+        try:
+            return _ADAPTER.validate_python(known)
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise UserError(f"not a score: {'.'.join(map(str, first['loc']))}: {first['msg']}; score again") from None
+
+    def save(self, path: Path, content_hash: str = "") -> None:
+        """Write `score.json`; the hash is of what made it."""
+        text = json.dumps({"content_hash": content_hash, **self.to_json()}, indent=1, allow_nan=False)
+        write_text(path, text + "\n", sealed=True)
+
+    @classmethod
+    def load(cls, path: Path) -> "Score":
+        """Read `score.json`; UserError naming the file."""
+        try:
+            return cls.from_json(read_json(path))
+        except UserError as error:
+            raise UserError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+
+
+_ADAPTER = TypeAdapter(Score)
+_versions = lru_cache(versions)
+
+
+def score(sequence: Sequence, results: Results) -> Score:
+    """Score of results against the truth of their sequence; UserError when they do not belong together."""
+    results, unsound = sound(results)
+    errors = frame_errors(sequence, results)
+    record = results.record
+    faults = tuple(str(e) for e in record.get("errors", ()))
+    stopped = len(results) < len(errors)
+    if not len(results):
+        faults += ("no frame has a row: the run is missing",)
+    elif stopped:
+        faults += (f"{len(errors) - len(results)} of {len(errors)} frames have no row: the run stopped early",)
+    status: Status = "crashed" if faults else "complete" if errors.ok.all() else "lost"
+    if not len(results):
+        status = "missing"
+    return Score(
+        label=str(record.get("label", record["tracker"]["kind"])),
+        rate_hz=float(record["rate_hz"]),
+        seed=int(record["seed"]),
+        sequence=sequence.name,
+        status=status,
+        tracking=tracking(errors),
+        ate={kind: absolute(errors.tracked, kind) for kind in ALIGNMENTS},
+        rpe={"1 frame": relative(errors, Stretch(1, "frames", True)), "1 s": relative(errors, Stretch(1, "s", True))},
+        latency=stage_latencies(results),
+        deadline_misses=deadline_misses(results),
+        replay=replay_in_real_time(sequence, results),
+        model=model_space(sequence, results),
+        consistency=consistency(sequence, results),
+        bound=ErrorOverBound.of(sequence, errors),
+        errors=faults + unsound,
+        record=how(sequence, results),
+    )
+
+
+def absolute(pairs: PosePairs, kind: Alignment) -> PoseErrors:
+    """ATE under an alignment; undefined says why there is none."""
+    try:
+        aligned = align(pairs, kind) if len(pairs) else pairs
+    except UserError as error:
+        return PoseErrors(translation_m=None, rotation_deg=None, undefined=str(error))
+    return PoseErrors(
+        translation_m=summary(absolute_errors(aligned, "translation_m")),
+        rotation_deg=summary(absolute_errors(aligned, "angle_deg")),
+        undefined="" if len(pairs) else "no frame has a pose",
+    )
+
+
+def relative(errors: FrameErrors, over: Stretch) -> PoseErrors:
+    """RPE over all stretches of expected frames whose two ends have a pose."""
+    i, j = stretches(errors.pairs, over)
+    both = errors.ok[i] & errors.ok[j]
+    i, j = i[both], j[both]
+    metres, radians = motion_error_sizes(errors.pairs, i, j)
+    return PoseErrors(
+        translation_m=summary(metres),
+        rotation_deg=summary(np.degrees(radians)),
+        undefined="" if len(i) else "no two frames so far apart have a pose",
+    )
+
+
+def summary(errors: Any) -> ErrorSummary | None:
+    """Summary of errors (n,); None without any."""
+    return ErrorSummary.of(errors) if len(errors) else None
+
+
+def how(sequence: Sequence, results: Results) -> dict[str, Any]:
+    """Record of how the numbers came about; scores whose records differ in it are not to be compared."""
+    return {
+        "compared": "world_from_body with truth.csv",
+        "association": "by frame; every frame at the tracker's rate is expected",
+        "rpe_pairs": "all pairs",
+        "success": {"translation_m": SUCCESS_M, "rotation_deg": SUCCESS_DEG},
+        "std_ddof": 0,
+        "sequence": {
+            "name": sequence.name,
+            "content_hash": sequence.content_hash,
+            "images": sequence.images_hash,
+        },
+        "results": {k: results.record.get(k) for k in ("tracker", "rate_hz", "seed", "content_hash", "versions")},
+        "versions": dict(_versions()),
+    }

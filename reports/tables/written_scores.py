@@ -1,0 +1,30 @@
+"""A report's scores, read again from the files that it wrote."""
+
+import json
+from pathlib import Path
+
+from uavbench.reports.scoring.score import Score
+from uavbench.reports.tables.summary_table import COLUMNS, DETAILS, Table, details, numbers, summary_table
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.trajectories.errors import UserError
+
+KEY = ("label", "rate_hz", "seed", "sequence")
+
+
+def table_of(folder: Path) -> Table:
+    """The table of a report's folder with all columns; UserError naming the file that is missing or wrong."""
+
+    def every(score: Score) -> tuple[float | None, ...]:
+        return (*numbers(score), *details(score))
+
+    return summary_table(read_scores(folder), (*COLUMNS, *DETAILS), every)
+
+
+def read_scores(folder: Path) -> list[Score]:
+    """The scores in `scores.json` with the times in `latency.json`."""
+    accuracy, times = read_json(folder / "scores.json"), read_json(folder / "latency.json")
+    try:
+        timed = {json.dumps([row[key] for key in KEY]): row for row in times["latency"]}
+        return [Score.from_json({**timed[json.dumps([row[k] for k in KEY])], **row}) for row in accuracy["scores"]]
+    except (KeyError, TypeError, UserError) as error:
+        raise UserError(f"{folder / 'scores.json'}: not the scores of a report with ground truth: {error}") from None

@@ -1,0 +1,189 @@
+"""Camera calibration from pictures of a checkerboard (Zhang 2000; Heikkila & Silven 1997), by OpenCV."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.image_files import load_image, open_video
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_file
+from uavbench.trajectories.pose import Array
+
+Model = Literal["none", "radtan", "equidistant"]
+IMAGE_KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+MOST_VIEWS = 60
+FEWEST_VIEWS = 4
+CELLS = (6, 8)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a calibration found: the camera, how well it explains the corners, and which pictures helped.
+
+    rms_px over all corners; view_rms_px (n,) per used picture; corners_px (n, k, 2); covered is the share of CELLS of
+    the image in which some corner was seen.
+    """
+
+    camera: Camera
+    rms_px: float
+    used: tuple[str, ...]
+    unused: tuple[str, ...]
+    view_rms_px: Array
+    corners_px: Array
+
+    @property
+    def covered(self) -> float:
+        """Share of the image's cells that hold a corner."""
+        rows, columns = CELLS
+        x = (self.corners_px[..., 0] / self.camera.width * columns).astype(int).clip(0, columns - 1)
+        y = (self.corners_px[..., 1] / self.camera.height * rows).astype(int).clip(0, rows - 1)
+        return len(np.unique(y * columns + x)) / (rows * columns)
+
+
+def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, model: Model = "radtan") -> Calibration:
+    """Calibrate from pictures, folders of pictures, or videos of a board with (columns, rows) inner corners.
+
+    UserError when a source cannot be read, pictures differ in size, or too few show the whole board.
+    """
+    if min(board) < 2 or not square_m > 0:
+        raise UserError(f"board {board[0]}x{board[1]} with squares of {square_m} m: give inner corners, as in 7x8")
+    used: list[str] = []
+    unused: list[str] = []
+    corners: list[Array] = []
+    size: tuple[int, int] | None = None
+    for name, image in _pictures(sources):
+        shape = (image.shape[1], image.shape[0])
+        if size not in (None, shape):
+            raise UserError(
+                f"{name}: is {shape[0]} x {shape[1]} px, the pictures before {size}; calibrate one camera at a time"
+            )
+        size = shape
+        found = find_corners(image, board)
+        (unused if found is None else used).append(name)
+        if found is not None:
+            corners.append(found)
+    if size is None or len(corners) < FEWEST_VIEWS:
+        raise UserError(
+            f"only {len(corners)} of {len(used) + len(unused)} pictures show the whole board of {board[0]}x{board[1]} "
+            f"inner corners, {FEWEST_VIEWS} or more are needed; is --board right, and is all of it in view and sharp?"
+        )
+    return _solve(np.array(corners), size, board, square_m, model, tuple(used), tuple(unused))
+
+
+def find_corners(image: NDArray[np.uint8], board: tuple[int, int]) -> Array | None:
+    """Inner corners (k, 2) px, row by row, to a few hundredths of a pixel; None when the board is not all there."""
+    grey = image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCornersSB(grey, board, None, flags)
+    if not found:
+        return None
+    corners = np.asarray(corners, dtype=np.float32)
+    grid = corners.reshape(board[1], board[0], 2)
+    spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))
+    radius = int(np.clip(0.4 * spacing, 2, 9))
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+    refined = cv2.cornerSubPix(grey, corners.reshape(-1, 1, 2), (radius, radius), (-1, -1), stop)
+    return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
+
+
+def write_coverage(calibration: Calibration, path: Path) -> None:
+    """Picture of where corners were seen: cells without any are red, corners coloured by their picture."""
+    camera = calibration.camera
+    picture = np.full((camera.height, camera.width, 3), 40, dtype=np.uint8)
+    rows, columns = CELLS
+    points = calibration.corners_px
+    for r in range(rows):
+        for c in range(columns):
+            low = np.array([c * camera.width / columns, r * camera.height / rows])
+            high = low + np.array([camera.width / columns, camera.height / rows])
+            if not ((points >= low) & (points < high)).all(axis=-1).any():
+                a, b = low.astype(int).tolist(), high.astype(int).tolist()
+                cv2.rectangle(picture, a, b, (40, 40, 120), -1)
+    for k, view in enumerate(points):
+        hue = np.array([[[int(179 * k / len(points)), 200, 255]]], dtype=np.uint8)
+        color = np.asarray(cv2.cvtColor(hue, cv2.COLOR_HSV2BGR)).reshape(3).tolist()
+        for point in np.rint(view).astype(int).tolist():
+            cv2.circle(picture, point, 2, color, -1, cv2.LINE_AA)
+    text = f"{len(points)} pictures, rms {calibration.rms_px:.3f} px, {100 * calibration.covered:.0f} % covered"
+    cv2.putText(picture, text, (8, camera.height - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+    with new_file(path, sealed=True) as new:
+        new.write_bytes(cv2.imencode(path.suffix or ".png", picture)[1].tobytes())
+
+
+def _solve(
+    corners: Array,
+    size: tuple[int, int],
+    board: tuple[int, int],
+    square_m: float,
+    model: Model,
+    used: tuple[str, ...],
+    unused: tuple[str, ...],
+) -> Calibration:
+    flat = np.stack(np.meshgrid(np.arange(board[0]), np.arange(board[1])), axis=-1).reshape(-1, 2) * square_m
+    world = np.column_stack([flat, np.zeros(len(flat))])
+    if model == "equidistant":
+        flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+        rms, K, d, rotations, shifts = cv2.fisheye.calibrate(
+            [world[None]] * len(corners), [view[None] for view in corners], size, np.eye(3), np.zeros(4), flags=flags
+        )
+        coefficients = tuple(float(v) for v in np.asarray(d).ravel()[:4])
+    else:
+        fixed = cv2.CALIB_FIX_K3
+        if model == "none":
+            fixed |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_ZERO_TANGENT_DIST
+        views = [view.astype(np.float32) for view in corners]
+        boards = [world.astype(np.float32)] * len(views)
+        rms, K, d, rotations, shifts = cv2.calibrateCamera(boards, views, size, np.eye(3), np.zeros(5), flags=fixed)
+        coefficients = () if model == "none" else tuple(float(v) for v in np.asarray(d).ravel()[:4])
+    fx, fy, cx, cy = (float(v) for v in (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+    try:
+        camera = Camera(size[0], size[1], fx, fy, cx, cy, model, coefficients)
+    except ValueError as error:
+        raise UserError(f"the calibration does not converge ({error}); show the board from more sides") from None
+    errors = []
+    for view, r, t in zip(corners, rotations, shifts, strict=True):
+        R = np.asarray(cv2.Rodrigues(np.asarray(r))[0], dtype=np.float64)
+        points = world @ R.T + np.asarray(t, dtype=np.float64).ravel()
+        errors.append(float(np.sqrt(np.square(camera.project(points) - view).sum(axis=1).mean())))
+    return Calibration(camera, float(rms), used, unused, np.array(errors), corners)
+
+
+def _pictures(sources: Sequence[Path]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    for source in sources:
+        if source.is_dir():
+            files = sorted(p for p in source.rglob("*") if p.suffix.lower() in IMAGE_KINDS)
+            if not files:
+                raise UserError(f"{source}: holds no pictures ({', '.join(IMAGE_KINDS)})")
+            step = max(1, len(files) // MOST_VIEWS)
+            yield from ((str(p), _read(p)) for p in files[::step])
+        elif source.suffix.lower() in IMAGE_KINDS:
+            yield str(source), _read(source)
+        else:
+            yield from _video(source)
+
+
+def _read(path: Path) -> NDArray[np.uint8]:
+    return load_image(path, cv2.IMREAD_GRAYSCALE)
+
+
+def _video(path: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    """At most MOST_VIEWS frames, evenly spread."""
+    film = open_video(path)
+    count = int(film.get(cv2.CAP_PROP_FRAME_COUNT))
+    if count < 1:
+        raise UserError(f"{path}: a video without images")
+    step = max(1, count // MOST_VIEWS)
+    for number in range(count):
+        read, frame = film.read()
+        if not read:
+            break
+        if number % step == 0:
+            grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+            yield f"{path} frame {number}", grey
+    film.release()

@@ -1,0 +1,46 @@
+"""Clutter that a tracker can take for the structure: cardboard boxes of other sizes around it."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Gt, Interval
+
+from uavbench.scenes.renderables import BuiltClutter, Part
+from uavbench.scenes.structures.box import Box
+from uavbench.trajectories.pose import Array, rotation_exp
+
+INSTANCE = 10
+
+
+@dataclass(frozen=True)
+class Lookalikes:
+    """Cardboard boxes at random places around the structure, as many as density times ten."""
+
+    density: Annotated[float, Interval(ge=0, le=10)] = 0.5
+    nearest_m: Annotated[float, Gt(0)] = 0.45
+    furthest_m: Annotated[float, Gt(0)] = 2.2
+
+    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
+        """The boxes; none reaches nearer than nearest_m to the structure's bounds."""
+        parts: list[Part] = []
+        centre, reach = bounds.mean(axis=0), float(np.linalg.norm((bounds[1] - bounds[0])[:2]) / 2)
+        for number in range(round(10 * self.density)):
+            size = rng.uniform([0.2, 0.15, 0.1], [0.45, 0.35, 0.4])
+            built = Box(*(float(s) for s in size)).build(rng)
+            bearing, turn = rng.uniform(0, 2 * np.pi, 2)
+            radius = float(np.hypot(size[0], size[1]) / 2)
+            away = reach + radius + self.nearest_m + rng.uniform(0, self.furthest_m - self.nearest_m)
+            place = np.array([*(centre[:2] + away * np.array([np.cos(bearing), np.sin(bearing)])), 0.0])
+            R = rotation_exp(np.array([0, 0, turn]))
+            for part in built.parts:
+                assert part.normals is not None
+                parts.append(
+                    replace(
+                        part,
+                        vertices=part.vertices @ R.T + place,
+                        normals=part.normals @ R.T,
+                        instance=min(INSTANCE + number, 99),
+                    )
+                )
+        return BuiltClutter(tuple(parts))

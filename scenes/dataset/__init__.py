@@ -1,0 +1,5 @@
+"""A sequence on disk: the contract between render, track and score.
+
+In: images, poses and annotations. Out: folders that verify, and readers with errors for people. Imports rendering and
+effects for the annotations.
+"""

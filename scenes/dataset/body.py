@@ -1,0 +1,128 @@
+"""What a tracker may know of the body that carries the camera: the mount, its sensors, and what these measured.
+
+Everything that any tracker gets of a sequence beside images, camera, structure and first pose comes from here. It is
+a list of what may be known: of a sensor's file the columns that its class names in `measured`, of its parameters those
+in a data sheet or calibration. True values in the same files, such as the biases of an IMU, are on no list.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.dataset.sequence import Sequence, inside
+from uavbench.scenes.dataset.table_files import read_integers, read_table
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import TABLE
+from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.sensors.registry import SENSORS
+
+CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init)  # type: ignore[arg-type]
+"""Parameters that may be known of a sensor: rates, noise, ranges and places, as the sensors here have them."""
+RESERVED = frozenset({"flight", "truth", "frames", "crlb", "edges", "estimates"})
+"""Names of tables that are no sensors."""
+NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
+
+
+@dataclass(frozen=True, eq=False)
+class BodySensor:
+    """A sensor on the body: its kind, the `columns` of what it measures, with their units, and its parameters by name.
+
+    The parameters are those that a data sheet or a calibration has: rate_hz, noise densities, offset_m on the body.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    parameters: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """The body that carries the camera: `cam_from_body`, and its sensors by name."""
+
+    cam_from_body: Pose
+    sensors: Mapping[str, BodySensor]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What one sensor measured: stamps_ns (n,) int64, values (n, k) in the order of its columns, NaN where none."""
+
+    stamps_ns: NDArray[np.int64]
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def between(self, after_ns: int | None, upto_ns: int) -> "Samples":
+        """Those later than one stamp (None: from the first on) and not later than another; a copy."""
+        first = 0 if after_ns is None else int(np.searchsorted(self.stamps_ns, after_ns, side="right"))
+        last = int(np.searchsorted(self.stamps_ns, upto_ns, side="right"))
+        return Samples(self.stamps_ns[first:last].copy(), self.values[first:last].copy())
+
+    def rows(self) -> Iterator[tuple[int, str]]:
+        """Stamp and CSV row of each; numbers read back exactly, an empty cell is no measurement."""
+        for stamp, row in zip(self.stamps_ns.tolist(), self.values.tolist(), strict=True):
+            yield stamp, ",".join((str(stamp), *("" if value != value else repr(value) for value in row)))
+
+
+class Feed:
+    """The samples of a sequence in the order of time: each is handed out once, and none before its time."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        self.body = body_of(sequence)
+        self._samples = {name: samples_of(sequence, name, sensor) for name, sensor in self.body.sensors.items()}
+        self._given_ns: int | None = None
+
+    def upto(self, stamp_ns: int) -> Mapping[str, Samples]:
+        """By sensor, the samples later than those handed out before, up to and with a stamp."""
+        new = {name: samples.between(self._given_ns, stamp_ns) for name, samples in self._samples.items()}
+        self._given_ns = stamp_ns
+        return MappingProxyType(new)
+
+
+def body_of(sequence: Sequence) -> Body:
+    """The body of a sequence, with the sensors that it has a file of; UserError naming the file that is wrong."""
+    return Body(sequence.cam_from_body, MappingProxyType(dict(_sensors(sequence))))
+
+
+def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
+    """All that a sensor of a sequence measured; UserError naming the file and the line that is wrong."""
+    path = inside(sequence.folder, f"{name}.csv")
+    stamps = read_integers(path, ["stamp_ns"])[:, 0]
+    if (np.diff(stamps) <= 0).any():
+        raise UserError(f"{path}: its stamps do not increase; render the sequence again")
+    cells = [[row[c] for c in sensor.columns] for row in read_table(path, list(sensor.columns))]
+    try:
+        values = np.array([[float(cell) if cell else np.nan for cell in row] for row in cells])
+    except ValueError as error:
+        raise UserError(f"{path}: {error}; render the sequence again") from None
+    return Samples(stamps, values.reshape(len(stamps), len(sensor.columns)))
+
+
+def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
+    told = sequence.info.get("sensors", {})
+    if not (isinstance(told, dict) and all(isinstance(about, dict) for about in told.values())):
+        raise UserError(f"{sequence.folder / 'sequence.json'}: sensors: expected tables by file; render it again")
+    for path in sorted(sequence.folder.glob("*.csv")):
+        about = told.get(path.name, {})
+        kind = str(about.get("kind", _kind_by_name(path)))
+        told_of = about.get("measured", ())
+        known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
+        if not known or path.stem in RESERVED or not NAME.fullmatch(path.stem):
+            continue
+        header = read_header(path, TABLE, inside=sequence.folder)
+        parameters = {k: v for k, v in about.items() if k in CALIBRATED and isinstance(v, int | float | list)}
+        columns = tuple(column for column in known if column in header)
+        yield path.stem, BodySensor(kind, columns, MappingProxyType(parameters))
+
+
+def _kind_by_name(path: Path) -> str:
+    """Kind of a sensor whose file is called as `sensors.registry.measure` does: `imu`, `imu-2`."""
+    return path.stem if path.stem in SENSORS else re.sub(r"-[0-9]+$", "", path.stem)

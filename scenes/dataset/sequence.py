@@ -1,0 +1,225 @@
+"""A sequence on disk: the contract between render, track and score.
+
+    sequence.json   name, seed, rate, mount, content hash, versions
+    camera.toml     the calibrated camera
+    model.obj       the structure as designed, one group per planar face
+    edges.csv       its true edges: vertices and the faces beside them
+    frames.csv      frame, stamp_ns, file
+    truth.csv       world_from_body and its rates at each frame; a recording of real images has none
+    frames/*.png    the images
+    crlb.csv        Cramer-Rao bound of the camera's pose, of every n-th frame where the config asks for it
+    flight.csv      the whole flight: motion, motors and wind, 100 times a second
+    imu.csv ...     the readings of each body sensor, by its name
+    manifest.json   sha256 of every other file
+
+The world frame is the structure's frame: metres, z up.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.structure_files import load_structure
+from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
+from uavbench.scenes.image_files import decoded, size_px
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import ANY, IMAGE, LARGEST_COORDINATE_M
+from uavbench.trajectories.files.reading import opened, read_bytes
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.trajectory import Trajectory
+
+TRUTH_COLUMNS = [
+    "frame", "stamp_ns",
+    "px_m", "py_m", "pz_m",
+    "qw", "qx", "qy", "qz",
+    "vx_m_s", "vy_m_s", "vz_m_s",
+    "wx_rad_s", "wy_rad_s", "wz_rad_s",
+    "ax_m_s2", "ay_m_s2", "az_m_s2",
+]  # fmt: skip
+"""Pose `world_from_body`, velocity and acceleration in the world, angular velocity in the body."""
+UPPER = np.triu_indices(6)
+BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
+"""A covariance in `crlb.csv`: its upper triangle by rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """A sequence folder opened for reading; images are read when asked for."""
+
+    folder: Path
+    info: Mapping[str, Any]
+    camera: Camera
+    structure: Structure
+    stamps_ns: NDArray[np.int64]
+    files: tuple[str, ...]
+
+    @classmethod
+    def load(cls, folder: Path) -> "Sequence":
+        """Open a sequence folder; UserError naming the file that is missing or wrong."""
+        info = read_json(folder / "sequence.json")
+        for key in ("rate_hz", "depth_m_per_unit"):
+            value = info.get(key, 1.0)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+                raise UserError(f"{folder / 'sequence.json'}: {key} = {value!r}: must be a positive number")
+        frames = read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"])
+        files = tuple(row["file"] for row in frames)
+        for name in files:
+            inside(folder, name)
+        return cls(
+            folder,
+            info,
+            Camera.load(folder / "camera.toml", inside=folder),
+            load_structure(folder),
+            read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0],
+            files,
+        )
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    @property
+    def name(self) -> str:
+        """Name of the sequence."""
+        return str(self._said("name"))
+
+    @property
+    def cam_from_body(self) -> Pose:
+        """Mount of the camera on the vehicle."""
+        try:
+            return Pose.from_matrix(self._said("cam_from_body"))
+        except (ValueError, TypeError, OverflowError) as error:
+            raise UserError(f"{self.folder / 'sequence.json'}: cam_from_body: {error}") from None
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything that made this sequence."""
+        return str(self._said("content_hash"))
+
+    @property
+    def images_hash(self) -> str:
+        """Hash of the images as they are, as the manifest has them; "" without one.
+
+        The same config gives others where the GL driver or the CPU is another one.
+        """
+        path = self.folder / "manifest.json"
+        named = read_json(path).get("sha256", {}) if path.is_file() else {}
+        images = sorted((name, digest) for name, digest in named.items() if name.startswith("frames/"))
+        return hashlib.sha256(json.dumps(images).encode()).hexdigest() if images else ""
+
+    def _said(self, key: str) -> Any:
+        """What `sequence.json` says of a key; UserError when it says nothing."""
+        if key not in self.info:
+            raise UserError(f"{self.folder / 'sequence.json'}: `{key}` is missing; render the sequence again")
+        return self.info[key]
+
+    def image(self, frame: int) -> NDArray[np.uint8]:
+        """BGR image (h, w, 3) of a frame; UserError when its file is missing, truncated or of another size."""
+        return read_image(self.folder / self.files[frame], self.camera, inside=self.folder)
+
+    def image_bytes(self, frame: int) -> bytes:
+        """File of a frame's image as it is; UserError when it is missing, or leads out of the folder."""
+        return read_bytes(self.folder / self.files[frame], IMAGE, inside=self.folder)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether its images are real: there is a first pose, and no truth."""
+        return "first_cam_from_world" in self.info
+
+    @property
+    def first_cam_from_world(self) -> Pose:
+        """Pose of the camera at the first frame: the true one, or the one that a recording comes with."""
+        if not self.recorded:
+            return self.true_cam_from_world(0)
+        try:
+            return Pose.from_matrix(self.info["first_cam_from_world"])
+        except (ValueError, TypeError, OverflowError) as error:
+            raise UserError(f"{self.folder / 'sequence.json'}: first_cam_from_world: {error}") from None
+
+    @cached_property
+    def truth(self) -> Trajectory:
+        """True `world_from_body` at each frame."""
+        table = self.truth_table
+        try:
+            return Trajectory(self.stamps_ns, table[:, 2:5], table[:, 5:9])
+        except ValueError as error:
+            raise UserError(f"{self.folder / 'truth.csv'}: {error}; render the sequence again") from None
+
+    @cached_property
+    def truth_table(self) -> Array:
+        """All of truth.csv (n, 18) in the order of TRUTH_COLUMNS."""
+        path = self.folder / "truth.csv"
+        if self.recorded:
+            raise UserError(f"{self.folder}: a recording of real images has no truth to compare with")
+        table = read_numbers(path, TRUTH_COLUMNS)
+        if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():
+            row = int(np.argmin((np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all(axis=1)))
+            raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
+        if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
+            raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")
+        return table
+
+    @cached_property
+    def pose_bounds(self) -> dict[int, Array]:
+        """Cramer-Rao bound (6, 6) of the twist of `cam_from_world`, by frame; not every frame has one (see `crlb`)."""
+        path = self.folder / "crlb.csv"
+        if not path.is_file():
+            return {}
+        frames, table = read_integers(path, ["frame"])[:, 0], read_numbers(path, BOUND_COLUMNS)
+        bounds = np.zeros((len(table), 6, 6))
+        bounds[:, UPPER[0], UPPER[1]] = bounds[:, UPPER[1], UPPER[0]] = table
+        return dict(zip(frames.tolist(), bounds, strict=True))
+
+    def true_cam_from_world(self, frame: int) -> Pose:
+        """True pose of the camera at a frame."""
+        return self.cam_from_body @ self.truth.pose(frame).inverse()
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Path of a dataset's file, links followed; UserError when it leads out of the dataset's folder."""
+    try:
+        path = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UserError(f"{folder}: {name!r} is no file name: {error}") from None
+    if not path.is_relative_to(folder.resolve()):
+        raise UserError(f"{folder}: its file {name!r} leads out of the folder; this dataset is not to be trusted")
+    return path
+
+
+def read_image(path: Path, camera: Camera, inside: Path | None = None) -> NDArray[np.uint8]:
+    """BGR image (h, w, 3); UserError naming the file when it cannot be read or is not of the camera's size."""
+    data = read_bytes(path, IMAGE, inside=inside)
+    if path.suffix == ".png" and not data.endswith(b"IEND\xaeB`\x82"):
+        raise UserError(f"{path}: the image is truncated; render or copy it again")
+    width, height = size_px(path, data)
+    if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF data may turn it
+        image = decoded(path, data)
+        height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise UserError(f"{path}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px")
+    return image
+
+
+def write_manifest(folder: Path) -> None:
+    """Write `manifest.json`: the sha256 of every file of the folder, by relative path, sorted."""
+    hashes = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != "manifest.json"}
+    write_text(folder / "manifest.json", json.dumps({"sha256": hashes}, indent=1) + "\n")
+
+
+def file_hash(path: Path) -> str:
+    """sha256 of a file, in hexadecimal."""
+    with opened(path, ANY) as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+def _files(folder: Path) -> Iterator[str]:
+    return (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())

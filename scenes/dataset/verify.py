@@ -1,0 +1,96 @@
+"""Is a sequence folder still what was rendered, and does this machine render the same?"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from uavbench.scenes.dataset.sequence import file_hash
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.scenes.image_files import load_image
+from uavbench.trajectories.errors import UserError
+
+TOLERANCE_LEVELS = 3
+TOLERANCE_SHARE = 0.999
+SEALED = ("manifest.json",)
+MACHINE = ("versions",)
+"""Keys of sequence.json that tell of the machine, not of the sequence."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found of one folder: how it was compared, how many files, and each problem in words."""
+
+    folder: Path
+    method: Literal["hash", "tolerance"]
+    files: int
+    problems: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.problems
+
+
+def verify(folder: Path) -> Verdict:
+    """Compare every file of a sequence folder with its manifest, by hash; UserError without a manifest."""
+    named = _manifest(folder)
+    there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - set(SEALED)
+    problems = [f"{name}: is not in the manifest" for name in sorted(there - set(named))]
+    for name, digest in named.items():
+        if name not in there:
+            problems.append(f"{name}: is missing")
+        elif file_hash(folder / name) != digest:
+            problems.append(f"{name}: has changed since it was rendered")
+    return Verdict(folder, "hash", len(named), tuple(problems))
+
+
+def compare(folder: Path, again: Path) -> Verdict:
+    """Compare a folder with another rendering of the same config.
+
+    By hash first. Where only images differ (another Mesa or CPU), by tolerance: at most TOLERANCE_LEVELS levels on at
+    least TOLERANCE_SHARE of the pixels. Truth and sensors must be the same to the byte.
+    """
+    first, second = _manifest(folder), _manifest(again)
+    problems = [f"{name}: is in one of the two only" for name in sorted(set(first) ^ set(second))]
+    images: list[str] = []
+    for name in sorted(set(first) & set(second)):
+        if first[name] == second[name]:
+            continue
+        if name.startswith("frames/"):
+            images.append(name)
+        elif name == "sequence.json":
+            if _without_machine(folder) != _without_machine(again):
+                problems.append("sequence.json: differs by more than the machine")
+        else:
+            problems.append(f"{name}: differs; truth and sensors must be the same to the byte")
+    for name in images:
+        share = _share_within(folder / name, again / name)
+        if not share >= TOLERANCE_SHARE:
+            problems.append(
+                f"{name}: {100 * (1 - share):.3f} % of its pixels differ by more than {TOLERANCE_LEVELS} levels"
+            )
+    return Verdict(folder, "tolerance" if images else "hash", len(first), tuple(problems))
+
+
+def _manifest(folder: Path) -> dict[str, str]:
+    named = read_json(folder / "manifest.json").get("sha256")
+    if not isinstance(named, dict):
+        raise UserError(f"{folder / 'manifest.json'}: holds no hashes; render the sequence again")
+    return {str(name): str(digest) for name, digest in named.items()}
+
+
+def _without_machine(folder: Path) -> str:
+    info = read_json(folder / "sequence.json")
+    return json.dumps({key: value for key, value in info.items() if key not in MACHINE}, sort_keys=True)
+
+
+def _share_within(a: Path, b: Path) -> float:
+    first, second = (load_image(path, cv2.IMREAD_UNCHANGED) for path in (a, b))
+    if first.shape != second.shape:
+        return 0.0
+    off = np.abs(first.astype(np.int16) - second.astype(np.int16)).reshape(*first.shape[:2], -1).max(axis=2)
+    return float((off <= TOLERANCE_LEVELS).mean())

@@ -1,0 +1,111 @@
+"""Effects of lens and sensor: falling light, exposure, noise and its steps."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Interval
+from scipy.special import ndtri
+
+from uavbench.scenes.rendering.camera_simulator import Source, pixel_grid
+from uavbench.scenes.rendering.pixel_kernels import add_noise
+from uavbench.scenes.rendering.radiance import Radiance
+
+QUANTILES = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
+"""Normal quantiles: 16 random bits choose one."""
+
+
+@dataclass(frozen=True)
+class Vignetting:
+    """Light falls off towards the corners as cos(angle) ** 4 of the ray, times strength."""
+
+    strength: Annotated[float, Interval(ge=0, le=1)] = 1.0
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images are darker where rays come in aslant."""
+        camera = source.camera
+        pixels = camera.undistort(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+        slant = np.square((pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).sum(axis=1)
+        share = 1 - self.strength * (1 - 1 / np.square(1 + slant))
+        falloff = share.reshape(camera.height, camera.width, 1).astype(np.float32)
+
+        def image(stamp_ns: int) -> Radiance | None:
+            even = source.image(stamp_ns)
+            return None if even is None else even * falloff
+
+        return replace(source, image=image)
+
+
+@dataclass(frozen=True)
+class AutoExposure:
+    """The camera steers its exposure towards a mean light of `target`, and takes time for it.
+
+    Each frame's exposure follows from the frames before it: it approaches the wish with time constant lag_s, within
+    a factor `reach` of the scene's own light either way. The first frame is exposed as wished.
+    """
+
+    target: Annotated[float, Gt(0), Interval(lt=1)] = 0.18
+    lag_s: Annotated[float, Ge(0)] = 0.4
+    reach: Annotated[float, Interval(ge=1, le=1000)] = 8.0
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images are exposed by the camera."""
+        state: dict[str, float] = {}
+
+        def image(stamp_ns: int) -> Radiance | None:
+            seen = source.image(stamp_ns)
+            if seen is None:
+                return None
+            wish = float(np.clip(self.target / max(float(seen.mean()), 1e-6), 1 / self.reach, self.reach))
+            gain = state.get("gain", wish)
+            passed_s = (stamp_ns - state.get("stamp_ns", stamp_ns)) * 1e-9
+            follow = 1 - np.exp(-passed_s / self.lag_s) if self.lag_s > 0 else 1.0
+            gain *= (state.get("wish", wish) / gain) ** follow
+            state.update(gain=gain, wish=wish, stamp_ns=stamp_ns)
+            return seen * np.float32(gain)
+
+        return replace(source, image=image)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Shot and read noise (EMVA 1288): the variance in electrons is signal + read_noise_e ** 2.
+
+    full_well_e electrons saturate a pixel; small sensors of micro-drones hold 5000 to 10000 and read with 5 to 10.
+    Shot noise is drawn from the normal distribution that the Poisson distribution tends to.
+    """
+
+    full_well_e: Annotated[float, Gt(0)] = 6000.0
+    read_noise_e: Annotated[float, Ge(0)] = 8.0
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images have independent noise in every pixel, channel and frame."""
+
+        def image(stamp_ns: int) -> Radiance | None:
+            clean = source.image(stamp_ns)
+            key = np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
+            if clean is None:
+                return None
+            out = np.empty_like(clean)
+            floor = (self.read_noise_e / self.full_well_e) ** 2
+            add_noise(clean.reshape(-1), 1 / self.full_well_e, floor, key, QUANTILES, out.reshape(-1))
+            return out
+
+        return replace(source, image=image)
+
+
+@dataclass(frozen=True)
+class Quantization:
+    """The converter knows 2 ** bits levels of linear light."""
+
+    bits: Annotated[int, Interval(ge=1, le=16)] = 10
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images have only these levels."""
+        top = np.float32(2**self.bits - 1)
+
+        def image(stamp_ns: int) -> Radiance | None:
+            fine = source.image(stamp_ns)
+            return None if fine is None else np.rint(np.clip(fine, 0, 1) * top) / top
+
+        return replace(source, image=image)

@@ -1,0 +1,125 @@
+"""Effects of what lies between the sensor and the computer: compression, an analog radio link, lost frames."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import cv2
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import NDArray
+
+from uavbench.scenes.rendering.camera_simulator import Source, sample
+from uavbench.scenes.rendering.radiance import Radiance, decode, encode
+
+Codes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Jpeg:
+    """Every frame is compressed as JPEG."""
+
+    quality: Annotated[int, Interval(ge=1, le=100)] = 75
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images have been compressed and unpacked."""
+
+        def compressed(codes: Codes) -> Codes:
+            data = cv2.imencode(".jpg", codes, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1]
+            return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+
+        return _on_codes(source, compressed)
+
+
+@dataclass(frozen=True)
+class AnalogLink:
+    """Analog FPV video over radio, in standard definition.
+
+    jitter_px is the deviation of each scan line's start; bursts_per_frame the mean number of bands of noise of about
+    burst_rows rows; dropouts_per_frame that of bands lost to snow; snow the deviation of the noise everywhere (codes);
+    interlaced takes every other line from a field 1/60 s earlier; sharpness_px the deviation of the band limit along
+    the lines.
+    """
+
+    jitter_px: Annotated[float, Interval(ge=0, le=50)] = 0.35
+    bursts_per_frame: Annotated[float, Interval(ge=0, le=50)] = 0.4
+    burst_rows: Annotated[float, Interval(ge=1, le=500)] = 10.0
+    dropouts_per_frame: Annotated[float, Interval(ge=0, le=50)] = 0.04
+    snow: Annotated[float, Interval(ge=0, le=128)] = 3.0
+    sharpness_px: Annotated[float, Interval(ge=0, le=20)] = 0.7
+    interlaced: bool = True
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source whose images came over the link."""
+
+        def image(stamp_ns: int) -> Radiance | None:
+            before = source.image(stamp_ns - round(1e9 / 60)) if self.interlaced else None
+            now = source.image(stamp_ns)
+            if now is None:
+                return None
+            if before is not None:
+                now = now.copy()
+                now[1::2] = before[1::2]
+            return decode(self._transmitted(encode(now), rng))
+
+        return replace(source, image=image)
+
+    def _transmitted(self, codes: Codes, rng: np.random.Generator) -> Codes:
+        h, w = codes.shape[:2]
+        picture = codes.astype(np.float32)
+        if self.sharpness_px > 0:
+            picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), self.sharpness_px, sigmaY=1e-3), dtype=np.float32)
+        level = np.full(h, self.snow, dtype=np.float32)
+        for _ in range(rng.poisson(self.bursts_per_frame)):
+            level[_band(h, self.burst_rows, rng)] += float(rng.uniform(20, 60))
+        lost = np.zeros(h, dtype=bool)
+        for _ in range(rng.poisson(self.dropouts_per_frame)):
+            lost[_band(h, 2 * self.burst_rows, rng)] = True
+        shift = np.asarray(self.jitter_px * rng.standard_normal(h), dtype=np.float32)
+        place = np.stack(np.meshgrid(np.arange(w, dtype=np.float32), np.arange(h, dtype=np.float32)), axis=-1)
+        place[..., 0] += shift[:, None]
+        picture = sample(picture, place)
+        snow = rng.standard_normal((h, w, 1), dtype=np.float32)
+        picture = picture + level[:, None, None] * snow
+        picture[lost] = 90 + 60 * snow[lost]
+        return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+
+
+def _band(height: int, rows: float, rng: np.random.Generator) -> slice:
+    start = int(rng.integers(height))
+    return slice(start, start + 1 + int(rng.exponential(rows)))
+
+
+@dataclass(frozen=True)
+class Drops:
+    """Frames that never arrive, and frames that are delivered again in place of the next one."""
+
+    lost: Annotated[float, Interval(ge=0, lt=1)] = 0.02
+    repeated: Annotated[float, Interval(ge=0, lt=1)] = 0.02
+
+    def start(self, source: Source, rng: np.random.Generator) -> Source:
+        """Source that loses and repeats frames; the first one always arrives."""
+        previous: list[Radiance] = []
+
+        def image(stamp_ns: int) -> Radiance | None:
+            draw = float(rng.random())
+            fresh = source.image(stamp_ns)
+            if previous and draw < self.lost:
+                return None
+            if previous and draw < self.lost + self.repeated:
+                return previous[0]
+            if fresh is not None:
+                previous[:] = [fresh]
+            return fresh
+
+        return replace(source, image=image)
+
+
+def _on_codes(source: Source, change: Callable[[Codes], Codes]) -> Source:
+    """Source whose finished images are changed."""
+
+    def image(stamp_ns: int) -> Radiance | None:
+        light = source.image(stamp_ns)
+        return None if light is None else decode(change(encode(light)))
+
+    return replace(source, image=image)

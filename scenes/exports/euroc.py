@@ -1,0 +1,149 @@
+"""Sequences in the layout of EuRoC's ASL format (Burri et al. 2016): camera, IMUs, and the true state of the body."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.table_files import read_integers, read_numbers
+from uavbench.scenes.exports.notes import Held, sensors_of
+from uavbench.scenes.exports.shown_images import Shown
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import TABLE
+from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import write_euroc
+
+STATE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz", "vx_m_s", "vy_m_s", "vz_m_s"]
+READINGS = [f"w{a}_rad_s" for a in "xyz"] + [f"a{a}_m_s2" for a in "xyz"]
+BIASES = [f"gyro_bias_{a}_rad_s" for a in "xyz"] + [f"accel_bias_{a}_m_s2" for a in "xyz"]
+NOISE = {
+    "gyroscope_noise_density": ("gyro_noise_rad_s_sqrt_hz", "rad / s / sqrt(Hz)"),
+    "gyroscope_random_walk": ("gyro_walk_rad_s2_sqrt_hz", "rad / s^2 / sqrt(Hz)"),
+    "accelerometer_noise_density": ("accel_noise_m_s2_sqrt_hz", "m / s^2 / sqrt(Hz)"),
+    "accelerometer_random_walk": ("accel_walk_m_s3_sqrt_hz", "m / s^3 / sqrt(Hz)"),
+}
+"""Keys of an IMU's sensor.yaml, the parameters that they are, and their units."""
+MODELS = {"none": "radial-tangential", "radtan": "radial-tangential", "equidistant": "equidistant"}
+COEFFICIENTS = 4
+"""Of both distortion models of the format: k1 k2 p1 p2, or k1 k2 k3 k4."""
+
+
+def holds_lens(camera: Camera) -> bool:
+    """Whether the format has a place for this lens: not for a fifth coefficient."""
+    return not any(camera.distortion[COEFFICIENTS:])
+
+
+def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
+    """`mav0/` with cam0, imu0, imu1 ... and state_groundtruth_estimate0.
+
+    Ground truth is the state of the body (its T_BS is the identity) at every row of the flight's record and at every
+    image, with the true biases of imu0; T_BS of camera and IMUs take their own frames into the body's.
+    """
+    sequence, mav, stamps = shown.sequence, folder / "mav0", shown.sequence.stamps_ns.tolist()
+    (mav / "cam0" / "data").mkdir(parents=True)
+    lines = ["#timestamp [ns],filename", *(f"{stamp},{stamp}.png" for stamp in stamps)]
+    write_text(mav / "cam0" / "data.csv", "\n".join(lines) + "\n")
+    write_text(mav / "cam0" / "sensor.yaml", _camera_yaml(sequence, shown.camera))
+    for frame, stamp in enumerate(stamps):
+        (mav / "cam0" / "data" / f"{stamp}.png").write_bytes(shown.png(frame))
+        on_frame(frame + 1, len(stamps))
+    imus = imus_of(sequence)
+    for number, (name, imu) in enumerate(imus.items()):
+        _write_imu(mav / f"imu{number}", sequence.folder / name, imu)
+    _write_truth(mav / "state_groundtruth_estimate0", sequence, next(iter(imus), None))
+    truth = "mav0/state_groundtruth_estimate0/data.csv"
+    files = {
+        "mav0/cam0": "images by stamp; sensor.yaml: body from camera, intrinsics, distortion",
+        truth: "body in the world, its velocity in the world, biases of imu0; 100 rows a second and one at each image",
+    }
+    files |= {f"mav0/imu{k}": f"rates and specific forces of `{name}`" for k, name in enumerate(imus)}
+    limits = [f"Parameters: `{name}` is not described in sequence.json." for name, imu in imus.items() if not imu]
+    limits += [f"Biases: those of imu{k} (`{name}`) are not held." for k, name in enumerate(imus) if k]
+    if any(any(imu.get("offset_m", ())) for imu in imus.values()):
+        limits.append(
+            "Body: an IMU sits beside the body's origin (see its T_BS); a tool that takes the IMU as the body must "
+            "move the ground truth by it."
+        )
+    return Held(files=files, frames={truth: "world_from_body"}, sensors=tuple(imus), limits=tuple(limits))
+
+
+def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
+    """Parameters of each sensor of a sequence that reads rates and specific forces, by its file.
+
+    A file of readings that the sequence's record does not name has none that are known.
+    """
+    sensors = dict(sensors_of(sequence))
+    for path in sorted(sequence.folder.glob("imu*.csv")):
+        sensors.setdefault(path.name, {})
+    heads = {name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in sensors}
+    return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(heads[name])}
+
+
+def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
+    folder.mkdir()
+    head = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1]"
+    head += ",a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
+    stamps = read_integers(readings, ["stamp_ns"])[:, 0].tolist()
+    rows = zip(stamps, read_numbers(readings, READINGS).tolist(), strict=True)
+    write_text(folder / "data.csv", "\n".join([head, *(f"{ns},{','.join(map(repr, row))}" for ns, row in rows)]) + "\n")
+    try:
+        body_from_imu = Pose(np.eye(3), np.array(imu.get("offset_m", (0.0, 0.0, 0.0)), dtype=np.float64))
+    except (ValueError, TypeError) as error:
+        raise UserError(f"{readings.parent / 'sequence.json'}: offset_m of {readings.name}: {error}") from None
+    text = f"sensor_type: imu\ncomment: simulated {imu.get('kind', 'IMU')}\n{_t_bs(body_from_imu)}"
+    if "rate_hz" in imu:
+        text += f"rate_hz: {float(imu['rate_hz'])!r}\n"
+    for key, (name, unit) in NOISE.items():
+        if name in imu:
+            text += f"{key}: {float(imu[name])!r}  # [ {unit} ]\n"
+    write_text(folder / "sensor.yaml", text)
+
+
+def _write_truth(folder: Path, sequence: Sequence, imu: str | None) -> None:
+    """State at the rows of flight.csv and at the images, in order."""
+    stamps, state = sequence.stamps_ns, sequence.truth_table[:, 2:12]
+    path = sequence.folder / "flight.csv"
+    if path.is_file():
+        stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
+        state = np.concatenate([state, read_numbers(path, STATE)])
+        stamps, first = np.unique(stamps, return_index=True)
+        state = state[first]
+    motion = state[:, 7:]
+    if imu is not None:
+        motion = np.column_stack([motion, _biases(sequence.folder / imu, stamps)])
+    folder.mkdir()
+    write_euroc(Trajectory(stamps, state[:, :3], state[:, 3:7]), folder / "data.csv", motion)
+    text = "sensor_type: pose\ncomment: ground truth of the simulation, of the body\n"
+    write_text(folder / "sensor.yaml", text + _t_bs(Pose.identity()))
+
+
+def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:
+    """True biases (n, 6) of an IMU at stamps, linear between its readings; zeros where it has none."""
+    if not set(BIASES) <= set(read_header(readings, TABLE)):
+        return np.zeros((len(stamps_ns), 6))
+    at, biases = read_integers(readings, ["stamp_ns"])[:, 0], read_numbers(readings, BIASES)
+    return np.column_stack([np.interp(stamps_ns, at, column) for column in biases.T])
+
+
+def _camera_yaml(sequence: Sequence, camera: Camera) -> str:
+    k = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:COEFFICIENTS]
+    return (
+        "sensor_type: camera\ncomment: simulated camera\n"
+        + _t_bs(sequence.cam_from_body.inverse())
+        + f"rate_hz: {float(sequence.info.get('rate_hz', 0))!r}\nresolution: [{camera.width}, {camera.height}]\n"
+        + "camera_model: pinhole\n"
+        + f"intrinsics: [{camera.fx!r}, {camera.fy!r}, {camera.cx!r}, {camera.cy!r}]  # fu, fv, cu, cv\n"
+        + f"distortion_model: {MODELS[camera.distortion_model]}\n"
+        + f"distortion_coefficients: [{', '.join(map(repr, k))}]\n"
+    )
+
+
+def _t_bs(body_from_sensor: Pose) -> str:
+    data = ", ".join(map(repr, body_from_sensor.matrix.reshape(-1).tolist()))
+    return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\n"

@@ -1,0 +1,116 @@
+"""What an export holds, and what of the sequence its format has no place for: README.md and export.json."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavbench.scenes.dataset.sequence import Sequence, inside
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """What an exporter wrote.
+
+    files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
+    it took over; truth: of depth, mask and edges those that it took over; limits: what it had to leave out or change.
+    """
+
+    files: dict[str, str]
+    frames: dict[str, str]
+    sensors: tuple[str, ...] = ()
+    truth: tuple[str, ...] = ()
+    limits: tuple[str, ...] = ()
+    readme: str = "README.md"
+
+
+def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
+    """Parameters of each body sensor of a sequence by the file of its readings; UserError when it cannot be read."""
+    sensors = sequence.info.get("sensors", {})
+    if not (isinstance(sensors, dict) and all(isinstance(sensor, dict) for sensor in sensors.values())):
+        raise UserError(f"{sequence.folder / 'sequence.json'}: `sensors` is no table of tables; render it again")
+    for name in sensors:
+        inside(sequence.folder, name)
+    return sensors
+
+
+def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
+    """A sentence for each thing of the sequence that an export does not hold."""
+    info = sequence.info
+    lines = list(held.limits)
+    if undistorted and sequence.camera.distortion_model != "none":
+        lines.append(
+            f"Lens: the images are undistorted ({sequence.camera.distortion_model} "
+            f"{list(sequence.camera.distortion)}); black is what the lens did not see, and sharpness and noise changed."
+        )
+    for name, sensor in sensors_of(sequence).items():
+        if name not in held.sensors:
+            lines.append(f"Sensor readings: `{name}` ({sensor.get('kind', 'own')}) is not held.")
+    delay_ns = float(info.get("row_delay_ns", 0.0))
+    if delay_ns:
+        lines.append(
+            f"Rolling shutter: rows are exposed {delay_ns:.0f} ns apart; stamps and poses are those of the middle row, "
+            "and the pose of each row (`row_poses.npy`) is not held."
+        )
+    lines += _link(sequence)
+    for name in ("depth", "mask", "edges"):
+        if name not in held.truth and (sequence.folder / name).is_dir():
+            lines.append(f"Truth of each frame: `{name}/` is not held.")
+    if (sequence.folder / "crlb.csv").is_file():
+        lines.append("Bounds: the Cramer-Rao bounds of `crlb.csv` are not held.")
+    if (sequence.folder / "flight.csv").is_file():
+        lines.append("Flight: accelerations, angular rates, thrusts and wind of `flight.csv` are not held.")
+    if any(value for value in info.get("deviation", {}).values()):
+        lines.append("Model: the images show the structure as it was built; the model is the one that was designed.")
+    return lines
+
+
+def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undistorted: bool) -> tuple[str, ...]:
+    """Write the README and export.json of an export; what it does not hold."""
+    missing = not_held(sequence, held, undistorted)
+    about: dict[str, Any] = {
+        "format": format,
+        "sequence": sequence.name,
+        "content_hash": sequence.content_hash,
+        "undistorted": undistorted,
+        "frames": held.frames,
+        "not_held": missing,
+    }
+    write_text(folder / "export.json", json.dumps(about, indent=1) + "\n")
+    lines = [
+        f"# {sequence.name} in the form of {format}",
+        "",
+        "Exported by uavbench. Metres and seconds unless a line says otherwise; the world is the structure's frame, z "
+        "up; body x forward, y left, z up; camera x right, y down, z forward; pixel centres at whole numbers. The "
+        "stamp of an image is the middle of its exposure.",
+        "",
+        "## What is here",
+        "",
+        *(f"- `{name}`: {about}" for name, about in held.files.items()),
+        "",
+        "## What is not here",
+        "",
+        *(f"- {line}" for line in missing),
+    ]
+    write_text(folder / held.readme, "\n".join(lines) + "\n")
+    return tuple(missing)
+
+
+def _link(sequence: Sequence) -> list[str]:
+    """What the link did to the frames."""
+    effects = {effect.get("kind"): effect for effect in sequence.info.get("config", {}).get("effects", ())}
+    lines = []
+    if "drops" in effects:
+        period_ns = 1e9 / float(sequence.info["rate_hz"])
+        lost = int(np.sum(np.rint(np.diff(sequence.stamps_ns) / period_ns) - 1)) if len(sequence) > 1 else 0
+        lines.append(
+            f"Link: {lost} frames were lost, so stamps have gaps; a repeated frame shows the image before under a "
+            f"new stamp (probability {effects['drops'].get('repeated', 0)}), and nothing marks it."
+        )
+    if "analog-link" in effects:
+        lines.append("Link: scan lines are shifted by the analog link; no file says by how much.")
+    return lines

@@ -1,0 +1,170 @@
+"""Sequences in the formats of others: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.disk_guards import disk_errors
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.exports.bop import export_bop
+from uavbench.scenes.exports.euroc import export_euroc, holds_lens
+from uavbench.scenes.exports.notes import Held, write_notes
+from uavbench.scenes.exports.shown_images import Shown, png
+from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.files.writing import new_folder, write_text
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import seconds, write_kitti, write_tum
+
+OnFrame = Callable[[int, int], None]
+TUM_UNITS_PER_M = 5000.0
+"""Of TUM's 16-bit depth images; its tools take nothing else."""
+LARGEST = 65535
+"""Of 16 bits."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a format is written, and which lenses it has a place for."""
+
+    write: Callable[[Shown, Path, OnFrame], Held]
+    holds_lens: Callable[[Camera], bool]
+
+
+def export(
+    sequence: Sequence, format: str, folder: Path, on_frame: OnFrame | None = None, undistort: bool = False
+) -> tuple[str, ...]:
+    """Write a sequence into `folder` in one of EXPORTS, whole or not at all; what the format does not hold.
+
+    UserError for an unknown format, and for a lens that the format has no place for unless `undistort` takes its
+    distortion out of the images.
+    """
+    if format not in EXPORTS:
+        raise unknown_name("export format", format, list(EXPORTS))
+    if folder.is_dir() and any(folder.iterdir()):
+        raise UserError(f"{folder}: is not empty; name a new folder to export to")
+    camera = sequence.camera
+    if not undistort and not EXPORTS[format].holds_lens(camera):
+        raise UserError(
+            f"{sequence.folder}: its camera has the distortion {camera.distortion_model} {list(camera.distortion)}, "
+            f"for which the form {format} has no place; give --undistort to export undistorted images"
+        )
+    with disk_errors(folder), new_folder(folder) as new:
+        held = EXPORTS[format].write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
+        return write_notes(sequence, format, new, held, undistort)
+
+
+def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
+    """`rgb/`, `rgb.txt`, `groundtruth.txt` of the camera (world from camera), `camera.txt`, and depth / 5000 m."""
+    sequence = shown.sequence
+    (folder / "rgb").mkdir()
+    write_tum(camera_truth(sequence), folder / "groundtruth.txt", "world_from_cam")
+    lists: dict[str, list[str]] = {"rgb": []}
+    far = measured = 0
+    for frame, stamp in enumerate(sequence.stamps_ns.tolist()):
+        name = f"{seconds(stamp)}.png"
+        (folder / "rgb" / name).write_bytes(shown.png(frame))
+        lists["rgb"].append(f"{seconds(stamp)} rgb/{name}")
+        depth = shown.depth(frame)
+        if depth is not None:
+            (folder / "depth").mkdir(exist_ok=True)
+            units = np.rint(TUM_UNITS_PER_M * depth)
+            measured, far = measured + int((units > 0).sum()), far + int((units > LARGEST).sum())
+            units[units > LARGEST] = 0  # no measurement, as the format has it, and never a wrong one
+            (folder / "depth" / name).write_bytes(png(units.astype(np.uint16)))
+            lists.setdefault("depth", []).append(f"{seconds(stamp)} depth/{name}")
+        on_frame(frame + 1, len(sequence))
+    for kind, lines in lists.items():
+        write_text(folder / f"{kind}.txt", "\n".join(["# timestamp filename", *lines]) + "\n")
+    c = shown.camera
+    intrinsics = " ".join(map(repr, (c.fx, c.fy, c.cx, c.cy)))
+    write_text(folder / "camera.txt", f"# fx fy cx cy width height (px)\n{intrinsics} {c.width} {c.height}\n")
+    files = {
+        "rgb/, rgb.txt": "images by stamp",
+        "groundtruth.txt": "world from camera at each image: timestamp tx ty tz qx qy qz qw",
+        "camera.txt": "intrinsics of the pinhole: fx fy cx cy width height, px",
+    }
+    limits: list[str] = []
+    if measured:
+        files["depth/, depth.txt"] = "depth along the optical axis, 5000 units a metre; 0: no measurement"
+        limits.append(
+            f"Depth: 16 bits end at {LARGEST / TUM_UNITS_PER_M:.3f} m; {100 * far / measured:.1f} % of the measured "
+            "pixels are further away and are 0, no measurement."
+        )
+    truth = ("depth",) if "depth" in lists else ()
+    return Held(files=files, frames={"groundtruth.txt": "world_from_cam"}, truth=truth, limits=tuple(limits))
+
+
+def export_kitti(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
+    """`image_2/`, `times.txt`, `calib.txt` and `poses.txt`: the camera, relative to nothing (world from camera)."""
+    sequence = shown.sequence
+    (folder / "image_2").mkdir()
+    write_kitti(camera_truth(sequence), folder / "poses.txt")
+    stamps = sequence.stamps_ns.tolist()
+    write_text(folder / "times.txt", "".join(f"{seconds(stamp)}\n" for stamp in stamps))
+    c = shown.camera
+    P = [c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    write_text(folder / "calib.txt", "".join(f"P{k}: " + " ".join(map(repr, P)) + "\n" for k in range(4)))
+    for frame in range(len(stamps)):
+        (folder / "image_2" / f"{frame:06d}.png").write_bytes(shown.png(frame))
+        on_frame(frame + 1, len(stamps))
+    files = {
+        "image_2/": "images by number",
+        "poses.txt": "world from camera at each image: 3x4 matrix by rows",
+        "times.txt": "stamps of the images",
+        "calib.txt": "projection matrices, px",
+    }
+    limits = (
+        "Poses: they are in the world, the structure's frame; the first one is not the identity, as it is in KITTI's "
+        "own files.",
+        "Cameras: there is one; P0 to P3 of `calib.txt` are all it, and there is no baseline and no laser scanner.",
+    )
+    return Held(files=files, frames={"poses.txt": "world_from_cam"}, limits=limits)
+
+
+def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
+    """`video.mp4` (VP9, plays in browsers), with the model's edges drawn in `overlay.mp4`."""
+    from uavbench.scenes.dataset.contact_sheet import with_edges
+
+    sequence = shown.sequence
+    size = (sequence.camera.width, sequence.camera.height)
+    rate = float(sequence.info.get("rate_hz", 15.0))
+    fourcc = cv2.VideoWriter.fourcc(*"vp09")
+    writers = [cv2.VideoWriter(str(folder / name), fourcc, rate, size) for name in ("video.mp4", "overlay.mp4")]
+    for frame in range(len(sequence)):
+        image = sequence.image(frame)
+        writers[0].write(image)
+        writers[1].write(with_edges(sequence, frame))
+        on_frame(frame + 1, len(sequence))
+    for writer in writers:
+        writer.release()
+    files = {"video.mp4": "the images, distorted as they are", "overlay.mp4": "the same with the model's visible edges"}
+    limits = (
+        f"Stamps: a video has one rate, {rate:g} frames a second; where frames were lost it runs ahead.",
+        "Poses and camera are not held; the compression of the video is lossy.",
+    )
+    return Held(files=files, frames={}, limits=limits)
+
+
+def camera_truth(sequence: Sequence) -> Trajectory:
+    """True `world_from_cam` at each frame."""
+    body_from_cam = sequence.cam_from_body.inverse()
+    poses = [sequence.truth.pose(k) @ body_from_cam for k in range(len(sequence))]
+    return Trajectory.from_poses(sequence.stamps_ns.tolist(), poses)
+
+
+def pinhole_only(camera: Camera) -> bool:
+    """Whether a camera is a pinhole without distortion."""
+    return not any(camera.distortion)
+
+
+EXPORTS: dict[str, Format] = {
+    "euroc": Format(export_euroc, holds_lens),
+    "tum": Format(export_tum, pinhole_only),
+    "kitti": Format(export_kitti, pinhole_only),
+    "bop": Format(export_bop, pinhole_only),
+    "video": Format(export_video, lambda camera: True),
+}

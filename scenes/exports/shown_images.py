@@ -1,0 +1,83 @@
+"""The images of a sequence as an export shows them: as they are, or with the lens's distortion taken out."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.annotations import read_depth
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.image_files import load_image
+from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
+from uavbench.trajectories.pose import Array
+
+OUTSIDE = -1e4
+"""Place of a pixel that the lens does not see."""
+ROUND_TRIP_PX = 0.1
+"""Beyond it the distortion folds over, and a pixel has no one place in the distorted image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """Images, depth and masks of a sequence; `undistorted` ones are those of the pinhole with the same matrix K."""
+
+    sequence: Sequence
+    undistorted: bool = False
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that the images are of."""
+        return self.sequence.camera.without_distortion if self.undistorted else self.sequence.camera
+
+    def png(self, frame: int) -> bytes:
+        """The image of a frame as a PNG file; UserError when it cannot be read."""
+        if self._places is None and self.sequence.files[frame].endswith(".png"):
+            return self.sequence.image_bytes(frame)
+        return png(self._as_shown(self.sequence.image(frame), cv2.INTER_LINEAR))
+
+    def depth(self, frame: int) -> Array | None:
+        """Depth (h, w) in metres, 0 where there is none; None where the sequence has no depth."""
+        if not (self.sequence.folder / "depth" / f"{frame:06d}.png").is_file():
+            return None
+        depth: Array = self._as_shown(read_depth(self.sequence, frame), cv2.INTER_NEAREST)
+        return depth
+
+    def mask(self, frame: int) -> NDArray[np.bool_] | None:
+        """Where (h, w) the structure is seen; None where the sequence has no masks."""
+        path = self.sequence.folder / "mask" / f"{frame:06d}.png"
+        if not path.exists():
+            return None
+        image = load_image(path, cv2.IMREAD_GRAYSCALE, inside=self.sequence.folder)
+        return np.asarray(self._as_shown(image, cv2.INTER_NEAREST) == 1)
+
+    @cached_property
+    def _places(self) -> Map | None:
+        """Place (h, w, 2) in the image as it is of each pixel that is shown, None where they are the same."""
+        lens = self.sequence.camera
+        if not self.undistorted or lens.distortion_model == "none":
+            return None
+        pixels = pixel_grid(lens.width, lens.height).reshape(-1, 2).astype(np.float64)
+        rays = np.column_stack([(pixels - [lens.cx, lens.cy]) / [lens.fx, lens.fy], np.ones(len(pixels))])
+        places = lens.project(rays)
+        with np.errstate(invalid="ignore"):
+            known = np.abs(lens.undistort(places) - pixels).max(axis=1) < ROUND_TRIP_PX
+        places[~known] = OUTSIDE
+        return places.reshape(lens.height, lens.width, 2).astype(np.float32)
+
+    def _as_shown(self, image: NDArray[Any], how: int) -> NDArray[Any]:
+        if self._places is None:
+            return image
+        none: Any = None
+        return np.asarray(cv2.remap(image, self._places, none, how, borderMode=cv2.BORDER_CONSTANT))
+
+
+def png(image: NDArray[Any]) -> bytes:
+    """An image as a PNG file."""
+    done, data = cv2.imencode(".png", image)
+    if not done:
+        raise RuntimeError("OpenCV cannot encode the image")
+    return data.tobytes()

@@ -1,0 +1,85 @@
+"""Images and videos of others are read here alone: what they are and how large is looked at before they are decoded."""
+
+import io
+import warnings
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files import reading
+from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
+
+KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
+"""Kinds of images, as Pillow names them; PPM stands for PGM and PBM too."""
+TEXTURES = (*KINDS, "TGA")
+VIDEOS = {
+    "MP4 or MOV": (4, b"ftyp"),
+    "MOV": (4, b"moov"),
+    "MOV with its images first": (4, b"mdat"),
+    "MOV with room first": (4, b"wide"),
+    "Matroska or WebM": (0, b"\x1a\x45\xdf\xa3"),
+    "AVI": (8, b"AVI "),
+    "MPEG program": (0, b"\x00\x00\x01\xba"),
+    "MPEG": (0, b"\x00\x00\x01\xb3"),
+    "Ogg": (0, b"OggS"),
+}
+"""What videos begin with, and where. A playlist is none of them: it would name further files, anywhere."""
+
+
+def load_image(path: Path, flags: int = cv2.IMREAD_COLOR, *, inside: Path | None = None) -> NDArray[np.uint8]:
+    """Image of a file as OpenCV decodes it; UserError naming the file when it is missing, no image or too large."""
+    return decoded(path, reading.read_bytes(path, IMAGE, inside=inside), flags)
+
+
+def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[np.uint8]:
+    """Image of a file's content; UserError naming the file when it is no image or too large."""
+    size_px(path, data)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except cv2.error as error:
+        raise UserError(f"{path}: not a readable image: {error.err}; render or copy it again") from None
+    if image is None:
+        raise UserError(f"{path}: not a readable image; render or copy it again")
+    return image  # type: ignore[return-value]  # depth has 16 bits
+
+
+def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[int, int]:
+    """Width and height that an image's header tells; UserError when it has none or it is more than MOST_PIXELS."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=kinds) as image:
+                width, height = image.size
+    except Image.DecompressionBombError:  # Pillow's own limit lies a little above ours
+        raise UserError(f"{path}: {_too_many('too many')}") from None
+    except Exception:  # a header can be broken in as many ways as Pillow has decoders
+        raise UserError(f"{path}: not a readable image ({', '.join(kinds)}); render or copy it again") from None
+    check_pixels(path, width, height)
+    return width, height
+
+
+def check_pixels(path: Path, width: int, height: int) -> None:
+    """UserError when an image is larger than MOST_PIXELS."""
+    if width * height > MOST_PIXELS:
+        raise UserError(f"{path}: {_too_many(f'{width} x {height}')}")
+
+
+def open_video(path: Path) -> cv2.VideoCapture:
+    """Video of a file; UserError naming the file when it is none, or its images are too large."""
+    with reading.opened(path, VIDEO) as handle:
+        head = handle.read(16)
+    if not any(head[at : at + len(word)] == word for at, word in VIDEOS.values()):
+        raise UserError(f"{path}: neither an image nor a readable video (MP4, MOV, Matroska, WebM, AVI, MPEG, Ogg)")
+    video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)  # by its whole path: a name is never an address
+    if not video.isOpened():
+        raise UserError(f"{path}: not a readable video")
+    check_pixels(path, int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+    return video
+
+
+def _too_many(size: str) -> str:
+    return f"the image has {size} pixels; at most {MOST_PIXELS:,} are read; {IMAGE.remedy}"

@@ -1,0 +1,85 @@
+"""Seeded noise images that tile: the grain of every painted surface."""
+
+import cv2
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from uavbench.scenes.rendering import pixel_kernels as kernels
+
+Image = NDArray[np.float32]
+CUT_OFF = 1.05
+"""Cycles per feature size above which the noise has less than 0.00002 of its greatest power."""
+
+
+def tiling(shape: tuple[int, int], size_px: float | tuple[float, float], rng: np.random.Generator) -> Image:
+    """Smooth noise (h, w) of zero mean and unit deviation that tiles; features of size_px (along y, along x)."""
+    sizes = (float(size_px), float(size_px)) if isinstance(size_px, int | float) else size_px
+    return _shaped(shape, [(1.0, *sizes)], rng)
+
+
+def fractal(
+    shape: tuple[int, int],
+    largest_px: float,
+    rng: np.random.Generator,
+    octaves: int = 5,
+    gain: float = 0.6,
+) -> Image:
+    """Noise of several octaves, each half the size and `gain` the height of the one before; unit deviation, tiles."""
+    sizes = [largest_px / 2**octave for octave in range(octaves)]
+    return _shaped(shape, [(gain**k, size, size) for k, size in enumerate(sizes)], rng)
+
+
+def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], rng: np.random.Generator) -> Image:
+    """Gaussian noise whose power is the sum of that of its octaves (height, size along y, along x).
+
+    Drawn as a spectrum, and only so far up as there is power in it.
+    """
+    (h, w), (_, finest_y, finest_x) = shape, octaves[-1]
+    rows, columns = (min(n // 2, int(np.ceil(CUT_OFF * n / size))) for n, size in ((h, finest_y), (w, finest_x)))
+    ky = np.concatenate([np.arange(rows + 1), np.arange(-rows, 0)]) if rows else np.zeros(1, dtype=np.int64)
+    kx = np.arange(columns + 1)
+    power = np.zeros((len(ky), len(kx)), dtype=np.float32)
+    for height, sy, sx in octaves:
+        one = np.multiply.outer(
+            *(np.exp(-np.square(np.pi * k / n * s)).astype(np.float32) for k, n, s in ((ky, h, sy), (kx, w, sx)))
+        )
+        one[0, 0] = 0
+        power += np.float32(height**2 / max(float(one.sum()), 1e-12)) * one
+    half = rng.standard_normal((len(ky), len(kx), 2), dtype=np.float32).view(np.complex64)[..., 0] * np.sqrt(power)
+    half[:, 0] *= np.float32(np.sqrt(2))  # the real part of this column alone counts
+    spectrum = np.zeros((h, len(kx)), dtype=np.complex64)
+    spectrum[ky] = half
+    noise: Image = scipy.fft.irfft(scipy.fft.ifft(spectrum, axis=0, overwrite_x=True), n=w, axis=1)
+    noise *= np.float32(1 / max(float(cv2.meanStdDev(noise)[1].item()), 1e-12))
+    return noise
+
+
+def paint(color: tuple[float, float, float], shade: Image) -> Image:
+    """Image (h, w, 3): an sRGB colour (0..255) times a shade (h, w)."""
+    out = np.empty((*shade.shape, 3), dtype=np.float32)
+    kernels.tint(np.asarray(color, dtype=np.float32), np.ascontiguousarray(shade, dtype=np.float32), out)
+    return out
+
+
+def blend(under: Image, over: Image | tuple[float, float, float], mask: Image) -> Image:
+    """`over` laid on `under` where the mask (h, w) is 1."""
+    layer, share = np.asarray(over, dtype=np.float32), np.asarray(mask, dtype=np.float32)
+    out = np.empty(under.shape, dtype=np.float32)
+    if layer.ndim == 1:
+        kernels.lay_color(under, layer, np.broadcast_to(share, under.shape[:2]), out)
+    else:
+        kernels.lay(under, layer, np.broadcast_to(share, under.shape[:2]), out)
+    return out
+
+
+def blurred(image: Image, sigma_px: float) -> Image:
+    """Gaussian blur."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
+
+
+def finish(image: Image) -> NDArray[np.uint8]:
+    """The image as 8 bits."""
+    out = np.empty(image.shape, dtype=np.uint8)
+    kernels.round_off(np.ascontiguousarray(image).reshape(-1), out.reshape(-1))
+    return out

@@ -1,0 +1,322 @@
+"""ViSP's CAO models: points, faces of points or of lines, cylinders, circles ("markerless model-based tracking").
+
+Read as what they are; written with one polygon for each planar face of a structure, and no diagonal of a triangle.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.scenes.model_files.cylinders import cylinder, disc, is_end
+from uavbench.scenes.model_files.mesh_piece import Loaded
+from uavbench.scenes.primitives.solids import ear_clip
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, MODEL, MOST_NESTING, MOST_ROWS
+from uavbench.trajectories.files.reading import read_text
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array, Pose, rotation_exp
+
+MOST_LOADS = 1000
+"""Pieces of one model, each counted as often as it is loaded; the largest of ViSP's own models load 20."""
+MOST_CORNERS = 1000
+"""Corners of one face: cutting it into triangles takes time with their square."""
+STRAIGHT = 1e-6
+"""Sine of the angle below which two sides of a polygon are one."""
+LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*((?:,\s*\w+\s*=\s*\[[^\]]*\]\s*)*)\)""", re.IGNORECASE)
+PARAMETER = re.compile(r"(\w+)\s*=\s*\[([^\]]*)\]")
+UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180}
+"""Radians per unit of an angle."""
+SIZES = {"t": 3, "tu": 3, "R": 9}
+"""Numbers of each parameter of a load: translation, theta-u vector, or rotation matrix by rows (ViSP 3.7)."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The own rows of one file of a model, numbered, and the pose that its loads give it."""
+
+    path: Path
+    rows: list[tuple[int, str]]
+    model_from_piece: Pose
+
+
+def read_cao(path: Path) -> Loaded:
+    """Triangles of a CAO model and of those that it loads; UserError naming the file and the line that is wrong.
+
+    A load may place its model: `load("part.cao", t=[x; y; z], tu=[a; b; c])`, t in metres and tu (the axis times the
+    angle) in radians, or each with `deg` behind it; points go to exp(tu) p + t, loads in loads one after the other.
+    What is round becomes flat pieces (`cylinders`); a circle that ends a cylinder is that cylinder's end already.
+    """
+    pieces = _files(path)
+    return _joined([_placed(_piece(piece), piece.model_from_piece) for piece in pieces], path.stem)
+
+
+def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | None = None) -> list[Piece]:
+    """The files of a model and their own rows, those that are loaded before the one that loads them."""
+    above, model_from_file = (*above, path.resolve()), model_from_file or Pose.identity()
+    out, own = [], []
+    for number, row in _rows(path):
+        if not row.lower().startswith("load"):
+            own.append((number, row))
+            continue
+        found = LOAD.fullmatch(row)
+        if not found:
+            raise UserError(
+                f'{path}: line {number}: expected load("FILE"), or load("FILE", t=[x; y; z], tu=[a; b; c]), got {row!r}'
+            )
+        try:
+            file_from_loaded = _placement(found[2])
+        except ValueError as error:
+            raise UserError(f"{path}: line {number}: {error}") from None
+        file = path.parent / found[1]
+        if not _beside(file, above):
+            raise UserError(f"{path}: line {number}: {found[1]} loads itself, or lies outside the model's folder")
+        out += _files(file, above, model_from_file @ file_from_loaded)
+        _check_loads(path, number, len(above), out)
+    return [*out, Piece(path, own, model_from_file)]
+
+
+def _placement(text: str) -> Pose:
+    """Pose `file_from_loaded` of the parameters of a load; ValueError saying what is wrong with them."""
+    given: dict[str, list[float]] = {}
+    for name, values in PARAMETER.findall(text):
+        if name not in SIZES:
+            raise ValueError(f"unknown parameter {name!r} of load (valid: {', '.join(SIZES)})")
+        if name in given:
+            raise ValueError(f"{name} is given twice")
+        words = re.split(r"[;,]", values)
+        given[name] = [_angle(word) if name == "tu" else _number(word) for word in words]
+        if len(words) != SIZES[name]:
+            raise ValueError(f"{name}=[{values}] has {len(words)} numbers, expected {SIZES[name]} with ; between them")
+    if "tu" in given and "R" in given:
+        raise ValueError("a load takes tu or R, not both")
+    R = np.array(given["R"]).reshape(3, 3) if "R" in given else rotation_exp(np.array(given.get("tu", [0.0] * 3)))
+    if not (np.abs(R @ R.T - np.eye(3)).max() < 1e-4 and np.linalg.det(R) > 0):
+        raise ValueError("R is not a rotation (1e-4)")
+    return Pose(R, np.array(given.get("t", [0.0] * 3)))
+
+
+def _angle(word: str) -> float:
+    """Radians of an angle such as `90 deg`, `1.57 rad` or `1.57`."""
+    found = re.fullmatch(r"(.*?)\s*(deg|rad|)", word.strip())
+    assert found
+    return _number(found[1]) * UNITS[found[2]]
+
+
+def _number(word: str) -> float:
+    value = float(word)
+    if not abs(value) <= LARGEST_COORDINATE_M:
+        raise ValueError(f"{word.strip()} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
+    return value
+
+
+def _placed(piece: Loaded, model_from_piece: Pose) -> Loaded:
+    return piece.moved(model_from_piece.rotation, model_from_piece.translation)
+
+
+def _beside(file: Path, above: tuple[Path, ...]) -> bool:
+    """Whether a file lies in the model's folder and is none of those that load it."""
+    try:
+        place = file.resolve()
+    except (OSError, ValueError, RuntimeError):  # a null character in its name, a loop of links
+        return False
+    return place not in above and place.is_relative_to(above[0].parent)
+
+
+def _check_loads(path: Path, number: int, depth: int, loaded: list[Piece]) -> None:
+    """UserError when loads make a model too large: two loads in each of 21 files are two million pieces."""
+    rows = sum(len(piece.rows) for piece in loaded)
+    if depth > MOST_NESTING or len(loaded) > MOST_LOADS or rows > MOST_ROWS:
+        raise UserError(
+            f"{path}: line {number}: its loads make a model of more than {MOST_LOADS:,} pieces, {MOST_ROWS:,} rows or "
+            f"{MOST_NESTING} levels; load each part once"
+        )
+
+
+def _piece(piece: Piece) -> Loaded:
+    """Triangles of what a model's own rows say, in its own frame."""
+    path, rows = piece.path, iter(piece.rows)
+
+    def numbers(what: str) -> list[str]:
+        number, row = next(rows, (0, ""))
+        if not row:
+            raise UserError(f"{path}: ends before its {what}; a CAO model has points, lines, faces, cylinders, circles")
+        try:
+            return [str(number), *_values(row)]
+        except ValueError:
+            raise UserError(f"{path}: line {number}: expected numbers for the {what}, got {row!r}") from None
+
+    def block(what: str, count: int | None = None) -> list[list[str]]:
+        if count is None:
+            line, *values = numbers(what)
+            count = _count(path, int(line), what, values)
+        return [numbers(what)[1:] for _ in range(count)]
+
+    def indices(what: str, rows: list[list[str]]) -> list[list[int]]:
+        try:
+            return [[_whole(word) for word in row] for row in rows]
+        except ValueError as error:
+            raise UserError(f"{path}: the {what} take whole numbers: {error}") from None
+
+    def polygons(what: str) -> list[list[int]]:
+        table = indices(what, block(what))
+        for size, *corners in (row or [0] for row in table):
+            if not 3 <= size <= min(len(corners), MOST_CORNERS):
+                raise UserError(
+                    f"{path}: the {what}: one of {size} corners has {len(corners)}; it takes 3 to {MOST_CORNERS}"
+                )
+        return [row[1 : 1 + row[0]] for row in table]
+
+    number, first = next(rows, (0, ""))
+    if first.upper() != "V1":
+        raise UserError(f"{path}: line {number}: a CAO model begins with V1, got {first!r}")
+    if len(piece.rows) == 1:  # it does nothing but load others
+        return Loaded(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+    table = [[float(v) for v in row[:3]] for row in block("points")]
+    if any(len(row) != 3 for row in table):
+        raise UserError(f"{path}: a point has three coordinates, one of these has fewer")
+    points = np.array(table).reshape(-1, 3)
+    lines = indices("lines", [row[:2] for row in block("lines")])
+    from_lines = polygons("faces of lines")
+    from_points = polygons("faces of points")
+    cylinders = block("cylinders", _count_if_any(path, rows, "cylinders"))
+    circles = block("circles", _count_if_any(path, rows, "circles"))
+    try:
+        if min((k for face in (*lines, *from_lines, *from_points) for k in face), default=0) < 0:
+            raise ValueError("a number below 0")
+        faces = [*[_chained([lines[k] for k in face]) for face in from_lines], *from_points]
+        triangles = [np.array(face)[_triangles(points[face])] for face in faces]
+    except (IndexError, ValueError) as error:
+        raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
+    flat = Loaded(points, np.concatenate(triangles) if triangles else np.zeros((0, 3), dtype=np.int64))
+    try:
+        ends = [(points[_whole(a)], points[_whole(b)], float(radius)) for a, b, radius in cylinders]
+        discs = [(float(r), points[_whole(a)], points[_whole(b)], points[_whole(c)]) for r, a, b, c in circles]
+        round_ = [cylinder(*row) for row in ends]
+        round_ += [disc(*row) for row in discs if not any(is_end(row[1], row[0], *end) for end in ends)]
+    except (IndexError, ValueError, TypeError) as error:
+        raise UserError(
+            f"{path}: a cylinder takes two existing points and a radius, a circle a radius and three points: {error}"
+        ) from None
+    return _joined([flat, *round_], path.stem)
+
+
+def _joined(pieces: list[Loaded], name: str) -> Loaded:
+    """Pieces as one."""
+    shift = np.cumsum([0, *(len(piece.vertices) for piece in pieces[:-1])])
+    return Loaded(
+        np.concatenate([piece.vertices for piece in pieces]),
+        np.concatenate([piece.triangles + n for piece, n in zip(pieces, shift, strict=True)]),
+        name=name,
+    )
+
+
+def write_cao(structure: Structure, path: Path) -> None:
+    """Write the faces as polygons, counter-clockwise from outside; the border of a hole is that of the faces in it."""
+    polygons = [p for face in range(len(structure.face_normals)) if (p := face_polygon(structure, face))]
+    used = sorted({corner for polygon in polygons for corner in polygon})
+    number = {corner: k for k, corner in enumerate(used)}
+    lines = ["V1", str(len(used)), *(" ".join(map(repr, structure.vertices[k].tolist())) for k in used), "0", "0"]
+    lines.append(str(len(polygons)))
+    lines += [" ".join(map(str, [len(polygon), *(number[k] for k in polygon)])) for polygon in polygons]
+    write_text(path, "\n".join([*lines, "0", "0"]) + "\n")
+
+
+def face_polygon(structure: Structure, face: int) -> list[int]:
+    """Vertices of a planar face's outer border, corners only, counter-clockwise from outside."""
+    triangles = structure.triangles[structure.triangle_face == face].tolist()
+    sides = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
+    follows: dict[int, list[int]] = {}
+    for a, b in sorted(sides):
+        if (b, a) not in sides:
+            follows.setdefault(a, []).append(b)
+    borders: list[list[int]] = []
+    while follows:
+        border = [min(follows)]
+        while border[-1] in follows:
+            ends = follows[border[-1]]
+            border.append(ends.pop())
+            if not ends:
+                del follows[border[-2]]
+        borders.append(border[:-1])
+    at, normal = structure.vertices, structure.face_normals[face]
+    return _corners(at, max(borders, key=lambda border: _area(at[border], normal), default=[]))
+
+
+def _area(polygon: Array, normal: Array) -> float:
+    """Area of a planar polygon (n, 3); negative where it turns the other way, as a hole does."""
+    return float(np.cross(polygon, np.roll(polygon, -1, axis=0)).sum(axis=0) @ normal / 2)
+
+
+def _corners(at: Array, polygon: list[int]) -> list[int]:
+    """The polygon without the vertices that lie on a straight side."""
+    side = at[np.roll(polygon, -1)] - at[polygon] if polygon else np.zeros((0, 3))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    turn = np.linalg.norm(np.cross(np.roll(side, 1, axis=0), side), axis=1)
+    return [vertex for vertex, sine in zip(polygon, turn.tolist(), strict=True) if sine > STRAIGHT]
+
+
+def _rows(path: Path) -> Iterator[tuple[int, str]]:
+    """Numbered lines without comments and empty ones."""
+    for number, line in enumerate(read_text(path, MODEL).splitlines(), start=1):
+        bare = line.split("#")[0].split("//")[0].strip()
+        if bare:
+            yield number, bare
+
+
+def _values(row: str) -> list[str]:
+    """The numbers of a row; ViSP's trailing options (name=..., minLineLengthThreshold=...) are left out."""
+    values = [word for word in row.split() if "=" not in word]
+    for word in values:
+        if not abs(float(word)) <= LARGEST_COORDINATE_M:
+            raise ValueError(f"{word} is not finite, or beyond {LARGEST_COORDINATE_M:g}")
+    return values
+
+
+def _whole(word: str) -> int:
+    """Whole number of a word, which ViSP also takes as `4.0`; ValueError when it is none."""
+    if not float(word).is_integer():
+        raise ValueError(f"{word} is no whole number")
+    return int(float(word))
+
+
+def _count(path: Path, number: int, what: str, values: list[str]) -> int:
+    """The number of rows to come; UserError when it is none."""
+    try:
+        count = _whole(values[0])
+        if not 0 <= count <= MOST_ROWS:
+            raise ValueError(f"{count:,} is not within 0 .. {MOST_ROWS:,}")
+    except (ValueError, IndexError, OverflowError) as error:
+        raise UserError(f"{path}: line {number}: how many {what} there are is a whole number: {error}") from None
+    return count
+
+
+def _count_if_any(path: Path, rows: Iterator[tuple[int, str]], what: str) -> int:
+    number, row = next(rows, (0, "0"))
+    return _count(path, number, what, row.split())
+
+
+def _chained(pieces: list[list[int]]) -> list[int]:
+    """Points of a polygon whose sides are given in order, each either way round."""
+    a, b = pieces[0]
+    if a in pieces[1]:
+        a, b = b, a
+    out = [a, b]
+    for piece in pieces[1:-1]:
+        if out[-1] not in piece:
+            raise ValueError("its lines do not follow each other")
+        out.append(piece[0] if piece[1] == out[-1] else piece[1])
+    return out
+
+
+def _triangles(corners: Array) -> np.ndarray:
+    """Triangles of a planar polygon (n, 3), turning as it does."""
+    normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    return ear_clip(np.column_stack([corners @ u, corners @ np.cross(normal, u)]))

@@ -1,0 +1,47 @@
+"""Round shapes as flat pieces: a closed cylinder, a disc."""
+
+import numpy as np
+
+from uavbench.scenes.model_files.mesh_piece import Loaded
+from uavbench.trajectories.pose import Array
+
+SIDES = 36
+"""Pieces of a turn; they lie within 0.4 % of the radius."""
+CIRCLE = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(SIDES) / SIDES])
+SAME_PART = 1e-3
+"""Part of the radius within which two circles are one."""
+
+
+def cylinder(start: Array, end: Array, radius: float) -> Loaded:
+    """Closed cylinder about the axis from start (3,) to end (3,); ValueError when it has no length or radius."""
+    along = end - start
+    if not (radius > 0 and np.linalg.norm(along) > 0):
+        raise ValueError("a cylinder without length or radius")
+    across = np.eye(3)[np.argmin(np.abs(along))]
+    u = np.cross(along, across)
+    v = np.cross(along, u)
+    top = disc(radius, end, end + u, end + v)
+    bottom = disc(radius, start, start + u, start + v)
+    k = np.arange(SIDES)
+    after = (k + 1) % SIDES
+    sides = [[k, after, after + SIDES], [k, after + SIDES, k + SIDES]]
+    triangles = [np.column_stack(side) for side in sides]
+    triangles += [bottom.triangles[:, ::-1], top.triangles + SIDES]
+    return Loaded(np.concatenate([bottom.vertices, top.vertices]), np.concatenate(triangles))
+
+
+def disc(radius: float, centre: Array, one: Array, two: Array) -> Loaded:
+    """Disc in the plane of three points (3,), seen where they turn counter-clockwise; ValueError when on a line."""
+    u, v = one - centre, two - centre
+    normal = np.cross(u, v)
+    if not (radius > 0 and np.linalg.norm(normal) > 1e-9 * np.linalg.norm(u) * np.linalg.norm(v)):
+        raise ValueError("a circle without radius, or its points on a line")
+    axes = np.array([u / np.linalg.norm(u), np.cross(normal, u) / np.linalg.norm(np.cross(normal, u))])
+    k = np.arange(1, SIDES - 1)
+    return Loaded(centre + radius * CIRCLE @ axes, np.column_stack([np.zeros_like(k), k, k + 1]))
+
+
+def is_end(centre: Array, radius: float, start: Array, end: Array, cylinder_radius: float) -> bool:
+    """Whether a circle is one end of a cylinder."""
+    away = min(float(np.linalg.norm(centre - start)), float(np.linalg.norm(centre - end)))
+    return away < SAME_PART * radius and abs(radius - cylinder_radius) < SAME_PART * radius

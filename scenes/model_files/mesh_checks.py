@@ -1,0 +1,158 @@
+"""What is wrong with a user's model, told before it is rendered; where it can be, before it is read."""
+
+import re
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import MOST_PIXELS, SETTINGS
+from uavbench.trajectories.files.reading import json_value, read_bytes
+from uavbench.trajectories.pose import Array
+
+MOST_TRIANGLES = 2_000_000
+LARGEST_M, SMALLEST_M = 2000.0, 0.02
+UNREADABLE = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
+"""glTF extensions that pack meshes or images in ways that trimesh does not unpack."""
+
+
+def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: bool) -> None:
+    """UserError when a mesh (metres) is empty, huge, out of scale, open or inside out."""
+    if len(triangles) == 0:
+        raise UserError(f"{path}: the model has no triangles; export it as a surface mesh")
+    check_count(path, len(triangles))
+    if not np.isfinite(vertices).all():
+        raise UserError(f"{path}: some vertices are not finite numbers; export the model again")
+    extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
+    if extent > LARGEST_M:
+        raise UserError(
+            f'{path}: the model is {extent:,.0f} m large; is it in millimetres? Then set unit = "mm", '
+            "or scale it to metres for uavbench track"
+        )
+    if extent < SMALLEST_M:
+        raise UserError(
+            f'{path}: the model is {extent * 1000:.3g} mm large; set unit ("m", "mm", "cm", "in", "ft"), '
+            "or scale it to metres for uavbench track"
+        )
+    borders, volume = closedness(vertices, triangles)
+    if borders and not allow_open:
+        raise UserError(
+            f"{path}: the mesh is open: {borders:,} of its edges have a triangle on one side only, or triangles that "
+            "face opposite ways; close it in your modelling program, or accept it with allow_open = true"
+        )
+    if volume < 0 and not borders:
+        raise UserError(f"{path}: the mesh is inside out (its faces look inwards); set flip = true or turn its normals")
+
+
+def closedness(vertices: Array, triangles: np.ndarray) -> tuple[int, float]:
+    """How many directed edges lack their opposite once equal vertices are one, and the enclosed volume (m3)."""
+    scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
+    _, same = np.unique(np.round(vertices / (1e-7 * scale)), axis=0, return_inverse=True)
+    corners = same.reshape(-1)[triangles].astype(np.int64)
+    directed = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    directed = directed[directed[:, 0] != directed[:, 1]]
+    n = len(vertices)
+    key = np.minimum(*directed.T) * n + np.maximum(*directed.T)
+    sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
+    _, which = np.unique(key, return_inverse=True)
+    balance = np.bincount(which.reshape(-1), weights=sign)
+    a, b, c = (vertices[triangles[:, k]] - vertices[0] for k in range(3))
+    return int(np.abs(balance).astype(np.int64).astype(bool).sum()), float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def check_file(path: Path, data: bytes) -> None:
+    """UserError for a file that is too large, compressed in a way that cannot be read, or lacks a file it refers to."""
+    kind = path.suffix.lower()
+    _check_size(path, data)
+    wanted = _obj_wants(path, data) if kind == ".obj" else _gltf_wants(path, data) if kind in (".gltf", ".glb") else []
+    for name in wanted:
+        if not _beside(path, name):
+            raise UserError(f"{path}: refers to {name}, which is not in the folder of the model; put it there")
+        if not (path.parent / name).is_file():
+            raise UserError(f"{path}: refers to {name}, which is not there; put it beside the model or export it again")
+
+
+def _beside(path: Path, name: str) -> bool:
+    """Whether a file that a model refers to lies in the model's folder, links followed."""
+    try:
+        return (path.parent / name).resolve().is_relative_to(path.parent.resolve())
+    except (OSError, ValueError, RuntimeError):  # a null character, a loop of links
+        return False
+
+
+def _obj_wants(path: Path, data: bytes) -> list[str]:
+    """Material libraries of an OBJ file, and the images that they name."""
+    wanted = []
+    for line in re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t]*$", data, re.MULTILINE):
+        library = line.decode("utf-8", "replace").strip()
+        wanted.append(library)
+        if _beside(path, library) and (path.parent / library).is_file():
+            text = read_bytes(path.parent / library, SETTINGS, inside=path.parent).decode("utf-8", "replace")
+            wanted += [line.split()[-1] for line in re.findall(r"^\s*map_K[da]\s+(.+?)\s*$", text, re.MULTILINE)]
+    return wanted
+
+
+def _gltf_wants(path: Path, data: bytes) -> list[str]:
+    """Buffers and images beside a glTF file; UserError when it needs an extension that cannot be read, or is huge."""
+    binary = data[:4] == b"glTF"  # GLB: magic, version, length; length and type of its first chunk, the JSON
+    text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
+    try:
+        scene = json_value(text)
+        needed = sorted(set(scene.get("extensionsRequired", [])) & set(UNREADABLE))
+        entries = [*scene.get("buffers", []), *scene.get("images", [])]
+        uris = [str(entry["uri"]) for entry in entries if "uri" in entry]
+        counts = [int(accessor["count"]) for accessor in scene.get("accessors", [])]
+    except (ValueError, AttributeError, TypeError, KeyError, OverflowError) as error:
+        raise UserError(f"{path}: not a readable {path.suffix[1:]} file: {error}") from None
+    if needed:
+        raise UserError(f"{path}: is compressed with {', '.join(needed)}; export it without compression")
+    check_count(path, max(counts, default=0) // 3)
+    return [unquote(uri) for uri in uris if not uri.startswith("data:")]
+
+
+def check_textures(path: Path, pixels: int) -> None:
+    """UserError when the textures of a model have more than MOST_PIXELS together."""
+    if pixels > MOST_PIXELS:
+        raise UserError(
+            f"{path}: its textures have {pixels:,} pixels together, more than {MOST_PIXELS:,}; scale them down"
+        )
+
+
+def check_count(path: Path, triangles: int) -> None:
+    """UserError when a model has more than MOST_TRIANGLES."""
+    if triangles > MOST_TRIANGLES:
+        raise UserError(
+            f"{path}: {triangles:,} triangles are more than the {MOST_TRIANGLES:,} that can be handled; "
+            "simplify the model to its planar faces (edges shorter than a few pixels do not help a tracker)"
+        )
+
+
+def _check_size(path: Path, data: bytes) -> None:
+    """UserError from the header or a glance at the lines, before millions of triangles fill the memory."""
+    counts = {".stl": _stl_count, ".ply": _ply_count, ".obj": _obj_count, ".off": _off_count}
+    check_count(path, counts.get(path.suffix.lower(), lambda _: 0)(data))
+
+
+def _stl_count(data: bytes) -> int:
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else 0
+    return count if len(data) == 84 + 50 * count else data.count(b"facet normal")
+
+
+def _ply_count(data: bytes) -> int:
+    """Faces, or a third of the vertices (or whatever else) where that is more."""
+    header = data[:65536].split(b"end_header")[0]
+    found = {name: int(count) for name, count in re.findall(rb"^element (\w+) (\d{1,18})\s*$", header, re.MULTILINE)}
+    return max([found.pop(b"face", 0), *(count // 3 for count in found.values())])
+
+
+def _obj_count(data: bytes) -> int:
+    """Faces, or a third of the vertices where that is more; a face of many corners counts as what it becomes."""
+    if len(data) < 4 * MOST_TRIANGLES:
+        return 0
+    return max(data.count(b"\nf "), data.count(b"\nv ") // 3)
+
+
+def _off_count(data: bytes) -> int:
+    found = re.match(rb"\s*(?:[A-Z]*OFF)?(?:\s|#[^\n]*\n)*(\d{1,18})\s+(\d{1,18})", data[:65536])
+    return max(int(found[2]), int(found[1]) // 3) if found else 0

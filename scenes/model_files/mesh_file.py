@@ -1,0 +1,186 @@
+"""A user's own structure: OBJ, STL, PLY, glTF, ViSP's CAO, IFC; checked before anything is rendered."""
+
+import io
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Ge, Interval
+
+from uavbench.scenes.image_files import TEXTURES
+from uavbench.scenes.materials import painted as materials
+from uavbench.scenes.materials import procedural_texture as noise
+from uavbench.scenes.materials.painted import Material
+from uavbench.scenes.model_files.cao import read_cao
+from uavbench.scenes.model_files.ifc import read_ifc
+from uavbench.scenes.model_files.mesh_checks import check, check_count, check_file, check_textures
+from uavbench.scenes.model_files.mesh_piece import Loaded
+from uavbench.scenes.model_files.referenced_files import parts_of
+from uavbench.scenes.primitives.solids import Solid, covered
+from uavbench.scenes.renderables import BuiltStructure, Part
+from uavbench.scenes.structure import CREASE_ANGLE_DEG, Structure
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import MODEL
+from uavbench.trajectories.files.reading import opened, read_bytes
+from uavbench.trajectories.pose import Array
+
+UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
+FINE_TRIANGLES = 20_000
+"""Pieces of fewer triangles are cut finer, so that shade can fall on them."""
+Z_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """A structure from a file; it is put on the ground with its middle above the origin unless `keep_origin`.
+
+    up is the file's upward axis (auto: y for glTF, as it is defined there, z for the others). Edges between faces that
+    meet at less than crease_angle_deg, and edges shorter than min_edge_m, are not given to trackers. A mesh with
+    holes is refused unless allow_open; one with inward faces unless flip. surface covers what has no texture.
+    """
+
+    path: str
+    unit: Literal["m", "mm", "cm", "in", "ft"] = "m"
+    up: Literal["auto", "y", "z"] = "auto"
+    crease_angle_deg: Annotated[float, Interval(gt=0, lt=180)] = CREASE_ANGLE_DEG
+    min_edge_m: Annotated[float, Ge(0)] = 0.0
+    keep_origin: bool = False
+    allow_open: bool = False
+    flip: bool = False
+    surface: Literal["concrete", "brick", "painted-steel", "panels", "plaster"] = "concrete"
+
+    @property
+    def entering_files(self) -> tuple[Path, ...]:
+        """The files that the model loads, whose content enters the sequence's hash."""
+        return parts_of(Path(self.path))
+
+    def build(self, rng: np.random.Generator) -> BuiltStructure:
+        """The structure; UserError naming the file, what is wrong with it, and the key that helps."""
+        path = Path(self.path)
+        pieces = [self._placed(piece) for piece in read(path)]
+        vertices, triangles = _whole(pieces)
+        check(path, vertices, triangles, allow_open=self.allow_open)
+        if not self.keep_origin:
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            shift = np.array([*((low + high) / 2)[:2], low[2]])
+            pieces = [piece.moved(np.eye(3), -shift) for piece in pieces]
+            vertices = vertices - shift
+        try:
+            structure = Structure.from_mesh(vertices, triangles, self.crease_angle_deg, self.min_edge_m)
+        except ValueError as error:
+            raise UserError(f"{path}: cannot find the faces of this mesh: {error}") from None
+        if not len(structure.edges):
+            raise UserError(
+                f"{path}: no edge is left for trackers; lower crease_angle_deg ({self.crease_angle_deg}) or "
+                f"min_edge_m ({self.min_edge_m})"
+            )
+        bare = materials.PAINTS[self.surface](rng)
+        return BuiltStructure(structure, tuple(_part(piece, bare, self.allow_open) for piece in pieces))
+
+    def _placed(self, piece: Loaded) -> Loaded:
+        y_up = self.up == "y" or (self.up == "auto" and Path(self.path).suffix.lower() in (".gltf", ".glb"))
+        turned = piece.moved(UNITS_M[self.unit] * (Z_FROM_Y_UP if y_up else np.eye(3)), np.zeros(3))
+        return turned.flipped() if self.flip else turned
+
+
+def read(path: Path) -> list[Loaded]:
+    """Pieces of a mesh file as they are in it; UserError when it cannot be read."""
+    kind = path.suffix.lower()
+    if kind == ".cao":
+        return [read_cao(path)]
+    if kind == ".ifc":
+        with opened(path, MODEL):  # IfcOpenShell opens it by its name
+            return read_ifc(path)
+    if kind not in TRIMESH_KINDS:
+        raise UserError(f"{path}: cannot read models of type {kind or 'without ending'}; "
+                        f"known are {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
+    data = read_bytes(path, MODEL)
+    check_file(path, data)
+    import trimesh
+
+    from uavbench.scenes.model_files.model_folder import ModelFolder
+
+    beside = ModelFolder(path.parent)
+    try:
+        scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=beside, process=False)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    except Exception as error:
+        raise UserError(f"{path}: not a readable {kind[1:]} file: {error}") from None
+    if beside.refused:
+        raise UserError(f"{path}: {beside.refused[0]}")
+    pieces: list[Loaded] = []
+    drawn: dict[int, int] = {}
+    triangles = 0
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            triangles += len(mesh.faces)
+            check_count(path, triangles)
+            if np.shape(mesh.vertices)[1:] != (3,) or int(np.max(mesh.faces)) >= len(mesh.vertices):
+                raise UserError(f"{path}: a face of {name} names a vertex that is not there; export the model again")
+            piece = Loaded(
+                np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64), name=str(name)
+            )
+            piece = piece.moved(np.array(matrix[:3, :3]), np.array(matrix[:3, 3]))
+            if np.linalg.det(matrix[:3, :3]) < 0:
+                piece = piece.flipped()
+            check_textures(path, _pixels(path, mesh.visual, drawn))
+            pieces.append(piece.dressed(mesh.visual))
+    return pieces
+
+
+def _pixels(path: Path, visual: Any, drawn: dict[int, int]) -> int:
+    """Pixels of all textures so far, this piece's with them; trimesh decodes none before it is asked for."""
+    material = getattr(visual, "material", None)
+    for image in (getattr(material, "baseColorTexture", None), getattr(material, "image", None)):
+        if image is not None:
+            if image.format not in TEXTURES:
+                raise UserError(f"{path}: a texture of type {image.format} is not read, only {', '.join(TEXTURES)}")
+            drawn[id(image)] = image.width * image.height
+    return sum(drawn.values())
+
+
+def _whole(pieces: list[Loaded]) -> tuple[Array, np.ndarray]:
+    if not pieces:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    shift = np.cumsum([0] + [len(p.vertices) for p in pieces[:-1]])
+    triangles = np.concatenate([p.triangles + n for p, n in zip(pieces, shift, strict=True)])
+    return np.concatenate([p.vertices for p in pieces]), triangles
+
+
+def _part(piece: Loaded, bare: Material, two_sided: bool) -> Part:
+    """The piece as it is drawn: with its own texture and colour, or covered with a material."""
+    if piece.texture is not None and piece.uv is not None:
+        return Part(
+            vertices=piece.vertices,
+            triangles=piece.triangles,
+            uv=piece.uv,
+            texture=piece.texture,
+            tint=piece.tint,
+            instance=1,
+            name=piece.name,
+            two_sided=two_sided,
+        )
+    longest = 3.0 if len(piece.triangles) < FINE_TRIANGLES else 1e9
+    if piece.tint is None:
+        plain = covered(Solid(piece.vertices, piece.triangles, bare, piece.name), longest_m=longest)
+        return replace(plain, two_sided=two_sided)
+    if len(piece.tint) > 1:
+        longest = 1e9  # a colour at each corner: cutting would lose them
+    plain = covered(Solid(piece.vertices, piece.triangles, _grain(), piece.name), longest_m=longest)
+    tint = (
+        piece.tint[piece.triangles.reshape(-1)]
+        if len(piece.tint) > 1
+        else np.repeat(piece.tint, len(plain.vertices), 0)
+    )
+    return replace(plain, tint=tint, two_sided=two_sided)
+
+
+def _grain() -> Material:
+    """Faint grain over a plain colour, always the same, so that a coloured wall is not a flat tone."""
+    shade = 1 + 0.05 * noise.fractal((512, 512), 120, np.random.default_rng(0), octaves=7, gain=0.7)
+    return Material(noise.finish(noise.paint((238.0, 238.0, 238.0), shade)), (3.0, 3.0))

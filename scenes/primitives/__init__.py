@@ -1,0 +1,4 @@
+"""Closed solids and small meshes that structures and surroundings are made of.
+
+In: sizes in metres and materials. Out: renderable parts. Imports materials.
+"""

@@ -1,0 +1,203 @@
+"""Closed solids that structures are made of, and how their faces are covered with materials."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.materials.painted import Material
+from uavbench.scenes.primitives.meshes import box
+from uavbench.scenes.renderables import Part
+from uavbench.scenes.structure import Indices, Structure
+from uavbench.trajectories.pose import Array
+
+SLENDER_M = 0.25
+"""Narrower triangles are not cut: what shade falls along them does not show."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed mesh of one material; name says what it is to those who displace or drop it."""
+
+    vertices: Array
+    triangles: Indices
+    material: Material
+    name: str = ""
+
+
+def block(low: Iterable[float], high: Iterable[float], material: Material, name: str = "") -> Solid:
+    """Axis-aligned box."""
+    return Solid(*box(low, high), material, name)
+
+
+def prism(profile: Array, start: Iterable[float], end: Iterable[float], material: Material, name: str = "") -> Solid:
+    """A polygon (n, 2), counter-clockwise, swept from start to end.
+
+    The polygon's first axis is horizontal and to the left of the sweep, its second completes a right-handed frame
+    (upwards for a level sweep). A sweep straight up takes the first axis along y.
+    """
+    a, b = np.array(list(start), dtype=np.float64), np.array(list(end), dtype=np.float64)
+    along = (b - a) / np.linalg.norm(b - a)
+    left = np.cross([0.0, 0.0, 1.0], along) if abs(along[2]) < 1 - 1e-9 else np.array([0.0, 1.0, 0.0])
+    left /= np.linalg.norm(left)
+    up = np.cross(along, left)
+    offsets = profile[:, :1] * left + profile[:, 1:] * up
+    n = len(profile)
+    i = np.arange(n)
+    j = (i + 1) % n
+    sides = np.concatenate([np.column_stack([i, n + i, n + j]), np.column_stack([i, n + j, j])])
+    caps = ear_clip(profile)
+    return Solid(np.concatenate([a + offsets, b + offsets]), _outward(sides, caps, n), material, name)
+
+
+def _outward(sides: Indices, caps: Indices, n: int) -> Indices:
+    """Triangles of a prism, outside counter-clockwise: left x up = along, so the far cap keeps the polygon's turn."""
+    return np.concatenate([sides[:, ::-1], caps[:, ::-1], caps + n]).astype(np.int64)
+
+
+def ear_clip(polygon: Array) -> Indices:
+    """Triangles (n - 2, 3) of a simple counter-clockwise polygon (n, 2) (Meisters 1975)."""
+    left = list(range(len(polygon)))
+    out: list[list[int]] = []
+
+    def turn(a: int, b: int, c: int) -> float:
+        (ax, ay), (bx, by), (cx, cy) = polygon[a], polygon[b], polygon[c]
+        return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+    while len(left) > 3:
+        for k in range(len(left)):
+            a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
+            others = [p for p in left if p not in (a, b, c)]
+            inside = any(turn(a, b, p) >= 0 and turn(b, c, p) >= 0 and turn(c, a, p) >= 0 for p in others)
+            if turn(a, b, c) > 0 and not inside:
+                out.append([a, b, c])
+                left.pop(k)
+                break
+        else:
+            raise ValueError("the polygon is not simple or not counter-clockwise")
+    return np.array([*out, left], dtype=np.int64)
+
+
+def circle(radius: float, sides: int) -> Array:
+    """Regular polygon (sides, 2) of the same area as the circle."""
+    angle = (np.arange(sides) + 0.5) * 2 * np.pi / sides
+    r = radius * np.sqrt(2 * np.pi / sides / np.sin(2 * np.pi / sides))
+    return np.asarray(r * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def covered(solid: Solid, instance: int = 1, longest_m: float = 3.0) -> Part:
+    """The solid as a part: its triangles cut to longest_m, each face mapped in metres along its two main axes."""
+    points = solid.vertices[solid.triangles]
+    points = _cut(points, longest_m)
+    normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    level = np.abs(normals[:, 2]) > 0.9
+    u = np.where(level[:, None], [[1.0, 0.0, 0.0]], np.cross([0.0, 0.0, 1.0], normals))
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(normals, u)
+    uv = np.stack([np.einsum("tpc,tc->tp", points, u), np.einsum("tpc,tc->tp", points, v)], axis=-1)
+    return Part(
+        vertices=points.reshape(-1, 3),
+        triangles=np.arange(3 * len(points)).reshape(-1, 3),
+        normals=np.repeat(normals, 3, axis=0),
+        uv=uv.reshape(-1, 2) / np.array(solid.material.tile_m),
+        texture=solid.material.texture,
+        roughness=solid.material.roughness,
+        instance=instance,
+        name=solid.name,
+    )
+
+
+def cover_all(solids: Iterable[Solid], instance: int = 1, longest_m: float = 3.0) -> tuple[Part, ...]:
+    """Parts of all solids."""
+    return tuple(covered(solid, instance, longest_m) for solid in solids)
+
+
+def structure_of(solids: Iterable[Solid]) -> Structure:
+    """Structure of solids that may touch but do not share faces: each one's edges are its own."""
+    several = [Structure.from_mesh(s.vertices, s.triangles) for s in solids]
+    points = np.cumsum([0] + [len(s.vertices) for s in several])
+    faces = np.cumsum([0] + [len(s.face_normals) for s in several])
+    return Structure(
+        np.concatenate([s.vertices for s in several]),
+        np.concatenate([s.triangles + n for s, n in zip(several, points[:-1], strict=True)]),
+        np.concatenate([s.triangle_face + n for s, n in zip(several, faces[:-1], strict=True)]),
+        np.concatenate([s.face_normals for s in several]),
+        np.concatenate([s.edges + n for s, n in zip(several, points[:-1], strict=True)]),
+        np.concatenate(
+            [np.where(s.edge_faces >= 0, s.edge_faces + n, -1) for s, n in zip(several, faces[:-1], strict=True)]
+        ),
+    )
+
+
+def _shifted(faces: Indices, by: int) -> Indices:
+    return np.where(faces >= 0, faces + by, -1)
+
+
+def cells(xs: Array, ys: Array, zs: Array, filled: NDArray[np.bool_], material: Material, name: str = "") -> Solid:
+    """Closed surface of the filled cells (nx, ny, nz) of a grid with these lines (nx + 1), (ny + 1), (nz + 1)."""
+    shape = (len(xs), len(ys), len(zs))
+    number = np.arange(np.prod(shape)).reshape(shape)
+    triangles = []
+    for axis in range(3):
+        other = [(axis + 1) % 3, (axis + 2) % 3]
+        padded = np.pad(filled, [(1, 1) if k == axis else (0, 0) for k in range(3)])
+        change = np.diff(padded.astype(np.int8), axis=axis)
+        for sign in (1, -1):
+            at = np.argwhere(change == -sign)
+            corner = [number[tuple((at + step).T)] for step in _square(*other)]
+            a, b, c, d = corner if sign > 0 else corner[::-1]
+            triangles += [np.column_stack([a, b, c]), np.column_stack([a, c, d])]
+    grid = np.stack(np.meshgrid(xs, ys, zs, indexing="ij"), axis=-1).reshape(-1, 3)
+    used, index = np.unique(np.concatenate(triangles), return_inverse=True)
+    return Solid(grid[used], index.reshape(-1, 3), material, name)
+
+
+def _square(u: int, v: int) -> Indices:
+    """Steps to the four corners of a cell's face, counter-clockwise about u x v."""
+    steps = np.zeros((4, 3), dtype=np.int64)
+    steps[1:3, u] = 1
+    steps[2:4, v] = 1
+    return steps
+
+
+def picture(origin: Array, u: Array, v: Array, material: Material, instance: int = 1, inset: float = 0.002) -> Part:
+    """A rectangle (origin, sides u and v) that shows the material's texture once, less an inset at its borders."""
+    normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
+    return Part(
+        vertices=np.array([origin, origin + u, origin + u + v, origin + v]),
+        triangles=np.array([[0, 1, 2], [0, 2, 3]]),
+        normals=np.tile(normal, (4, 1)),
+        uv=np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * (1 - 2 * inset) + inset,
+        texture=material.texture,
+        roughness=material.roughness,
+        instance=instance,
+    )
+
+
+def moved(part: Part, rotation: Array, translation: Array) -> Part:
+    """The part turned, then shifted."""
+    return replace(
+        part,
+        vertices=part.vertices @ rotation.T + translation,
+        normals=None if part.normals is None else part.normals @ rotation.T,
+    )
+
+
+def _cut(triangles: Array, longest_m: float) -> Array:
+    """Triangles (n, 3, 3) halved at their longest sides until none is longer than longest_m, or it is slender."""
+    done = []
+    while len(triangles):
+        sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        longest = sides.max(axis=1)
+        area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+        small = (longest <= longest_m) | (area < SLENDER_M * longest)
+        done.append(triangles[small])
+        triangles, sides = triangles[~small], sides[~small]
+        first = sides.argmax(axis=1)
+        rows = np.arange(len(triangles))
+        a, b, c = (triangles[rows, (first + k) % 3] for k in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)

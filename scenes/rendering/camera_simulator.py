@@ -1,0 +1,212 @@
+"""Where images come from: a rendered scene seen from a moving camera, at any time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering.pixel_kernels import displacement
+from uavbench.scenes.rendering.radiance import RENDERED, Radiance
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array, Pose, rotation_log
+
+FLOW_STEP = 2
+SLICE_PX = 3.0
+STILL_PX = 0.4
+"""Motion during an exposure that leaves no trace: it widens an edge by less than 0.014 px squared."""
+MAX_SLICES = 64
+LARGEST_RENDER = 4.0
+"""A distorted camera may need a pinhole so many times its own size."""
+LEAST_ROUND_TRIP_PX = 0.01
+"""A pixel that is not met again by the ray that it gives has no ray."""
+SPREAD = ndtri((np.arange(4) + 0.5) / 4) / np.std(ndtri((np.arange(4) + 0.5) / 4))
+"""Quantiles of a normal point spread, of unit deviation."""
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a pinhole camera sees at one moment: codes of the renderer, and depth in metres (0: nothing)."""
+
+    color: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    instances: NDArray[np.uint8]
+    cam_from_world: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A camera that can be asked for images; an effect takes one and gives another.
+
+    pinhole is what is rendered, lens the place (h, w, 2) in it of each pixel of the camera, None where they are the
+    same. look renders a view; expose gives the mean light over a time interval; image is what the camera delivers
+    of a frame, None when the frame is lost. The stamp of a frame is the middle of its exposure, for a rolling
+    shutter the middle of its middle row's.
+    """
+
+    camera: Camera
+    pinhole: Camera
+    lens: Map | None
+    cam_from_world: Callable[[int], Pose]
+    look: Callable[[int], View]
+    expose: Callable[[int, int], Radiance]
+    image: Callable[[int], Radiance | None]
+    row_delay_ns: float = 0.0
+
+
+def make_source(
+    renderer: Renderer,
+    camera: Camera,
+    pinhole: Camera,
+    lens: Map | None,
+    cam_from_world: Callable[[int], Pose],
+    blur_px: float = 0.0,
+) -> Source:
+    """An ideal camera: a lens that spreads light by blur_px (pixels of the pinhole), global shutter, no noise."""
+
+    @lru_cache(maxsize=2)
+    def color(stamp_ns: int) -> NDArray[np.uint8]:
+        return through_lens(renderer, cam_from_world(stamp_ns), pinhole, stamp_ns * 1e-9, blur_px)
+
+    @lru_cache(maxsize=2)
+    def look(stamp_ns: int) -> View:
+        pose = cam_from_world(stamp_ns)
+        return View(color(stamp_ns), *renderer.geometry(pose, pinhole, stamp_ns * 1e-9), pose)
+
+    def sharp(stamp_ns: int) -> Radiance:
+        light = light_of(color(stamp_ns))
+        return light if lens is None else sample(light, lens)
+
+    def expose(start_ns: int, end_ns: int) -> Radiance:
+        out = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
+        if start_ns == end_ns or _still(renderer, pinhole, cam_from_world(start_ns), cam_from_world(end_ns)):
+            return sharp((start_ns + end_ns) // 2)
+        _expose(start_ns, end_ns, 1.0, out)
+        return out
+
+    def _expose(start_ns: int, end_ns: int, weight: float, out: Radiance) -> None:
+        view = look((start_ns + end_ns) // 2)
+        flow = flow_between(view, pinhole, cam_from_world(start_ns), cam_from_world(end_ns))
+        fastest = float(np.abs(flow).max()) if flow.size else 0.0
+        slices = min(MAX_SLICES, int(np.ceil(fastest / SLICE_PX)))
+        if slices > 1:
+            slices += 1 - slices % 2
+            cuts = [start_ns + (end_ns - start_ns) * k // slices for k in range(slices + 1)]
+            for k in range(slices):
+                a, b = cuts[k], cuts[k + 1]
+                seen = view if k == slices // 2 else look((a + b) // 2)
+                smear(seen.color, flow / np.float32(slices), lens, weight / slices, out)
+        else:
+            smear(view.color, flow, lens, weight, out)
+
+    return Source(camera, pinhole, lens, cam_from_world, look, expose, sharp)
+
+
+def through_lens(
+    renderer: Renderer, cam_from_world: Pose, pinhole: Camera, time_s: float, blur_px: float
+) -> NDArray[np.uint8]:
+    """Codes (h, w, 3) of the renderer seen through a lens: the mean light of renders shifted by its point spread.
+
+    Samples that are shifted lie closer together, so that edges lie where their light does to a few thousandths of a px.
+    """
+    if blur_px == 0.0:
+        return renderer.color(cam_from_world, pinhole, time_s)
+    light = np.zeros((pinhole.height, pinhole.width, 3), dtype=np.float32)
+    for dx, dy in product(blur_px * SPREAD, repeat=2):
+        shifted = replace(pinhole, cx=pinhole.cx + dx, cy=pinhole.cy + dy)
+        add(light_of(renderer.color(cam_from_world, shifted, time_s)), 1 / len(SPREAD) ** 2, light)
+    return np.asarray(np.rint(255 * np.sqrt(light)), dtype=np.uint8)
+
+
+def _still(renderer: Renderer, pinhole: Camera, before: Pose, after: Pose) -> bool:
+    """Whether nothing that stands still can move by as much as STILL_PX between two poses."""
+    step = after @ before.inverse()
+    nearest = renderer.nearest_m(before.inverse().translation)
+    widest = 1 + (max(pinhole.cx, pinhole.width - pinhole.cx) / pinhole.fx) ** 2
+    widest += (max(pinhole.cy, pinhole.height - pinhole.cy) / pinhole.fy) ** 2
+    turn, way = float(np.linalg.norm(rotation_log(step.rotation))), float(np.linalg.norm(step.translation))
+    return bool(max(pinhole.fx, pinhole.fy) * widest * (turn + way / max(nearest, 1e-6)) < STILL_PX)
+
+
+def flow_between(view: View, pinhole: Camera, before: Pose, after: Pose) -> Map:
+    """Motion (h, w, 2) in px, from the pose before to the one after, of what each pixel shows."""
+    world_from_cam = view.cam_from_world.inverse()
+    h, w = view.depth.shape
+    flow = np.empty(((h + FLOW_STEP - 1) // FLOW_STEP, (w + FLOW_STEP - 1) // FLOW_STEP, 2), dtype=np.float32)
+    intrinsics = (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
+    poses = [(pose @ world_from_cam).matrix[:3] for pose in (before, after)]
+    displacement(view.depth, FLOW_STEP, intrinsics, poses[0], poses[1], flow)
+    return np.asarray(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+
+
+def smear(color: NDArray[np.uint8], flow: Map, lens: Map | None, weight: float, out: Radiance) -> None:
+    """Add the mean light along each pixel's motion (h, w, 2), weighted."""
+    taps = max(1, int(np.ceil(float(np.abs(flow).max()) * 1.25 + 0.2)))
+    place = pixel_grid(color.shape[1], color.shape[0]) if lens is None else lens
+    if lens is not None:
+        flow = sample(flow, lens)
+    light = light_of(color)
+    for k in range(taps):
+        share = (k + 0.5) / taps - 0.5
+        add(sample(light, place - np.float32(share) * flow), weight / taps, out)
+
+
+def light_of(color: NDArray[np.uint8]) -> Radiance:
+    """Linear light of the renderer's codes; only light can be interpolated and summed without bias."""
+    return np.asarray(cv2.LUT(color, RENDERED), dtype=np.float32)
+
+
+def add(light: Radiance, weight: float, out: Radiance) -> None:
+    """Out += weight * light."""
+    cv2.scaleAdd(light, weight, out, out)
+
+
+def pixel_grid(width: int, height: int) -> Map:
+    """Coordinates (h, w, 2) of the pixels themselves."""
+    return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+
+
+def sample(image: NDArray[Any], place: Map) -> NDArray[Any]:
+    """The image (h, w, channels) at fractional places (h', w', 2), bilinear, its border repeated outside."""
+    none: Any = None
+    return np.asarray(cv2.remap(image, place, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def render_camera(camera: Camera, margin_px: int = 0) -> tuple[Camera, Map | None]:
+    """Pinhole camera that sees all that a camera does, with a margin, and the place in it of each of its pixels.
+
+    Its focal lengths are the camera's own, so that the middle of the image keeps its sharpness. UserError when a
+    pixel looks so far aside that no pinhole of sensible size can see it.
+    """
+    if camera.distortion_model == "none" and margin_px == 0:
+        return camera, None
+    pixels = pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)
+    place = camera.undistort(pixels)
+    low, high = np.floor(place.min(axis=0)) - 2 - margin_px, np.ceil(place.max(axis=0)) + 3 + margin_px
+    if not (
+        np.isfinite(place).all() and ((high - low) < LARGEST_RENDER * np.array([camera.width, camera.height])).all()
+    ):
+        raise UserError(
+            "camera: with this distortion some pixels look too far aside to be rendered (a fisheye may see about 120 "
+            "degrees across); lower the distortion or raise fx_px and fy_px"
+        )
+    rays = np.column_stack([(place - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(place))])
+    off_px = np.abs(camera.project(rays) - pixels).max(axis=1)
+    if not off_px.max() < LEAST_ROUND_TRIP_PX:
+        u, v = pixels[int(np.argmax(off_px))]
+        raise UserError(
+            f"camera: the distortion folds over before it reaches pixel ({u:.0f}, {v:.0f}), which no ray gives; "
+            "lower its coefficients, add the higher ones, or raise fx_px and fy_px"
+        )
+    width, height = (int(n) for n in high - low)
+    pinhole = Camera(width, height, camera.fx, camera.fy, camera.cx - low[0], camera.cy - low[1])
+    shifted: Array = place - low
+    return pinhole, shifted.reshape(camera.height, camera.width, 2).astype(np.float32)

@@ -1,0 +1,193 @@
+"""The one place that knows how to get an OpenGL context, and what pyrender and PyOpenGL need for it.
+
+pyrender 0.1.45 uses `np.infty` (gone in numpy 2), pins PyOpenGL 3.1.0 (which does not know the name that
+Python 3.12 gave to ctypes' argument objects, and has no OSMesaCreateContextAttribs), and does not let OSMesa keep
+its framebuffers. Nothing else imports OpenGL or pyrender before `context()` has run.
+"""
+
+import ctypes
+import ctypes.util
+import functools
+import os
+import sys
+import types
+from typing import Any
+
+import numpy as np
+
+from uavbench.trajectories.errors import UserError
+
+PACKAGES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libosmesa6"
+
+
+class GLUnavailableError(UserError):
+    """No OpenGL context can be made; says why and which packages are missing."""
+
+
+@functools.cache
+def context() -> Any:
+    """The GL context of this process (a pyrender platform), made current; GLUnavailableError when there is none.
+
+    UAVBENCH_GL=egl|osmesa chooses; otherwise EGL, and OSMesa where EGL fails.
+    """
+    wanted = os.environ.get("UAVBENCH_GL", "")
+    probes = {"egl": _probe_egl, "osmesa": _probe_osmesa}
+    if wanted and wanted not in probes:
+        raise GLUnavailableError(f"UAVBENCH_GL={wanted!r}: must be egl or osmesa")
+    reasons = []
+    for name in [wanted] if wanted else list(probes):
+        reason = probes[name]()
+        if reason is None:
+            return _make(name)
+        reasons.append(f"{name}: {reason}")
+    raise GLUnavailableError(f"cannot make an OpenGL context ({'; '.join(reasons)}); install it with: {PACKAGES}")
+
+
+def name() -> str:
+    """`egl` or `osmesa`: what `context()` uses."""
+    context()
+    return os.environ["PYOPENGL_PLATFORM"]
+
+
+def version() -> str:
+    """Renderer and version of the GL library, as it names itself."""
+    context()
+    from OpenGL import GL
+
+    return " ".join(GL.glGetString(what).decode() for what in (GL.GL_RENDERER, GL.GL_VERSION))
+
+
+def _make(kind: str) -> Any:
+    os.environ["PYOPENGL_PLATFORM"] = kind
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe's threads gain nothing and take cores
+    if not hasattr(np, "infty"):
+        setattr(np, "infty", np.inf)  # noqa: B010  (an assignment is what ruff rewrites)
+    _without_viewer()
+    from OpenGL.plugins import FormatHandler
+
+    arguments = FormatHandler.by_name("ctypesparameter")
+    if "_ctypes.CArgObject" not in arguments.check:
+        arguments.check.append("_ctypes.CArgObject")
+    if kind == "egl":
+        from pyrender.platforms import egl
+
+        device = egl.get_device_by_index(int(os.environ.get("EGL_DEVICE_ID", "0")))
+        platform: Any = egl.EGLPlatform(16, 16, device=device)
+    else:
+        platform = _OSMesaPlatform()
+    platform.init_context()
+    platform.make_current()
+    _make_hashable()
+    return platform
+
+
+def _without_viewer() -> None:
+    """Keep pyrender from importing its window, which needs X11's libraries even where no window is opened."""
+    viewer = types.ModuleType("pyrender.viewer")
+    setattr(viewer, "Viewer", None)  # noqa: B010  (the name that pyrender's __init__ asks for)
+    sys.modules.setdefault(viewer.__name__, viewer)
+
+
+def _make_hashable() -> None:
+    """PyOpenGL 3.1.0 keeps its notes by context, whose type it lets OSMesa use but not hash."""
+    import OpenGL.platform
+
+    current = OpenGL.platform.PLATFORM.GetCurrentContext()
+    try:
+        hash(current)
+    except TypeError:
+        kind: Any = type(current)
+        kind.__hash__ = lambda self: hash(self.address)
+        kind.__eq__ = lambda self, other: isinstance(other, kind) and self.address == other.address
+
+
+class _OSMesaPlatform:
+    """OSMesa context with a core profile; it draws into framebuffer objects, so its own buffer stays small."""
+
+    FORMAT, PROFILE, CORE, MAJOR, MINOR, DEPTH_BITS = 0x22, 0x33, 0x34, 0x36, 0x37, 0x30
+    RGBA, UNSIGNED_BYTE = 0x1908, 0x1401
+
+    def init_context(self) -> None:
+        attributes = [self.FORMAT, self.RGBA, self.DEPTH_BITS, 24, self.PROFILE, self.CORE]
+        attributes += [self.MAJOR, 3, self.MINOR, 3, 0]
+        self._library = _load("OSMesa")
+        create = self._library.OSMesaCreateContextAttribs
+        create.restype = ctypes.c_void_p
+        create.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
+        self._context = create((ctypes.c_int * len(attributes))(*attributes), None)
+        if not self._context:
+            raise GLUnavailableError(f"OSMesa cannot make an OpenGL 3.3 context; update it with: {PACKAGES}")
+        self._buffer = (ctypes.c_ubyte * (16 * 16 * 4))()
+
+    def make_current(self) -> None:
+        make = self._library.OSMesaMakeCurrent
+        make.restype = ctypes.c_ubyte
+        make.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_int]
+        if not make(self._context, self._buffer, self.UNSIGNED_BYTE, 16, 16):
+            raise GLUnavailableError(f"OSMesa refuses its own context; reinstall it with: {PACKAGES}")
+
+    def supports_framebuffers(self) -> bool:
+        return True
+
+
+def _load(library: str) -> ctypes.CDLL:
+    """The shared library; OSError when there is none."""
+    found = ctypes.util.find_library(library)
+    if found is None:
+        raise OSError(f"no lib{library} on this machine")
+    return ctypes.CDLL(found, mode=ctypes.RTLD_GLOBAL)
+
+
+def _probe_osmesa() -> str | None:
+    """None when OSMesa can make a core context, otherwise why not."""
+    try:
+        _load("OSMesa").OSMesaCreateContextAttribs  # noqa: B018  (looks the symbol up)
+    except (OSError, AttributeError) as error:
+        return str(error)
+    return None
+
+
+def _probe_egl() -> str | None:
+    """None when EGL can make a desktop-GL context, otherwise why not.
+
+    Asked through ctypes, since PyOpenGL cannot change its platform once it is imported.
+    """
+    try:
+        egl = _load("EGL")
+        _load("GL")
+    except OSError as error:
+        return str(error)
+    pointer, integer = ctypes.c_void_p, ctypes.c_int
+    egl.eglGetProcAddress.restype = pointer
+    query_address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+    display_address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
+    if not (query_address and display_address):
+        return "libEGL cannot list devices"
+    query = ctypes.CFUNCTYPE(integer, integer, ctypes.POINTER(pointer), ctypes.POINTER(integer))(query_address)
+    get_display = ctypes.CFUNCTYPE(pointer, ctypes.c_uint, pointer, pointer)(display_address)
+    devices, count = (pointer * 16)(), integer()
+    if not query(16, devices, ctypes.byref(count)) or count.value < 1:
+        return "no EGL device (is libgl1-mesa-dri installed?)"
+    wanted_device = os.environ.get("EGL_DEVICE_ID", "0")
+    if not wanted_device.isdigit():
+        return f"EGL_DEVICE_ID={wanted_device!r} is not a number"
+    index = int(wanted_device)
+    if index >= count.value:
+        return f"EGL_DEVICE_ID={index}, but there are {count.value} devices"
+    display = pointer(get_display(0x313F, devices[index], None))  # EGL_PLATFORM_DEVICE_EXT
+    if not egl.eglInitialize(display, None, None):
+        return "the EGL device does not start"
+    config, found = pointer(), integer()
+    wanted = (integer * 7)(0x3033, 1, 0x3040, 8, 0x3025, 24, 0x3038)  # pbuffer, OpenGL, 24 bits of depth
+    if not egl.eglChooseConfig(display, wanted, ctypes.byref(config), 1, ctypes.byref(found)) or not found.value:
+        return "EGL has no configuration for desktop OpenGL"
+    egl.eglBindAPI(0x30A2)  # EGL_OPENGL_API
+    egl.eglCreateContext.restype = pointer
+    egl.eglCreateContext.argtypes = [pointer, pointer, pointer, ctypes.POINTER(integer)]
+    version = (integer * 7)(0x3098, 4, 0x30FB, 1, 0x30FD, 1, 0x3038)  # OpenGL 4.1 core
+    made = pointer(egl.eglCreateContext(display, config, None, version))
+    if not made:
+        return "EGL cannot make an OpenGL 4.1 context"
+    egl.eglDestroyContext(display, made)
+    egl.eglTerminate(display)
+    return None

@@ -1,0 +1,145 @@
+"""What lives on the GPU: programs, meshes, textures, and the images drawn into."""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.renderables import Part, Texture
+from uavbench.trajectories.pose import Array
+
+
+class Program:
+    """A linked shader program; each uniform is looked up once."""
+
+    def __init__(self, GL: Any, vertex: str, fragment: str) -> None:
+        self._gl, self._at = GL, dict[str, int]()
+        self.id = GL.glCreateProgram()
+        for kind, source in ((GL.GL_VERTEX_SHADER, vertex), (GL.GL_FRAGMENT_SHADER, fragment)):
+            shader = GL.glCreateShader(kind)
+            GL.glShaderSource(shader, [source])
+            GL.glCompileShader(shader)
+            if not GL.glGetShaderiv(shader, GL.GL_COMPILE_STATUS):
+                raise RuntimeError(f"shader does not compile: {GL.glGetShaderInfoLog(shader)}")
+            GL.glAttachShader(self.id, shader)
+            GL.glDeleteShader(shader)
+        GL.glLinkProgram(self.id)
+        if not GL.glGetProgramiv(self.id, GL.GL_LINK_STATUS):
+            raise RuntimeError(f"shaders do not link: {GL.glGetProgramInfoLog(self.id)}")
+
+    def _location(self, name: str) -> int:
+        if name not in self._at:
+            self._at[name] = self._gl.glGetUniformLocation(self.id, name)
+        return self._at[name]
+
+    def use(self) -> None:
+        """Draw with it from now on."""
+        self._gl.glUseProgram(self.id)
+
+    def matrix(self, name: str, value: NDArray[np.floating[Any]]) -> None:
+        """Set a mat4 uniform from a row-major (4, 4)."""
+        self._gl.glUniformMatrix4fv(self._location(name), 1, self._gl.GL_TRUE, np.ascontiguousarray(value, np.float32))
+
+    def vector(self, name: str, value: Array) -> None:
+        """Set a vec3 or vec4 uniform."""
+        set_vector = self._gl.glUniform3fv if len(value) == 3 else self._gl.glUniform4fv
+        set_vector(self._location(name), 1, np.ascontiguousarray(value, np.float32))
+
+    def number(self, name: str, value: float) -> None:
+        """Set a float uniform."""
+        self._gl.glUniform1f(self._location(name), value)
+
+    def integer(self, name: str, value: int) -> None:
+        """Set an int or sampler uniform."""
+        self._gl.glUniform1i(self._location(name), value)
+
+
+class Mesh:
+    """A part's vertices on the GPU (as a pyrender primitive), ready to draw; lit when some of it may face the lamp."""
+
+    def __init__(self, GL: Any, part: Part, texture: int, lit: bool) -> None:
+        from pyrender import Primitive
+
+        self._gl, self.part, self.texture, self.lit = GL, part, texture, lit
+        positions, normals, uv, tint, indices = _corners(part)
+        self.primitive = Primitive(
+            positions=positions, normals=normals, texcoord_0=uv, color_0=tint, indices=indices, mode=GL.GL_TRIANGLES
+        )
+        self.primitive._add_to_context()
+
+    @property
+    def cutout(self) -> bool:
+        """Whether the texture cuts holes into the part."""
+        return self.part.cutout
+
+    def draw(self) -> None:
+        """Draw it with the program in use."""
+        GL = self._gl
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self.texture)
+        if self.part.two_sided:
+            GL.glDisable(GL.GL_CULL_FACE)
+        else:
+            GL.glEnable(GL.GL_CULL_FACE)
+        self.primitive._bind()
+        GL.glDrawElements(GL.GL_TRIANGLES, self.primitive.indices.size, GL.GL_UNSIGNED_INT, ctypes.c_void_p(0))
+
+
+class Target:
+    """An image to draw into, with depth: `samples` per pixel (readable as a texture), or one."""
+
+    def __init__(self, GL: Any, width: int, height: int, samples: int, storage: int) -> None:
+        self._gl = GL
+        self.id = GL.glGenFramebuffers(1)
+        self.texture = GL.glGenTextures(1)
+        self._depth = GL.glGenRenderbuffers(1)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self.id)
+        kind = GL.GL_TEXTURE_2D_MULTISAMPLE if samples else GL.GL_TEXTURE_2D
+        GL.glBindTexture(kind, self.texture)
+        if samples:
+            GL.glTexImage2DMultisample(kind, samples, storage, width, height, True)
+        else:
+            GL.glTexImage2D(kind, 0, storage, width, height, 0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, None)
+        GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_COLOR_ATTACHMENT0, kind, self.texture, 0)
+        GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, self._depth)
+        GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, samples, GL.GL_DEPTH_COMPONENT24, width, height)
+        GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_RENDERBUFFER, self._depth)
+        if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
+            raise RuntimeError(f"OpenGL cannot draw into {width} x {height} px with {samples} samples")
+
+    def delete(self) -> None:
+        """Free it."""
+        self._gl.glDeleteFramebuffers(1, [self.id])
+        self._gl.glDeleteTextures([self.texture])
+        self._gl.glDeleteRenderbuffers(1, [self._depth])
+
+
+def upload(GL: Any, image: Texture, mipmap: bool) -> int:
+    """Texture of an image (h, w, 3 or 4), repeated outside 0..1."""
+    texture = int(GL.glGenTextures(1))
+    data = np.ascontiguousarray(image[::-1])
+    h, w, channels = data.shape
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    layout = GL.GL_RGBA if channels == 4 else GL.GL_RGB
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA8, w, h, 0, layout, GL.GL_UNSIGNED_BYTE, data)
+    if mipmap:
+        GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
+    smallest = GL.GL_LINEAR_MIPMAP_LINEAR if mipmap else GL.GL_LINEAR
+    GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MIN_FILTER, smallest)
+    GL.glTexParameteri(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR)
+    return texture
+
+
+def _corners(part: Part) -> tuple[Array, Array, Array, Array, Any]:
+    """Vertex attributes and indices; a part without normals gets a corner of its own per triangle."""
+    n = len(part.vertices)
+    uv = np.zeros((n, 2)) if part.uv is None else part.uv
+    tint = np.ones((n, 4)) if part.tint is None else part.tint
+    if part.normals is not None:
+        return part.vertices, part.normals, uv, tint, part.triangles
+    flat = part.triangles.reshape(-1)
+    a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return part.vertices[flat], np.repeat(normals, 3, axis=0), uv[flat], tint[flat], np.arange(len(flat)).reshape(-1, 3)

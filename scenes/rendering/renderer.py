@@ -1,0 +1,219 @@
+"""Draws parts under a light, with shaders and passes of our own on pyrender's context and primitives.
+
+The only module that knows OpenGL's axes (camera looks along -z, y up). Pixel centres at integer coordinates.
+"""
+
+import ctypes
+from itertools import chain
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.renderables import Light, Mover, Part, Texture
+from uavbench.scenes.rendering import context as gl
+from uavbench.scenes.rendering import shaders
+from uavbench.scenes.rendering.gpu import Mesh, Program, Target, upload
+from uavbench.scenes.rendering.shadows import ShadowMap, split_by_lamp
+from uavbench.trajectories.pose import Array, Pose
+
+GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
+SAMPLES = 4
+NEAR_M, FAR_M = 0.05, 2000.0
+WHITE: Texture = np.full((1, 1, 3), 255, dtype=np.uint8)
+
+
+class Renderer:
+    """A scene on the GPU (or in llvmpipe), drawn at one image size; close it when done."""
+
+    def __init__(
+        self,
+        parts: tuple[Part, ...],
+        light: Light,
+        width: int,
+        height: int,
+        movers: tuple[Mover, ...] = (),
+        sky: Texture | None = None,
+    ) -> None:
+        gl.context()
+        from OpenGL import GL
+
+        self._gl = GL
+        self.width, self.height = width, height
+        self._textures: dict[int, int] = {}
+        self._kept: list[Texture] = []
+        self._meshes: list[tuple[Mesh, Mover | None]] = [
+            (self._mesh(p, lit), None) for part in parts for p, lit in split_by_lamp(part, light)
+        ]
+        self._meshes += [(self._mesh(mover.part, True), mover) for mover in movers]
+        self._meshes.sort(key=lambda item: item[0].cutout)
+        boxes = [(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in parts]
+        self._boxes = np.array(boxes).reshape(-1, 2, 3)
+        self._sky = None if sky is None else self._texture(sky, mipmap=False)
+        self._light = light
+        self._samples = Target(GL, width, height, SAMPLES, GL.GL_RGBA8)
+        self._plain = Target(GL, width, height, 0, GL.GL_RGBA8)
+        self._floats = Target(GL, width, height, 0, GL.GL_RG32F)
+        self._no_vertices = GL.glGenVertexArrays(1)
+        haze, shadow = ["HAZE"] * (light.haze_per_m > 0), ["SHADOW_MAP"] * light.shadow_map
+        self._surface = {
+            True: self._programs(shaders.SURFACE, "LAMP", *shadow, *haze),
+            False: self._programs(shaders.SURFACE, *haze),
+        }
+        self._geometry = self._programs(shaders.GEOMETRY)
+        self._depth = self._programs(shaders.DEPTH)
+        self._sky_program = Program(GL, shaders.SKY_VERTEX, shaders.SKY)
+        self._resolve = Program(GL, shaders.WHOLE_IMAGE, shaders.RESOLVE)
+        still = [mesh for mesh, mover in self._meshes if mover is None]
+        self._shadow = ShadowMap(GL, light, still, self._depth) if light.shadow_map else None
+        for program in (*self._surface[True], *self._surface[False]):
+            self._set_light(program)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def color(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera of this renderer's size."""
+        GL = self._gl
+        view_projection = _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix
+        self._begin(self._samples)
+        GL.glEnable(GL.GL_MULTISAMPLE)
+        for program in (*self._surface[True], *self._surface[False]):
+            program.use()
+            program.matrix("view_projection", view_projection)
+            program.vector("eye", cam_from_world.inverse().translation)
+        if self._shadow is not None:
+            GL.glActiveTexture(GL.GL_TEXTURE1)
+            GL.glBindTexture(GL.GL_TEXTURE_2D, self._shadow.texture)
+            GL.glActiveTexture(GL.GL_TEXTURE0)
+        for mesh, mover in self._meshes:
+            program = self._surface[mesh.lit][mesh.cutout]
+            program.use()
+            program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
+            program.number("roughness", mesh.part.roughness)
+            mesh.draw()
+        GL.glBindVertexArray(self._no_vertices)
+        if self._sky is not None:
+            self._sky_program.use()
+            self._sky_program.matrix("world_from_clip", np.linalg.inv(view_projection))
+            GL.glDepthFunc(GL.GL_LEQUAL)
+            GL.glBindTexture(GL.GL_TEXTURE_2D, self._sky)
+            GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+            GL.glDepthFunc(GL.GL_LESS)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._plain.id)
+        GL.glDisable(GL.GL_DEPTH_TEST)
+        self._resolve.use()
+        GL.glBindTexture(GL.GL_TEXTURE_2D_MULTISAMPLE, self._samples.texture)
+        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+        image = np.empty((self.height, self.width, 4), dtype=np.uint8)
+        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, image)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
+
+    def geometry(
+        self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth (h, w) along the optical axis at pixel centres, metres, 0 where there is nothing; instances (h, w)."""
+        GL = self._gl
+        self._begin(self._floats)
+        for program in self._geometry:
+            program.use()
+            program.matrix("view_projection", _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix)
+        for mesh, mover in self._meshes:
+            program = self._geometry[mesh.cutout]
+            program.use()
+            model = np.eye(4) if mover is None else mover.world_from_part(time_s).matrix
+            program.matrix("model", model)
+            program.vector("depth_row", cam_from_world.matrix[2])
+            program.number("instance", float(mesh.part.instance))
+            mesh.draw()
+        both = np.empty((self.height, self.width, 2), dtype=np.float32)
+        self._read(GL.GL_RG, GL.GL_FLOAT, both)
+        depth, instances = cv2.split(cv2.flip(both, 0))
+        return np.asarray(depth, dtype=np.float32), instances.astype(np.uint8)
+
+    def nearest_m(self, eye: Array) -> float:
+        """Lower bound of the distance from a point to what is drawn and does not move."""
+        if self._boxes.size == 0:
+            return FAR_M
+        gap = np.maximum(np.maximum(self._boxes[:, 0] - eye, eye - self._boxes[:, 1]), 0.0)
+        return float(np.linalg.norm(gap, axis=1).min())
+
+    def close(self) -> None:
+        """Free everything that this renderer holds on the GPU."""
+        GL = self._gl
+        for mesh, _ in self._meshes:
+            mesh.primitive.delete()
+        for target in (self._samples, self._plain, self._floats):
+            target.delete()
+        if self._shadow is not None:
+            self._shadow.delete()
+        if self._textures:
+            GL.glDeleteTextures(list(self._textures.values()))
+        GL.glDeleteVertexArrays(1, [self._no_vertices])
+        pairs = (*self._surface.values(), self._geometry, self._depth, (self._sky_program, self._resolve))
+        for program in chain.from_iterable(pairs):
+            GL.glDeleteProgram(program.id)
+        self._meshes, self._textures = [], {}
+
+    def _begin(self, target: Target) -> None:
+        GL = self._gl
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, target.id)
+        GL.glViewport(0, 0, self.width, self.height)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glDisable(GL.GL_BLEND)
+        GL.glClearColor(0.0, 0.0, 0.0, 0.0)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+
+    def _read(self, layout: int, kind: int, out: NDArray[Any]) -> None:
+        self._gl.glPixelStorei(self._gl.GL_PACK_ALIGNMENT, 1)
+        self._gl.glReadPixels(0, 0, self.width, self.height, layout, kind, out.ctypes.data_as(ctypes.c_void_p))
+
+    def _programs(self, fragment: str, *switches: str) -> tuple[Program, Program]:
+        """The program of solid parts, and that of parts with holes."""
+        vertex = shaders.with_switches(shaders.VERTEX, *switches)
+        solid = Program(self._gl, vertex, shaders.with_switches(fragment, *switches))
+        return solid, Program(self._gl, vertex, shaders.with_switches(fragment, *switches, "CUTOUT"))
+
+    def _set_light(self, program: Program) -> None:
+        light = self._light
+        program.use()
+        program.integer("surface", 0)
+        program.integer("shadow_map", 1)
+        program.vector("to_lamp", np.array(light.to_lamp) / np.linalg.norm(light.to_lamp))
+        for name in ("lamp", "above", "below", "haze_color"):
+            program.vector(name, np.array(getattr(light, name)))
+        program.number("haze", light.haze_per_m)
+        if self._shadow is not None:
+            program.matrix("shadow_from_world", self._shadow.matrix)
+            program.number("shadow_texel", self._shadow.texel_m)
+            program.number("shadow_spread", self._shadow.spread)
+
+    def _mesh(self, part: Part, lit: bool) -> Mesh:
+        return Mesh(self._gl, part, self._texture(part.texture), lit)
+
+    def _texture(self, source: Texture | None, mipmap: bool = True) -> int:
+        image = WHITE if source is None else source
+        if id(image) not in self._textures:
+            self._kept.append(image)
+            self._textures[id(image)] = upload(self._gl, image, mipmap)
+        return self._textures[id(image)]
+
+
+def _projection(camera: Camera) -> Array:
+    """OpenGL projection (4, 4) of a pinhole camera; the image spans -0.5 .. size - 0.5 px."""
+    w, h = camera.width, camera.height
+    depth = FAR_M - NEAR_M
+    return np.array(
+        [
+            [2 * camera.fx / w, 0, 1 - 2 * (camera.cx + 0.5) / w, 0],
+            [0, 2 * camera.fy / h, 2 * (camera.cy + 0.5) / h - 1, 0],
+            [0, 0, -(FAR_M + NEAR_M) / depth, -2 * FAR_M * NEAR_M / depth],
+            [0, 0, -1, 0],
+        ]
+    )

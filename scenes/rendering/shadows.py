@@ -1,0 +1,86 @@
+"""What the lamp lights: which faces turn to it, and the map of what is nearest to it."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from uavbench.scenes.renderables import Light, Part
+from uavbench.scenes.rendering.gpu import Mesh, Program
+from uavbench.trajectories.pose import Array
+
+SHADOW_SIZE = 2048
+
+
+def split_by_lamp(part: Part, light: Light) -> list[tuple[Part, bool]]:
+    """The faces that turn to the lamp, marked True, and those that do not, whose light needs less work.
+
+    A part seen from both sides is not split, nor any where no shadow map is drawn.
+    """
+    if not light.shadow_map or part.two_sided:
+        return [(part, True)]
+    a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
+    to_lamp = np.array(light.to_lamp)
+    turned = np.cross(b - a, c - a) @ to_lamp > 0
+    if part.normals is not None:
+        turned |= (part.normals @ to_lamp > 0)[part.triangles].any(axis=1)
+    halves = [(replace(part, triangles=part.triangles[turned == lit]), lit) for lit in (True, False)]
+    return [(half, lit) for half, lit in halves if len(half.triangles)]
+
+
+class ShadowMap:
+    """What the lamp sees of the still parts that cast shadows, drawn once."""
+
+    def __init__(self, GL: Any, light: Light, meshes: list[Mesh], programs: tuple[Program, Program]) -> None:
+        self._gl = GL
+        casting = [mesh for mesh in meshes if mesh.part.casts_shadow]
+        points = np.concatenate([mesh.part.vertices for mesh in casting]) if casting else np.zeros((1, 3))
+        self.matrix, half = _lamp_view(points, np.array(light.to_lamp))
+        self.texel_m = float(2 * max(half[:2]) / SHADOW_SIZE)
+        self.spread = float(np.clip(light.softness_m * SHADOW_SIZE / (2 * max(half[:2])), 0.7, 1.2)) / SHADOW_SIZE
+        self.texture = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self.texture)
+        size = (SHADOW_SIZE, SHADOW_SIZE)
+        GL.glTexImage2D(
+            GL.GL_TEXTURE_2D, 0, GL.GL_DEPTH_COMPONENT24, *size, 0, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, None
+        )
+        for key, value in (
+            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_COMPARE_MODE, GL.GL_COMPARE_REF_TO_TEXTURE),
+            (GL.GL_TEXTURE_COMPARE_FUNC, GL.GL_LEQUAL),
+        ):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
+        self._target = GL.glGenFramebuffers(1)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._target)
+        GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, GL.GL_DEPTH_ATTACHMENT, GL.GL_TEXTURE_2D, self.texture, 0)
+        GL.glDrawBuffer(GL.GL_NONE)
+        GL.glViewport(0, 0, *size)
+        GL.glEnable(GL.GL_DEPTH_TEST)
+        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)
+        for mesh in casting:
+            program = programs[mesh.cutout]
+            program.use()
+            program.matrix("view_projection", self.matrix)
+            program.matrix("model", np.eye(4))
+            mesh.draw()
+
+    def delete(self) -> None:
+        """Free it."""
+        self._gl.glDeleteTextures([self.texture])
+        self._gl.glDeleteFramebuffers(1, [self._target])
+
+
+def _lamp_view(points: Array, to_lamp: Array) -> tuple[Array, Array]:
+    """Orthographic clip_from_world (4, 4) of a far lamp that sees all points, and its half extents (3,) in metres."""
+    forward = -to_lamp / np.linalg.norm(to_lamp)
+    side = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.99 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    axes = np.array([side, np.cross(side, forward), -forward])
+    local = points @ axes.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    half = (high - low) / 2 * 1.02 + 0.01
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes / half[:, None] * [[1.0], [1.0], [-1.0]]
+    matrix[:3, 3] = -(low + high) / 2 / half * [1.0, 1.0, -1.0]
+    return matrix, half

@@ -1,0 +1,69 @@
+"""As-built is not as-designed: what is rendered may differ from the model that the tracker gets."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Interval
+
+from uavbench.scenes.renderables import Part
+from uavbench.trajectories.pose import Array
+
+Record = dict[str, float | str]
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far the built structure may be from the designed one, drawn from the sequence's seed.
+
+    scale_percent: each dimension is off by a normal deviate of this; displaced_share of the pieces are shifted by a
+    normal deviate of displaced_m in each direction; missing_share of the pieces were never built; bend_m is the sag of
+    the middle of the longest side (down for a structure that is longer than high, else sideways). The largest piece
+    is neither shifted nor left out.
+    """
+
+    scale_percent: Annotated[float, Interval(ge=0, le=20)] = 0.0
+    displaced_share: Annotated[float, Interval(ge=0, le=1)] = 0.0
+    displaced_m: Annotated[float, Interval(ge=0, le=10)] = 0.02
+    missing_share: Annotated[float, Interval(ge=0, le=1)] = 0.0
+    bend_m: Annotated[float, Interval(ge=-10, le=10)] = 0.0
+
+    def apply(
+        self, parts: tuple[Part, ...], bounds: Array, rng: np.random.Generator
+    ) -> tuple[tuple[Part, ...], Record]:
+        """The parts as built, and what was changed: factors, metres, and the names of pieces."""
+        record: Record = {}
+        draws = rng.random((len(parts), 2))
+        shifts = self.displaced_m * rng.standard_normal((len(parts), 3))
+        factors = 1 + self.scale_percent / 100 * rng.standard_normal(3)
+        largest = int(np.argmax([np.ptp(part.vertices, axis=0).max() for part in parts]))
+        out: list[Part] = []
+        for k, part in enumerate(parts):
+            label = f"{part.name or 'piece'} #{k}"
+            if k == largest or not part.name:
+                out.append(part)
+            elif draws[k, 0] < self.missing_share:
+                record[f"missing: {label}"] = 1.0
+            elif draws[k, 1] < self.displaced_share:
+                record[f"displaced_m: {label}"] = " ".join(f"{value:.6f}" for value in shifts[k])
+                out.append(replace(part, vertices=part.vertices + shifts[k]))
+            else:
+                out.append(part)
+        if self.scale_percent > 0:
+            record |= {f"scale_{axis}": float(factor) for axis, factor in zip("xyz", factors, strict=True)}
+            out = [replace(part, vertices=part.vertices * factors) for part in out]
+        if self.bend_m != 0:
+            record["bend_m"] = self.bend_m
+            out = [replace(part, vertices=_bent(part.vertices, bounds, self.bend_m)) for part in out]
+        return tuple(out), record
+
+
+def _bent(vertices: Array, bounds: Array, bend_m: float) -> Array:
+    """Vertices shifted by a parabola over the longest side: nothing at its ends, bend_m in its middle."""
+    size = bounds[1] - bounds[0]
+    along = int(np.argmax(size))
+    across = 2 if along < 2 else 0
+    share = (vertices[:, along] - bounds[0, along]) / size[along]
+    out = vertices.copy()
+    out[:, across] -= bend_m * 4 * share * (1 - share)
+    return out

@@ -1,0 +1,167 @@
+"""An outdoor environment: sun and sky with clouds, ground, and a far rim of trees and hills."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+from annotated_types import Ge, Gt, Interval
+from numpy.typing import NDArray
+
+from uavbench.scenes.materials import painted as materials
+from uavbench.scenes.materials import procedural_texture as noise
+from uavbench.scenes.materials.procedural_texture import Image
+from uavbench.scenes.renderables import BuiltEnvironment, Light, Part, Texture
+from uavbench.trajectories.pose import Array
+
+SKY_PX = (1024, 2048)
+RIM_M = 180.0
+ZENITH, HORIZON = (88.0, 142.0, 212.0), (202.0, 220.0, 236.0)
+CLOUD, CLOUD_SHADE, GROUND = (246.0, 246.0, 244.0), (164.0, 170.0, 180.0), (132.0, 136.0, 112.0)
+"""Colours of the sky, its clouds, and the ground below the horizon."""
+
+
+@dataclass(frozen=True)
+class Outdoor:
+    """A field around the structure under a sky.
+
+    sun_elevation_deg and sun_azimuth_deg place the sun (azimuth from x towards y, random when None); cloudiness 0 is a
+    clear sky, 1 an overcast one, which takes the sun's light and the shadows' edges with it.
+    """
+
+    ground: Literal["grass", "gravel", "asphalt", "concrete"] = "grass"
+    sun_elevation_deg: Annotated[float, Interval(gt=3, le=90)] = 42.0
+    sun_azimuth_deg: float | None = None
+    cloudiness: Annotated[float, Interval(ge=0, le=1)] = 0.35
+    haze_per_km: Annotated[float, Ge(0)] = 1.5
+    brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
+
+    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
+        """Ground, rim and sky; the ground near the structure takes its ambient shade."""
+        azimuth = np.radians(rng.uniform(0, 360) if self.sun_azimuth_deg is None else self.sun_azimuth_deg)
+        elevation = np.radians(self.sun_elevation_deg)
+        to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        open_sky = (1 - self.cloudiness) ** 0.7
+        warm = np.array([1.0, 0.62 + 0.36 * np.sin(elevation), 0.35 + 0.57 * np.sin(elevation)])
+        b = self.brightness
+        above = np.array([0.34, 0.40, 0.50]) * (0.75 + 0.5 * self.cloudiness)
+        light = Light(
+            to_lamp=_triple(to_sun),
+            lamp=_triple(b * 0.95 * open_sky * warm),
+            above=_triple(b * above),
+            below=_triple(b * np.array([0.17, 0.16, 0.12])),
+            softness_m=0.02 + 0.5 * self.cloudiness**2,
+            haze_per_m=self.haze_per_km / 1000,
+            haze_color=_triple(b * np.array([0.62, 0.70, 0.80])),
+        )
+        sky = noise.finish(_sky(to_sun, self.cloudiness, rng) * np.sqrt(b))
+        return BuiltEnvironment((*self._ground(bounds, rng), *_rim(bounds, rng)), light, sky)
+
+    def _ground(self, bounds: Array, rng: np.random.Generator) -> list[Part]:
+        look = materials.PAINTS[self.ground](rng)
+        centre = bounds.mean(axis=0)[:2]
+        extent = float(np.linalg.norm((bounds[1] - bounds[0])[:2]))
+        rings = np.concatenate([np.linspace(0, 1.2 * extent, 10), np.geomspace(1.6 * extent, 6 * RIM_M, 9)])
+        spokes = 28
+        angle = np.arange(spokes) * 2 * np.pi / spokes
+        around = np.column_stack([np.cos(angle), np.sin(angle)])
+        flat = np.concatenate([[centre], *(centre + r * around for r in rings[1:])])
+        i = np.arange(spokes)
+        j = (i + 1) % spokes
+        triangles = [np.column_stack([np.zeros(spokes, dtype=np.int64), 1 + i, 1 + j])]
+        for k in range(len(rings) - 2):
+            a, b = 1 + k * spokes, 1 + (k + 1) * spokes
+            triangles += [np.column_stack([a + i, b + i, b + j]), np.column_stack([a + i, b + j, a + j])]
+        tone = 1 + 0.10 * np.clip(rng.standard_normal(len(flat)), -2, 2)
+        tint = np.column_stack([tone * (1 + 0.03 * rng.standard_normal(len(flat))), tone, tone, np.ones(len(flat))])
+        return [
+            Part(
+                vertices=np.column_stack([flat, np.zeros(len(flat))]),
+                triangles=np.concatenate(triangles),
+                normals=np.tile([0.0, 0.0, 1.0], (len(flat), 1)),
+                uv=flat / np.array(look.tile_m),
+                texture=look.texture,
+                tint=tint,
+                roughness=1.0,
+                casts_shadow=False,
+            )
+        ]
+
+
+def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
+    """Panorama: blue that pales towards the horizon and the sun, clouds seen in perspective."""
+    h, w = SKY_PX
+    image = np.full((h, w, 3), GROUND, dtype=np.float32)
+    rows = h // 2 + 8  # further down the ground alone is seen
+    elevation = ((0.5 - (np.arange(rows, dtype=np.float32)[:, None] + 0.5) / h) * np.pi).astype(np.float32)
+    azimuth = (((np.arange(w, dtype=np.float32) + 0.5) / w * 2 - 1) * np.pi).astype(np.float32)
+    up, level = np.sin(elevation), np.cos(elevation)
+    x, y = level * np.cos(azimuth), level * np.sin(azimuth)
+    sun = to_sun.astype(np.float32)
+    near_sun = np.clip(x * sun[0] + y * sun[1] + up * sun[2], 0, 1)
+    glow, disc = np.square(np.square(np.square(near_sun))) ** 3, np.exp(1500 * (near_sun - 1))
+    pale = np.exp(-5 * np.clip(up, 0, 1))
+    blue = noise.paint((60.0, 52.0, 36.0), glow) + noise.paint((200.0, 200.0, 200.0), disc)
+    blue += (np.array(ZENITH) * (1 - pale[..., None]) + np.array(HORIZON) * pale[..., None]).astype(np.float32)
+    tile, height = 1024, np.clip(up, 0.035, 1)
+    field = noise.fractal((tile, tile), 300, rng, octaves=8, gain=0.58)
+    lit = noise.blurred(field, 10)
+    u, v = (np.mod(way / height * 130 + 4000, tile).astype(np.float32) for way in (x, y))
+    cover, thick = (cv2.remap(f, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP) for f in (field, lit))
+    edge = np.float32(1.5 - 2.9 * cloudiness)
+    mask = np.clip((cover - edge) / np.float32(0.9), 0, 1)
+    mask = mask * mask * (3 - 2 * mask) * np.clip((up - 0.01) / 0.10, 0, 1)
+    body = np.clip((thick - edge) / np.float32(2.5), 0, 1)
+    white = noise.blend(np.broadcast_to(np.array(CLOUD, np.float32), (rows, w, 3)), CLOUD_SHADE, body)
+    sky = noise.blend(blue, white, 0.92 * mask)
+    image[:rows] = noise.blend(sky, GROUND, np.clip(-60 * up, 0, 1) * np.ones_like(mask))
+    return image
+
+
+def _rim(bounds: Array, rng: np.random.Generator) -> list[Part]:
+    """Hills and a belt of trees far away: two bands around the field with a ragged upper border."""
+    centre = bounds.mean(axis=0)[:2]
+    out = []
+    for distance, height, color, rough in (
+        (RIM_M * 2.2, 42.0, (112.0, 128.0, 118.0), 120.0),
+        (RIM_M, 15.0, (70.0, 86.0, 52.0), 14.0),
+    ):
+        texture = _band(color, rough, rng)
+        sides = 40
+        angle = np.arange(sides + 1) * 2 * np.pi / sides
+        around = np.column_stack([np.cos(angle), np.sin(angle)]) * distance + centre
+        low = np.column_stack([around, np.full(sides + 1, -1.0)])
+        high = np.column_stack([around, np.full(sides + 1, height)])
+        i = np.arange(sides)
+        corners = sides + 1
+        triangles = [np.column_stack([i, corners + i, corners + i + 1]), np.column_stack([i, corners + i + 1, i + 1])]
+        u = np.arange(corners) / 4.0
+        out.append(
+            Part(
+                vertices=np.concatenate([low, high]),
+                triangles=np.concatenate(triangles),
+                normals=np.tile([0.0, 0.0, 1.0], (2 * corners, 1)),
+                uv=np.concatenate(
+                    [np.column_stack([u, np.full(corners, 0.01)]), np.column_stack([u, np.full(corners, 0.99)])]
+                ),
+                texture=texture,
+                roughness=1.0,
+                two_sided=True,
+                casts_shadow=False,
+            )
+        )
+    return out
+
+
+def _band(color: tuple[float, float, float], rough_px: float, rng: np.random.Generator) -> Texture:
+    h, w = 256, 2048
+    outline = 0.58 + 0.13 * noise.fractal((1, w), rough_px * 12, rng, octaves=7, gain=0.72)[0]
+    y = 1 - np.arange(h, dtype=np.float32)[:, None] / h
+    crowns = noise.fractal((h, w), max(rough_px * 2, 24), rng, octaves=5, gain=0.7)
+    image = noise.paint(color, (1 + 0.22 * crowns) * (0.55 + 0.6 * y / outline[None]))
+    alpha = np.where(y < outline[None], 255, 0).astype(np.uint8)
+    return np.dstack([noise.finish(image), alpha])

@@ -1,0 +1,38 @@
+"""A studio: the structure in plain paint before one colour, without shadows, for how exact a tracker can be at best."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Gt, Interval
+
+from uavbench.scenes.renderables import BuiltEnvironment, Light
+from uavbench.trajectories.pose import Array
+
+SKY_PX = (8, 16)
+ABOVE, BELOW = 1.0, 0.2
+"""Light from above and from below: with that from one side, any two faces of a box differ by a fifth and more."""
+
+
+@dataclass(frozen=True)
+class Studio:
+    """Nothing but the structure: each of its surfaces in one colour, the mean of its texture, before one grey.
+
+    Light comes from all around, more of it from above and along x; there is no lamp, and so no shadow. backdrop is
+    the linear light of what is behind the structure.
+    """
+
+    brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
+    backdrop: Annotated[float, Interval(ge=0, le=1)] = 0.02
+
+    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
+        """The light and the backdrop; nothing in them is random."""
+        light = Light(
+            to_lamp=(1.0, 0.0, 0.0),
+            lamp=(0.0, 0.0, 0.0),
+            above=(self.brightness * ABOVE,) * 3,
+            below=(self.brightness * BELOW,) * 3,
+            shadow_map=False,
+        )
+        sky = np.full((*SKY_PX, 3), round(255 * float(np.sqrt(self.backdrop))), dtype=np.uint8)
+        return BuiltEnvironment((), light, sky, textures=False)

@@ -1,0 +1,32 @@
+"""`hold`: repeats the first pose, the floor that every other variant must beat."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
+from uavbench.trajectories.pose import Pose
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Parameters of `hold`: none."""
+
+    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+        """Begin a run at the pose that will be repeated."""
+        return HoldRun(cam_from_world, camera)
+
+
+@dataclass(frozen=True)
+class HoldRun:
+    """A run of `hold`."""
+
+    cam_from_world: Pose
+    camera: Camera
+
+    def track(self, image: Image, stamp_ns: int) -> TrackResult:
+        """The first pose again; ImageError for an image of another size or type."""
+        check_image(image, self.camera)
+        return TrackResult(status="ok", cam_from_world=self.cam_from_world)

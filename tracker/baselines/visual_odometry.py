@@ -1,0 +1,169 @@
+"""`vo`: monocular visual odometry on features, which knows nothing of the structure but where it starts.
+
+Corners are followed by optical flow (Lucas & Kanade 1981) and triangulated once their rays have turned; each frame's
+pose is PnP on the corners that have a place. Frame and scale come from the first pose: the first corners on the
+structure are put where their rays meet it. After that the structure is forgotten: it shows how a model-free method
+drifts.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from annotated_types import Ge, Gt
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
+from uavbench.tracker.shang_shen.segments import grey
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.geometry.bvh import build_tree
+from uavbench.trajectories.geometry.rays import ray_distances
+from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.pose import Array, Pose
+
+MIN_CORNERS = 12
+"""Fewer corners with a known place than this fix no pose."""
+OUTLIER_PX = 2.0
+
+
+@dataclass(frozen=True)
+class Vo:
+    """Parameters of `vo`: corners followed, their least distance, and the parallax that triangulates them."""
+
+    corners: Annotated[int, Ge(20)] = 300
+    apart_px: Annotated[float, Gt(0)] = 10.0
+    parallax_rad: Annotated[float, Gt(0)] = 0.03
+
+    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+        """Begin a run at a known first pose."""
+        prepare(__name__)
+        return VoRun(self, structure, camera, cam_from_world)
+
+
+class VoRun:
+    """A run of `vo`."""
+
+    def __init__(self, parameters: Vo, structure: Structure, camera: Camera, cam_from_world: Pose) -> None:
+        self.parameters, self.structure, self.camera, self.pose = parameters, structure, camera, cam_from_world
+        self.last: Image | None = None
+        self.pixels = np.zeros((0, 2))  # where each corner is now
+        self.points = np.zeros((0, 3))  # its place in the world
+        self.first_eye = np.zeros((0, 3))  # where the camera was, and its ray in the world, when first seen
+        self.first_ray = np.zeros((0, 3))
+        self.placed = np.zeros(0, dtype=bool)
+
+    def track(self, image: Image, stamp_ns: int) -> TrackResult:
+        """Estimate at the next frame; ImageError for an image of another size or type."""
+        check_image(image, self.camera)
+        clock = StageClock()
+        gray = grey(image)
+        if self.last is not None:
+            with clock.stage("flow"):
+                self._follow(gray)
+            with clock.stage("pose"):
+                if not self._solve():
+                    self.last = gray
+                    return TrackResult(status="lost", stage_ms=clock.ms, candidates=len(self.pixels))
+        with clock.stage("map"):
+            self._triangulate()
+            self._add(gray)
+        self.last = gray
+        return TrackResult(
+            status="ok",
+            cam_from_world=self.pose,
+            stage_ms=clock.ms,
+            candidates=len(self.pixels),
+            inliers=int(self.placed.sum()),
+        )
+
+    def _follow(self, gray: Image) -> None:
+        assert self.last is not None
+        if not len(self.pixels):
+            return
+        start = self.pixels.astype(np.float32).reshape(-1, 1, 2)
+        there, good, _ = cv2.calcOpticalFlowPyrLK(self.last, gray, start, start.copy())
+        back, good_back, _ = cv2.calcOpticalFlowPyrLK(gray, self.last, there, start.copy())
+        closed = np.linalg.norm((back - start).reshape(-1, 2), axis=1) < 0.5
+        self.pixels = there.reshape(-1, 2).astype(np.float64)
+        self._keep((good.ravel() > 0) & (good_back.ravel() > 0) & closed)
+
+    def _solve(self) -> bool:
+        """PnP on the placed corners; those that disagree are dropped."""
+        rows = np.flatnonzero(self.placed)
+        if len(rows) < MIN_CORNERS:
+            return False
+        flat = self.camera.undistort(self.pixels[rows])
+        cv2.setRNGSeed(0)
+        found, rotation, translation, inliers = cv2.solvePnPRansac(
+            self.points[rows],
+            flat,
+            self.camera.K,
+            np.zeros(4),
+            cv2.Rodrigues(self.pose.rotation)[0],
+            self.pose.translation.reshape(3, 1).copy(),
+            useExtrinsicGuess=True,
+            iterationsCount=100,
+            reprojectionError=OUTLIER_PX,
+        )
+        if not found or inliers is None or len(inliers) < MIN_CORNERS:
+            return False
+        self.pose = Pose(
+            np.asarray(cv2.Rodrigues(rotation)[0], np.float64), np.asarray(translation, np.float64).reshape(3)
+        )
+        keep = np.ones(len(self.pixels), dtype=bool)
+        keep[rows] = False
+        keep[rows[inliers.ravel()]] = True
+        self._keep(keep)
+        return True
+
+    def _rays(self, pixels: Array) -> Array:
+        flat = self.camera.undistort(pixels)
+        x = (flat[:, 0] - self.camera.cx) / self.camera.fx
+        y = (flat[:, 1] - self.camera.cy) / self.camera.fy
+        rays = np.column_stack([x, y, np.ones(len(flat))]) @ self.pose.rotation
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    def _triangulate(self) -> None:
+        """Place corners whose ray has turned enough since it was first seen: midway where the two rays come nearest."""
+        if not len(self.pixels):
+            return
+        eye, rays = self.pose.inverse().translation, self._rays(self.pixels)
+        base = eye - self.first_eye
+        cosine = np.einsum("ij,ij->i", rays, self.first_ray)
+        turned = ~self.placed & (np.arccos(np.clip(cosine, -1, 1)) > self.parameters.parallax_rad)
+        for k in np.flatnonzero(turned):
+            A = np.column_stack([self.first_ray[k], -rays[k]])
+            along = np.linalg.lstsq(A, base[k], rcond=None)[0]
+            if along.min() > 0:
+                self.points[k] = (self.first_eye[k] + along[0] * self.first_ray[k] + eye + along[1] * rays[k]) / 2
+                self.placed[k] = True
+
+    def _add(self, gray: Image) -> None:
+        """Start to follow new corners; of the very first, those on the structure have their place at once."""
+        missing = self.parameters.corners - len(self.pixels)
+        if missing < self.parameters.corners // 4:
+            return
+        mask = np.full(gray.shape, 255, dtype=np.uint8)
+        for x, y in np.round(self.pixels).astype(int).tolist():
+            cv2.circle(mask, (x, y), int(self.parameters.apart_px), 0, -1)
+        found: Any = cv2.goodFeaturesToTrack(gray, missing, 0.01, self.parameters.apart_px, mask=mask)
+        if found is None:
+            return
+        pixels = found.reshape(-1, 2).astype(np.float64)
+        rays, eye = self._rays(pixels), self.pose.inverse().translation
+        distance = np.full(len(pixels), np.inf)
+        if self.last is None:
+            tree = build_tree(self.structure.vertices[self.structure.triangles])
+            distance = ray_distances(tree, np.broadcast_to(eye, rays.shape), rays)
+        placed = np.isfinite(distance)
+        self.pixels = np.concatenate([self.pixels, pixels])
+        self.points = np.concatenate([self.points, eye + np.where(placed, distance, 1.0)[:, None] * rays])
+        self.first_eye = np.concatenate([self.first_eye, np.broadcast_to(eye, rays.shape)])
+        self.first_ray = np.concatenate([self.first_ray, rays])
+        self.placed = np.concatenate([self.placed, placed])
+
+    def _keep(self, rows: Array) -> None:
+        for name in ("pixels", "points", "first_eye", "first_ray", "placed"):
+            setattr(self, name, getattr(self, name)[rows])

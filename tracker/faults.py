@@ -1,0 +1,121 @@
+"""What went wrong in a tracker's own code, in one line: the fault's name, and the file and line it is at."""
+
+import sys
+import sysconfig
+from dataclasses import replace
+from numbers import Integral, Real
+from pathlib import Path
+from traceback import walk_tb
+from types import CodeType
+from typing import Any, get_args
+
+import numpy as np
+
+from uavbench.tracker.protocol import Status, TrackResult
+from uavbench.trajectories.errors import UserError, one_line
+from uavbench.trajectories.pose import Array, Pose
+
+OURS = frozenset({"uavbench"})
+LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")})
+COUNTS = ("segments", "control_points", "candidates", "inliers")
+LEAST_EIGENVALUE = -1e-6
+"""A covariance's smallest eigenvalue over its largest may be this by rounding."""
+
+ROTATION_ERROR = 1e-3
+"""What a rotation times its transpose may differ from one, as for the quaternions of programs."""
+
+
+class ResultError(Exception):
+    """What `track` returned cannot be taken: the fault's name, and what is wrong."""
+
+
+def told(error: BaseException, method: Any) -> str:
+    """One line that says what was raised in a tracker's method and where in the tracker's own code.
+
+    An error of uavbench's own, meant for people, is given as it is.
+    """
+    if isinstance(error, ResultError):
+        return f"{one_line(str(error))} ({place(error, method)})"
+    if isinstance(error, UserError):
+        return one_line(str(error))
+    return f"{one_line(f'{type(error).__name__}: {error}')} ({place(error, method)})"
+
+
+def place(error: BaseException, method: Any) -> str:
+    """File, line and function of the tracker's own code that an exception comes from, else where its method begins."""
+    own = _top(getattr(method, "__module__", ""))
+    found = [
+        (frame.f_code, line)
+        for frame, line in walk_tb(error.__traceback__)
+        if (top := _top(frame.f_globals.get("__name__", ""))) == own
+        or (top not in OURS and not frame.f_code.co_filename.startswith((*LIBRARIES, "<")))
+    ]
+    code = getattr(method, "__code__", None)
+    at, line = found[-1] if found else (code, code.co_firstlineno) if isinstance(code, CodeType) else (None, 0)
+    return f"{_short(at)}:{line} in {at.co_name}" if at is not None else one_line(repr(method))
+
+
+def is_ours(tracker: object) -> bool:
+    """Whether a tracker is one that comes with uavbench."""
+    return _top(type(tracker).__module__) in OURS
+
+
+def checked(result: Any) -> TrackResult:
+    """A result of `track` with plain numbers; ResultError when it is none or holds what is none."""
+    if not isinstance(result, TrackResult):
+        raise ResultError(f"[no-result] track returned {_named(result)}, not a uavbench.tracker.protocol.TrackResult")
+    if result.status not in get_args(Status):
+        raise ResultError(f"[bad-result] the status {result.status!r} is none of {', '.join(get_args(Status))}")
+    pose, covariance = result.cam_from_world, result.covariance
+    if pose is not None and not isinstance(pose, Pose):
+        raise ResultError(f"[bad-result] cam_from_world is {_named(pose)}; make it with Pose.from_matrix(...)")
+    if pose is not None and not np.isfinite(pose.matrix).all():
+        raise ResultError("[bad-result] the pose is not finite; a frame without a good pose has the status `lost`")
+    if pose is not None and not _is_rotation(pose.rotation):
+        raise ResultError("[bad-result] the rotation of the pose is none: its rows are not orthonormal")
+    if covariance is not None and (why := _no_covariance(covariance)):
+        raise ResultError(f"[bad-result] the covariance {why}")
+    try:
+        stage_ms = {str(name): float(ms) for name, ms in result.stage_ms.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise ResultError("[bad-result] stage_ms is no mapping of names to milliseconds") from None
+    counts = {name: getattr(result, name) for name in COUNTS}
+    for name, count in counts.items():
+        if count is not None and not isinstance(count, Integral):
+            raise ResultError(f"[bad-result] {name} is {_named(count)}, not an integer")
+    whole: dict[str, Any] = {name: None if count is None else int(count) for name, count in counts.items()}
+    return replace(result, stage_ms=stage_ms, **whole)
+
+
+def _is_rotation(R: Array) -> bool:
+    return bool(np.abs(R @ R.T - np.eye(3)).max() < ROTATION_ERROR and np.linalg.det(R) > 0)
+
+
+def _no_covariance(covariance: Any) -> str:
+    """Why something is no covariance of a pose, "" when it is one."""
+    if not isinstance(covariance, np.ndarray) or covariance.shape != (6, 6):
+        return f"is {_named(covariance)}, not an array (6, 6)"
+    if not (issubclass(covariance.dtype.type, Real) and np.isfinite(covariance).all()):
+        return "holds what is no finite number"
+    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+    if not values[0] >= LEAST_EIGENVALUE * abs(values[-1]):
+        return f"has the eigenvalue {values[0]:.3g}; none may be negative"
+    return ""
+
+
+def _named(value: Any) -> str:
+    shape = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
+    return "None" if value is None else f"{type(value).__name__}{shape}"
+
+
+def _top(module: str) -> str:
+    return module.split(".")[0]
+
+
+def _short(code: CodeType) -> str:
+    """Path of a source file from its top package on: the same wherever it is installed."""
+    path = Path(code.co_filename)
+    for module in list(sys.modules.values()):
+        if getattr(module, "__file__", None) == code.co_filename:
+            return "/".join(path.parts[-max(1, len(module.__name__.split("."))) :])
+    return path.name

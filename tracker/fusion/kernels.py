@@ -1,0 +1,247 @@
+"""Compiled propagation and update of the error-state Kalman filter (Sola 2017, sections 5 and 6).
+
+A state is an array (27,): position, velocity, rotation by rows, accelerometer bias, gyroscope bias, camera bias; `P`
+(21, 21) the covariance of its error. Sums keep their order, so a replay gives the same bits.
+"""
+
+import math
+
+import numpy as np
+
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+
+@compiled("f1~")
+def rotation(phi: Array) -> Array:
+    """Exp(phi) (3, 3), Rodrigues (eq. 78)."""
+    a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
+    if a2 < 1e-10:
+        s, c = 1.0 - a2 / 6.0, 0.5 - a2 / 24.0
+    else:
+        a = math.sqrt(a2)
+        s, c = math.sin(a) / a, (1.0 - math.cos(a)) / a2
+    return combination(phi, 1.0, s, c)
+
+
+@compiled("f1~ f0 f0 f0")
+def combination(phi: Array, one: float, s: float, c: float) -> Array:
+    """The matrix one I + s [phi]x + c [phi]x [phi]x."""
+    x, y, z = phi[0], phi[1], phi[2]
+    return np.array([
+        [one - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
+        [c * x * y + s * z, one - c * (x * x + z * z), c * y * z - s * x],
+        [c * x * z - s * y, c * y * z + s * x, one - c * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+@compiled("f1")
+def first_integral(phi: Array) -> Array:
+    """Integral of Exp(u phi) over u from 0 to 1: the left Jacobian of SO(3) (eq. 145)."""
+    a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
+    if a2 < 1e-6:
+        return combination(phi, 1.0, 0.5 - a2 / 24.0, 1.0 / 6.0 - a2 / 120.0)
+    a = math.sqrt(a2)
+    return combination(phi, 1.0, (1.0 - math.cos(a)) / a2, (a - math.sin(a)) / (a2 * a))
+
+
+@compiled("f1")
+def second_integral(phi: Array) -> Array:
+    """Integral of `first_integral`, which a constant specific force moves the position by (Bloesch et al. 2012)."""
+    a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
+    if a2 < 1e-4:
+        return combination(phi, 0.5, 1.0 / 6.0 - a2 / 120.0, 1.0 / 24.0 - a2 / 720.0)
+    a = math.sqrt(a2)
+    return combination(phi, 0.5, (a - math.sin(a)) / (a2 * a), (0.5 * a2 + math.cos(a) - 1.0) / (a2 * a2))
+
+
+@compiled("f2 f2")
+def product(A: Array, B: Array) -> Array:
+    """A @ B with sums in a fixed order."""
+    n, m = A.shape[0], B.shape[1]
+    out = np.zeros((n, m))
+    for i in range(n):
+        for k in range(A.shape[1]):
+            a = A[i, k]
+            if a != 0.0:
+                for j in range(m):
+                    out[i, j] += a * B[k, j]
+    return out
+
+
+@compiled("f2 f1")
+def turned(A: Array, v: Array) -> Array:
+    """A v for a matrix (3, 3)."""
+    return np.array([
+        A[0, 0] * v[0] + A[0, 1] * v[1] + A[0, 2] * v[2],
+        A[1, 0] * v[0] + A[1, 1] * v[1] + A[1, 2] * v[2],
+        A[2, 0] * v[0] + A[2, 1] * v[1] + A[2, 2] * v[2],
+    ])  # fmt: skip
+
+
+@compiled("f1 f2 f1 f1 f0 f1")
+def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> tuple[Array, Array]:
+    """State and covariance after dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2.
+
+    The nominal state (eq. 259) is integrated in closed form for constant rate and specific force in the body; the
+    error's transition (eq. 269, 270) and noise (eq. 262 to 265, with the densities of continuous time) follow from it.
+    """
+    R = np.ascontiguousarray(state[6:15]).reshape(3, 3)
+    force, phi = accel - state[15:18], (gyro - state[18:21]) * dt
+    E, G1, G2 = rotation(phi), first_integral(phi), second_integral(phi)
+    a1, a2 = turned(G1, force), turned(G2, force)
+    RG1, RG2 = product(R, G1), product(R, G2)
+    out = state.copy()
+    ra1, ra2 = turned(R, a1), turned(R, a2)
+    for i in range(3):
+        g = -densities[7] if i == 2 else 0.0
+        out[i] = state[i] + state[3 + i] * dt + ra2[i] * dt * dt + 0.5 * g * dt * dt
+        out[3 + i] = state[3 + i] + ra1[i] * dt + g * dt
+    R_new = product(R, E)
+    # one Newton step towards the nearest rotation keeps round-off from growing: R (3 I - R' R) / 2
+    near = product(np.ascontiguousarray(R_new.T), R_new)
+    correction = -0.5 * near
+    for i in range(3):
+        correction[i, i] += 1.5
+    R_new = product(R_new, correction)
+    for i in range(3):
+        for j in range(3):
+            out[6 + 3 * i + j] = R_new[i, j]
+    decay = math.exp(-dt / densities[6])
+    for i in range(21, 27):
+        out[i] = state[i] * decay
+
+    # Rows of the transition that differ from the identity: position, velocity, attitude, on 15 columns.
+    F = np.zeros((9, 15))
+    for i in range(9):
+        F[i, i] = 1.0
+    position_by_attitude = product(R, combination(a2, 0.0, 1.0, 0.0))
+    velocity_by_attitude = product(R, combination(a1, 0.0, 1.0, 0.0))
+    by_force = product(R, combination(force, 0.0, 1.0, 0.0))
+    J = first_integral(-phi)  # right Jacobian (eq. 143)
+    for i in range(3):
+        F[i, 3 + i] = dt
+        for j in range(3):
+            F[i, 6 + j] = -position_by_attitude[i, j] * dt * dt
+            F[i, 9 + j] = -RG2[i, j] * dt * dt
+            F[i, 12 + j] = by_force[i, j] * dt * dt * dt / 6.0
+            F[3 + i, 6 + j] = -velocity_by_attitude[i, j] * dt
+            F[3 + i, 9 + j] = -RG1[i, j] * dt
+            F[3 + i, 12 + j] = by_force[i, j] * dt * dt / 2.0
+            F[6 + i, 6 + j] = E[j, i]
+            F[6 + i, 12 + j] = -J[i, j] * dt
+    upper = product(F, np.ascontiguousarray(P[:15, :]))
+    corner = product(np.ascontiguousarray(upper[:, :15]), np.ascontiguousarray(F.T))
+    P_new = P.copy()
+    for i in range(9):
+        for j in range(9):
+            P_new[i, j] = 0.5 * (corner[i, j] + corner[j, i])
+        for j in range(9, 15):
+            P_new[i, j] = P_new[j, i] = upper[i, j]
+        for j in range(15, 21):
+            P_new[i, j] = P_new[j, i] = upper[i, j] * decay
+    for i in range(15, 21):
+        for j in range(9, 15):
+            P_new[i, j] = P_new[j, i] = P[i, j] * decay
+        for j in range(15, 21):
+            P_new[i, j] = P[i, j] * decay * decay
+    white_a, white_g = densities[0] * densities[0], densities[1] * densities[1]
+    fresh = 1.0 - decay * decay
+    for i in range(3):
+        P_new[i, i] += white_a * dt * dt * dt / 3.0
+        P_new[i, 3 + i] += white_a * dt * dt / 2.0
+        P_new[3 + i, i] += white_a * dt * dt / 2.0
+        P_new[3 + i, 3 + i] += white_a * dt
+        P_new[6 + i, 6 + i] += white_g * dt
+        P_new[9 + i, 9 + i] += densities[2] * densities[2] * dt
+        P_new[12 + i, 12 + i] += densities[3] * densities[3] * dt
+        P_new[15 + i, 15 + i] += densities[4] * densities[4] * fresh
+        P_new[18 + i, 18 + i] += densities[5] * densities[5] * fresh
+    return out, P_new
+
+
+@compiled("f2 f2!")
+def cholesky(S: Array, L: Array) -> bool:
+    """Lower factor L of a symmetric matrix S; False when it is not positive."""
+    n = S.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            s = S[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            if i == j:
+                if not s > 0.0:
+                    return False
+                L[i, i] = math.sqrt(s)
+            else:
+                L[i, j] = s / L[j, j]
+    return True
+
+
+@compiled("f2 f2")
+def solved(L: Array, B: Array) -> Array:
+    """X with L L' X = B."""
+    n, m = B.shape
+    X = B.copy()
+    for c in range(m):
+        for i in range(n):
+            s = X[i, c]
+            for k in range(i):
+                s -= L[i, k] * X[k, c]
+            X[i, c] = s / L[i, i]
+        for i in range(n - 1, -1, -1):
+            s = X[i, c]
+            for k in range(i + 1, n):
+                s -= L[k, i] * X[k, c]
+            X[i, c] = s / L[i, i]
+    return X
+
+
+@compiled("f2 f1 f2 f2")
+def normalized_innovation(P: Array, residual: Array, H: Array, N: Array) -> float:
+    """Squared Mahalanobis distance of a residual (m,), H (m, 21) its Jacobian, N (m, m) its noise; NaN if singular."""
+    S = product(product(H, P), np.ascontiguousarray(H.T)) + N
+    L = np.zeros(S.shape)
+    if not cholesky(S, L):
+        return math.nan
+    column = residual.copy().reshape(-1, 1)
+    x = solved(L, column)
+    total = 0.0
+    for i in range(len(residual)):
+        total += residual[i] * x[i, 0]
+    return total
+
+
+@compiled("f1 f2 f1 f2 f2")
+def update(state: Array, P: Array, residual: Array, H: Array, N: Array) -> tuple[Array, Array]:
+    """State and covariance after a measurement (eq. 273 to 275, Joseph's form), error injected (282) and reset (285).
+
+    residual (m,) is the measurement less its prediction, H (m, 21) its Jacobian by the error, N (m, m) its covariance.
+    """
+    HP = product(H, P)
+    Ht = np.ascontiguousarray(H.T)
+    S = product(HP, Ht) + N
+    L = np.zeros(S.shape)
+    cholesky(S, L)
+    K = np.ascontiguousarray(solved(L, HP).T)
+    error = product(K, residual.copy().reshape(-1, 1))[:, 0]
+    A = -product(K, H)
+    for i in range(A.shape[0]):
+        A[i, i] += 1.0
+    P_new = product(product(A, P), np.ascontiguousarray(A.T)) + product(product(K, N), np.ascontiguousarray(K.T))
+    out = state.copy()
+    for i in range(6):
+        out[i] += error[i]
+        out[15 + i] += error[9 + i]
+        out[21 + i] += error[15 + i]
+    R = product(np.ascontiguousarray(state[6:15]).reshape(3, 3), rotation(error[6:9]))
+    for i in range(3):
+        for j in range(3):
+            out[6 + 3 * i + j] = R[i, j]
+    # Reset: the attitude error is now told about the new attitude (eq. 287).
+    G = combination(error[6:9], 1.0, -0.5, 0.0)
+    rows = product(G, np.ascontiguousarray(P_new[6:9, :]))
+    P_new[6:9, :] = rows
+    columns = product(np.ascontiguousarray(P_new[:, 6:9]), np.ascontiguousarray(G.T))
+    P_new[:, 6:9] = columns
+    return out, 0.5 * (P_new + P_new.T)

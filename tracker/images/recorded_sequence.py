@@ -1,0 +1,177 @@
+"""Recorded sequences: real images of a structure whose model and first pose are known, and no truth.
+
+`record` makes a sequence folder of them, without truth.csv; `sequence.json` says `first_cam_from_world` instead.
+"""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Protocol
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.disk_guards import disk_errors
+from uavbench.scenes.dataset.sequence import read_image, write_manifest
+from uavbench.scenes.dataset.structure_files import save_structure
+from uavbench.scenes.model_files.referenced_files import parts_of
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, in_order, load_model
+from uavbench.tracker.initialization import read_init
+from uavbench.tracker.run import versions
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.pose import Pose
+
+VISP_IMAGES = (Path("/usr/share/visp-images-data/ViSP-images"), Path("/usr/local/share/visp-images-data/ViSP-images"))
+VISP_CUBE = "mbt/cube"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Image files in their order, and what is known of them."""
+
+    images: tuple[Path, ...]
+    camera: Camera
+    structure: Structure
+    first_cam_from_world: Pose
+
+
+class RecordingSource(Protocol):
+    """Where a recording comes from: a frozen dataclass of parameters."""
+
+    def find(self) -> Recording:
+        """The recording; UserError naming what is not there and where to get it."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    """Files of your own: a folder of images, a model, camera.toml and init.toml as `uavbench track --images` takes."""
+
+    images_path: str
+    model_file: str
+    camera_file: str
+    init_file: str
+
+    @property
+    def entering_files(self) -> tuple[Path, ...]:
+        """The images, and what the model loads, whose content enters the sequence's hash."""
+        folder = Path(self.images_path)
+        return (*(images_in(folder) if folder.is_dir() else ()), *parts_of(Path(self.model_file)))
+
+    def find(self) -> Recording:
+        """The recording."""
+        camera = Camera.load(Path(self.camera_file))
+        first = read_init(Path(self.init_file), camera)
+        return Recording(images_in(Path(self.images_path)), camera, load_model(Path(self.model_file)), first)
+
+
+@dataclass(frozen=True)
+class VispCube:
+    """218 real frames of a cube of 8.4 cm, from Debian's package visp-images-data; images_path where it is elsewhere.
+
+    images_path is the folder `ViSP-images`. Camera and first pose are those that come with the images.
+    """
+
+    images_path: str = ""
+
+    @property
+    def root(self) -> Path | None:
+        """The folder `ViSP-images`, None where it is not."""
+        return next((place for place in self._places if (place / VISP_CUBE).is_dir()), None)
+
+    @property
+    def entering_files(self) -> tuple[Path, ...]:
+        """The images and what comes with them, whose content enters the sequence's hash."""
+        root = self.root
+        if root is None:
+            return ()
+        model = root / "mbt/cube.cao"
+        return (*images_in(root / VISP_CUBE), model, *parts_of(model), root / "mbt/cube.0.pos")
+
+    def find(self) -> Recording:
+        """The recording; UserError saying what to install."""
+        root = self.root
+        if root is None:
+            raise UserError(
+                f"{self._places[0] / VISP_CUBE}: no such folder; install it: sudo apt-get install visp-images-data, "
+                "or name the folder ViSP-images in images_path"
+            )
+        camera = Camera(640, 480, 547.7367575, 542.0744058, 338.7036994, 234.5083345)  # mbt/cube.xml
+        try:
+            numbers = [float(word) for word in (root / "mbt/cube.0.pos").read_text(encoding="utf-8").split()]
+            if len(numbers) != 6:
+                raise ValueError(f"{len(numbers)} numbers instead of 6")
+        except (OSError, ValueError) as error:
+            raise UserError(f"{root / 'mbt/cube.0.pos'}: not readable: {error}") from None
+        turn = Pose.exp(np.array([0.0, 0.0, 0.0, *numbers[3:]])).rotation
+        model = load_model(root / "mbt/cube.cao")
+        return Recording(images_in(root / VISP_CUBE), camera, model, Pose(turn, np.array(numbers[:3])))
+
+    @property
+    def _places(self) -> tuple[Path, ...]:
+        return (Path(self.images_path),) if self.images_path else VISP_IMAGES
+
+
+RECORDINGS: dict[str, type[RecordingSource]] = {"files": Files, "visp-cube": VispCube}
+"""Name -> parameters of every source of recordings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingSpec:
+    """One recorded sequence: where it comes from, and how many images a second it has."""
+
+    name: str
+    seed: Annotated[int, Ge(0)]
+    source: RecordingSource
+    rate_hz: Annotated[float, Gt(0)] = 30.0
+
+
+def record(
+    spec: RecordingSpec, folder: Path, *, content_hash: str, on_frame: Callable[[int, int], None] | None = None
+) -> None:
+    """Write the sequence `folder` of a recording, whole or not at all.
+
+    UserError when something of it is not there, an image is not readable, or the folder holds something else.
+    """
+    refuse_foreign(folder, "manifest.json")
+    recording = spec.source.find()
+    with disk_errors(folder), new_folder(folder, "manifest.json") as new:
+        (new / "frames").mkdir()
+        lines = ["frame,stamp_ns,file"]
+        for frame, image in enumerate(recording.images):
+            read_image(image, recording.camera)
+            name = f"frames/{frame:06d}{image.suffix}"
+            shutil.copyfile(image, new / name)
+            lines.append(f"{frame},{round(frame * 1e9 / spec.rate_hz)},{name}")
+            if on_frame is not None:
+                on_frame(frame + 1, len(recording.images))
+        write_text(new / "frames.csv", "\n".join(lines) + "\n")
+        recording.camera.save(new / "camera.toml")
+        save_structure(recording.structure, new)
+        info = {
+            "name": spec.name,
+            "seed": spec.seed,
+            "rate_hz": spec.rate_hz,
+            "cam_from_body": np.eye(4).tolist(),
+            "first_cam_from_world": recording.first_cam_from_world.matrix.tolist(),
+            "content_hash": content_hash,
+            "versions": versions(),
+        }
+        write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")
+        write_manifest(new)
+
+
+def images_in(folder: Path) -> tuple[Path, ...]:
+    """Images of a folder in the order of their names; UserError when it has none."""
+    try:
+        found = in_order(folder)
+    except OSError as error:
+        raise UserError(f"{folder}: not a readable folder: {error.strerror}") from None
+    if not found:
+        raise UserError(f"{folder}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
+    return tuple(found)

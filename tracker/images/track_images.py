@@ -1,0 +1,133 @@
+"""Real images: a folder or a video, a model, a camera and a first pose in; results and an overlay video out."""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import file_hash, read_image
+from uavbench.scenes.image_files import open_video
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.initialization import read_init
+from uavbench.tracker.overlay import draw_edges
+from uavbench.tracker.protocol import Image, Tracker, TrackResult
+from uavbench.tracker.registry import tracker_kind
+from uavbench.tracker.results import MARKER, Results
+from uavbench.tracker.run import parameters, track_frame, versions
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, refuse_foreign
+from uavbench.trajectories.random_streams import stream
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
+
+
+def track_images(
+    tracker: Tracker,
+    source: Path,
+    *,
+    model: Path,
+    camera: Path,
+    init: Path,
+    out: Path,
+    rate_hz: float = 30.0,
+    seed: int = 0,
+) -> Results:
+    """Track the images of a folder (in the order of their names, 9.png before 10.png) or of a video, and write `out`.
+
+    `out` gets frames.csv, times.csv, estimate_world_from_cam.tum (world: the model's frame), record.json and
+    overlay.mp4.
+    A folder's frames are taken to be 1 / rate_hz apart; a video has its own rate. UserError naming the file at fault.
+    """
+    refuse_foreign(out, MARKER)
+    lens = Camera.load(camera)
+    structure = load_model(model)
+    first = read_init(init, lens)
+    run = tracker.start(structure, lens, first, stream(seed, "tracker", tracker_kind(tracker)))
+    rows: list[TrackResult] = []
+    errors: list[str] = []
+    stamps: list[int] = []
+    with new_folder(out, MARKER) as new:
+        writer = cv2.VideoWriter(
+            str(new / "overlay.mp4"),
+            cv2.VideoWriter.fourcc(*"mp4v"),
+            video_rate(source, rate_hz),
+            (lens.width, lens.height),
+        )
+        for frame, (stamp_ns, image) in enumerate(frames(source, lens, rate_hz)):
+            result, error = track_frame(run, image, stamp_ns)
+            if error:
+                errors.append(f"frame {frame}: {error}")
+            rows.append(result)
+            stamps.append(stamp_ns)
+            writer.write(draw_edges(image, structure, lens, result))
+        writer.release()
+        if not rows:
+            raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
+        made_by = {
+            "tracker": {"kind": tracker_kind(tracker), "parameters": parameters(tracker)},
+            "rate_hz": rate_hz,
+            "seed": seed,
+            "sequence": {"name": source.name, "model": file_hash(model), "camera": file_hash(camera)},
+            "versions": versions(),
+        }
+        record = {
+            **made_by,
+            "cam_from_body": np.eye(4).tolist(),
+            "errors": errors,
+            "content_hash": hashlib.sha256(json.dumps(made_by, sort_keys=True).encode()).hexdigest(),
+        }
+        results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
+        results.write(new)
+    return results
+
+
+def load_model(path: Path) -> Structure:
+    """Structure of a model file in the file's own frame and in metres; UserError naming the file."""
+    from uavbench.scenes.model_files.mesh_file import (
+        MeshFile,  # reads models; a vehicle that has its structure already needs none of it
+    )
+
+    return MeshFile(path=str(path), keep_origin=True, allow_open=True).build(stream(0, "model")).structure
+
+
+def frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[tuple[int, Image]]:
+    """Stamps in ns and BGR images of a folder or a video."""
+    if source.is_dir():
+        for frame, path in enumerate(in_order(source)):
+            yield round(frame * 1e9 / rate_hz), read_image(path, camera)
+        return
+    video = open_video(source)
+    rate = video_rate(source, rate_hz)
+    frame = 0
+    while True:
+        good, image = video.read()
+        if not good:
+            break
+        if image.shape[:2] != (camera.height, camera.width):
+            raise UserError(
+                f"{source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
+                f"the camera {camera.width} x {camera.height} px"
+            )
+        yield round(frame * 1e9 / rate), np.asarray(image, dtype=np.uint8)
+        frame += 1
+    if not frame:
+        raise UserError(f"{source}: not a readable video")
+
+
+def in_order(folder: Path) -> list[Path]:
+    """Images of a folder in the order of their names, numbers in them by their value: 9.png comes before 10.png."""
+    images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    return sorted(images, key=lambda path: [int(n) if n.isdigit() else n for n in re.split(r"([0-9]+)", path.name)])
+
+
+def video_rate(source: Path, rate_hz: float) -> float:
+    """Frames per second of a video; rate_hz for a folder."""
+    if source.is_dir():
+        return rate_hz
+    rate = float(open_video(source).get(cv2.CAP_PROP_FPS))
+    return rate if rate > 0 else rate_hz

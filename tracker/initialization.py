@@ -1,0 +1,154 @@
+"""Step 3, the first pose: known, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Protocol
+
+import cv2
+import numpy as np
+from annotated_types import Ge, Interval
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.relocalization.relocate import AWAY_SIGMA, Relocator, sigmas
+from uavbench.tracker.visible_edges import visible_edges
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.pose import Array, Pose
+
+PICKED_POINTS = 5
+"""Control points that are picked on the first image (Shang & Shen)."""
+
+
+class Initialization(Protocol):
+    """A way to get the first pose: a frozen dataclass of its parameters."""
+
+    def first_pose(
+        self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
+    ) -> Pose:
+        """The pose that a tracker is started with on this first image."""
+        ...
+
+
+@dataclass(frozen=True)
+class Known:
+    """The true first pose."""
+
+    def first_pose(
+        self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
+    ) -> Pose:
+        """The true pose itself."""
+        return true_cam_from_world
+
+
+@dataclass(frozen=True)
+class PickedPoints:
+    """Corners of the structure picked on the first image with a click error, then PnP."""
+
+    click_sigma_px: Annotated[float, Ge(0)] = 1.0
+    points: Annotated[int, Ge(4)] = PICKED_POINTS
+
+    def first_pose(
+        self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
+    ) -> Pose:
+        """Pose of the corners picked; UserError when fewer than four are in view."""
+        seen = np.unique(structure.edges[visible_edges(structure, camera, true_cam_from_world).edges])
+        cam = true_cam_from_world.transform(structure.vertices[seen])
+        seen, cam = seen[cam[:, 2] > 0], cam[cam[:, 2] > 0]
+        pixels = camera.project(cam) if len(cam) else np.zeros((0, 2))
+        inside = ((pixels >= 0) & (pixels < [camera.width, camera.height])).all(axis=1)
+        seen, pixels = seen[inside], pixels[inside]
+        if len(seen) < 4:
+            raise UserError(f"only {len(seen)} corners of the structure are in the first view; four are needed for PnP")
+        rows = np.sort(rng.permutation(len(seen))[: max(self.points, 4)])
+        clicks = pixels[rows] + rng.normal(0.0, self.click_sigma_px, (len(rows), 2))
+        return pose_from_points(structure.vertices[seen[rows]], clicks, camera)
+
+
+@dataclass(frozen=True)
+class CoarseGuess:
+    """A guess within range_part of the distance and angle_deg of the direction, then a search of poses.
+
+    The guess is the true pose moved at random by up to that much; the best agreeing pose around it is taken.
+    """
+
+    range_part: Annotated[float, Interval(ge=0, le=0.5)] = 0.1
+    angle_deg: Annotated[float, Interval(ge=0, le=45)] = 10.0
+
+    def first_pose(
+        self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
+    ) -> Pose:
+        """The best of the poses around the guess; the guess itself when the image shows no edges."""
+        range_m = float(np.linalg.norm(true_cam_from_world.transform(structure.bounds.mean(axis=0, keepdims=True))))
+        twist = np.concatenate(
+            [
+                rng.uniform(-1, 1, 3) * self.range_part * range_m / np.sqrt(3),
+                rng.uniform(-1, 1, 3) * np.radians(self.angle_deg) / np.sqrt(3),
+            ]
+        )
+        guess = Pose.exp(twist) @ true_cam_from_world
+        spread = max(self.range_part, float(np.radians(self.angle_deg)), AWAY_SIGMA) / 2
+        fitter = EdgeFitter(structure, camera, rng)
+        fit, _ = Relocator.of(fitter, camera).best(image, [guess], sigmas(spread, range_m), range_m)
+        return fit.cam_from_world if fit.finite else guess
+
+
+INITIALIZATIONS: dict[str, type[Initialization]] = {
+    "known": Known,
+    "picked-points": PickedPoints,
+    "coarse-guess": CoarseGuess,
+}
+"""Every way to get the first pose by its name."""
+
+
+def pose_from_points(points_m: Array, pixels: Array, camera: Camera) -> Pose:
+    """cam_from_world of points (n, 3) seen at pixels (n, 2), n >= 4; UserError when they fix no pose.
+
+    SQPnP (Terzakis & Lourakis 2020), then Levenberg-Marquardt on the reprojection errors.
+    """
+    if len(points_m) < 4:
+        raise UserError(f"{len(points_m)} points given; a pose takes at least four, better five or more")
+    flat = camera.undistort(np.asarray(pixels, dtype=np.float64))
+    spans = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)
+    if spans[1] < 1e-6 * max(spans[0], 1e-12):
+        raise UserError("the picked points lie on one line; pick points that span a face")
+    try:
+        found, rotation, translation = cv2.solvePnP(points_m, flat, camera.K, np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
+        if found:
+            rotation, translation = cv2.solvePnPRefineLM(points_m, flat, camera.K, np.zeros(4), rotation, translation)
+    except cv2.error:
+        found = False
+    if not found or not np.isfinite(rotation).all() or not np.isfinite(translation).all():
+        raise UserError("no pose puts the picked points at their pixels; check their order")
+    pose = Pose(np.asarray(cv2.Rodrigues(rotation)[0], np.float64), np.asarray(translation, np.float64).reshape(3))
+    if (pose.transform(points_m)[:, 2] <= 0).any():
+        raise UserError("the picked points would lie behind the camera; check their order")
+    return pose
+
+
+def read_init(path: Path, camera: Camera) -> Pose:
+    """cam_from_model of an `init.toml`; UserError naming the file and the key that is wrong.
+
+    It holds `cam_from_model`, four rows of four, or `points`, a list of {model_m = [x, y, z], image_px = [u, v]}.
+    """
+    values = read_toml(path)
+    if set(values) == {"cam_from_model"}:
+        try:
+            return Pose.from_matrix(values["cam_from_model"])
+        except (ValueError, TypeError, OverflowError) as error:
+            raise UserError(f"{path}: cam_from_model: {error}") from None
+    if set(values) != {"points"}:
+        raise UserError(f"{path}: has keys {sorted(values)}; give either cam_from_model or points")
+    try:
+        points = np.array([row["model_m"] for row in values["points"]], dtype=np.float64).reshape(-1, 3)
+        pixels = np.array([row["image_px"] for row in values["points"]], dtype=np.float64).reshape(-1, 2)
+    except (KeyError, ValueError, TypeError, OverflowError):
+        raise UserError(f"{path}: points: each takes model_m = [x, y, z] and image_px = [u, v]") from None
+    if not (np.isfinite(points).all() and np.isfinite(pixels).all() and len(points) == len(pixels)):
+        raise UserError(f"{path}: points: numbers must be finite")
+    try:
+        return pose_from_points(points, pixels, camera)
+    except UserError as error:
+        raise UserError(f"{path}: points: {error}") from None

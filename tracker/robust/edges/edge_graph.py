@@ -1,0 +1,119 @@
+"""The structure as the compiled kernels take it: edges, faces, and a tree of triangles for hidden-line removal."""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
+from uavbench.tracker.robust.edges.hidden_line_kernels import build_tree
+from uavbench.trajectories.pose import Array
+
+SMOOTH_DEG = 35.0
+"""Faces that turn by less are taken for parts of one rounded surface: a column of 12 sides and more, a pipe."""
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeMap:
+    """Arrays of a structure.
+
+    ends (e, 2, 3); faces (e, 2), -1 where there is none; inward (e, 2, 3) unit vectors from an edge into each of its
+    faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
+    corners (m, 3, 3) and owner (m,) of the triangles in the order of the tree (boxes, nodes); extent (8, 3) the
+    corners of the box around it all; stands (e,) whether an edge lies at the bottom of it;
+    smooth (e,) whether the faces beside it are of one rounded surface, so that nothing is seen of it between them;
+    rounded (e,) whether it is an edge within such a surface or at the border of one.
+    """
+
+    ends: Array
+    faces: Indices
+    inward: Array
+    planes: Array
+    corners: Array
+    owner: Indices
+    boxes: Array
+    nodes: Indices
+    extent: Array
+    stands: NDArray[np.bool_]
+    smooth: NDArray[np.bool_]
+    rounded: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, structure: Structure) -> "EdgeMap":
+        """Edge map of a structure."""
+        structure = with_silhouettes(structure)
+        corners = structure.vertices[structure.triangles]
+        _, first = np.unique(structure.triangle_face, return_index=True)
+        offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
+        boxes, nodes, order = build_tree(corners)
+        return cls(
+            np.ascontiguousarray(structure.edge_segments),
+            np.ascontiguousarray(structure.edge_faces),
+            _inward(structure, corners),
+            np.column_stack([structure.face_normals, offsets]),
+            np.ascontiguousarray(corners[order]),
+            np.ascontiguousarray(structure.triangle_face[order]),
+            boxes,
+            nodes,
+            np.array(list(product(*structure.bounds.T))),
+            (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + 1e-6).all(axis=1),
+            _smooth(structure),
+            _rounded(structure),
+        )
+
+
+def with_silhouettes(structure: Structure) -> Structure:
+    """The structure with the edges between the faces of rounded surfaces, too, whose outlines are seen."""
+    every = Structure.from_mesh(structure.vertices, structure.triangles, COPLANAR_ANGLE_DEG)
+    if not np.array_equal(every.triangle_face, structure.triangle_face):
+        return structure
+    known = {(a, b) for a, b in np.sort(structure.edge_faces, axis=1).tolist()}
+    faces = np.sort(every.edge_faces, axis=1)
+    new = _smooth(every) & np.array([(a, b) not in known for a, b in faces.tolist()], dtype=np.bool_)
+    if not new.any():
+        return structure
+    edges = np.concatenate([structure.edges, every.edges[new]])
+    return replace(structure, edges=edges, edge_faces=np.concatenate([structure.edge_faces, every.edge_faces[new]]))
+
+
+def _smooth(structure: Structure) -> NDArray[np.bool_]:
+    """Whether the two faces beside each edge (e,) turn by less than SMOOTH_DEG."""
+    one, two = structure.edge_faces.T
+    turn = np.einsum("ij,ij->i", structure.face_normals[one], structure.face_normals[two])
+    return np.asarray((one >= 0) & (two >= 0) & (turn > np.cos(np.radians(SMOOTH_DEG))))
+
+
+def _rounded(structure: Structure) -> NDArray[np.bool_]:
+    """Whether each edge (e,) lies beside a face that goes over into another one smoothly."""
+    faces = np.unique(structure.edge_faces[_smooth(structure)])
+    return np.asarray(np.isin(structure.edge_faces, faces[faces >= 0]).any(axis=1))
+
+
+def _inward(structure: Structure, corners: Array) -> Array:
+    """Unit vectors (e, 2, 3) across each edge into the triangle of either face that lies along it."""
+    out = np.zeros((len(structure.edges), 2, 3))
+    by_face = np.argsort(structure.triangle_face, kind="stable")
+    bounds = np.searchsorted(structure.triangle_face[by_face], np.arange(len(structure.face_normals) + 1))
+    for row, (ends, faces) in enumerate(zip(structure.edge_segments, structure.edge_faces.tolist(), strict=True)):
+        length = np.linalg.norm(ends[1] - ends[0])
+        along = (ends[1] - ends[0]) / length
+        middle = ends[0] + 0.4567 * (ends[1] - ends[0])  # not at a vertex of a regular mesh
+        for side, face in enumerate(faces):
+            if face < 0:
+                continue
+            triangles = corners[by_face[bounds[face] : bounds[face + 1]]]
+            best = triangles[np.argmin(_distance_to_sides(middle, triangles))]
+            into = best.mean(axis=0) - middle
+            into -= along * (into @ along)
+            out[row, side] = into / max(float(np.linalg.norm(into)), 1e-12)
+    return out
+
+
+def _distance_to_sides(point: Array, triangles: Array) -> Array:
+    """Distance (m,) of a point to the nearest side of each triangle (m, 3, 3)."""
+    start, side = triangles, np.roll(triangles, -1, axis=1) - triangles
+    part = np.clip(np.einsum("mij,mij->mi", point - start, side) / np.einsum("mij,mij->mi", side, side), 0, 1)
+    return np.asarray(np.linalg.norm(point - start - part[..., None] * side, axis=2).min(axis=1))

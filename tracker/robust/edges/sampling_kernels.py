@@ -1,0 +1,198 @@
+"""Compiled control points: sampled on the visible edges, hidden ones removed, and brought to another pose."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.geometry_kernels import normal_row, project
+from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+BINS = 8
+"""Parts of an edge, each with an appearance of its own."""
+MARGIN_PX = 3.0
+"""Control points nearer to the image's border than this are left out."""
+NEAR_M = 0.02
+SAMPLINGS = 3
+"""Times that control points are sampled, ever closer while hidden lines leave too few."""
+
+Indices = NDArray[np.int64]
+
+
+@compiled("f3 i2 b1 b1 f2 f3 i1 f3 i2 f2 f1 f1 f1 f1 f0 i0")
+def sample_edges(
+    ends: Array,
+    faces: Indices,
+    smooth: NDArray[np.bool_],
+    rounded: NDArray[np.bool_],
+    planes: Array,
+    corners: Array,
+    owner: Indices,
+    boxes: Array,
+    nodes: Indices,
+    R: Array,
+    t: Array,
+    cam: Array,
+    size: Array,
+    bounds: Array,
+    spacing_px: float,
+    most: int,
+) -> tuple[Array, Indices]:
+    """Visible control points: points_m (n, 3) and keys (n, 3): edge, which faces are visible (1, 2 or 3), bin.
+
+    About one for spacing_px of projected length, wider where that would make many more than `most`. size is width and
+    height; bounds the smallest and largest undistorted pixel.
+    """
+    eye = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            eye[i] -= R[j, i] * t[j]
+    fx, fy, cx, cy = cam[0], cam[1], cam[2], cam[3]
+    clip = np.array(
+        [
+            [0.0, 0.0, 1.0, -NEAR_M],
+            [fx, 0.0, cx - bounds[0], 0.0],
+            [-fx, 0.0, bounds[2] - cx, 0.0],
+            [0.0, fy, cy - bounds[1], 0.0],
+            [0.0, -fy, bounds[3] - cy, 0.0],
+        ]
+    )
+    n_edges = len(ends)
+    visible = np.zeros(n_edges, np.int64)
+    part = np.empty((n_edges, 2))
+    depth = np.empty((n_edges, 2))
+    length = np.zeros(n_edges)
+    total = 0.0
+    a, b = np.empty(3), np.empty(3)
+    for e in range(n_edges):
+        state = 0
+        for side in range(2):
+            f = faces[e, side]
+            if f >= 0:
+                towards = planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] - planes[f, 3]
+                if towards > 0.0:
+                    state |= 1 << side
+        if state == 0 or (state == 3 and smooth[e]):
+            continue
+        for i in range(3):
+            a[i], b[i] = t[i], t[i]
+            for j in range(3):
+                a[i] += R[i, j] * ends[e, 0, j]
+                b[i] += R[i, j] * ends[e, 1, j]
+        low, high = 0.0, 1.0
+        for p in range(5):
+            da = clip[p, 0] * a[0] + clip[p, 1] * a[1] + clip[p, 2] * a[2] + clip[p, 3]
+            db = clip[p, 0] * b[0] + clip[p, 1] * b[1] + clip[p, 2] * b[2] + clip[p, 3]
+            if da < 0.0 and db < 0.0:
+                low = 2.0
+            elif da < 0.0:
+                low = max(low, da / (da - db))
+            elif db < 0.0:
+                high = min(high, da / (da - db))
+        if low >= high:
+            continue
+        z0, z1 = a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])
+        du = (a[0] + high * (b[0] - a[0])) / z1 - (a[0] + low * (b[0] - a[0])) / z0
+        dv = (a[1] + high * (b[1] - a[1])) / z1 - (a[1] + low * (b[1] - a[1])) / z0
+        visible[e] = state
+        part[e, 0], part[e, 1], depth[e, 0], depth[e, 1] = low, high, z0, z1
+        length[e] = math.sqrt(fx * fx * du * du + fy * fy * dv * dv)
+        total += length[e]
+    spacing = max(spacing_px, total / most)
+    points = np.empty((2 * most, 3))
+    keys = np.empty((2 * most, 3), np.int64)
+    n = 0
+    q, c = np.empty(3), np.empty(3)
+    for _ in range(SAMPLINGS):
+        n, left_over = 0, 0.5
+        for e in range(n_edges):
+            count = int(length[e] / spacing + 0.5)
+            if count == 0 and rounded[e]:  # the short edges of a round outline share their points
+                left_over += length[e] / spacing
+                count = int(left_over)
+                left_over -= count
+            for k in range(count):
+                s = (k + 0.5) / count
+                near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
+                s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
+                for i in range(3):
+                    q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
+                for i in range(3):
+                    c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
+                u, v = project(c[0], c[1], c[2], cam)
+                if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+                    continue
+                if n == len(points) or hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
+                    continue
+                points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
+                keys[n, 0], keys[n, 1], keys[n, 2] = e, visible[e], min(BINS - 1, int(s * BINS))
+                n += 1
+        if n > 0.7 * most or spacing <= spacing_px:
+            break
+        spacing = max(spacing_px, spacing * max(n, 0.2 * most) / most)
+    return points[:n].copy(), keys[:n].copy()
+
+
+@compiled("i2")
+def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
+    """Row of appearance (n,) of each control point, and the rows (e + 1,) where each edge's control points start."""
+    n = len(keys)
+    rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    e = 0
+    for p in range(n):
+        rows[p] = (keys[p, 0] * 3 + keys[p, 1] - 1) * BINS + keys[p, 2]
+        if p == 0 or keys[p, 0] != keys[p - 1, 0]:
+            first[e] = p
+            e += 1
+    first[e] = n
+    return rows, first[: e + 1].copy()
+
+
+@compiled("f2 i2 f3 f3 f2 f1 f1 f1")
+def place(
+    points: Array, keys: Indices, ends: Array, inward: Array, R: Array, t: Array, cam: Array, size: Array
+) -> tuple[Array, Array, Indices]:
+    """Control points at a pose: lines (n, 4) of pixel and unit normal, J (n, 6), side (n,).
+
+    side is +1 where the only visible face lies on the positive side of the normal, -1 where on the other, 0 where both
+    faces are visible, and 9 where the point is not in the image.
+    """
+    n = len(points)
+    lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
+    c, d, w = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(n):
+        e = keys[k, 0]
+        length = 0.0
+        for i in range(3):
+            d[i] = ends[e, 1, i] - ends[e, 0, i]
+            length += d[i] * d[i]
+        h = 1e-3 / math.sqrt(length)
+        for i in range(3):
+            c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
+            w[i] = (R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]) * h
+        side[k] = 9
+        if c[2] <= NEAR_M:
+            continue
+        u, v = project(c[0], c[1], c[2], cam)
+        if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+            continue
+        step = c[2]  # a thousandth of the depth along the edge
+        u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], cam)
+        tu, tv = u1 - u, v1 - v
+        norm = math.sqrt(tu * tu + tv * tv)
+        if norm < 1e-6:
+            continue
+        nu, nv = -tv / norm, tu / norm
+        lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3] = u, v, nu, nv
+        normal_row(c[0], c[1], c[2], nu, nv, cam, J[k])
+        side[k] = 0
+        if keys[k, 1] != 3:
+            s = keys[k, 1] - 1
+            for i in range(3):
+                w[i] = R[i, 0] * inward[e, s, 0] + R[i, 1] * inward[e, s, 1] + R[i, 2] * inward[e, s, 2]
+            u1 = cam[0] * (w[0] - c[0] / c[2] * w[2])
+            v1 = cam[1] * (w[1] - c[1] / c[2] * w[2])
+            side[k] = 1 if u1 * nu + v1 * nv > 0 else -1
+    return lines, J, side

@@ -1,0 +1,146 @@
+"""Compiled subpixel edges: a blurred step of light fitted to all pixels about each control point near the right pose.
+
+Near an edge light is a + b H(s) with s the distance across it and H a step blurred by pixel and lens. Shifted by d it
+is a + b H(s) - b d H'(s), linear in a, b and b d: three sums of squares, whose residual tells the error of d.
+"""
+
+import math
+
+import numpy as np
+
+from uavbench.tracker.order_kernels import insert
+from uavbench.tracker.robust.edges.profile_kernels import Image, Indices
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+CODES = np.arange(256) / 255
+LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2.4)
+"""Linear light of sRGB codes (IEC 61966-2-1): pixels mix light, not codes."""
+BLUR_PX = 0.5
+"""Standard deviation of H': 0.29 px of a pixel's area, whatever its direction, and 0.4 px of a sharp lens."""
+REACH_PX, LEAST_REACH_PX = 3, 2
+"""Pixels to either side of the edge on each scan line, and how many are too few."""
+ALONG_PX = 2
+"""Scan lines to either side of a control point: they meet those of the next one."""
+CLEAR_PX = 1.5
+"""Reach of the blur of a neighbouring edge."""
+FARTHEST_PX = 0.5
+"""The fit is linear in the shift, and so right only near where it begins."""
+LEAST_STEP = 0.2
+"""Part of the learned step of light that must be seen."""
+MOST_NOISE = 6.0
+"""Variance of the light over the median of an edge's control points, above which there is a corner or an occluder."""
+OWN_FINE = 0.02**2
+"""Variance in px^2 of a fitted step beside that of its noise and what was learned of its part of the edge."""
+TABLE_PX, STEPS_PER_PX = REACH_PX + 1, 64
+AT = np.arange(-TABLE_PX * STEPS_PER_PX, TABLE_PX * STEPS_PER_PX + 1) / STEPS_PER_PX
+STEP = np.array([0.5 * (1 + math.erf(s / (math.sqrt(2) * BLUR_PX))) for s in AT])
+SLOPE = np.exp(-0.5 * np.square(AT / BLUR_PX)) / (math.sqrt(2 * math.pi) * BLUR_PX)
+"""H and H' at AT."""
+
+
+@compiled("u3 f2 i1 i1 i1 f2 f1 f1 f1 f1")
+def sharpen(
+    image: Image,
+    lines: Array,
+    side: Indices,
+    rows: Indices,
+    first: Indices,
+    appearance: Array,
+    gap: Array,
+    residual: Array,
+    weights: Array,
+    own: Array,
+) -> tuple[Array, Array]:
+    """Distance (n, 1) of each control point's edge from its line (n, 4), and its variance (n,) in px^2.
+
+    Where no step can be fitted they are the residual (n,) and own (n,), and inf where the weight (n,) is 0. The control
+    points of an edge start at rows first (g + 1,); gap (n,) is the distance in px to another edge.
+    """
+    distance, variance = np.full((len(lines), 1), np.inf), own.copy()
+    colour, found = np.empty(3), np.empty((len(lines), 3))
+    for g in range(len(first) - 1):
+        start, total = 0.0, 0.0
+        for p in range(first[g], first[g + 1]):
+            if weights[p] > 0.0:
+                start, total = start + weights[p] * residual[p], total + weights[p]
+        start /= max(total, 1e-12)
+        noises = np.empty(first[g + 1] - first[g])
+        count = 0
+        for p in range(first[g], first[g + 1]):
+            found[p, 2] = np.inf
+            step = learned_light(appearance[rows[p]], image.shape[2], colour)
+            reach = min(REACH_PX, int(gap[p] - CLEAR_PX))
+            if weights[p] > 0.0 and side[p] != 9 and step > 0.0 and reach >= LEAST_REACH_PX:
+                place, spread, noise = fit_step(image, lines[p], start, reach, colour, LEAST_STEP * step)
+                found[p, 0], found[p, 1], found[p, 2] = place, spread, noise
+                if found[p, 2] < np.inf:
+                    insert(noises, count, found[p, 2])
+                    count += 1
+        most = MOST_NOISE * noises[count // 2] if count > 0 else 0.0
+        for p in range(first[g], first[g + 1]):
+            if found[p, 2] <= most and abs(found[p, 0] - start) < FARTHEST_PX:
+                distance[p, 0], variance[p] = found[p, 0], OWN_FINE + found[p, 1] + appearance[rows[p], 7]
+            elif weights[p] > 0.0:
+                distance[p, 0] = residual[p]
+    return distance, variance
+
+
+@compiled("f1 i0 f1!")
+def learned_light(row: Array, channels: int, colour: Array) -> float:
+    """Learned step of light of an edge, 0 where nothing is learned; its direction in the channels' space in colour."""
+    colour[:] = 0.0
+    if not row[6] > 0.0:
+        return 0.0
+    square = 0.0
+    for c in range(channels):
+        colour[c] = LIGHT[min(255, int(row[3 + c] + 0.5))] - LIGHT[min(255, int(row[c] + 0.5))]
+        square += colour[c] * colour[c]
+    step = math.sqrt(square)
+    if step > 0.0:
+        for c in range(channels):
+            colour[c] /= step
+    return step
+
+
+@compiled("u3 f1 f0 i0 f1 f0")
+def fit_step(
+    image: Image, line: Array, start: float, reach: int, colour: Array, least: float
+) -> tuple[float, float, float]:
+    """Distance in px from a line (u, v, nu, nv) along its normal, its variance, and that of the light; inf if no step.
+
+    Pixels of the rows, or columns, that cross the edge most steeply, about the place at distance `start`.
+    """
+    h, w, channels = image.shape
+    u, v = line[0] + start * line[2], line[1] + start * line[3]
+    by_rows = abs(line[2]) >= abs(line[3])
+    if by_rows:
+        x0, y0, nx, ny, width, height = u, v, line[2], line[3], w, h
+    else:
+        x0, y0, nx, ny, width, height = v, u, line[3], line[2], h, w
+    middle = int(y0 + 0.5)
+    n, s01, s02, s11, s12, s22, t0, t1, t2, tt = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for y in range(max(0, middle - ALONG_PX), min(height, middle + ALONG_PX + 1)):
+        x = x0 - (y - y0) * ny / nx
+        low = int(x + 0.5) - reach
+        if low < 0 or low + 2 * reach >= width:
+            continue
+        for j in range(low, low + 2 * reach + 1):
+            k = int(((j - x) * nx + TABLE_PX) * STEPS_PER_PX + 0.5)
+            g, d, f = STEP[k], SLOPE[k], 0.0
+            for c in range(channels):
+                f += colour[c] * LIGHT[image[y, j, c] if by_rows else image[j, y, c]]
+            s01, s02 = s01 + g, s02 + d
+            s11, s12, s22 = s11 + g * g, s12 + g * d, s22 + d * d
+            t0, t1, t2, tt = t0 + f, t1 + f * g, t2 + f * d, tt + f * f
+            n += 1
+    if n < 3 * (2 * reach + 1):
+        return np.inf, np.inf, np.inf
+    a11, a12, a22 = s11 - s01 * s01 / n, s12 - s01 * s02 / n, s22 - s02 * s02 / n
+    b1, b2 = t1 - s01 * t0 / n, t2 - s02 * t0 / n
+    det = a11 * a22 - a12 * a12
+    step, slope = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
+    if not step > least:
+        return np.inf, np.inf, np.inf
+    noise = max(0.0, tt - t0 * t0 / n - step * b1 - slope * b2) / (n - 3)
+    return start - slope / step, noise * a11 / det / (step * step), noise

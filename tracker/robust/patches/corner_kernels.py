@@ -1,0 +1,124 @@
+"""Compiled search for corners on the structure that are worth a patch."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.order_kernels import falling
+from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+Image = NDArray[np.uint8]
+Indices = NDArray[np.int64]
+CLIMB = 6
+"""Farthest that a corner is from its spot along either axis, px."""
+
+
+@compiled("u3 i0 i0")
+def corner_strength(image: Image, x: int, y: int) -> float:
+    """Smaller eigenvalue of the gradients' second moments over a patch, per texel (Shi & Tomasi 1994)."""
+    channel = 1 if image.shape[2] > 1 else 0
+    half = int(HALF)
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(y - half + 1, y + half):
+        for j in range(x - half + 1, x + half):
+            gx = 0.5 * (float(image[i, j + 1, channel]) - float(image[i, j - 1, channel]))
+            gy = 0.5 * (float(image[i + 1, j, channel]) - float(image[i - 1, j, channel]))
+            xx += gx * gx
+            xy += gx * gy
+            yy += gy * gy
+    texels = (SIDE - 2) ** 2
+    return (0.5 * (xx + yy) - math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)) / texels
+
+
+@compiled("u3 i2 f2 f0 f2 f0 f0 i0")
+def strong_pixels(
+    image: Image, spots: Indices, away: Array, away_px: float, known: Array, apart_px: float, least: float, most: int
+) -> Array:
+    """Pixels (n, 2) of the strongest corners near spots (s, 2), away from pixels (m, 2) and from those known (k, 2)."""
+    h, w = image.shape[0], image.shape[1]
+    near = int(HALF) + 3
+    strength = np.zeros(len(spots))
+    pixels = np.empty((len(spots), 2), np.int64)
+    for s in range(len(spots)):
+        x, y = spots[s, 0], spots[s, 1]
+        if not (near <= x < w - near and near <= y < h - near and far_from(x, y, known, len(known), apart_px - CLIMB)):
+            continue
+        best = corner_strength(image, x, y)
+        for _ in range(CLIMB // 2):  # uphill
+            bx, by = x, y
+            for dx, dy in ((2, 0), (-2, 0), (0, 2), (0, -2)):
+                if near <= x + dx < w - near and near <= y + dy < h - near:
+                    value = corner_strength(image, x + dx, y + dy)
+                    if value > best:
+                        best, bx, by = value, x + dx, y + dy
+            if bx == x and by == y:
+                break
+            x, y = bx, by
+        strength[s], pixels[s, 0], pixels[s, 1] = best, x, y
+    out = np.empty((most, 2))
+    n = 0
+    for s in falling(strength):
+        if n == most or strength[s] < least:
+            break
+        x, y = float(pixels[s, 0]), float(pixels[s, 1])
+        if (
+            far_from(x, y, out, n, apart_px)
+            and far_from(x, y, known, len(known), apart_px)
+            and far_from(x, y, away, len(away), away_px)
+        ):
+            out[n, 0], out[n, 1] = x, y
+            n += 1
+    return out[:n].copy()
+
+
+@compiled("f0 f0 f2 i0 f0")
+def far_from(x: float, y: float, others: Array, count: int, distance: float) -> bool:
+    """Whether a pixel is at least so far from the first `count` of others (k, 2)."""
+    for k in range(count):
+        du, dv = others[k, 0] - x, others[k, 1] - y
+        if du * du + dv * dv < distance * distance:
+            return False
+    return True
+
+
+@compiled("f1 f1 f3 i1 f3 i2")
+def first_hit(eye: Array, ray: Array, corners: Array, owner: Indices, boxes: Array, nodes: Indices) -> int:
+    """The face that a ray (3,) from the eye meets first, -1 for none (Moller & Trumbore 1997)."""
+    tiny = 1e-300
+    i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
+    nearest, face = np.inf, -1
+    stack = np.empty(64, np.int64)
+    stack[0] = 0
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        node = stack[depth]
+        a, b = (boxes[node, 0, 0] - eye[0]) * i0, (boxes[node, 1, 0] - eye[0]) * i0
+        near, far = min(a, b), max(a, b)
+        a, b = (boxes[node, 0, 1] - eye[1]) * i1, (boxes[node, 1, 1] - eye[1]) * i1
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+        a, b = (boxes[node, 0, 2] - eye[2]) * i2, (boxes[node, 1, 2] - eye[2]) * i2
+        near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far or far < 0.0 or near > nearest:
+            continue
+        if nodes[node, 0] >= 0:
+            stack[depth], stack[depth + 1] = nodes[node, 0], nodes[node, 1]
+            depth += 2
+            continue
+        first = -nodes[node, 0] - 1
+        for m in range(first, first + nodes[node, 1]):
+            e, f, s = corners[m, 1] - corners[m, 0], corners[m, 2] - corners[m, 0], eye - corners[m, 0]
+            p0, p1, p2 = ray[1] * f[2] - ray[2] * f[1], ray[2] * f[0] - ray[0] * f[2], ray[0] * f[1] - ray[1] * f[0]
+            det = e[0] * p0 + e[1] * p1 + e[2] * p2
+            if det == 0.0:
+                continue
+            q0, q1, q2 = s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2], s[0] * e[1] - s[1] * e[0]
+            a = (s[0] * p0 + s[1] * p1 + s[2] * p2) / det
+            b = (ray[0] * q0 + ray[1] * q1 + ray[2] * q2) / det
+            along = (f[0] * q0 + f[1] * q1 + f[2] * q2) / det
+            if a >= 0.0 and b >= 0.0 and a + b <= 1.0 and 1e-6 < along < nearest:
+                nearest, face = along, owner[m]
+    return face

@@ -1,0 +1,56 @@
+"""Frames with much noise are smoothed before anything is measured in them, as much as their noise needs."""
+
+import math
+
+import cv2
+import numpy as np
+
+from uavbench.tracker.protocol import Image
+from uavbench.trajectories.kernels.compiled import compiled
+
+ALLOWED = 3.5
+"""Noise that is left as it is, one standard deviation in grey levels."""
+WIDEST_PX = 4.0
+"""Widest smoothing: structure of this size is not lost."""
+ROWS_APART = 32
+"""Every such row of a frame is measured."""
+MEDIAN_TO_SIGMA = 1.0 / 0.6745
+"""Standard deviation of normal noise for a median absolute value of one."""
+
+
+def smoothed(image: Image) -> Image:
+    """Image (h, w) or (h, w, c) whose noise is at most `ALLOWED`, or that itself."""
+    sigma_px = noise_level(image.reshape(*image.shape[:2], -1)) / (2 * math.sqrt(math.pi) * ALLOWED)
+    if sigma_px <= 1 / (2 * math.sqrt(math.pi)):
+        return image
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), min(WIDEST_PX, sigma_px)), dtype=np.uint8)
+
+
+@compiled("u3")
+def noise_level(image: Image) -> float:
+    """One standard deviation of an image's noise in grey levels (Immerkaer 1996, with a median in place of the mean).
+
+    Of the second channel of an image (h, w, c), the first where there is but one.
+    """
+    h, w, channels = image.shape
+    c = 1 if channels > 1 else 0
+    counts = np.zeros(8 * 255 + 1, np.int64)
+    total = 0
+    for y in range(1, h - 1, ROWS_APART):
+        for x in range(1, w - 1):
+            sides = (
+                int(image[y - 1, x, c]) + int(image[y + 1, x, c]) + int(image[y, x - 1, c]) + int(image[y, x + 1, c])
+            )
+            corners = (
+                int(image[y - 1, x - 1, c])
+                + int(image[y - 1, x + 1, c])
+                + int(image[y + 1, x - 1, c])
+                + int(image[y + 1, x + 1, c])
+            )
+            counts[abs(4 * int(image[y, x, c]) - 2 * sides + corners)] += 1
+            total += 1
+    below, value = 0, 0
+    while 2 * (below + counts[value]) < total:
+        below += counts[value]
+        value += 1
+    return MEDIAN_TO_SIGMA * value / 6.0

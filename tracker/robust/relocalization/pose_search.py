@@ -1,0 +1,189 @@
+"""Search of the poses around a guess for those whose visible edges agree with the image.
+
+The camera is moved around the part of the structure that it looks at: in azimuth, elevation, range and roll; for each
+such pose all shifts in the image are tried, on a small image whose edge pixels are kept apart by direction (oriented
+chamfer matching: Shotton, Blake & Cipolla 2008).
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera import Camera
+from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.relocalization.pose_search_kernels import (
+    edge_channels,
+    score_poses,
+    search_about,
+    turned_about,
+)
+from uavbench.trajectories.pose import Array, Pose, rotation_exp
+
+SMALL_WIDTH = 160
+"""Width of the small image, px."""
+EDGE_POINTS = 140
+REACH_PX = 5.0
+"""Distance in px of the small image at which an edge point counts as missed."""
+SHIFT_STEP_PX = 5
+MIN_GRADIENT = 14.0
+"""Weakest edge pixel of the small image, grey levels over two px."""
+LEAST_POINTS = 12
+NEAR_SHIFT_PX, NEAR_TURN_RAD = 3.0, 0.06
+"""Steps of the search near a guess: px of the small image; roll in rad and range as a part."""
+NEAR_VIEWS_RAD = (-0.09, 0.09)
+"""Changes of the viewing direction with which what was found is tried again."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far from the guess to search: offsets in azimuth, elevation and roll (rad), ratios of range, px of shift."""
+
+    azimuth_rad: tuple[float, ...]
+    elevation_rad: tuple[float, ...]
+    roll_rad: tuple[float, ...]
+    range_ratio: tuple[float, ...]
+    shift_x: float
+    shift_y: float
+
+
+def grid(half: float, step: float) -> tuple[float, ...]:
+    """Values from -half to half, no farther apart than step."""
+    n = int(np.ceil(half / step))
+    return tuple(float(v) for v in np.linspace(-half, half, 2 * n + 1)) if n else (0.0,)
+
+
+def spread(view_rad: float, roll_rad: float, range_part: float, shift_part: float) -> Spread:
+    """Spread of half widths: change of the viewing direction, roll, range as a part, shift as a part of the width."""
+    ratios = tuple(float(np.exp(v)) for v in grid(float(np.log1p(range_part)), 0.11))
+    return Spread(
+        grid(view_rad, 0.16),
+        grid(view_rad / 2, 0.16),
+        grid(roll_rad, 0.12),
+        ratios,
+        shift_part * SMALL_WIDTH,
+        shift_part * SMALL_WIDTH * 0.75,
+    )
+
+
+class PoseSearch:
+    """Edge points of a structure and the small camera, ready to search images."""
+
+    def __init__(self, edges: EdgeMap, camera: Camera) -> None:
+        self.planes = edges.planes
+        lengths = np.linalg.norm(edges.ends[:, 1] - edges.ends[:, 0], axis=1)
+        spread_out = np.argsort(np.arange(EDGE_POINTS) * 0.6180339887498949 % 1.0)  # any first few lie all over
+        at = (spread_out + 0.5) / EDGE_POINTS * lengths.sum()
+        edge = np.minimum(np.searchsorted(np.cumsum(lengths), at), len(lengths) - 1)
+        part = (at - (np.cumsum(lengths) - lengths)[edge]) / lengths[edge]
+        along = edges.ends[edge, 1] - edges.ends[edge, 0]
+        self.points = np.ascontiguousarray(edges.ends[edge, 0] + part[:, None] * along)
+        self.direction = np.ascontiguousarray(along / lengths[edge, None])
+        self.faces = np.ascontiguousarray(edges.faces[edge])
+        self.scale = max(1.0, camera.width / SMALL_WIDTH)
+        self.f = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) / self.scale
+        self.f[2:] -= 0.5
+        self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
+        self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
+
+    def edge_distance(self, image: Image) -> NDArray[np.float32]:
+        """Distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, in units of REACH_PX, cut at 1."""
+        small = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
+        if self.maps is not None:
+            small = cv2.remap(small, self.maps[0], self.maps[1], cv2.INTER_LINEAR)
+        small = small[..., None] if small.ndim == 2 else small
+        channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), MIN_GRADIENT)
+        far = [cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels]
+        return np.asarray(np.minimum(np.array(far) / REACH_PX, 1.0), dtype=np.float32)
+
+    def best_poses(self, image: Image, guesses: list[Pose], around: Spread, most: int) -> list[tuple[float, Pose]]:
+        """The best poses around the guesses with their scores in [0, 1], best first."""
+        poses = [pose for guess in guesses for pose in self._around(guess, around)]
+        if not poses:
+            return []
+        shifts = np.array(
+            list(product(grid(around.shift_x, SHIFT_STEP_PX), grid(around.shift_y, SHIFT_STEP_PX))), dtype=np.float64
+        )
+        scores, best = score_poses(
+            self.points,
+            self.direction,
+            self.faces,
+            self.planes,
+            np.array([pose.rotation for pose in poses]),
+            np.array([pose.translation for pose in poses]),
+            self.f,
+            self.edge_distance(image),
+            shifts,
+            LEAST_POINTS,
+        )
+        order = np.argsort(-scores, kind="stable")[:most]
+        return [(float(scores[k]), self._shifted(poses[k], shifts[best[k]])) for k in order if scores[k] > 0]
+
+    def near_poses(
+        self, image: Image, guess: Pose, points: Array, direction: Array, reach_rad: float, shift_rad: float, most: int
+    ) -> list[tuple[float, Pose]]:
+        """The best poses within reach_rad, that part of the range and shift_rad of a guess, with scores in [0, 1].
+
+        points (n, 3) with their edges' directions (n, 3) are what the guess sees.
+        """
+        if len(points) < LEAST_POINTS:
+            return []
+        focus = guess.transform(points).mean(axis=0)
+        shift = grid(shift_rad, NEAR_SHIFT_PX / self.f[0])
+        turn, ratio = grid(reach_rad, NEAR_TURN_RAD), grid(reach_rad, NEAR_TURN_RAD)
+        changes = np.array(list(product((0.0,), (0.0,), turn, ratio, shift, shift)))
+        steps = np.array([0.06, 0.06, NEAR_TURN_RAD, NEAR_TURN_RAD, *[NEAR_SHIFT_PX / self.f[0]] * 2])
+        given = (points, direction, guess.rotation, guess.translation, focus, self.f, self.edge_distance(image))
+        found, _ = search_about(*given, changes, steps, most // 2)
+        beside = np.array([[a, b, 0, 0, 0, 0] for a, b in ((0, 0), *product(NEAR_VIEWS_RAD, NEAR_VIEWS_RAD))])
+        found, scores = search_about(*given, (found[:, None] + beside).reshape(-1, 6), steps, most)
+        order = np.argsort(-scores, kind="stable")
+        return [
+            (float(scores[k]), Pose(*turned_about(guess.rotation, guess.translation, focus, found[k]))) for k in order
+        ]
+
+    def _around(self, guess: Pose, around: Spread) -> list[Pose]:
+        """Poses on the grid about what the guess looks at."""
+        cam = guess.transform(self.points)
+        u = self.f[0] * cam[:, 0] / cam[:, 2] + self.f[2]
+        v = self.f[1] * cam[:, 1] / cam[:, 2] + self.f[3]
+        inside = (cam[:, 2] > 0.02) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
+        if np.count_nonzero(inside) < LEAST_POINTS:
+            inside = cam[:, 2] > 0.02
+        if not inside.any():
+            return []
+        focus = self.points[inside].mean(axis=0)
+        eye = guess.inverse().translation
+        sight = (focus - eye) / np.linalg.norm(focus - eye)
+        side = np.cross(sight, [0.0, 0.0, 1.0])
+        norm = float(np.linalg.norm(side))
+        side = side / norm if norm > 1e-3 else guess.rotation[0]
+        out = []
+        for azimuth, elevation in product(around.azimuth_rad, around.elevation_rad):
+            orbit = rotation_exp(np.array([0.0, 0.0, azimuth])) @ rotation_exp(side * elevation)
+            for roll, ratio in product(around.roll_rad, around.range_ratio):
+                turn = orbit @ rotation_exp(sight * roll)
+                new_eye = focus + ratio * (orbit @ (eye - focus))
+                R = guess.rotation @ turn.T
+                out.append(Pose(R, -R @ new_eye))
+        return out
+
+    def _shifted(self, pose: Pose, shift: Array) -> Pose:
+        """The pose turned so that the middle of the image moves by a shift of the small image."""
+        fx, fy = self.f[0], self.f[1]
+        return Pose.exp([0, 0, 0, -np.arctan(shift[1] / fy), np.arctan(shift[0] / fx), 0]) @ pose
+
+
+def _undistortion_maps(
+    camera: Camera, f: Array, size: tuple[int, int], scale: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+    """Maps that take the lens out of a small image; None for a camera without distortion."""
+    if camera.distortion_model == "none":
+        return None
+    x, y = np.meshgrid((np.arange(size[0]) - f[2]) / f[0], (np.arange(size[1]) - f[3]) / f[1])
+    pixels = camera.project(np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]))
+    small = ((pixels + 0.5) / scale - 0.5).astype(np.float32).reshape(size[1], size[0], 2)
+    return np.ascontiguousarray(small[..., 0]), np.ascontiguousarray(small[..., 1])

@@ -1,0 +1,43 @@
+"""What of a tracker's results can be reckoned with: the rest counts as lost, and is told by name."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import within_reach
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
+from uavbench.trajectories.pose import Array
+
+MOST_TOLD = 5
+"""Frames that are named one by one."""
+
+
+def sound(results: Results) -> tuple[Results, tuple[str, ...]]:
+    """The results without what no error can be computed of, and what was left out, by frame.
+
+    A pose that is not finite or beyond LARGEST_COORDINATE_M makes its frame lost; a covariance that is not finite,
+    beyond the square of that, or has a negative variance is no claim.
+    UserError when the record lacks what a score needs.
+    """
+    if missing := [key for key in ("tracker", "rate_hz", "seed", "cam_from_body") if key not in results.record]:
+        raise UserError(f"record.json: `{missing[0]}` is missing; track again")
+    told: list[str] = []
+    rows: list[TrackResult] = []
+    for frame, row in zip(results.frames.tolist(), results.rows, strict=True):
+        if row.cam_from_world is not None and not within_reach(row.cam_from_world):
+            told.append(f"frame {frame}: its pose is not finite or beyond {LARGEST_COORDINATE_M:g} m: counted as lost")
+            row = TrackResult(status="lost", stage_ms=row.stage_ms)
+        elif row.covariance is not None and not is_covariance(row.covariance):
+            told.append(f"frame {frame}: its covariance is not finite, too large or negative: left out")
+            row = replace(row, covariance=None)
+        rows.append(row)
+    more = (f"and {len(told) - MOST_TOLD} more such frames",) if len(told) > MOST_TOLD else ()
+    return (replace(results, rows=tuple(rows)) if told else results), (*told[:MOST_TOLD], *more)
+
+
+def is_covariance(covariance: Array) -> bool:
+    """Whether a matrix (6, 6) can be a covariance; it may be singular."""
+    return bool(np.abs(covariance).max() <= LARGEST_COORDINATE_M**2 and (np.diag(covariance) >= 0).all())

@@ -1,0 +1,35 @@
+"""How the camera sits on the vehicle."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.pose import Pose, rotation_exp
+
+CAM_FROM_FORWARD_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""Axis change from a body (x forward, y left, z up) to a camera (x right, y down, z forward) that looks along x."""
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Camera mount; the default looks along the body's x axis from the body's origin.
+
+    The camera is turned from that default about the body's z by yaw_deg (positive to the left), then about its own
+    lateral axis by pitch_deg (positive looks up, so -20 looks 20 degrees down), then about its optical axis by
+    roll_deg (positive turns it clockwise as it sees). offset_m is the camera's centre in the body frame.
+    """
+
+    pitch_deg: float = 0.0
+    yaw_deg: float = 0.0
+    roll_deg: float = 0.0
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def cam_from_body(self) -> Pose:
+        """Transform of points of the body frame into the camera frame."""
+        yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
+        axes = rotation_exp(np.array([[0.0, 0.0, yaw], [0.0, -pitch, 0.0], [roll, 0.0, 0.0]]))
+        body_from_turned = exact.product(exact.product(axes[0], axes[1]), axes[2])
+        body_from_cam = Pose(exact.product(body_from_turned, CAM_FROM_FORWARD_BODY.T), np.array(self.offset_m))
+        return body_from_cam.inverse()

@@ -1,0 +1,48 @@
+"""How much of a file of others is taken: every limit in one place, with its unit and its reason.
+
+They are far above what real data need, and are checked before memory is spent.
+"""
+
+from dataclasses import dataclass
+
+MB = 1 << 20
+
+
+@dataclass(frozen=True)
+class FileLimit:
+    """Most bytes of one kind of file, and what to do about a larger one."""
+
+    kind: str
+    most_bytes: int
+    remedy: str
+
+
+SETTINGS = FileLimit("settings file", 4 * MB, "is it the file that was meant?")
+"""Suites, trackers, cameras, first poses, airframes, baselines: the longest of ours has 0.1 MB."""
+JSON = FileLimit("JSON file", 256 * MB, "score fewer runs in one suite")
+"""Scores of 1,000 runs are about 20 MB."""
+TABLE = FileLimit("table", 256 * MB, "cut the flight into shorter ones")
+"""Two hours of a 200 Hz IMU are 200 MB."""
+TRAJECTORY = FileLimit("trajectory", 1024 * MB, "cut the trajectory into shorter ones")
+"""MOST_POSES at 128 bytes each."""
+MODEL = FileLimit("model", 512 * MB, "simplify the model to its planar faces")
+"""MOST_TRIANGLES (uavbench.scenes.model_files.mesh_checks) as text, 250 bytes each."""
+IMAGE = FileLimit("image", 512 * MB, "scale the image down")
+"""MOST_PIXELS uncompressed, 3 bytes each."""
+VIDEO = FileLimit("video", 65_536 * MB, "cut the video into shorter ones")
+"""Read image by image: an hour of 4K."""
+ANY = FileLimit("file", 1_048_576 * MB, "is it the file that was meant?")
+"""Of which only a digest is taken."""
+
+MOST_PIXELS = 160_000_000
+"""Of one image, and of all textures of a model together: the largest aerial cameras have 151 million."""
+MOST_POSES = 8_000_000
+"""Of one trajectory: eleven hours at 200 Hz, half a gigabyte as arrays."""
+MOST_ROWS = 2_000_000
+"""Of one table: two and a half hours of a 200 Hz IMU."""
+LONGEST_LINE = 16_384
+"""Bytes of one line of numbers: an EuRoC row has 17 numbers, a claimed covariance 28, none of more than 32 bytes."""
+MOST_NESTING = 64
+"""Tables within tables of a TOML or JSON file: the deepest of ours has 8."""
+LARGEST_COORDINATE_M = 1e12
+"""Of a position, metres: beyond it float64 does not resolve 0.1 mm; the way to the sun and back is 3e11 m."""

@@ -1,0 +1,149 @@
+"""Files of others are opened here alone: regular files, inside their folder, of a size that is looked at first."""
+
+import json
+import os
+import stat
+import tomllib
+from io import BufferedReader
+from pathlib import Path
+from typing import Any
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import JSON, LONGEST_LINE, MOST_NESTING, SETTINGS, FileLimit
+
+HOLDS = {dict: "object", list: "list", str: "string", int: "number", float: "number", bool: "boolean"}
+
+
+def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: str = "") -> BufferedReader:
+    """Handle of a file of at most limit.most_bytes; links are followed, but not out of the folder `inside`.
+
+    UserError naming the file when it is missing (the hint follows), is no regular file, lies elsewhere or is too large.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: some devices act when they are
+            raise UserError(f"{path}: is no regular file (but a folder, a pipe or a device)")
+        if inside is not None and not path.resolve().is_relative_to(inside.resolve()):
+            raise _outside(path, inside)
+        handle = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file{hint}") from None
+    except (OSError, ValueError, RuntimeError) as error:  # no rights, a loop of links, a null character in the name
+        raise UserError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    try:
+        found = os.fstat(handle.fileno())  # of what is open now: the file may have been swapped since
+        if not stat.S_ISREG(found.st_mode):
+            raise UserError(f"{path}: is no regular file (but a pipe or a device)")
+        if inside is not None and not _place(handle.fileno(), path).is_relative_to(inside.resolve()):
+            raise _outside(path, inside)
+        if found.st_size > limit.most_bytes:
+            raise _too_large(path, limit, found.st_size)
+    except BaseException:
+        handle.close()
+        raise
+    return handle
+
+
+def read_bytes(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: str = "") -> bytes:
+    """Content of a file; UserError as `opened`."""
+    with opened(path, limit, inside=inside, hint=hint) as handle:
+        try:
+            data = handle.read(limit.most_bytes + 1)  # a file may grow while it is read
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if len(data) > limit.most_bytes:
+        raise _too_large(path, limit, len(data))
+    return data
+
+
+def read_text(path: Path, limit: FileLimit = SETTINGS, *, inside: Path | None = None, hint: str = "") -> str:
+    """Content of a UTF-8 file, line ends as in Unix; UserError as `opened`, or when it is no text."""
+    try:
+        text = read_bytes(path, limit, inside=inside, hint=hint).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: not readable as text: {error.reason} at byte {error.start}") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_header(path: Path, limit: FileLimit, *, inside: Path | None = None) -> list[str]:
+    """Names in the first line of a CSV file; UserError as `opened`, or when it is no text."""
+    with opened(path, limit, inside=inside) as handle:
+        try:
+            return handle.readline(LONGEST_LINE).decode("utf-8-sig").strip().split(",")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UserError(f"{path}: not readable as CSV: {error}") from None
+
+
+def read_toml(path: Path, *, inside: Path | None = None, hint: str = "") -> dict[str, Any]:
+    """Table of a TOML file; UserError as `read_text`, or when it is not TOML or nested too deep."""
+    text = read_text(path, SETTINGS, inside=inside, hint=hint)
+    try:
+        return toml_table(text)
+    except ValueError as error:
+        raise UserError(f"{path}: not a readable TOML file: {error}") from None
+
+
+def read_json(path: Path, *, limit: FileLimit = JSON, inside: Path | None = None, hint: str = "") -> dict[str, Any]:
+    """Object of a JSON file; UserError as `read_text`, or when it is not JSON, nested too deep, or no object."""
+    text = read_text(path, limit, inside=inside, hint=hint)
+    try:
+        value = json_value(text)
+    except ValueError as error:
+        raise UserError(f"{path}: not readable as JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise UserError(f"{path}: expected a JSON object, not a {HOLDS.get(type(value), 'null')}")
+    return value
+
+
+def toml_table(text: str) -> dict[str, Any]:
+    """Table of TOML text; ValueError when it is none, or nested too deep."""
+    try:
+        table = tomllib.loads(text)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    _shallow(table)
+    return table
+
+
+def json_value(text: str | bytes) -> Any:
+    """Value of JSON text; ValueError when it is none, or nested too deep."""
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise ValueError(_TOO_DEEP) from None
+    _shallow(value)
+    return value
+
+
+_TOO_DEEP = f"it is nested deeper than {MOST_NESTING} levels"
+
+
+def _shallow(value: Any) -> None:
+    """ValueError when a value is nested too deep for those who walk through it."""
+    level = [value]
+    for _ in range(MOST_NESTING):
+        level = [
+            item
+            for each in level
+            if isinstance(each, dict | list)
+            for item in (each.values() if isinstance(each, dict) else each)
+            if isinstance(item, dict | list)
+        ]
+        if not level:
+            return
+    raise ValueError(_TOO_DEEP)
+
+
+def _place(number: int, path: Path) -> Path:
+    """Where an open file lies; by its name where the system does not tell."""
+    try:
+        return Path(f"/proc/self/fd/{number}").readlink()
+    except OSError:
+        return path.resolve()
+
+
+def _outside(path: Path, inside: Path) -> UserError:
+    return UserError(f"{path}: leads out of the folder {inside}; what it holds is not to be trusted")
+
+
+def _too_large(path: Path, limit: FileLimit, size: int) -> UserError:
+    return UserError(f"{path}: has {size:,} bytes; a {limit.kind} has at most {limit.most_bytes:,}: {limit.remedy}")

@@ -1,0 +1,296 @@
+"""Files and folders appear whole or not at all, and take the place of nothing but what uavbench wrote itself.
+
+What proves that it did: a seal at the end of a file (`seals`), the list of a folder's files in a sealed
+file of it, its marker, or a job's own record of what it wrote (`owning`).
+"""
+
+import errno
+import json
+import os
+import stat
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from functools import wraps
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.seals import is_sealed, seal
+from uavbench.trajectories.files.temporary_names import temporary
+
+P = ParamSpec("P")
+_owned: ContextVar[frozenset[Path]] = ContextVar("owned", default=frozenset())
+_written: ContextVar[set[Path] | None] = ContextVar("written", default=None)
+_unfinished: set[Path] = set()
+"""Folders that this process is making: what is written in them needs no care of its own."""
+
+
+@contextmanager
+def new_file(path: Path, *, sealed: bool = False, beside: Path | None = None) -> Iterator[Path]:
+    """Temporary path beside `path`; renamed to it on success, removed on any error.
+
+    sealed: it gets a seal, and may be written anew, as may `beside`, which has none of its own. UserError when `path`
+    is something that uavbench did not write.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not _unfinished.isdisjoint(path.parents):
+        try:
+            yield path
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        return
+    refuse_foreign_file(path)
+    with temporary(path) as own:
+        own.made.touch(mode=0o600, exist_ok=False)
+        yield own.made
+        if sealed:
+            seal(own.made, beside)
+        own.made.chmod(0o644)
+        _sync(own.made)
+        refuse_foreign_file(path)
+        own.made.replace(path)
+        _sync(path.parent)
+    _note([path])
+
+
+@contextmanager
+def new_folder(path: Path, marker: str = "") -> Iterator[Path]:
+    """Temporary folder beside `path`; takes the place of `path` on success, removed on any error.
+
+    marker: JSON file of the folder that lists its files; without one it is never made anew. UserError when `path`
+    holds what uavbench did not write.
+    """
+    refuse_foreign(path, marker)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with temporary(path) as own:
+        with _making(own.made):
+            yield own.made
+        if marker:
+            mark(own.made, marker)
+        for name in tree(own.made):
+            _sync(own.made / name)
+        own.made.chmod(0o755)
+        _sync(own.made)
+        refuse_foreign(path, marker)
+        if path.exists():
+            path.rename(own.replaced)
+        try:
+            own.made.rename(path)
+        except BaseException:
+            if own.replaced.exists() and not path.exists():
+                own.replaced.rename(path)
+            raise
+        _sync(path.parent)
+    _note(path / name for name in tree(path))
+
+
+@contextmanager
+def new_parts(folder: Path, marker: str) -> Iterator[Path]:
+    """Temporary folder in `folder`; on success its files take their places in `folder`, and those of last time go.
+
+    marker: JSON file that lists them; while they are being placed it carries no content hash. Nothing is touched, and
+    a UserError names it, when something that uavbench did not write is in the way.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with temporary(folder / Path(marker).stem) as own:
+        with _making(own.made):
+            yield own.made
+        _place(own.made, folder, marker)
+
+
+def in_parts(
+    marker: str,
+) -> Callable[[Callable[Concatenate[Path, P], Path]], Callable[Concatenate[Path, P], Path]]:
+    """Make a function that writes into a folder, and returns a path in it, write it by `new_parts`."""
+
+    def decorate(write: Callable[Concatenate[Path, P], Path]) -> Callable[Concatenate[Path, P], Path]:
+        @wraps(write)
+        def whole(folder: Path, /, *args: P.args, **options: P.kwargs) -> Path:
+            with new_parts(folder, marker) as new:
+                written = write(new, *args, **options)
+            return folder / written.relative_to(new)
+
+        return whole
+
+    return decorate
+
+
+def write_text(path: Path, text: str, *, sealed: bool = False) -> None:
+    """Write `text` as UTF-8, whole or not at all; see `new_file`."""
+    with new_file(path, sealed=sealed) as new:
+        new.write_text(text, encoding="utf-8", newline="\n")
+
+
+def mark(folder: Path, marker: str) -> None:
+    """List the files of a folder that uavbench made in its `marker`, and seal that."""
+    path = folder / marker
+    about = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    names = [name for name in tree(folder) if name != marker]
+    about.pop("made_by", None)
+    if "sha256" not in about:
+        about["files"] = [name for name in names if not (folder / name).is_symlink()]
+    if links := {name: str((folder / name).readlink()) for name in names if (folder / name).is_symlink()}:
+        about["links"] = links
+    path.write_text(json.dumps(about, indent=1, sort_keys=True) + "\n", encoding="utf-8", newline="\n")
+    seal(path)
+
+
+def tree(folder: Path, under: str = "") -> Iterator[str]:
+    """Names of all in a folder and below that is no folder, links not followed, in order."""
+    with os.scandir(folder) as entries:
+        here = sorted(entries, key=lambda entry: entry.name)
+    for entry in here:
+        if entry.is_dir(follow_symlinks=False):
+            yield from tree(Path(entry.path), f"{under}{entry.name}/")
+        else:
+            yield under + entry.name
+
+
+def refuse_foreign(folder: Path, marker: str) -> None:
+    """UserError when `folder` is no folder, or holds what uavbench did not write; names the first of it."""
+    if folder.is_symlink():
+        raise UserError(f"{folder}: is a link; name the folder itself, or a new one")
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise UserError(f"{folder}: is a file; name a folder to write to")
+    for name in foreign(folder, marker):
+        raise UserError(
+            f"{folder}: holds something else than uavbench wrote there: {name}; move it, or name an empty or a new "
+            "folder"
+        )
+
+
+def foreign(folder: Path, marker: str) -> Iterator[str]:
+    """Names in a folder of what uavbench did not write."""
+    if not folder.is_dir():
+        return
+    about = _listed(folder / marker) if marker else {}
+    listed, links = {marker, *about.get("files", ()), *about.get("sha256", ())}, about.get("links", {})
+    for name in tree(folder):
+        path = folder / name
+        if path.is_symlink():
+            ours = name in links and links[name] == str(path.readlink())
+        else:
+            ours = _is_regular(path) and ((bool(about) and name in listed) or _is_ours(path))
+        if not ours:
+            yield name
+
+
+def refuse_foreign_file(path: Path) -> None:
+    """UserError when `path` is there and is not a file as uavbench wrote it."""
+    if not os.path.lexists(path):
+        return
+    if not _is_regular(path):
+        raise UserError(f"{path}: is a folder, a link or a device; name a file to write to")
+    if not _is_ours(path):
+        raise UserError(f"{path}: is there already and not as uavbench wrote it; move it, or name another file")
+
+
+@contextmanager
+def owning(paths: Iterable[Path]) -> Iterator[None]:
+    """Let what is written inside take the place of these files too, known to be ours in another way."""
+    token = _owned.set(_owned.get() | {path.absolute() for path in paths})
+    try:
+        yield
+    finally:
+        _owned.reset(token)
+
+
+@contextmanager
+def noting() -> Iterator[set[Path]]:
+    """Set of the files that are written inside, as they come to stand under their names."""
+    written: set[Path] = set()
+    token = _written.set(written)
+    try:
+        yield written
+    finally:
+        _written.reset(token)
+
+
+def _note(paths: Iterable[Path]) -> None:
+    if (written := _written.get()) is not None:
+        written.update(path.absolute() for path in paths)
+
+
+def _is_ours(path: Path) -> bool:
+    return path.absolute() in _owned.get() or is_sealed(path)
+
+
+def _is_regular(path: Path) -> bool:
+    return stat.S_ISREG(path.lstat().st_mode)
+
+
+def _listed(marker: Path) -> dict[str, Any]:
+    """What a marker says whose seal holds; nothing without one."""
+    if not is_sealed(marker):
+        return {}
+    return dict(json.loads(marker.read_text(encoding="utf-8")))
+
+
+@contextmanager
+def _making(folder: Path) -> Iterator[None]:
+    folder.mkdir(mode=0o700)
+    _unfinished.add(folder)
+    try:
+        yield
+    finally:
+        _unfinished.discard(folder)
+
+
+def _place(new: Path, folder: Path, marker: str) -> None:
+    """Move the files of `new` to their places, the marker last."""
+    mark(new, marker)
+    names = [name for name in tree(new) if name != marker]
+    before = [name for name in _listed(folder / marker).get("files", ()) if _is_regular_at(folder / name)]
+    with owning(folder / name for name in before):
+        for name in (*names, marker):
+            _refuse_foreign_place(folder, name)
+        write_text(folder / marker, json.dumps({"files": sorted({*names, *before})}, indent=1) + "\n", sealed=True)
+        for name in (*names, marker):
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _sync(new / name)
+            refuse_foreign_file(target)
+            (new / name).replace(target)
+        for name in set(before) - set(names):
+            (folder / name).unlink(missing_ok=True)
+            with suppress(OSError):  # the last file of its folder
+                (folder / name).parent.rmdir()
+    for below in {(folder / name).parent for name in names} | {folder}:
+        _sync(below)
+    _note(folder / name for name in (*names, marker))
+
+
+def _refuse_foreign_place(folder: Path, name: str) -> None:
+    """UserError when a file `name` cannot be put into `folder`: one of ours or nothing may stand there."""
+    for above in (folder / name).parents:
+        if above == folder:
+            break
+        if os.path.lexists(above) and not above.is_dir():
+            raise UserError(f"{above}: is there already and is no folder; move it")
+    refuse_foreign_file(folder / name)
+
+
+def _is_regular_at(path: Path) -> bool:
+    return os.path.lexists(path) and _is_regular(path)
+
+
+def _sync(path: Path) -> None:
+    """Have the disk hold what is written, where the file system can say; a link is but a name."""
+    if path.is_symlink():
+        return
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
+__all__ = [
+    "foreign", "in_parts", "mark", "new_file", "new_folder", "new_parts", "noting", "owning", "refuse_foreign",
+    "refuse_foreign_file", "tree", "write_text",
+]  # fmt: skip

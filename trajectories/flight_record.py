@@ -1,0 +1,85 @@
+"""The true record of a flight."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.trajectories.pose import Array, Pose, read_only
+from uavbench.trajectories.trajectory import Trajectory
+
+Status = Literal["completed", "crashed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """The truth of one flight, one row per control step; arrays are read-only.
+
+    stamps_ns (n,) int64 from step counts, 0 first; world_from_body as positions_m (n, 3) and quaternions_wxyz (n, 4);
+    velocities_m_s and accelerations_m_s2 (n, 3) of the body's origin in the world (kinematic: 0 in hover);
+    angular_velocities_rad_s and angular_accelerations_rad_s2 (n, 3) in the body; thrust_commands_n and thrusts_n
+    (n, 4) of the four rotors; winds_m_s (n, 3) of the air in the world. A crashed flight ends at crashed_ns, its last
+    row, touching floor or structure.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    positions_m: Array
+    quaternions_wxyz: Array
+    velocities_m_s: Array
+    accelerations_m_s2: Array
+    angular_velocities_rad_s: Array
+    angular_accelerations_rad_s2: Array
+    thrust_commands_n: Array
+    thrusts_n: Array
+    winds_m_s: Array
+    status: Status = "completed"
+    crashed_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        stamps = np.array(self.stamps_ns, dtype=np.int64)
+        stamps.setflags(write=False)
+        object.__setattr__(self, "stamps_ns", stamps)
+        n = stamps.size
+        for name, columns in (
+            ("positions_m", 3),
+            ("quaternions_wxyz", 4),
+            ("velocities_m_s", 3),
+            ("accelerations_m_s2", 3),
+            ("angular_velocities_rad_s", 3),
+            ("angular_accelerations_rad_s2", 3),
+            ("thrust_commands_n", 4),
+            ("thrusts_n", 4),
+            ("winds_m_s", 3),
+        ):
+            object.__setattr__(self, name, read_only(getattr(self, name), (n, columns)))
+        if (self.status == "crashed") != (self.crashed_ns is not None):
+            raise ValueError("a flight has a crash time exactly when its status is crashed")
+
+    def __len__(self) -> int:
+        return int(self.stamps_ns.size)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Trajectory world_from_body of every row."""
+        return Trajectory(self.stamps_ns, self.positions_m, self.quaternions_wxyz)
+
+    def pose(self, row: int) -> Pose:
+        """Pose world_from_body of a row."""
+        return Pose.from_quaternion(self.quaternions_wxyz[row], self.positions_m[row])
+
+    def frame_rows(self, rate_hz: float) -> NDArray[np.int64]:
+        """Rows nearest to the times of a camera at rate_hz, the first at 0; a frame's stamp is its row's own stamp.
+
+        Pose and stamp of a frame so never disagree; a frame is early or late by at most half a row.
+        ValueError when the camera is faster than the record.
+        """
+        if len(self) == 1:
+            return np.zeros(1, dtype=np.int64)
+        step_ns = int(self.stamps_ns[1] - self.stamps_ns[0])
+        rows_per_frame = Fraction(10**9) / Fraction(str(rate_hz)) / step_ns
+        if rows_per_frame < 1:
+            raise ValueError(f"a camera at {rate_hz} Hz is faster than the record's {1e9 / step_ns:g} Hz")
+        count = int((len(self) - 1) / rows_per_frame) + 1
+        return np.array([round(i * rows_per_frame) for i in range(count)], dtype=np.int64)

@@ -1,0 +1,122 @@
+"""Rays against a triangle mesh: how far to the first triangle, and how often through its surface."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.trajectories.geometry.bvh import MAX_DEPTH, TREE, Tree
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
+
+
+def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
+    """Distance (k,) along each unit direction to the first triangle, inf where there is none."""
+    out = np.empty((len(origins), 1))
+    _distances(tree, origins, directions[:, None], np.inf, False, out)
+    return out[:, 0]
+
+
+def rays_blocked(tree: Tree, origins: Array, directions: Array, within: float) -> NDArray[np.bool_]:
+    """Which rays (n, k), in unit directions (n, k, 3) from origins (n, 3), meet a triangle nearer than `within`."""
+    out = np.empty(directions.shape[:2])
+    _distances(tree, origins, directions, within, True, out)
+    return out < within
+
+
+def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.int64]:
+    """Times (k,) that a ray from each origin (k, 3) leaves the mesh, less the times it enters."""
+    out = np.empty(len(origins), dtype=np.int64)
+    _crossings(tree, origins, direction, out)
+    return out
+
+
+@compiled("Tree f2~ f3~ f0 b0 f2!", Tree=TREE)
+def _distances(tree: Tree, origins: Array, directions: Array, within: float, any_will_do: bool, out: Array) -> None:
+    """Distance (n, k) to the first triangle, or to any, nearer than `within`; `within` where there is none."""
+    stack = np.empty(MAX_DEPTH, dtype=np.int64)
+    for i in range(directions.shape[0]):
+        for j in range(directions.shape[1]):
+            o, d = origins[i], directions[i, j]
+            best = within
+            stack[0] = 0
+            top = 1
+            while top > 0 and not (any_will_do and best < within):
+                top -= 1
+                node = stack[top]
+                if not _enters(o, d, tree.low[node], tree.high[node], best):
+                    continue
+                if tree.counts[node] > 0:
+                    for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
+                        best = min(
+                            best, _ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2])
+                        )
+                else:
+                    stack[top] = tree.child[node]
+                    stack[top + 1] = tree.child[node] + 1
+                    top += 2
+            out[i, j] = best
+
+
+@compiled
+def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int64]) -> None:
+    stack = np.empty(MAX_DEPTH, dtype=np.int64)
+    for i in range(origins.shape[0]):
+        out[i] = 0
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if not _enters(origins[i], direction, tree.low[node], tree.high[node], np.inf):
+                continue
+            if tree.counts[node] > 0:
+                for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
+                    a, b, c = tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2]
+                    if _ray_triangle(origins[i], direction, a, b, c) < np.inf:
+                        out[i] += _side(direction, a, b, c)
+            else:
+                stack[top] = tree.child[node]
+                stack[top + 1] = tree.child[node] + 1
+                top += 2
+
+
+@compiled("f1~ f1~ f1 f1 f0")
+def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float) -> bool:
+    """Whether a ray meets a box within `far`."""
+    near = 0.0
+    for k in range(3):
+        if direction[k] == 0.0:
+            if origin[k] < low[k] or origin[k] > high[k]:
+                return False
+        else:
+            a = (low[k] - origin[k]) / direction[k]
+            b = (high[k] - origin[k]) / direction[k]
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+    return near <= far
+
+
+@compiled("f1~ f1~ f1 f1 f1")
+def _ray_triangle(o: Array, d: Array, a: Array, b: Array, c: Array) -> float:
+    """Distance along a ray to a triangle, inf when it misses (Moller & Trumbore 1997)."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    px, py, pz = d[1] * vz - d[2] * vy, d[2] * vx - d[0] * vz, d[0] * vy - d[1] * vx
+    determinant = ux * px + uy * py + uz * pz
+    if determinant == 0.0:
+        return float(np.inf)
+    tx, ty, tz = o[0] - a[0], o[1] - a[1], o[2] - a[2]
+    beta = (tx * px + ty * py + tz * pz) / determinant
+    qx, qy, qz = ty * uz - tz * uy, tz * ux - tx * uz, tx * uy - ty * ux
+    gamma = (d[0] * qx + d[1] * qy + d[2] * qz) / determinant
+    if beta < 0.0 or gamma < 0.0 or beta + gamma > 1.0:
+        return float(np.inf)
+    distance = (vx * qx + vy * qy + vz * qz) / determinant
+    return float(distance) if distance > 0.0 else float(np.inf)
+
+
+@compiled
+def _side(direction: Array, a: Array, b: Array, c: Array) -> int:
+    """1 where a ray leaves through a triangle's outside, -1 where it enters."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    along = direction[0] * (uy * vz - uz * vy) + direction[1] * (uz * vx - ux * vz) + direction[2] * (ux * vy - uy * vx)
+    return 1 if along > 0.0 else -1

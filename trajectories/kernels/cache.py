@@ -1,0 +1,142 @@
+"""Where compiled kernels are kept between processes, and what they are known by.
+
+numba's own cache looks for a change in the file of a kernel alone. What a kernel calls and the constants that it reads
+may stand in other files, so here kernels lie in a folder named by the hash of all of them, of the compiler and the CPU;
+and each has a file of its own, so that processes that compile at once cannot mix theirs up.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import platform
+import re
+import stat
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import numba
+from llvmlite import binding as llvm
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from uavbench.trajectories.files.temporary_names import temporary
+from uavbench.trajectories.source_files import digest, sources
+
+MARKER = ".uavbench-kernels"
+"""File that says that a folder of kernels is ours."""
+KEY = re.compile(r"[0-9a-f]{32}")
+KEPT_DAYS = 30.0
+"""Kernels that no process has asked for in so long are removed: longer than a holiday, and little on a disk."""
+NOT_IN_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
+"""numba's settings that do not change the code of a kernel."""
+
+
+class KernelCache(NullCache):
+    """Compiled forms of one kernel in a folder; a file that cannot be read or written costs time and nothing else."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.folder, self.name = folder, name
+
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        return str(self.folder)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kernel compiled for a signature; None when it is not there or its file is broken."""
+        target_context.refresh()
+        try:
+            kept_for, payload = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())  # noqa: S301, ours
+            rebuilt: Any = CompileResult
+            return rebuilt._rebuild(target_context, *payload) if kept_for == sig else None
+        except Exception:  # unpickling a broken file raises whatever it meets
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled kernel; a disk that is full or write-protected is no reason to stop."""
+        if data.library.has_dynamic_globals or any(not lifted.can_cache for lifted in data.lifted):
+            return
+        path = self._file(sig, data.codegen)
+        with contextlib.suppress(OSError), temporary(path) as own:
+            own.made.write_bytes(dumps((sig, data._reduce())))  # type: ignore[no-untyped-call]
+            own.made.replace(path)  # in a folder of ours, a name that stands for its content: another's is the same
+
+    def _file(self, sig: Any, codegen: Any) -> Path:
+        form = hashlib.sha256(repr((sig, codegen.magic_tuple())).encode()).hexdigest()[:16]
+        return self.folder / f"{self.name}.{form}.nbc"
+
+
+def cache_of(function: Callable[..., Any]) -> NullCache:
+    """Cache of a kernel; one that keeps nothing where there is no source to know it by, or no place to keep it."""
+    try:
+        folder = None if function.__closure__ else folder_of(key_of(function.__module__))
+    except OSError:
+        folder = None
+    return NullCache() if folder is None else KernelCache(folder, f"{function.__module__}.{function.__qualname__}")
+
+
+@cache
+def key_of(module: str) -> str:
+    """Hash of the source of a module and of all that it imports, of numba, LLVM and Python, and of the CPU.
+
+    OSError when a source cannot be read.
+    """
+    files = sources(module)
+    if not files:
+        raise FileNotFoundError(f"{module} has no source file")
+    settings = sorted((k, v) for k, v in os.environ.items() if k.startswith("NUMBA_") and k not in NOT_IN_CODE)
+    made_by = (numba.__version__, llvmlite.__version__, llvm.llvm_version_info, platform.python_version())
+    made_for = (platform.machine(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    parts = (module, digest(files), settings, made_by, made_for)
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
+
+
+@cache
+def folder_of(key: str) -> Path | None:
+    """Folder of a key, where it is already or else can be made; None when that is nowhere."""
+    for home in homes():
+        marker = home / key / MARKER
+        with contextlib.suppress(OSError):
+            if not marker.is_file():
+                marker.parent.mkdir(parents=True, exist_ok=True)
+                remove_old(home)
+                marker.touch()
+            elif os.access(marker, os.W_OK):
+                os.utime(marker)
+            return marker.parent
+    return None
+
+
+def homes() -> Iterator[Path]:
+    """Where kernels may be kept, best first: where numba's setting says, the user's cache, a temporary folder."""
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(os.environ["NUMBA_CACHE_DIR"]).absolute() / "uavbench-kernels"
+    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))  # noqa: PTH111, raises nothing
+    if user.is_absolute():
+        yield user / "uavbench" / "kernels"
+    own = Path(tempfile.gettempdir()) / f"uavbench-kernels-{os.getuid()}"
+    with contextlib.suppress(OSError):
+        own.mkdir(mode=0o700, exist_ok=True)
+        about = own.lstat()
+        if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o077:
+            yield own  # nobody else can put code there
+
+
+def remove_old(home: Path) -> None:
+    """Remove folders of ours that nobody has asked for in long; whatever else lies there stays."""
+    oldest = time.time() - KEPT_DAYS * 86400.0
+    for folder in home.iterdir():
+        if not KEY.fullmatch(folder.name) or folder.is_symlink():
+            continue
+        with contextlib.suppress(OSError):  # not ours, or another process removes it too
+            if (folder / MARKER).lstat().st_mtime < oldest:
+                for path in [*folder.glob("*.nbc"), folder / MARKER]:
+                    path.unlink()
+                folder.rmdir()

@@ -1,0 +1,78 @@
+"""How fast a planned path is flown: at a speed, or so that it takes a given time."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.vehicle.quadrotor import STEP_S
+
+FASTER = 1.05
+"""Factor between the speeds that are tried."""
+
+
+class Pace(Protocol):
+    """A path that takes a duration or a speed, and how fast it is flown where neither is given."""
+
+    @property
+    def speed_m_s(self) -> float | None:
+        """Highest speed asked for."""
+        ...
+
+    @property
+    def duration_s(self) -> float | None:
+        """Time asked for, from rest to rest."""
+        ...
+
+    @property
+    def acceleration_m_s2(self) -> float:
+        """Highest acceleration."""
+        ...
+
+    @property
+    def usual_speed_m_s(self) -> float:
+        """Speed where neither is asked for."""
+        ...
+
+
+def asked_speed(path: object) -> float | None:
+    """Speed that a path was asked to be flown at, or is by default; None where a duration rules, or it has none."""
+    speed = getattr(path, "speed_m_s", None)
+    if speed is None and getattr(path, "duration_s", None) is None:
+        speed = getattr(path, "usual_speed_m_s", None)
+    return None if speed is None else float(speed)
+
+
+def paced(path: Pace, rows_at: Callable[[float], Array], length_m: float) -> Array:
+    """Rows (n, ...) of a path, one per control step, at its speed or of its duration; rows_at(speed) plans them.
+
+    UserError when both are given, or when its acceleration does not let it be flown in that time.
+    """
+    if path.duration_s is None:
+        return rows_at(path.usual_speed_m_s if path.speed_m_s is None else path.speed_m_s)
+    if path.speed_m_s is not None:
+        raise UserError("give duration_s or speed_m_s, not both")
+    wanted = round(path.duration_s / STEP_S) + 1
+    speed = slower = max(length_m, 1e-3) / path.duration_s  # a path from rest to rest takes longer than that
+    rows = rows_at(speed)
+    least = len(rows)
+    while len(rows) > wanted:
+        slower, speed = speed, FASTER * speed
+        rows = rows_at(speed)
+        if len(rows) >= least:  # the time falls with the speed up to the fastest, and then rises
+            raise UserError(
+                f"duration_s {path.duration_s:g}: {length_m:.2f} m from rest to rest take {(least - 1) * STEP_S:.1f} s "
+                f"or more at {path.acceleration_m_s2:g} m/s^2; raise acceleration_m_s2 or duration_s"
+            )
+        least = len(rows)
+    for _ in range(20):
+        middle = (slower + speed) / 2
+        tried = rows_at(middle)
+        if len(tried) > wanted:
+            slower = middle
+        else:
+            speed, rows = middle, tried
+    rest = wanted - len(rows)
+    return np.concatenate([rows, np.repeat(rows[-1:], rest, axis=0)])

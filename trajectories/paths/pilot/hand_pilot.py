@@ -1,0 +1,191 @@
+"""The path `hand-pilot`: a human flies around a structure with a game pad and keeps the camera on it."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Interval
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.paths.pilot.gamepad import Assist, Pad, Wander
+from uavbench.trajectories.paths.reference import Guidance, Seen
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.vehicle.quadrotor import STEP_S
+
+WARM_UP_S = 4.0
+DECISION_S = (0.25, 0.50)
+"""Time between two decisions of the pilot: humans correct intermittently, 2 to 4 times a second (Craik 1947)."""
+NOTICED = np.array([0.03, 0.0, 0.02, np.radians(2.5)])
+"""Error of range (m), none, height (m) and heading (rad) below which the pilot lets go."""
+EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
+"""Speed that the pilot asks for per error."""
+CLUMSINESS = 0.10
+"""Standard deviation of a stick deflection over the one meant; chosen by eye."""
+
+
+@dataclass(frozen=True)
+class HandPilot:
+    """A pilot walks the vehicle around the structure and corrects what he sees, late and a little clumsily.
+
+    He keeps the distance to the structure's centre (horizontally) in range_m and the height in height_m, wandering
+    slowly within both, and circles at about speed_m_s from the bearing start_deg (seen from the structure,
+    counter-clockwise from x). Height gives way so that the whole structure stays within view_half_angle_deg above
+    and below the camera's axis. reaction_s is the delay between what happens and what he sees of it. wander_m and
+    wander_deg are the standard deviations by which the vehicle's hold of place and heading, by a flow deck, errs.
+    """
+
+    duration_s: Annotated[float, Gt(0)] = 40.0
+    range_m: tuple[float, float] = (1.05, 1.55)
+    height_m: tuple[float, float] = (0.38, 0.90)
+    speed_m_s: Annotated[float, Ge(0)] = 0.16
+    start_deg: float = 30.0
+    direction: Literal["counter-clockwise", "clockwise"] = "counter-clockwise"
+    view_half_angle_deg: Annotated[float, Interval(gt=0, lt=80)] = 21.0
+    reaction_s: Annotated[float, Ge(0)] = 0.2
+    wander_m: Annotated[float, Ge(0)] = 0.008
+    wander_deg: Annotated[float, Ge(0)] = 0.7
+    pad: Pad = field(default_factory=Pad)
+
+    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Guidance:
+        """The pilot, ready to fly; UserError when the structure cannot be kept in view at this range."""
+        return Pilot(self, Stage.of(self, surroundings, mount), rng)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Where the pilot may be: around a centre (x, y), and how high at each distance."""
+
+    centre: tuple[float, float]
+    low_m: float
+    high_m: float
+    reach_m: float
+    slope_down: float
+    slope_up: float
+    range_m: tuple[float, float]
+    height_m: tuple[float, float]
+
+    @classmethod
+    def of(cls, path: HandPilot, surroundings: Surroundings, mount: Mount) -> "Stage":
+        """Stage around the surroundings' centre; UserError naming the setting that leaves no place."""
+        low, high = surroundings.bounds
+        reach = float(exact.length(high[:2] - low[:2]) / 2)
+        stage = cls(
+            (float(surroundings.centre[0]), float(surroundings.centre[1])),
+            float(low[2]),
+            float(high[2]),
+            reach,
+            math.tan(math.radians(path.view_half_angle_deg - mount.pitch_deg)),
+            math.tan(math.radians(path.view_half_angle_deg + mount.pitch_deg)),
+            path.range_m,
+            path.height_m,
+        )
+        if not reach < path.range_m[0] <= path.range_m[1] or not 0 < path.height_m[0] <= path.height_m[1]:
+            raise UserError(
+                f"range_m {path.range_m} must rise and begin beyond the structure's corners "
+                f"({reach:.2f} m from its centre), height_m {path.height_m} must rise from above 0"
+            )
+        lowest, highest = stage.heights(path.range_m[1])
+        if not lowest <= highest:
+            raise UserError(
+                f"from {path.range_m[1]} m the structure, {low[2]:.2f} to {high[2]:.2f} m high, does "
+                f"not fit into {path.view_half_angle_deg} degrees above and below the camera's axis at heights "
+                f"{path.height_m} m; fly further away (range_m), at other heights (height_m) or tilt the mount"
+            )
+        return stage
+
+    def heights(self, distance_m: float) -> tuple[float, float]:
+        """Lowest and highest place at a distance from which the whole structure is in view."""
+        near = distance_m - self.reach_m
+        lowest = max(self.height_m[0], self.high_m - near * self.slope_up)
+        return lowest, min(self.height_m[1], self.low_m + near * self.slope_down)
+
+    def place(self, closeness: float, loftiness: float) -> tuple[float, float]:
+        """Distance and height wished for, from two wishes in 0..1, such that all of the structure is in view."""
+        nearest, furthest = self.range_m
+        for distance in np.linspace(nearest, furthest, 41):  # The nearest place that still shows it all.
+            lowest, highest = self.heights(float(distance))
+            if lowest <= highest:
+                nearest = float(distance)
+                break
+        distance = furthest - closeness * (furthest - nearest)
+        lowest, highest = self.heights(distance)
+        return distance, lowest + loftiness * (highest - lowest)
+
+
+class Pilot:
+    """The pilot at work: remembers what he saw, decides now and then, moves his thumbs."""
+
+    def __init__(self, path: HandPilot, stage: Stage, rng: np.random.Generator) -> None:
+        self.warm_up = round(WARM_UP_S / STEP_S)
+        self.steps = round(path.duration_s / STEP_S) + 1
+        self._path, self._stage, self._rng = path, stage, rng
+        self._sign = 1.0 if path.direction == "counter-clockwise" else -1.0
+        self._wishes = [Wish(rng) for _ in range(3)]
+        bearing = np.radians(path.start_deg) - self._sign * path.speed_m_s * WARM_UP_S / np.mean(path.range_m)
+        distance, height = self._place(-WARM_UP_S)
+        start = np.array([*(stage.centre + distance * np.array([math.cos(bearing), math.sin(bearing)])), height])
+        wander = Wander(path.wander_m, np.radians(path.wander_deg), rng)
+        self._assist = Assist(start, bearing + np.pi, wander, self.warm_up + self.steps)
+        self._memory: deque[Seen] = deque()
+        self._sticks, self._target = np.zeros(4), np.zeros(4)
+        self._decide_at = -WARM_UP_S
+
+    def rows(self, first: int, count: int, seen: Seen | None) -> Array:
+        """Reference rows of the next steps, from what the pilot does with his sticks."""
+        if seen is None:
+            return np.tile(self._assist.now(), (count, 1))
+        now = first * STEP_S
+        self._memory.append(seen)
+        late = self._memory[0]
+        if len(self._memory) > round(self._path.reaction_s / (count * STEP_S)):
+            self._memory.popleft()
+        if now >= self._decide_at:
+            self._target = self._decide(now, late)
+            self._decide_at = now + self._rng.uniform(*DECISION_S)
+        way = self._path.pad.thumb_rate_1_s * count * STEP_S
+        self._sticks += np.clip(self._target - self._sticks, -way, way)
+        held = self._sticks + self._path.pad.tremor * self._rng.standard_normal(4)
+        return self._assist.rows(self._path.pad.command(held), count)
+
+    def _place(self, now_s: float) -> tuple[float, float]:
+        return self._stage.place(self._wishes[0].at(now_s), self._wishes[1].at(now_s))
+
+    def _decide(self, now_s: float, late: Seen) -> Array:
+        """Stick deflections (4,) meant to mend what was seen."""
+        to_centre = np.array(self._stage.centre) - late.position_m[:2]
+        distance = float(exact.length(to_centre))
+        wished_distance, wished_height = self._place(now_s)
+        turn = math.atan2(to_centre[1], to_centre[0]) - late.yaw_rad
+        error = np.array(
+            [
+                distance - wished_distance,
+                0.0,
+                wished_height - late.position_m[2],
+                math.atan2(math.sin(turn), math.cos(turn)),
+            ]
+        )
+        command = EAGERNESS_1_S * np.where(np.abs(error) > NOTICED, error, 0.0)
+        pace = self._sign * self._path.speed_m_s * (0.4 + 1.2 * self._wishes[2].at(now_s))
+        command[1] -= pace  # Facing the structure, counter-clockwise is to the right.
+        command[3] += pace / distance
+        return np.asarray(
+            np.clip(self._path.pad.deflection(command) * (1 + CLUMSINESS * self._rng.standard_normal(4)), -1.0, 1.0)
+        )
+
+
+class Wish:
+    """A slow random wish in 0..1: four sine waves of random period and phase."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rates = 2 * np.pi / rng.uniform(12.0, 45.0, 4)
+        self._phases = rng.uniform(0.0, 2 * np.pi, 4)
+
+    def at(self, now_s: float) -> float:
+        """The wish at a time."""
+        waves = float(exact.sin(self._rates * now_s + self._phases).sum())
+        return 0.5 + 0.5 * math.tanh(0.8 * waves)

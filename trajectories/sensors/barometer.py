@@ -1,0 +1,56 @@
+"""A barometer of the kind that small vehicles carry."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+from uavbench.trajectories.wind.dryden import first_order
+
+
+@dataclass(frozen=True)
+class Barometer:
+    """Air pressure with white noise and a slow drift, and the height that the standard atmosphere makes of it.
+
+    noise_pa is the standard deviation of a reading, 1 Pa as in PX4's simulated barometer (sitl_gazebo, about 8 cm of
+    height). The drift is a first-order process of drift_pa and drift_s, for what doors, warmth and weather do; there is
+    none by default, as it is the place's and not the sensor's: take it from a record of your own sensor at rest.
+    """
+
+    measured: ClassVar[tuple[str, ...]] = ("pressure_pa", "height_m")
+
+    rate_hz: Annotated[float, Gt(0)] = 50.0
+    noise_pa: Annotated[float, Ge(0)] = 1.0
+    drift_pa: Annotated[float, Ge(0)] = 0.0
+    drift_s: Annotated[float, Gt(0)] = 120.0
+    floor_pressure_pa: Annotated[float, Gt(0)] = 101325.0
+
+    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+        """Pressure in Pa and height above the floor in m."""
+        stamps = sample_stamps(flight, self.rate_hz)
+        height = sampled(flight, flight.positions_m, stamps)[:, 2]
+        noise_rng, drift_rng = rng.spawn(2)
+        noise = self.noise_pa * noise_rng.standard_normal(len(stamps))
+        drift = self.drift_pa * first_order(len(stamps), 1.0 / self.rate_hz, self.drift_s, drift_rng)
+        pressure = pressure_at(height, self.floor_pressure_pa) + noise + drift
+        return Table(self.measured, stamps, np.column_stack([pressure, height_at(pressure, self.floor_pressure_pa)]))
+
+
+TEMPERATURE_K, LAPSE_K_M, EXPONENT = 288.15, 0.0065, 5.25588
+"""Standard atmosphere (ISO 2533) at sea level: temperature, its fall with height, and g M / (R L)."""
+
+
+def pressure_at(height_m: Array, floor_pressure_pa: float) -> Array:
+    """Pressure (n,), Pa, at heights (n,) above the floor."""
+    return np.asarray(floor_pressure_pa * exact.power(1.0 - LAPSE_K_M * height_m / TEMPERATURE_K, EXPONENT))
+
+
+def height_at(pressure_pa: Array, floor_pressure_pa: float) -> Array:
+    """Heights (n,), m, above the floor at pressures (n,): the inverse of `pressure_at`."""
+    return np.asarray(TEMPERATURE_K / LAPSE_K_M * (1.0 - exact.power(pressure_pa / floor_pressure_pa, 1.0 / EXPONENT)))

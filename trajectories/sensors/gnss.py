@@ -1,0 +1,81 @@
+"""A GNSS receiver whose satellites the structure hides."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Gt, Interval
+from numpy.typing import NDArray
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.sensors.satellites import sky
+from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+from uavbench.trajectories.wind.dryden import first_order
+
+
+@dataclass(frozen=True)
+class Gnss:
+    """Position fixes from the satellites in view: those above mask_deg that the structure does not hide.
+
+    Each satellite's range errs by a slow part (slow_m, correlated over slow_s: orbit, clock, atmosphere, multipath) and
+    by white noise (white_m); each fix is their least-squares solution with those in view, so it degrades with
+    the geometry and jumps when a satellite is lost. Fewer than four satellites, or a position dilution of precision
+    above greatest_pdop, make no fix. Velocity comes from Doppler errors of doppler_m_s in the same way. The sky is that
+    over latitude_deg at epoch_s; the world's y axis points north_deg counter-clockwise from north. Defaults are of the
+    size of the GPS standard's user range error (SPS performance standard 2020: up to 2 m RMS single satellite).
+    """
+
+    measured: ClassVar[tuple[str, ...]] = (
+        "satellites", "pdop", "px_m", "py_m", "pz_m", "vx_m_s", "vy_m_s", "vz_m_s",
+    )  # fmt: skip
+
+    rate_hz: Annotated[float, Gt(0)] = 5.0
+    mask_deg: Annotated[float, Interval(ge=0, lt=90)] = 10.0
+    slow_m: Annotated[float, Ge(0)] = 1.0
+    slow_s: Annotated[float, Gt(0)] = 300.0
+    white_m: Annotated[float, Ge(0)] = 0.3
+    doppler_m_s: Annotated[float, Ge(0)] = 0.05
+    greatest_pdop: Annotated[float, Gt(1)] = 12.0
+    latitude_deg: Annotated[float, Interval(ge=-90, le=90)] = 40.8
+    north_deg: float = 0.0
+    epoch_s: Annotated[float, Ge(0)] = 0.0
+
+    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+        """Satellites in view and dilution of precision; position and velocity in the world where there is a fix."""
+        stamps = sample_stamps(flight, self.rate_hz)
+        places = sampled(flight, flight.positions_m, stamps)
+        speeds = sampled(flight, flight.velocities_m_s, stamps)
+        sight, seen = self.view(places, stamps, surroundings)
+        n, satellites = seen.shape
+        white_rng, doppler_rng, *each = rng.spawn(2 + satellites)
+        slow = [first_order(n, 1.0 / self.rate_hz, self.slow_s, slow_rng) for slow_rng in each]
+        ranges = self.slow_m * np.column_stack(slow) + self.white_m * white_rng.standard_normal(seen.shape)
+        dopplers = self.doppler_m_s * doppler_rng.standard_normal(seen.shape)
+        values = np.full((n, 8), np.nan)
+        values[:, 0] = seen.sum(axis=1)
+        for i in np.flatnonzero(values[:, 0] >= 4):
+            rows = np.column_stack([-sight[i, seen[i]], np.ones(int(values[i, 0]))])
+            cofactor = exact.inverse(exact.product(rows.T, rows))
+            pdop = math.sqrt(cofactor[0, 0] + cofactor[1, 1] + cofactor[2, 2])
+            values[i, 1] = pdop
+            if pdop <= self.greatest_pdop:
+                solve = exact.product(cofactor, rows.T)
+                values[i, 2:5] = places[i] + exact.product(solve, ranges[i, seen[i]])[:3]
+                values[i, 5:8] = speeds[i] + exact.product(solve, dopplers[i, seen[i]])[:3]
+        return Table(self.measured, stamps, values)
+
+    def view(
+        self, places_m: Array, stamps_ns: NDArray[np.int64], surroundings: Surroundings
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Directions (n, 24, 3) to the satellites in the world, and which of them (n, 24) are in view from places."""
+        east_north_up = sky(self.epoch_s + stamps_ns / 1e9, self.latitude_deg)
+        c, s = math.cos(math.radians(self.north_deg)), math.sin(math.radians(self.north_deg))
+        sight = exact.product(east_north_up, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+        seen = sight[..., 2] > math.sin(math.radians(self.mask_deg))
+        fix, satellite = np.nonzero(seen)
+        seen[fix, satellite] = np.isinf(surroundings.ray(places_m[fix], sight[fix, satellite]))
+        return sight, seen

@@ -1,0 +1,88 @@
+"""Inertial measurement units in the form that Kalibr and EuRoC describe them."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.pose import Array, rotation_from_quaternion
+from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
+
+
+@dataclass(frozen=True)
+class Imu:
+    """Gyroscope and accelerometer with white noise and a bias that walks; the defaults are EuRoC's ADIS16448.
+
+    Noise densities and random walks are those of Kalibr's model: at a step dt the noise has the standard deviation
+    density / sqrt(dt), and the bias walks by walk * sqrt(dt). The biases begin at random values of the given
+    standard deviations. The unit sits at offset_m on the body, along its axes. Readings end at the ranges.
+    """
+
+    measured: ClassVar[tuple[str, ...]] = ("wx_rad_s", "wy_rad_s", "wz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
+
+    rate_hz: Annotated[float, Gt(0)] = 200.0
+    gyro_noise_rad_s_sqrt_hz: Annotated[float, Ge(0)] = 1.6968e-4
+    gyro_walk_rad_s2_sqrt_hz: Annotated[float, Ge(0)] = 1.9393e-5
+    accel_noise_m_s2_sqrt_hz: Annotated[float, Ge(0)] = 2.0e-3
+    accel_walk_m_s3_sqrt_hz: Annotated[float, Ge(0)] = 3.0e-3
+    gyro_bias_rad_s: Annotated[float, Ge(0)] = 0.0
+    accel_bias_m_s2: Annotated[float, Ge(0)] = 0.0
+    gyro_range_rad_s: Annotated[float, Gt(0)] = 17.45
+    accel_range_m_s2: Annotated[float, Gt(0)] = 176.0
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+        """Rates and specific forces in the body, and the biases that are in them."""
+        stamps = sample_stamps(flight, self.rate_hz)
+        rates, forces = inertial_truth(flight, np.array(self.offset_m))
+        rates, forces = sampled(flight, rates, stamps), sampled(flight, forces, stamps)
+        dt = 1.0 / self.rate_hz
+        gyro_rng, accel_rng, *bias_rngs = rng.spawn(4)  # so that a longer flight begins with the same noise
+        biases = [
+            start * bias_rng.standard_normal(3)
+            + walk * np.sqrt(dt) * np.cumsum(bias_rng.standard_normal((len(stamps), 3)), axis=0)
+            for start, walk, bias_rng in (
+                (self.gyro_bias_rad_s, self.gyro_walk_rad_s2_sqrt_hz, bias_rngs[0]),
+                (self.accel_bias_m_s2, self.accel_walk_m_s3_sqrt_hz, bias_rngs[1]),
+            )
+        ]
+        gyro = rates + biases[0] + self.gyro_noise_rad_s_sqrt_hz / np.sqrt(dt) * gyro_rng.standard_normal(rates.shape)
+        accel = (
+            forces + biases[1] + self.accel_noise_m_s2_sqrt_hz / np.sqrt(dt) * accel_rng.standard_normal(forces.shape)
+        )
+        gyro = np.clip(gyro, -self.gyro_range_rad_s, self.gyro_range_rad_s)
+        accel = np.clip(accel, -self.accel_range_m_s2, self.accel_range_m_s2)
+        columns = [f"{name}{axis}_{unit}" for name, unit in _NAMES for axis in "xyz"]
+        return Table(tuple(columns), stamps, np.column_stack([gyro, accel, *biases]))
+
+
+_NAMES = (("w", "rad_s"), ("a", "m_s2"), ("gyro_bias_", "rad_s"), ("accel_bias_", "m_s2"))
+
+
+@dataclass(frozen=True)
+class ImuBmi088(Imu):
+    """The Crazyflie 2.1's Bosch BMI088 by its data sheet (rev. 1.4): 0.014 deg/s/sqrt(Hz) and 175 micro-g/sqrt(Hz).
+
+    Ranges are those the firmware sets, 2000 deg/s and 24 g. The data sheet gives no random walk; EuRoC's are kept.
+    """
+
+    gyro_noise_rad_s_sqrt_hz: Annotated[float, Ge(0)] = 2.443e-4
+    accel_noise_m_s2_sqrt_hz: Annotated[float, Ge(0)] = 1.716e-3
+    gyro_range_rad_s: Annotated[float, Gt(0)] = 34.9
+    accel_range_m_s2: Annotated[float, Gt(0)] = 235.0
+
+
+def inertial_truth(flight: Flight, offset_m: Array) -> tuple[Array, Array]:
+    """Angular velocity (n, 3) and specific force (n, 3) in the body's axes at a place of the body.
+
+    f = R' (a - g) + alpha x r + omega x (omega x r).
+    """
+    R = rotation_from_quaternion(flight.quaternions_wxyz)
+    omega, alpha = flight.angular_velocities_rad_s, flight.angular_accelerations_rad_s2
+    gravity = np.array([0.0, 0.0, -GRAVITY_M_S2])
+    force = np.einsum("nji,nj->ni", R, flight.accelerations_m_s2 - gravity)
+    return omega, force + np.cross(alpha, offset_m) + np.cross(omega, np.cross(omega, offset_m))

@@ -1,0 +1,74 @@
+"""The Crazyflie's flow deck: optical flow of the floor (PMW3901) and range to it (VL53L1x)."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.pose import Array, rotation_from_quaternion
+from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+
+
+@dataclass(frozen=True)
+class FlowDeck:
+    """Looks along the body's -z: pixels that the ground moved by since the last reading, and the range to it.
+
+    Flow follows the measurement model of the Crazyflie's firmware (mm_flow.c): pixels / aperture_rad per radian of
+    flow, v_x / range - w_y along x and v_y / range + w_x along y, where its two constants are 35 px and 0.71674 rad.
+    Counts are whole, as from the chip, and what is left over counts next time; flow_noise_px is their noise, 0.25 px as
+    the firmware's filter first assumed (flowdeck_v1v2.c). Range noise follows zranger2.c: 2.5 mm, growing exponentially
+    beyond 2.5 m to 0.2 m at 4 m, where the range ends. Below least_range_m the chip sees no flow (PMW3901 data sheet:
+    from 80 mm).
+    """
+
+    measured: ClassVar[tuple[str, ...]] = ("dx_px", "dy_px", "range_m")
+
+    rate_hz: Annotated[float, Gt(0)] = 50.0
+    pixels: Annotated[float, Gt(0)] = 35.0
+    aperture_rad: Annotated[float, Gt(0)] = 0.71674
+    flow_noise_px: Annotated[float, Ge(0)] = 0.25
+    range_noise_m: Annotated[float, Ge(0)] = 0.0025
+    least_range_m: Annotated[float, Ge(0)] = 0.08
+    greatest_range_m: Annotated[float, Gt(0)] = 4.0
+
+    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+        """Flow dx, dy in px (whole counts) and range in m; none where the ground is out of range."""
+        stamps = sample_stamps(flight, self.rate_hz)
+        flow, distance = flow_truth(flight, surroundings)
+        # Flow gathered since the last reading: the integral of the rate from row to row.
+        step_s = np.diff(flight.stamps_ns, prepend=flight.stamps_ns[0])[:, None] / 1e9
+        before = np.concatenate([flow[:1], flow[:-1]])
+        gathered = np.cumsum(np.nan_to_num(0.5 * (flow + before)) * step_s, axis=0)
+        angle = np.diff(sampled(flight, gathered, stamps), axis=0, prepend=gathered[:1])
+        seen = sampled(flight, distance[:, None], stamps)[:, 0]
+        scale = self.pixels / self.aperture_rad
+        flow_rng, range_rng = rng.spawn(2)
+        total = np.cumsum(scale * angle + self.flow_noise_px * flow_rng.standard_normal(angle.shape), axis=0)
+        counts = np.diff(np.round(total), axis=0, prepend=0.0) + 0.0
+        growth = math.log(0.2 / 0.0025) / (4.0 - 2.5)
+        sigma = self.range_noise_m * (1.0 + exact.exp(growth * (np.minimum(seen, self.greatest_range_m) - 2.5)))
+        ranged = seen + sigma * range_rng.standard_normal(len(seen))
+        ranged = np.where(seen <= self.greatest_range_m, ranged, np.nan)
+        counts[(seen > self.greatest_range_m) | (seen < self.least_range_m)] = np.nan
+        return Table(self.measured, stamps, np.column_stack([counts, ranged]))
+
+
+def flow_truth(flight: Flight, surroundings: Surroundings) -> tuple[Array, Array]:
+    """Flow rate (n, 2), rad/s, of what lies beneath along the body's -z, and the distance (n,) to it, metres.
+
+    What lies beneath is the structure or the floor at z = 0, whichever comes first; inf when the body is upside down.
+    """
+    R = rotation_from_quaternion(flight.quaternions_wxyz)
+    down = -R[:, :, 2]
+    falling = np.minimum(down[:, 2], -1e-9)
+    to_floor = np.where(down[:, 2] < 0, -flight.positions_m[:, 2] / falling, np.inf)
+    distance = np.minimum(surroundings.ray(flight.positions_m, down), to_floor)
+    v = np.einsum("nji,nj->ni", R, flight.velocities_m_s)
+    w = flight.angular_velocities_rad_s
+    flow = np.column_stack([v[:, 0] / distance - w[:, 1], v[:, 1] / distance + w[:, 0]])
+    return flow, distance

@@ -1,0 +1,74 @@
+"""The body sensors, by name, and the files that a flight leaves beside its images."""
+
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.sensors.barometer import Barometer
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
+from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.sensors.sensor import SensorSpec, Table, write_table
+
+FLIGHT_RATE_HZ = 100.0
+"""Rate of flight.csv: every fifth row of the record."""
+
+
+def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
+    """The truth of a flight at rate_hz, each row one of its own: motion, motors and wind."""
+    rows = np.unique(flight.frame_rows(rate_hz))
+    groups = (
+        ("p", "m", "xyz", flight.positions_m),
+        ("q", "", "wxyz", flight.quaternions_wxyz),
+        ("v", "m_s", "xyz", flight.velocities_m_s),
+        ("a", "m_s2", "xyz", flight.accelerations_m_s2),
+        ("w", "rad_s", "xyz", flight.angular_velocities_rad_s),
+        ("alpha_", "rad_s2", "xyz", flight.angular_accelerations_rad_s2),
+        ("thrust_command_", "n", "1234", flight.thrust_commands_n),
+        ("thrust_", "n", "1234", flight.thrusts_n),
+        ("wind_", "m_s", "xyz", flight.winds_m_s),
+    )
+    columns = [f"{name}{axis}_{unit}".rstrip("_") for name, unit, axes, _ in groups for axis in axes]
+    return Table(tuple(columns), flight.stamps_ns[rows], np.column_stack([values[rows] for *_, values in groups]))
+
+
+def measure(sensors: tuple[SensorSpec, ...], flight: Flight, surroundings: Surroundings, seed: int) -> dict[str, Table]:
+    """Table of each sensor by its name; a second one of a kind is called `imu-2` and so on.
+
+    Every sensor draws from a stream of its own name, so adding one never changes another's readings.
+    """
+    tables: dict[str, Table] = {}
+    for sensor in sensors:
+        base = sensor_name(sensor)
+        name = next(n for n in (base, *(f"{base}-{k}" for k in range(2, len(sensors) + 2))) if n not in tables)
+        tables[name] = sensor.measure(flight, surroundings, stream(seed, "sensor", name))
+    return tables
+
+
+def write_flight(
+    flight: Flight, sensors: tuple[SensorSpec, ...], surroundings: Surroundings, seed: int, folder: Path
+) -> list[str]:
+    """Write `flight.csv` and one CSV file per sensor into a folder; the names of the files."""
+    tables = {"flight": flight_table(flight), **measure(sensors, flight, surroundings, seed)}
+    for name, table in tables.items():
+        write_table(table, folder / f"{name}.csv")
+    return [f"{name}.csv" for name in tables]
+
+
+def sensor_name(sensor: SensorSpec) -> str:
+    """Name of a sensor in SENSORS, else that of its class."""
+    return next((name for name, kind in SENSORS.items() if type(sensor) is kind), type(sensor).__name__)
+
+
+SENSORS: dict[str, type[SensorSpec]] = {
+    "imu": Imu,
+    "imu-bmi088": ImuBmi088,
+    "flow": FlowDeck,
+    "baro": Barometer,
+    "gnss": Gnss,
+}
+
+__all__ = ["FLIGHT_RATE_HZ", "SENSORS", "SensorSpec", "flight_table", "measure", "write_flight"]

@@ -1,0 +1,71 @@
+"""What every body sensor is: parameters, and a verb that turns a flight into a table of measurements."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.pose import Array, read_only
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Measurements: stamps_ns (n,) int64, `columns` named with their units, values (n, k); NaN where there is none."""
+
+    columns: tuple[str, ...]
+    stamps_ns: NDArray[np.int64]
+    values: Array
+
+    def __post_init__(self) -> None:
+        stamps = np.array(self.stamps_ns, dtype=np.int64)
+        stamps.setflags(write=False)
+        object.__setattr__(self, "stamps_ns", stamps)
+        object.__setattr__(self, "values", read_only(self.values, (len(stamps), len(self.columns))))
+
+    def column(self, name: str) -> Array:
+        """One column (n,) by its name."""
+        return self.values[:, self.columns.index(name)]
+
+
+class SensorSpec(Protocol):
+    """A body sensor: a frozen dataclass of its parameters.
+
+    Trackers are given the columns of its table that the class names in `measured`, a tuple of names, and none where it
+    has no such attribute: what is true and not measured, as a bias, stays out of it.
+    """
+
+    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+        """What the sensor says along a flight; same rng, same table."""
+        ...
+
+
+def sample_stamps(flight: Flight, rate_hz: float) -> NDArray[np.int64]:
+    """Stamps (n,) of a sensor at rate_hz from the flight's first row to its last, to the nearest nanosecond each."""
+    first, last = int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
+    period = Fraction(10**9) / Fraction(str(rate_hz))
+    p, q = period.numerator, period.denominator
+    return np.array([first + (2 * i * p + q) // (2 * q) for i in range((last - first) * q // p + 1)], dtype=np.int64)
+
+
+def sampled(flight: Flight, values: Array, stamps_ns: NDArray[np.int64]) -> Array:
+    """Values (n, k) at stamps (m,): of the row where there is one, else linear between the rows 2 ms apart."""
+    row = np.clip(np.searchsorted(flight.stamps_ns, stamps_ns, side="right") - 1, 0, max(len(flight) - 2, 0))
+    after = np.minimum(row + 1, len(flight) - 1)
+    step = np.maximum(flight.stamps_ns[after] - flight.stamps_ns[row], 1)
+    share = ((stamps_ns - flight.stamps_ns[row]) / step)[:, None]
+    mixed = np.where(share == 0, values[row], (1 - share) * values[row] + share * values[after])
+    return np.where(share == 1, values[after], mixed)
+
+
+def write_table(table: Table, path: Path) -> None:
+    """Write a CSV file: stamp_ns, then the columns; numbers read back exactly, an empty cell is no measurement."""
+    lines = [",".join(("stamp_ns", *table.columns))]
+    for stamp, row in zip(table.stamps_ns.tolist(), table.values.tolist(), strict=True):
+        lines.append(",".join((str(stamp), *("" if value != value else repr(value) for value in row))))
+    write_text(path, "\n".join(lines) + "\n")

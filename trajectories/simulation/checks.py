@@ -1,0 +1,110 @@
+"""What makes a flight useless: plans that cannot be flown, collisions, motors at their limits."""
+
+import numpy as np
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.paths.reference import Planned
+from uavbench.trajectories.pose import Array, rotation_from_quaternion
+from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S, Quadrotor
+
+STRIDE = 10
+"""Steps between two places at which a plan is checked: 20 ms."""
+THRUST_SHARE = 0.9
+"""Share of the greatest thrust that a plan may need; the rest is for control."""
+
+
+def check_plan(
+    plan: Planned, vehicle: Quadrotor, surroundings: Surroundings, mean_wind_m_s: Array, clearance_m: float
+) -> None:
+    """UserError when a plan comes too close to anything, or asks for more thrust than there is."""
+    places = plan.table[::STRIDE, 0:3]
+    room = surroundings.clearance(places) - vehicle.radius_m
+    worst = int(np.argmin(room))
+    if room[worst] < clearance_m:
+        at, what = _at(places[worst], worst * STRIDE), _obstacle(places[worst], surroundings)
+        raise UserError(
+            f"{at}: the vehicle (radius {vehicle.radius_m} m) has {room[worst]:.3f} m to {what}, "
+            f"less than clearance_m = {clearance_m}; plan it further away"
+        )
+    needed = needed_thrusts(plan, vehicle, mean_wind_m_s)
+    worst = int(np.argmax(needed))
+    available = THRUST_SHARE * 4 * vehicle.max_thrust_n
+    if not needed[worst] <= available:
+        speed = float(np.linalg.norm(plan.table[worst, 3:6]))
+        raise UserError(
+            f"{_at(plan.table[worst, 0:3], worst)}: unreachable speed: {speed:.2f} m/s there, with its acceleration "
+            f"and the mean wind, needs {needed[worst]:.3g} N of thrust, but {available:.3g} N is {THRUST_SHARE:.0%} of "
+            "what the vehicle has; ask for a lower speed, acceleration or wind"
+        )
+
+
+def needed_thrusts(plan: Planned, vehicle: Quadrotor, mean_wind_m_s: Array) -> Array:
+    """Collective thrust (n,), N, that each row of a plan needs against gravity, inertia and drag.
+
+    The drag is that at the rotor speed of hover.
+    """
+    speeds = 4 * vehicle.rotor_speeds(np.array(vehicle.hover_thrust_n))
+    airspeed = plan.table[:, 3:6] - mean_wind_m_s
+    size = np.linalg.norm(airspeed, axis=1, keepdims=True)
+    drag = -(vehicle.rotor_drag_kg.max() * speeds + vehicle.body_drag_kg_m.max() * size) * airspeed
+    force = vehicle.mass_kg * (plan.table[:, 6:9] + np.array([0.0, 0.0, GRAVITY_M_S2])) - drag
+    return np.asarray(np.linalg.norm(force, axis=1))
+
+
+def crash_step(record: Array, vehicle: Quadrotor, surroundings: Surroundings) -> int | None:
+    """First row of a record at which the vehicle touches floor or structure, or is nowhere; None: it never does."""
+    places = record[:, RECORD["positions_m"]]
+    found = np.asarray(np.isfinite(record).all(axis=1) & (np.abs(places) < 1e6).all(axis=1))
+    touching = ~found
+    touching[found] = np.minimum(surroundings.distance(places[found]), places[found, 2]) < vehicle.radius_m
+    if surroundings.inside(places[:1])[0]:
+        return 0
+    return int(np.argmax(touching)) if touching.any() else None
+
+
+def check_camera(record: Array, mount: Mount, surroundings: Surroundings) -> None:
+    """UserError when the camera's centre is inside the structure or under the floor."""
+    rows = record[::STRIDE]
+    offset = mount.cam_from_body.inverse().translation
+    centres = rows[:, RECORD["positions_m"]] + exact.product(
+        rotation_from_quaternion(rows[:, RECORD["quaternions_wxyz"]]), offset
+    )
+    inside = surroundings.inside(centres) | (centres[:, 2] <= 0)
+    if inside.any():
+        step = int(np.argmax(inside))
+        raise UserError(
+            f"{_at(centres[step], step * STRIDE)}: the camera is inside {_obstacle(centres[step], surroundings)}; "
+            "move the path or the mount's offset_m"
+        )
+
+
+def check_saturation(record: Array, vehicle: Quadrotor, share: float) -> None:
+    """UserError when some motor's command is at a limit for more than this share of the time."""
+    commands = record[:, RECORD["thrust_commands_n"]]
+    full = ((commands >= vehicle.max_thrust_n) | (commands <= vehicle.min_thrust_n)).any(axis=1).mean()
+    if not full <= share:
+        raise UserError(
+            f"motors saturated {full:.1%} of the time, more than saturation_share = {share}: the vehicle cannot do "
+            "this; ask for a lower speed, acceleration or wind"
+        )
+
+
+def crash_error(record: Array, step: int, surroundings: Surroundings) -> UserError:
+    """Error for a flight that crashed at a row of its record."""
+    if not np.isfinite(record[step]).all():
+        return UserError(f"t = {step * STEP_S:.2f} s: the vehicle lost control; ask for a lower speed or wind")
+    place = record[step, RECORD["positions_m"]]
+    return UserError(f"{_at(place, step)}: crash into {_obstacle(place, surroundings)}; plan the path further away")
+
+
+def _at(place: Array, step: int) -> str:
+    return f"t = {step * STEP_S:.2f} s, at ({place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f}) m"
+
+
+def _obstacle(place: Array, surroundings: Surroundings) -> str:
+    near_floor = place[2] <= surroundings.distance(place[None])[0] and not surroundings.inside(place[None])[0]
+    return "the floor" if near_floor else "the structure"

@@ -1,0 +1,91 @@
+"""A flight: what is flown, and the flying of it."""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Interval
+
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.paths.reference import Guidance, Planned, Replay
+from uavbench.trajectories.paths.registry import PATHS, PathSpec
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.simulation.checks import check_camera, check_plan, check_saturation, crash_error, crash_step
+from uavbench.trajectories.simulation.simulate import simulate
+from uavbench.trajectories.vehicle.airframes import AirframeSpec, Crazyflie
+from uavbench.trajectories.vehicle.geometric_control import Geometric
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS, STEP_S, Quadrotor
+from uavbench.trajectories.wind.winds import Still, WindSpec
+
+__all__ = ["Flight", "FlightSpec", "fly", "path_name"]
+
+
+@dataclass(frozen=True)
+class FlightSpec:
+    """What is flown: a path, a vehicle, its controller, the wind, and what is asked of the flight.
+
+    A plan must keep clearance_m between the vehicle's sphere and everything else. Motors may be at their limits for
+    saturation_share of the time. A crash is an error, or, with on_crash "record", ends the record there.
+    """
+
+    path: PathSpec = field(default_factory=HandPilot)
+    airframe: AirframeSpec = field(default_factory=Crazyflie)
+    control: Geometric = field(default_factory=Geometric)
+    wind: WindSpec = field(default_factory=Still)
+    clearance_m: Annotated[float, Ge(0)] = 0.1
+    saturation_share: Annotated[float, Interval(ge=0, le=1)] = 0.05
+    on_crash: Literal["error", "record"] = "error"
+
+
+def fly(spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int) -> Flight:
+    """Fly a path and return its true record; the same arguments give the same bytes.
+
+    The record begins settled: the vehicle has flown for some seconds before row 0. UserError for a path that leaves
+    no room or needs more thrust than there is, a crash, motors at their limits, or a camera inside the structure.
+    """
+    vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
+    try:
+        guidance = spec.path.plan(surroundings, mount, stream(seed, "path"))
+        record = _record(spec, guidance, vehicle, surroundings, seed)
+        step = crash_step(record, vehicle, surroundings)
+        if step == 0 or (step is not None and spec.on_crash == "error"):
+            raise crash_error(record, step, surroundings)
+        whole = record[: None if step is None else step + 1]
+        whole = whole[np.isfinite(whole).all(axis=1)]
+        check_camera(whole, mount, surroundings)
+        if step is None and not isinstance(guidance, Replay):
+            check_saturation(whole, vehicle, spec.saturation_share)
+    except UserError as error:
+        raise UserError(f"path {path_name(spec.path)}: {error}") from None
+    return _flight(whole, crashed=step is not None)
+
+
+def _record(
+    spec: FlightSpec, guidance: Guidance | Replay, vehicle: Quadrotor, surroundings: Surroundings, seed: int
+) -> Array:
+    if isinstance(guidance, Replay):
+        return guidance.record
+    air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
+    if isinstance(guidance, Planned):
+        check_plan(guidance, vehicle, surroundings, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
+    return simulate(vehicle, spec.control.gains(), guidance, air, surroundings)
+
+
+def _flight(record: Array, crashed: bool) -> Flight:
+    return Flight(
+        stamps_ns=np.arange(len(record), dtype=np.int64) * STEP_NS,
+        **{name: record[:, columns] for name, columns in RECORD.items()},
+        status="crashed" if crashed else "completed",
+        crashed_ns=(len(record) - 1) * STEP_NS if crashed else None,
+    )
+
+
+def path_name(path: PathSpec) -> str:
+    """Name of a path in PATHS, else that of its class."""
+    return next((name for name, kind in PATHS.items() if type(path) is kind), type(path).__name__)

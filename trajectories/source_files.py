@@ -1,0 +1,187 @@
+"""Which files a module is made of: its source, and that of all it imports, as far as somebody may edit them."""
+
+import ast
+import hashlib
+import importlib.util
+import sys
+import sysconfig
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
+
+OURS = (Path(__file__).parents[1],)
+INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+
+Find = Callable[[str], Path | None]
+"""From the name of a module to the file of its source, None where that is nobody's to edit or not there."""
+
+
+@dataclass(frozen=True)
+class MadeOf:
+    """Files that somebody may edit, and the first names of all other modules that they import."""
+
+    files: frozenset[Path]
+    others: frozenset[str]
+
+
+def sources(module: str) -> frozenset[Path]:
+    """Files of a module and of all that it imports, but for those of the interpreter and of installed libraries."""
+    return made_of([module]).files
+
+
+def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | None = None) -> MadeOf:
+    """What modules, and scripts by their file, are made of.
+
+    Imports are read from the source, those within functions too; a module that cannot be found is left out.
+    """
+    find = find or source_file
+    found = set(scripts)
+    others: set[str] = set()
+    waiting = [*modules, *(name for path in found for name in imports(path, "__main__"))]
+    seen: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        path = find(name)
+        if path is None:
+            others.add(name.partition(".")[0])
+        else:
+            found.add(path)
+            waiting += imports(path, name)
+        waiting += parents(name)
+    return MadeOf(frozenset(found), frozenset(others - sys.stdlib_module_names))
+
+
+def digest(files: Iterable[Path]) -> str:
+    """sha256 over files: their names, those of their folders, and their content, wherever the tree stands."""
+    each = sorted(("/".join(path.parts[-2:]), _content(path)) for path in files)
+    return hashlib.sha256(repr(each).encode()).hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """sha256 of a file's content, read again only when the file has changed; OSError when it cannot be read."""
+    return _digest(path, stamp(path))
+
+
+def stamp(path: Path) -> tuple[int, ...]:
+    """Numbers that change with a file: its times, size and place on the disk."""
+    about = path.stat()
+    return about.st_mtime_ns, about.st_ctime_ns, about.st_size, about.st_ino, about.st_dev
+
+
+def source_file(name: str) -> Path | None:
+    """Source file of a module that is ours or the user's; None when it is installed, built in, or not to be found.
+
+    Nothing is imported to find it.
+    """
+    top = name.partition(".")[0]
+    above = getattr(sys.modules.get(top), "__file__", None)
+    if top in sys.stdlib_module_names or (above is not None and not editable(Path(above))):
+        return None
+    spec = None if name in sys.modules else _spec(name)
+    path = getattr(sys.modules.get(name), "__file__", None) or (spec.origin if spec and spec.has_location else None)
+    return Path(path) if path is not None and path.endswith(".py") and editable(Path(path)) else None
+
+
+def among(folders: Iterable[Path]) -> Find:
+    """Finds modules by their place in folders, as an interpreter with these on its path does."""
+    roots = tuple(folders)
+
+    def find(name: str) -> Path | None:
+        inside = name.replace(".", "/")
+        places = (root / f"{inside}{ending}" for root in roots for ending in (".py", "/__init__.py"))
+        return next((place for place in places if place.is_file()), None)
+
+    return find
+
+
+@cache
+def editable(path: Path) -> bool:
+    """Whether a file is ours or the user's, and not one of the interpreter or of an installed library."""
+    folders = path.resolve().parents
+    return is_ours(path) or not any(folder in folders for folder in INSTALLED)
+
+
+def imports(path: Path, name: str) -> tuple[str, ...]:
+    """Names of all modules that the source file of the module `name` imports, or may."""
+    return _imports(path, stamp(path), name)
+
+
+def texts(path: Path) -> frozenset[str]:
+    """All texts that stand in a source file."""
+    return _texts(path, stamp(path))
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a file is one of this project's packages."""
+    return any(ours in path.parents for ours in OURS)
+
+
+def parsed(path: Path) -> ast.Module:
+    """Syntax tree of a source file; an empty one where it is not readable as Python."""
+    try:
+        return ast.parse(path.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return ast.Module([], [])
+
+
+def parents(name: str) -> Iterator[str]:
+    """Packages that a module lies in: they run before it."""
+    while "." in name:
+        name = name.rpartition(".")[0]
+        yield name
+
+
+def _spec(name: str) -> ModuleSpec | None:
+    parent = name.rpartition(".")[0]
+    try:
+        if not parent:
+            return importlib.util.find_spec(name)
+        if parent in sys.modules:
+            places = getattr(sys.modules[parent], "__path__", None)
+        else:
+            above = _spec(parent)
+            places = above.submodule_search_locations if above else None
+        return None if places is None else PathFinder.find_spec(name, places)
+    except (ImportError, AttributeError, ValueError):  # what a module in sys.modules may be, is up to its author
+        return None
+
+
+@lru_cache(maxsize=10_000)
+def _imports(path: Path, _: tuple[int, ...], name: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(_imported(parsed(path), name, path.name == "__init__.py")))
+
+
+@lru_cache(maxsize=10_000)
+def _texts(path: Path, _: tuple[int, ...]) -> frozenset[str]:
+    constants = (node.value for node in ast.walk(parsed(path)) if isinstance(node, ast.Constant))
+    return frozenset(value for value in constants if isinstance(value, str))
+
+
+def _content(path: Path) -> str:
+    try:
+        return file_digest(path)
+    except OSError:
+        return "not readable"
+
+
+@lru_cache(maxsize=100_000)
+def _digest(path: Path, _: tuple[int, ...]) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _imported(tree: ast.AST, name: str, is_package: bool) -> Iterator[str]:
+    package = name.split(".") if is_package else name.split(".")[:-1]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)

@@ -1,0 +1,196 @@
+"""Trajectory files: TUM, EuRoC and KITTI, read exactly and written so that they read back exactly.
+
+tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark)
+euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
+kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
+
+What moves is said by a comment `# frame: world_from_body` at the top of a file, or by such words in its name.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array, quaternion_from_rotation
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.number_lines import (
+    STAMP_CHARACTERS,
+    Layout,
+    NumberLines,
+    cells_of,
+    comments,
+    first_lines,
+    read_lines,
+)
+
+KITTI_RATE_HZ = 10.0
+"""Rate of the KITTI odometry sequences."""
+LEAST_NS_STEP = 1000
+"""Stamps that are whole numbers at least so far apart are nanoseconds, never seconds."""
+FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILINE)
+FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
+
+
+def read_trajectory(path: Path, format: str | None = None) -> tuple[Trajectory, str]:
+    """Trajectory of a file and the name of its format, guessed from its first line unless given.
+
+    UserError naming the file, the line and what is wrong with it.
+    """
+    name = format or guess_format(path)
+    if name not in READERS:
+        raise unknown_name("trajectory format", name, list(READERS))
+    return READERS[name](path), name
+
+
+def guess_format(path: Path) -> str:
+    """Name of the format that a file's first lines of numbers look like; UserError when they look like none.
+
+    Eight numbers or more are euroc where the first one counts nanoseconds: a whole number that grows by
+    LEAST_NS_STEP and more, or has twelve digits and more.
+    """
+    (number, line), *second = first_lines(path, 2)
+    cells = cells_of(line)
+    if len(cells) == 12 and "," not in line:
+        return "kitti"
+    if len(cells) >= 8 and _in_nanoseconds([cells[0], *(cells_of(text)[0] for _, text in second)]):
+        return "euroc"
+    if len(cells) == 8:
+        return "tum"
+    raise UserError(
+        f"{path}: line {number} has {len(cells)} values, so it is neither tum (8), kitti (12) nor euroc "
+        "(8 or more, integer nanoseconds first)"
+    )
+
+
+def declared_frame(path: Path) -> str | None:
+    """What a trajectory file says that it holds, such as `world_from_body`, in its first comments or in its name.
+
+    None where it says nothing; UserError where comment and name differ.
+    """
+    said = FRAME_COMMENT.findall(comments(path))
+    named = FRAME_NAME.findall(path.name)
+    found = list(dict.fromkeys([*said, *named]))
+    if len(found) > 1:
+        raise UserError(f"{path}: says that it holds {' and '.join(found)}; correct its `# frame:` or its name")
+    return found[0] if found else None
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Trajectory of a TUM file; seconds become integer nanoseconds digit by digit. UserError naming the line."""
+    lines = read_lines(path, Layout(8, unit_ns=10**9))
+    return _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, [7, 4, 5, 6]])
+
+
+def read_euroc(path: Path) -> Trajectory:
+    """Trajectory of an EuRoC ground-truth file; columns after the quaternion are ignored. UserError naming the line."""
+    lines = read_lines(path, Layout(8, more=True, unit_ns=1))
+    return _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, 4:8])
+
+
+def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
+    """Trajectory of a KITTI file, whose rows are rate_hz apart from 0 on; UserError naming the line."""
+    lines = read_lines(path, Layout(12))
+    matrices = lines.values.reshape(-1, 3, 4)
+    R = matrices[:, :, :3]
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        bad = ~((off < 1e-3) & (np.linalg.det(R) > 0))
+    if bad.any():
+        raise UserError(
+            f"{path}: line {lines.numbers[int(np.argmax(bad))]}: its first three columns are not a rotation (1e-3)"
+        )
+    stamps = np.array([round(i * 10**9 / rate_hz) for i in range(len(matrices))], dtype=np.int64)
+    return _trajectory(path, replace(lines, stamps_ns=stamps), matrices[:, :, 3], quaternion_from_rotation(R))
+
+
+def write_tum(trajectory: Trajectory, path: Path, frame: str = "") -> None:
+    """Write a TUM file: seconds with nine decimals, so that the stamps read back exactly.
+
+    `frame` is what the poses are, such as `world_from_body`; comments say so, which readers of the format skip.
+    """
+    head = f"# frame: {frame}\n# timestamp_s tx_m ty_m tz_m qx qy qz qw\n" if frame else ""
+    rows = zip(
+        trajectory.stamps_ns.tolist(),
+        trajectory.positions_m.tolist(),
+        trajectory.quaternions_wxyz[:, [1, 2, 3, 0]].tolist(),
+        strict=True,
+    )
+    write_text(path, head + "".join(f"{seconds(ns)} {_join(' ', p)} {_join(' ', q)}\n" for ns, p, q in rows))
+
+
+def write_euroc(trajectory: Trajectory, path: Path, motion: Array | None = None) -> None:
+    """Write an EuRoC ground-truth file; `motion` (n, 3 or 9) adds velocity in the world, then biases (gyro, accel)."""
+    header = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"
+    table = np.column_stack([trajectory.positions_m, trajectory.quaternions_wxyz])
+    if motion is not None:
+        header += ", v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1]"
+        if motion.shape[1] > 3:
+            header += "".join(f", b_w_RS_S_{axis} [rad s^-1]" for axis in "xyz")
+            header += "".join(f", b_a_RS_S_{axis} [m s^-2]" for axis in "xyz")
+        table = np.column_stack([table, motion])
+    rows = zip(trajectory.stamps_ns.tolist(), table.tolist(), strict=True)
+    write_text(path, header + "\n" + "".join(f"{ns},{_join(',', row)}\n" for ns, row in rows))
+
+
+def write_kitti(trajectory: Trajectory, path: Path) -> None:
+    """Write a KITTI file; the format has no place for the stamps."""
+    rows = np.concatenate([trajectory.rotations, trajectory.positions_m[:, :, None]], axis=2).reshape(-1, 12)
+    write_text(path, "".join(f"{_join(' ', row)}\n" for row in rows.tolist()))
+
+
+def seconds(stamp_ns: int) -> str:
+    """Stamp in seconds with nine decimals, exactly."""
+    whole, rest = divmod(abs(stamp_ns), 10**9)
+    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+
+
+def _in_nanoseconds(stamps: list[str]) -> bool:
+    if not all(stamp.lstrip("+-").isdigit() and len(stamp) < STAMP_CHARACTERS for stamp in stamps):
+        return False
+    return len(stamps[0]) >= 12 or (len(stamps) > 1 and int(stamps[1]) - int(stamps[0]) >= LEAST_NS_STEP)
+
+
+def _trajectory(path: Path, lines: NumberLines, positions: Array, quaternions: Array) -> Trajectory:
+    """Trajectory of parsed columns; UserError naming the line of the first bad pose."""
+    stamps = lines.stamps_ns
+    try:
+        trajectory = Trajectory(stamps, positions, quaternions)
+        if max(positions.max(), -positions.min()) <= LARGEST_COORDINATE_M:
+            return trajectory
+    except ValueError:
+        pass
+    with np.errstate(invalid="ignore", over="ignore"):
+        norms = np.linalg.norm(quaternions, axis=1)
+    for what, bad in (
+        ("its position is not finite", ~np.isfinite(positions).all(axis=1)),
+        (
+            f"its position is beyond {LARGEST_COORDINATE_M:g} m; is it in metres?",
+            np.abs(positions).max(axis=1) > LARGEST_COORDINATE_M,
+        ),
+        ("its quaternion is not of unit norm (1e-3)", ~(np.abs(norms - 1) < 1e-3)),
+        (
+            "its time stamp does not come after the one before; sort the file",
+            np.concatenate([[False], stamps[1:] <= stamps[:-1]]),
+        ),
+    ):
+        if bad.any():
+            raise UserError(f"{path}: line {lines.numbers[int(np.argmax(bad))]}: {what}")
+    raise AssertionError("a trajectory is refused for one of these reasons")
+
+
+def _join(separator: str, row: list[float]) -> str:
+    return separator.join(map(repr, row))
+
+
+READERS: dict[str, Callable[[Path], Trajectory]] = {"tum": read_tum, "euroc": read_euroc, "kitti": read_kitti}
+WRITERS: dict[str, Callable[[Trajectory, Path], None]] = {
+    "tum": write_tum,
+    "euroc": write_euroc,
+    "kitti": write_kitti,
+}

@@ -1,0 +1,227 @@
+"""Files of lines of numbers, read block by block: quickly where a block is plain, line by line where it is not.
+
+Both ways give the same numbers to the last digit; only the slow one has errors, and it names the line.
+"""
+
+import csv
+import io
+import re
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_POSES, TRAJECTORY
+from uavbench.trajectories.files.reading import opened
+from uavbench.trajectories.pose import Array
+
+FIRST_BYTES, BLOCK_BYTES = 1 << 16, 1 << 23
+"""A file's head may have comments, which make its block a slow one; the other blocks fill a cache."""
+PLAIN = b"0123456789+-.eE \t,\n"
+"""All that a plain block consists of."""
+STAMP_CHARACTERS = 24
+"""A plain stamp has at most 19 digits and a point."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How many values a line has, or how many are read of it and `more` may follow.
+
+    The first is a time stamp in units of unit_ns (1 or 10^9) nanoseconds; 0: it is none.
+    """
+
+    values: int
+    more: bool = False
+    unit_ns: int = 0
+
+    def fits(self, values: int) -> bool:
+        """Whether a line may have so many values."""
+        return values >= self.values if self.more else values == self.values
+
+    @property
+    def decimals(self) -> int:
+        """Digits after the point that a stamp has."""
+        return len(str(self.unit_ns)) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class NumberLines:
+    """Line numbers (n,); stamps (n,) in ns, zeros where the layout has none; values (n, k), the stamps' too."""
+
+    numbers: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+    values: Array
+
+
+def read_lines(path: Path, layout: Layout) -> NumberLines:
+    """All lines of numbers of a file; UserError naming the first line that is wrong, or that there is none."""
+    parts: list[NumberLines] = []
+    rows = 0
+    for first, block in _blocks(path):
+        part = _plain(block, first, layout) or _careful(path, block, first, layout)
+        parts.append(part)
+        rows += len(part.numbers)
+        if rows > MOST_POSES:
+            raise UserError(f"{path}: has more than {MOST_POSES:,} poses; {TRAJECTORY.remedy}")
+    if not rows:
+        raise UserError(f"{path}: holds no pose")
+    return NumberLines(
+        np.concatenate([part.numbers for part in parts]),
+        np.concatenate([part.stamps_ns for part in parts]),
+        np.concatenate([part.values for part in parts]),
+    )
+
+
+def first_lines(path: Path, count: int) -> list[tuple[int, str]]:
+    """Number and text of the first lines of numbers, at most so many; UserError when there is none."""
+    lines = (line for first, block in _blocks(path) for line in _filled(path, block, first))
+    if found := list(islice(lines, count)):
+        return found
+    raise UserError(f"{path}: holds no pose")
+
+
+def comments(path: Path) -> str:
+    """The lines before the first one of numbers, as far as they lie in the first block."""
+    for _, block in _blocks(path):
+        found = re.match(rb"(?:[ \t]*(?:#[^\n]*)?\n)*", block)
+        return found[0].decode("utf-8", errors="replace") if found else ""
+    return ""
+
+
+def cells_of(line: str) -> list[str]:
+    """Values of a line, which are separated by commas, spaces or both."""
+    return line.replace(",", " ").split()
+
+
+def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Blocks of whole lines, with the number of the first line of each."""
+    number, size = 1, FIRST_BYTES
+    with opened(path, TRAJECTORY) as handle:
+        while True:
+            try:
+                block = handle.read(size) + handle.readline(LONGEST_LINE)
+                whole = block.endswith(b"\n") or not handle.peek(1)
+            except OSError as error:
+                raise UserError(f"{path}: cannot be read: {error.strerror or error}") from None
+            if not block:
+                return
+            block = block.removeprefix(b"\xef\xbb\xbf" if number == 1 else b"").replace(b"\r\n", b"\n")
+            ends = block.count(b"\n") + block.count(b"\r")
+            if not whole:
+                raise too_long(path, number + ends)
+            yield number, block
+            number, size = number + ends, BLOCK_BYTES
+
+
+def _plain(block: bytes, number: int, layout: Layout) -> NumberLines | None:
+    """The lines of a block that is plain from its first to its last, None where one of them is not."""
+    if block.translate(None, PLAIN) or not block.endswith(b"\n"):
+        return None
+    stamps = _plain_stamps(np.frombuffer(block, dtype=np.uint8), layout.decimals) if layout.unit_ns else None
+    if layout.unit_ns and stamps is None:
+        return None
+    used = [sign for sign in (",", " ", "\t") if sign.encode() in block]
+    between = used[0] if len(used) == 1 and b"  " not in block else ""
+    import pandas as pd  # here, for a vehicle reads no long files
+
+    try:
+        table = pd.read_csv(
+            io.BytesIO(block if between else block.replace(b",", b" ")),
+            sep=between or r"\s+",
+            header=None,
+            dtype=np.float64,
+            na_filter=False,
+            quoting=csv.QUOTE_NONE,
+        )
+    except ValueError:  # of another width, or no numbers; the careful way tells which
+        return None
+    values = table.to_numpy()
+    rows, width = values.shape
+    if rows != block.count(b"\n") or not layout.fits(width):
+        return None
+    numbers = np.arange(number, number + rows)
+    return NumberLines(numbers, np.zeros(rows, np.int64) if stamps is None else stamps, values[:, : layout.values])
+
+
+def _plain_stamps(text: NDArray[np.uint8], decimals: int) -> NDArray[np.int64] | None:
+    """Stamps (n,) at the beginning of each line, in units of the last of these decimals; None where one is not plain.
+
+    Plain are digits, and a point with at most that many decimals behind it: nothing to round, nothing that overflows.
+    """
+    ends = np.flatnonzero(text == ord("\n"))
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    padded = np.concatenate([text, np.zeros(STAMP_CHARACTERS, np.uint8)])
+    letters = np.lib.stride_tricks.sliding_window_view(padded, STAMP_CHARACTERS)[starts]
+    over = (letters == ord(" ")) | (letters == ord(",")) | (letters == ord("\t")) | (letters == ord("\n"))
+    length = np.argmax(over, axis=1)
+    point = np.argmax((letters == ord(".")) | over, axis=1)
+    behind = np.maximum(length - point - 1, 0)
+    if not over.any(axis=1).all() or (point == 0).any() or (behind > decimals).any() or (point + decimals > 19).any():
+        return None
+    value = np.zeros(len(starts), dtype=np.uint64)
+    for k in range(int(length.max())):
+        digit = letters[:, k] - np.uint8(ord("0"))
+        counts = (k < length) & (k != point)
+        if (counts & (digit > 9)).any():
+            return None
+        value = np.where(counts, value * np.uint64(10) + digit, value)
+    value *= np.uint64(10) ** (decimals - behind).astype(np.uint64)
+    return value.astype(np.int64) if (value < np.uint64(2**63)).all() else None
+
+
+def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLines:
+    """The lines of any block; UserError naming the first that is wrong."""
+    numbers, stamps, values = array("q"), array("q"), array("d")
+    for line_number, line in _filled(path, block, number):
+        cells = cells_of(line)
+        if not layout.fits(len(cells)):
+            wanted = f"at least {layout.values}" if layout.more else layout.values
+            raise UserError(f"{path}: line {line_number} has {len(cells)} values, expected {wanted}")
+        numbers.append(line_number)
+        stamps.append(_stamp(path, line_number, cells[0], layout.unit_ns) if layout.unit_ns else 0)
+        try:
+            values.extend([float(cell) for cell in cells[: layout.values]])
+        except ValueError as error:
+            raise UserError(f"{path}: line {line_number}: {error}") from None
+    table = np.array(values).reshape(-1, layout.values)
+    return NumberLines(np.array(numbers, dtype=np.int64), np.array(stamps, dtype=np.int64), table)
+
+
+def _filled(path: Path, block: bytes, number: int) -> Iterator[tuple[int, str]]:
+    """Numbered lines of a block that are neither blank nor a comment; UserError for one that is no text, or endless."""
+    try:
+        text = block.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line_number = number + block[: error.start].count(b"\n")
+        raise UserError(f"{path}: line {line_number}: not readable as text: {error.reason}") from None
+    for line_number, line in enumerate(text.replace("\r", "\n").split("\n"), start=number):
+        if len(line) > LONGEST_LINE:
+            raise too_long(path, line_number)
+        if line.strip() and not line.lstrip().startswith("#"):
+            yield line_number, line
+
+
+def _stamp(path: Path, number: int, text: str, unit_ns: int) -> int:
+    try:
+        value = Decimal(text)
+        if value.is_finite() and value.adjusted() > 19:  # before its digits are written out: 1e999990 has a million
+            raise OverflowError
+        stamp = int((value * unit_ns).to_integral_value())
+    except (InvalidOperation, ValueError):
+        raise UserError(f"{path}: line {number}: {text[:40]!r} is not a time stamp") from None
+    except OverflowError:
+        stamp = 2**63
+    if not -(2**63) <= stamp < 2**63:
+        raise UserError(f"{path}: line {number}: the time stamp {text[:40]!r} does not fit into 64-bit nanoseconds")
+    return stamp
+
+
+def too_long(path: Path, number: int) -> UserError:
+    """Error for a line that is longer than any row of numbers."""
+    return UserError(f"{path}: line {number} is longer than {LONGEST_LINE:,} bytes; is this a trajectory?")

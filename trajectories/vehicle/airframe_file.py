@@ -1,0 +1,58 @@
+"""Airframes read from a user's own file."""
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import fields
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.files.reading import read_text, toml_table
+from uavbench.trajectories.vehicle.airframes import AIRFRAMES, Crazyflie, with_camera
+from uavbench.trajectories.vehicle.quadrotor import Quadrotor
+
+
+def read_airframe(path: Path, mount: Mount) -> str:
+    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key where it is one's."""
+    text = read_text(path)
+    try:
+        xml = _from_xml(text, mount) if path.suffix.lower() in (".xml", ".mjcf") else _from_toml(text).build(mount)
+        Quadrotor.from_mjcf(xml)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
+    return xml
+
+
+def _from_xml(text: str, mount: Mount) -> str:
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise UserError(f"not valid XML: {error}") from None
+    for node in root.iter():
+        for key in node.attrib:
+            if key.startswith("file"):  # <include file=...>, meshes, textures, height fields
+                raise UserError(
+                    f"<{node.tag} {key}=...> names another file; an airframe is one file and needs no meshes"
+                )
+    return with_camera(root, mount)
+
+
+def _from_toml(text: str) -> Crazyflie:
+    try:
+        table = toml_table(text)
+    except ValueError as error:
+        raise UserError(f"not valid TOML: {error}") from None
+    base = str(table.pop("like", "crazyflie"))
+    kind = AIRFRAMES.get(base)
+    if kind is None or not issubclass(kind, Crazyflie):
+        raise unknown_name("airframe `like`", base, [n for n, k in AIRFRAMES.items() if issubclass(k, Crazyflie)])
+    names = [field.name for field in fields(kind)]
+    for key in table:
+        if key not in names:
+            raise unknown_name("key", key, names)
+    try:
+        return TypeAdapter(kind).validate_python(table)
+    except ValidationError as error:
+        told = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise UserError(told) from None

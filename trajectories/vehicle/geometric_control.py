@@ -1,0 +1,161 @@
+"""Geometric tracking control on SE(3): Lee, Leok & McClamroch 2010, with feed-forward.
+
+Equation numbers are those of "Geometric Tracking Control of a Quadrotor UAV on SE(3)", CDC 2010. Gains are per
+mass and per inertia, so that one set of them suits every airframe.
+"""
+
+from dataclasses import dataclass
+from math import cos, inf, sin
+from typing import Annotated, NamedTuple
+
+from annotated_types import Ge, Gt
+
+from uavbench.trajectories.geometry.vectors import (
+    Matrix,
+    Vector,
+    add,
+    cross,
+    dot,
+    length,
+    less,
+    matrix,
+    rotate,
+    scaled,
+    times,
+    transposed,
+    vector,
+)
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array, read_only
+from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S
+from uavbench.trajectories.vehicle.rigid_body import Plant, drag_force
+
+REFERENCE_COLUMNS = 17
+"""What to be at, at one step: position 0:3, velocity 3:6 and acceleration 6:9 in the world; yaw 9; angular velocity
+10:13 and acceleration 13:16 in the reference's own body axes; rate of the specific thrust 16 (m/s^3)."""
+
+
+@dataclass(frozen=True)
+class Geometric:
+    """Gains of the tracking controller; the defaults are those of the Crazyflie's firmware (controller_lee.c).
+
+    There the attitude gains are 0.007, 0.007, 0.008 N m and the rate gains 0.00115, 0.00115, 0.002 N m s for an
+    inertia of 1.66e-5, 1.66e-5, 2.93e-5 kg m^2. The integral gain is ours: it takes out steady wind.
+    """
+
+    position_1_s2: Annotated[float, Gt(0)] = 7.0
+    velocity_1_s: Annotated[float, Gt(0)] = 4.0
+    integral_1_s3: Annotated[float, Ge(0)] = 2.0
+    integral_limit_m_s2: Annotated[float, Gt(0)] = 3.0
+    attitude_1_s2: tuple[float, float, float] = (422.0, 422.0, 273.0)
+    rate_1_s: tuple[float, float, float] = (69.0, 69.0, 68.0)
+
+    def gains(self) -> "Gains":
+        """The numbers as the compiled law reads them."""
+        return Gains(
+            self.position_1_s2,
+            self.velocity_1_s,
+            self.integral_1_s3,
+            self.integral_limit_m_s2,
+            read_only(self.attitude_1_s2),
+            read_only(self.rate_1_s),
+        )
+
+
+class Gains(NamedTuple):
+    """Gains of `Geometric` for the compiled law."""
+
+    position: float
+    velocity: float
+    integral: float
+    integral_limit: float
+    attitude: Array
+    rate: Array
+
+
+GAINS = named_tuple(Gains, "f0 f0 f0 f0 f1 f1")
+
+
+@compiled
+def thrust_commands(
+    plant: Plant,
+    gains: Gains,
+    reference: Array,
+    position: Vector,
+    velocity: Vector,
+    R: Matrix,
+    omega: Vector,
+    speed_sum: float,
+    integral: Array,
+    command: Array,
+) -> None:
+    """Fill `command` (4,) with thrusts of the rotors, N, within their limits; move `integral` (3,), m/s^2, on.
+
+    R is world_from_body, omega the angular velocity in the body. The drag that the reference's own motion makes is fed
+    forward, and so is the thrust that the motors' lag would swallow.
+    """
+    x_d, v_d, a_d = vector(reference[0:3]), vector(reference[3:6]), vector(reference[6:9])
+    e_x, e_v = less(position, x_d), less(velocity, v_d)
+    for k in range(3):
+        moved = integral[k] - gains.integral * e_x[k] * STEP_S
+        integral[k] = min(gains.integral_limit, max(-gains.integral_limit, moved))
+    feedback = add(add(scaled(-gains.position, e_x), scaled(-gains.velocity, e_v)), vector(integral))
+    wanted = add(add(a_d, feedback), (0.0, 0.0, GRAVITY_M_S2))
+    force = less(scaled(plant.mass, wanted), drag_force(plant, R, v_d, speed_sum))  # (12)
+    R_d = attitude(force, reference[9])
+    thrust = dot(force, (R[0][2], R[1][2], R[2][2])) + plant.mass * plant.lag * reference[16]  # (15)
+    body_from_world = transposed(R)
+    omega_d = rotate(body_from_world, rotate(R_d, vector(reference[10:13])))
+    alpha_d = rotate(body_from_world, rotate(R_d, vector(reference[13:16])))
+    e_R = attitude_error(R, R_d)  # (10)
+    e_omega = less(omega, omega_d)  # (11)
+    feedback = add(times(vector(gains.attitude), e_R), times(vector(gains.rate), e_omega))
+    alpha = less(less(alpha_d, cross(omega, omega_d)), feedback)
+    J = matrix(plant.inertia)
+    torque = add(rotate(J, alpha), cross(omega, rotate(J, omega)))  # (16)
+    allocate(plant, thrust, torque, command)
+
+
+@compiled
+def attitude(force: Vector, yaw: float) -> Matrix:
+    """Rotation whose z axis lies along `force` and whose x axis looks towards `yaw`: (14) and below."""
+    b3 = scaled(1.0 / length(force), force)
+    side = cross(b3, (cos(yaw), sin(yaw), 0.0))
+    b2 = scaled(1.0 / length(side), side)
+    return transposed((cross(b2, b3), b2, b3))
+
+
+@compiled
+def attitude_error(R: Matrix, R_d: Matrix) -> Vector:
+    """Half the vector of the skew matrix R_d' R - R' R_d."""
+    A, B = transposed(R), transposed(R_d)
+    return (
+        0.5 * (dot(B[2], A[1]) - dot(A[2], B[1])),
+        0.5 * (dot(B[0], A[2]) - dot(A[0], B[2])),
+        0.5 * (dot(B[1], A[0]) - dot(A[1], B[0])),
+    )
+
+
+@compiled
+def allocate(plant: Plant, thrust: float, torque: Vector, command: Array) -> None:
+    """Fill `command` (4,) with thrusts that make a collective thrust and a torque, each within its limits.
+
+    Where they do not fit, the collective gives way before roll and pitch do: losing height is mended, toppling is not.
+    """
+    lowest, highest = inf, -inf
+    for i in range(4):
+        row = plant.unmix[i]
+        command[i] = row[0] * thrust + row[1] * torque[0] + row[2] * torque[1] + row[3] * torque[2]
+        lowest, highest = min(lowest, command[i]), max(highest, command[i])
+    over, under = max(0.0, highest - plant.max_thrust), max(0.0, plant.min_thrust - lowest)
+    shift = 0.0
+    if over > 0.0 and under == 0.0:
+        shift = -min(over, lowest - plant.min_thrust)
+    elif under > 0.0 and over == 0.0:
+        shift = min(under, plant.max_thrust - highest)
+    for i in range(4):
+        command[i] = min(plant.max_thrust, max(plant.min_thrust, command[i] + shift))
+
+
+CONTROLS: dict[str, type[Geometric]] = {"geometric": Geometric}

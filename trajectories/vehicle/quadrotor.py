@@ -1,0 +1,138 @@
+"""The simulated quadrotor: a MuJoCo model and the numbers that control and aerodynamics need of it.
+
+Only MuJoCo's physics is used, never its renderer: with MUJOCO_GL=egl in the environment its import loads OpenGL
+and crashes beside the renderer of the images, so the variable is set to `disable` for that import.
+"""
+
+import os
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array, read_only, rotation_from_quaternion
+
+STEP_NS = 2_000_000
+"""Time of one step of control and physics: 500 Hz, the rate of the Crazyflie's attitude loop."""
+STEP_S = STEP_NS / 1e9
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity (ISO 80000-3)."""
+
+
+def physics() -> ModuleType:
+    """MuJoCo, imported without any OpenGL; the environment is left as it was."""
+    before = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "disable"
+    try:
+        import mujoco
+    finally:
+        if before is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = before
+    module: ModuleType = mujoco
+    return module
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrotor:
+    """One rigid body with four thrust sites, read from MJCF.
+
+    mass_kg; inertia_kg_m2 (3, 3) about the body's origin and axes; allocation (4, 4) takes the four thrusts (N) to
+    collective thrust (N) and body torque (N m); min_thrust_n, max_thrust_n per rotor; thrust_map_n c0 c1 c2 of
+    thrust over rotor speed; rotor_drag_kg and body_drag_kg_m by body axis; radius_m of the sphere to keep clear.
+    """
+
+    xml: str
+    mass_kg: float
+    inertia_kg_m2: Array
+    allocation: Array
+    motor_time_constant_s: float
+    min_thrust_n: float
+    max_thrust_n: float
+    thrust_map_n: Array
+    rotor_drag_kg: Array
+    body_drag_kg_m: Array
+    radius_m: float
+
+    @classmethod
+    def from_mjcf(cls, xml: str) -> "Quadrotor":
+        """Vehicle of an MJCF text; UserError naming what it lacks."""
+        model = compile_mjcf(xml)
+        if not (model.nbody == 2 and model.nq == 7 and model.nu == 4):
+            raise UserError("an airframe's MJCF must be one body on one free joint with four actuators")
+        if np.abs(model.body_ipos[1]).max() > 1e-9:
+            raise UserError("an airframe's centre of mass must be its body's origin: move the body's inertial pos to 0")
+        axes = rotation_from_quaternion(np.array(model.body_iquat[1]))
+        rows = [_wrench(model, i) for i in range(4)]
+        ranges = np.array(model.actuator_ctrlrange)
+        lags = np.array(model.actuator_dynprm[:, 0])
+        if not (model.actuator_dyntype == physics().mjtDyn.mjDYN_FILTER).all() or np.ptp(lags) > 0 or lags[0] <= 0:
+            raise UserError('an airframe\'s actuators need dyntype="filter" and one common dynprm > 0, in seconds')
+        if np.ptp(ranges, axis=0).max() > 0 or not 0 <= ranges[0, 0] < ranges[0, 1]:
+            raise UserError("an airframe's actuators need one common ctrlrange, from 0 or more newtons upward")
+        allocation = np.column_stack(rows)
+        if np.linalg.matrix_rank(allocation) < 4:
+            raise UserError("an airframe's four rotors must reach thrust, roll, pitch and yaw independently")
+        return cls(
+            xml=xml,
+            mass_kg=float(model.body_mass[1]),
+            inertia_kg_m2=read_only(exact.product(axes * np.array(model.body_inertia[1]), axes.T)),
+            allocation=read_only(allocation),
+            motor_time_constant_s=float(lags[0]),
+            min_thrust_n=float(ranges[0, 0]),
+            max_thrust_n=float(ranges[0, 1]),
+            thrust_map_n=_numeric(model, "thrust_map", 3),
+            rotor_drag_kg=_numeric(model, "rotor_drag", 3),
+            body_drag_kg_m=_numeric(model, "body_drag", 3),
+            radius_m=float(_numeric(model, "radius", 1)[0]),
+        )
+
+    def rotor_speeds(self, thrusts_n: Array) -> Array:
+        """Rotor speeds, rad/s, of steady thrusts: the positive root of the thrust map."""
+        c0, c1, c2 = self.thrust_map_n
+        root = np.sqrt(np.maximum(c1 * c1 - 4 * c2 * (c0 - thrusts_n), 0.0))
+        return np.asarray((root - c1) / (2 * c2))
+
+    @property
+    def hover_thrust_n(self) -> float:
+        """Thrust of each rotor that holds the vehicle in still air."""
+        return self.mass_kg * GRAVITY_M_S2 / 4
+
+
+def compile_mjcf(xml: str) -> Any:
+    """MuJoCo model of an MJCF text at this simulator's step, gravity and integrator; UserError when it is not valid."""
+    mujoco = physics()
+    try:
+        model = mujoco.MjModel.from_xml_string(xml)
+    except ValueError as error:
+        raise UserError(f"the airframe's MJCF is not valid: {error}") from None
+    model.opt.timestep = STEP_S
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.gravity[:] = 0.0, 0.0, -GRAVITY_M_S2
+    model.opt.density = model.opt.viscosity = 0.0
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    return model
+
+
+def _wrench(model: Any, actuator: int) -> Array:
+    """Collective thrust and torque (4,) of one newton of an actuator at its site."""
+    site = model.actuator_trnid[actuator, 0]
+    axes = rotation_from_quaternion(np.array(model.site_quat[site]))
+    force = exact.product(axes, np.array(model.actuator_gear[actuator, :3]))
+    torque = exact.product(axes, np.array(model.actuator_gear[actuator, 3:])) + np.cross(model.site_pos[site], force)
+    if np.abs(force - [0, 0, 1]).max() > 1e-9:
+        raise UserError("an airframe's rotors must push along the body's z axis: gear 0 0 1 0 0 k")
+    return np.array([1.0, *torque])
+
+
+def _numeric(model: Any, name: str, size: int) -> Array:
+    """Numbers of a <numeric> element under <custom>."""
+    index = physics().mj_name2id(model, physics().mjtObj.mjOBJ_NUMERIC, name)
+    if index < 0 or model.numeric_size[index] != size:
+        raise UserError(f'an airframe\'s MJCF needs <custom><numeric name="{name}"> with {size} numbers')
+    start = model.numeric_adr[index]
+    return read_only(model.numeric_data[start : start + size])

@@ -1,0 +1,46 @@
+"""The air along a flight."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.pose import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Air:
+    """Wind at each step of a flight: mean_m_s and turbulence_m_s (n, 3) in the world.
+
+    Near the structure the turbulence is (1 + near_gain exp(-distance / near_m)) times as strong.
+    """
+
+    mean_m_s: Array
+    turbulence_m_s: Array
+    near_gain: float = 0.0
+    near_m: float = 1.0
+
+    def at(self, first: int, count: int, position_m: Array, surroundings: Surroundings) -> Array:
+        """Wind (count, 3) of steps first, first + 1, ... at a place (3,)."""
+        strength = 1.0
+        if self.near_gain > 0.0:
+            distance = float(surroundings.distance(position_m[None])[0])
+            strength += self.near_gain * math.exp(-distance / self.near_m)
+        rows = slice(first, first + count)
+        return np.asarray(self.mean_m_s[rows] + strength * self.turbulence_m_s[rows])
+
+
+class WindSpec(Protocol):
+    """A kind of wind: a frozen dataclass of its parameters."""
+
+    def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
+        """Air of `steps` steps of step_s seconds."""
+        ...
+
+
+def downwind(from_deg: float) -> Array:
+    """Unit vector (3,) along which a wind from `from_deg` blows."""
+    angle = np.radians(from_deg)
+    return np.array([-math.cos(angle), -math.sin(angle), 0.0])

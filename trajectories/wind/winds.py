@@ -1,0 +1,70 @@
+"""The winds, by name, and those without turbulence."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.pose import read_only
+from uavbench.trajectories.wind.air import Air, WindSpec, downwind
+from uavbench.trajectories.wind.dryden import Dryden
+
+__all__ = ["WINDS", "Dryden", "Gust", "Steady", "Still", "WindSpec"]
+
+
+@dataclass(frozen=True)
+class Still:
+    """No wind."""
+
+    def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
+        """Air at rest."""
+        calm = read_only(np.zeros((steps, 3)))
+        return Air(calm, calm)
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Wind of one speed from one side; from_deg counts counter-clockwise from the world's x axis."""
+
+    speed_m_s: Annotated[float, Ge(0)] = 2.0
+    from_deg: float = 0.0
+
+    def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
+        """The same wind at every step."""
+        mean = read_only(np.tile(self.speed_m_s * downwind(self.from_deg), (steps, 1)))
+        return Air(mean, read_only(np.zeros((steps, 3))))
+
+
+@dataclass(frozen=True)
+class Gust:
+    """Steady wind with 1-cosine gusts on top of it (MIL-F-8785C, 3.7.1.3): rise, hold and fall.
+
+    The first comes first_s after take-off (the record begins some seconds later), then one every every_s, each moved at
+    random by up to jitter_s. from_deg counts counter-clockwise from the world's x axis.
+    """
+
+    speed_m_s: Annotated[float, Ge(0)] = 1.0
+    gust_m_s: Annotated[float, Ge(0)] = 2.0
+    from_deg: float = 0.0
+    first_s: Annotated[float, Ge(0)] = 5.0
+    every_s: Annotated[float, Gt(0)] = 12.0
+    jitter_s: Annotated[float, Ge(0)] = 2.0
+    rise_s: Annotated[float, Gt(0)] = 1.0
+    hold_s: Annotated[float, Ge(0)] = 1.5
+
+    def start(self, steps: int, step_s: float, rng: np.random.Generator) -> Air:
+        """Air of `steps` steps of step_s seconds."""
+        now = np.arange(steps) * step_s
+        strength = np.zeros(steps)
+        for begin in np.arange(self.first_s, steps * step_s, self.every_s):
+            since = now - begin - rng.uniform(-self.jitter_s, self.jitter_s)
+            up = np.clip(since / self.rise_s, 0.0, 1.0)
+            down = np.clip((since - self.rise_s - self.hold_s) / self.rise_s, 0.0, 1.0)
+            strength = np.maximum(strength, 0.5 * (exact.cos(np.pi * down) - exact.cos(np.pi * up)))
+        wind = (self.speed_m_s + self.gust_m_s * strength)[:, None] * downwind(self.from_deg)
+        return Air(read_only(wind), read_only(np.zeros((steps, 3))))
+
+
+WINDS: dict[str, type[WindSpec]] = {"still": Still, "steady": Steady, "gust": Gust, "dryden": Dryden}
