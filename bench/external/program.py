@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt, MinLen
+from annotated_types import Ge, Gt, Le, MinLen
 
 from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import refuse_seen, usable
@@ -36,6 +36,10 @@ from uavbench.trajectories.pose import Pose
 
 OnFrame = Callable[[int, TrackResult], None]
 MAX_FAULTS_TOLD = 20
+LONGEST_S = 86_400.0
+"""A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
+MOST_MB = 1 << 27
+"""128 TiB, the address space of a process on x86-64 Linux: more is no limit."""
 ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
 """Faults that cost one frame and leave program and harness in step."""
 
@@ -54,9 +58,9 @@ class External:
     command: Annotated[tuple[str, ...], MinLen(1)]
     mode: Literal["stream", "folder"] = "stream"
     pixels: Literal["bgr", "grey"] = "bgr"
-    timeout_s: Annotated[float, Gt(0)] = 60.0
-    start_timeout_s: Annotated[float, Gt(0)] = 60.0
-    memory_mb: Annotated[int, Ge(16)] = 8192
+    timeout_s: Annotated[float, Gt(0), Le(LONGEST_S)] = 60.0
+    start_timeout_s: Annotated[float, Gt(0), Le(LONGEST_S)] = 60.0
+    memory_mb: Annotated[int, Ge(16), Le(MOST_MB)] = 8192
     input_files: tuple[str, ...] = ()
     isolate: bool = False
 
