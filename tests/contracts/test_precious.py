@@ -59,7 +59,8 @@ def inputs(tmp_path_factory):
     shutil.copytree(TRIAL, folder / "trial")
     (folder / "report").mkdir()
     sequence = Sequence.load(TRIAL)
-    write_scores([score(sequence, track_sequence(Hold(), sequence, rate_hz=5.0, seed=0))], folder / "report")
+    results = track_sequence(Hold(), sequence, rate_hz=5.0, seed=0)
+    write_scores(folder / "report", "small", [score(sequence, results)], {}, {})
     for name in ("000000.png", "000001.png"):
         shutil.copy(TRIAL / "frames" / name, folder / "images" / name)
     tracker = '{ kind = "external", command = ["false"] }'

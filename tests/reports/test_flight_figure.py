@@ -11,7 +11,9 @@ def test_a_flight_is_drawn_the_same_twice_with_and_without_gnss(tmp_path: Path) 
     sequence = make_sequence(tmp_path / "arc", 12)
     assert gnss_along(sequence) is None
     header = "stamp_ns,satellites,pdop,px_m,py_m,pz_m\n"
-    for case, gnss in enumerate(("", header + "0,7.0,2.0,1.0,1.0,1.0\n200000000,3.0,,,,\n400000000,5.0,3.0,1.0,1.0,1.0\n")):
+    for case, gnss in enumerate(
+        ("", header + "0,7.0,2.0,1.0,1.0,1.0\n200000000,3.0,,,,\n400000000,5.0,3.0,1.0,1.0,1.0\n")
+    ):
         if gnss:
             (sequence.folder / "gnss.csv").write_text(gnss)
             np.testing.assert_array_equal(gnss_along(sequence), [[0, 7, 1], [0.2, 3, 0], [0.4, 5, 1]])

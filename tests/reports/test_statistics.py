@@ -152,7 +152,11 @@ def test_wins_are_lower_values_ties_counted_half_and_signs_are_those_of_the_firs
 def test_p_of_a_comparison_is_two_sided_and_never_zero_nor_above_one() -> None:
     """Of two pairs no test can say more than 1/2; of 20 that differ to one side the bootstrap's least is 2 in 4001."""
     steps = np.arange(20) / 10
-    far = {"a": [np.array([v]) for v in steps], "b": [np.array([v + 5.0]) for v in 1.1 * steps], "c": [np.zeros(1)] * 20}
+    far = {
+        "a": [np.array([v]) for v in steps],
+        "b": [np.array([v + 5.0]) for v in 1.1 * steps],
+        "c": [np.zeros(1)] * 20,
+    }
     for first, second in (("a", "b"), ("b", "a")):
         assert compare(first, second, far).p == pytest.approx(2 / 4001)
         assert compare(first, second, {name: v[:2] for name, v in far.items()}).p == 0.5

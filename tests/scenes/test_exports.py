@@ -83,7 +83,7 @@ def exported(sequence: Sequence, tmp_path_factory: pytest.TempPathFactory) -> di
 
 
 def undistorted(sequence: Sequence, name: str) -> Sequence:
-    """The sequence with a pinhole for a format that has no place for its lens, so that images are copied as they are."""
+    """The sequence with a pinhole for a format that has no place for its lens: its images are copied as they are."""
     held = EXPORTS[name].holds_lens(sequence.camera)
     return sequence if held else replace(sequence, camera=PINHOLE)
 

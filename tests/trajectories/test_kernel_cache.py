@@ -147,6 +147,16 @@ def test_only_old_kernels_of_ours_are_removed(tmp_path):
     assert other.exists() and link.is_symlink()
 
 
+def test_folders_without_an_init_are_found_in_a_package_that_is_not_imported(tmp_path, monkeypatch):
+    module = tmp_path / "own_package" / "plain" / "deep" / "module.py"
+    module.parent.mkdir(parents=True)
+    (tmp_path / "own_package" / "__init__.py").touch()
+    module.write_text("VALUE = 1\n")
+    (tmp_path / "own_user.py").write_text("def later():\n    from own_package.plain.deep import module, missing\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert module in sources("own_user")
+
+
 def test_every_kernel_of_the_project_is_kept_by_its_sources():
     from uavbench.tracker import registry as variants  # noqa: F401, loads the kernels
     from uavbench.trajectories.simulation import simulate  # noqa: F401

@@ -50,7 +50,8 @@ def track_images(
     structure = load_model(model)
     first = read_init(init, lens)
     rng = stream(seed, "tracker", tracker_kind(tracker))
-    run = started(tracker, structure, lens, first, rng, Body(Pose.identity(), {}))  # nothing is known of what carries it
+    unknown = Body(Pose.identity(), {})  # of what carries the camera nothing is known
+    run = started(tracker, structure, lens, first, rng, unknown)
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
