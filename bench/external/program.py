@@ -77,7 +77,7 @@ class External:
 
     @property
     def seen_files(self) -> tuple[Path, ...]:
-        """Files that it sees when it is isolated: what its command names and its scripts import, and the input_files."""
+        """Files that it sees when isolated: what its command names and its scripts import, and the input_files."""
         return (*run_files(self.command), *map(Path, self.input_files))
 
     def run(self, guard: Guard) -> Process:
