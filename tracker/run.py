@@ -13,8 +13,10 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples, body_of
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.structure import Structure
 from uavbench.tracker.faults import checked, is_ours, told
 from uavbench.tracker.initialization import Initialization, Known
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
@@ -69,10 +71,21 @@ def begin(
 
     UserError naming the place in the tracker's code when `start` raises or returns what is no run.
     """
-    body = body or body_of(sequence)
+    return started(tracker, sequence.structure, sequence.camera, cam_from_world, rng, body or body_of(sequence))
+
+
+def started(
+    tracker: Tracker,
+    structure: Structure,
+    camera: Camera,
+    cam_from_world: Pose,
+    rng: np.random.Generator,
+    body: Body,
+) -> Run:
+    """A run of a tracker, as `begin` makes it, where there is no sequence; UserError as there."""
     more = {"body": body} if "body" in inspect.signature(tracker.start).parameters else {}
     try:
-        run = tracker.start(sequence.structure, sequence.camera, cam_from_world, rng, **more)
+        run = tracker.start(structure, camera, cam_from_world, rng, **more)
     except (Exception, SystemExit) as error:
         if isinstance(error, UserError | Terminated) or is_ours(tracker):
             raise

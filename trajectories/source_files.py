@@ -137,7 +137,8 @@ def parents(name: str) -> Iterator[str]:
 
 
 def _spec(name: str) -> ModuleSpec | None:
-    parent = name.rpartition(".")[0]
+    parent, _, last = name.rpartition(".")
+    places: Iterable[str] | None = None
     try:
         if not parent:
             return importlib.util.find_spec(name)
@@ -146,7 +147,11 @@ def _spec(name: str) -> ModuleSpec | None:
         else:
             above = _spec(parent)
             places = above.submodule_search_locations if above else None
-        return None if places is None else PathFinder.find_spec(name, places)
+        return None if places is None else PathFinder.find_spec(name, [*places])
+    except KeyError:  # a folder without __init__.py, of a package that is not imported
+        spec = ModuleSpec(name, None, is_package=True)
+        spec.submodule_search_locations = [str(Path(place, last)) for place in places or ()]
+        return spec
     except (ImportError, AttributeError, ValueError):  # what a module in sys.modules may be, is up to its author
         return None
 

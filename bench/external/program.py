@@ -14,14 +14,14 @@ from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from annotated_types import Ge, Gt, MinLen
+from annotated_types import Ge, Gt, Le, MinLen
 
 from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import refuse_seen, usable
 from uavbench.bench.external.job_folder import job_folder, keep, sample_lines, write_frames, write_job, write_sensors
 from uavbench.bench.external.process import Process
 from uavbench.bench.external.rows import Fault, TrackerFault, read_estimates, read_row
-from uavbench.bench.inputs.command_files import command_files
+from uavbench.bench.inputs.command_files import command_files, run_files
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples
 from uavbench.scenes.dataset.sequence import Sequence
@@ -36,6 +36,10 @@ from uavbench.trajectories.pose import Pose
 
 OnFrame = Callable[[int, TrackResult], None]
 MAX_FAULTS_TOLD = 20
+LONGEST_S = 86_400.0
+"""A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
+MOST_MB = 1 << 27
+"""128 TiB, the address space of a process on x86-64 Linux: more is no limit."""
 ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
 """Faults that cost one frame and leave program and harness in step."""
 
@@ -54,9 +58,9 @@ class External:
     command: Annotated[tuple[str, ...], MinLen(1)]
     mode: Literal["stream", "folder"] = "stream"
     pixels: Literal["bgr", "grey"] = "bgr"
-    timeout_s: Annotated[float, Gt(0)] = 60.0
-    start_timeout_s: Annotated[float, Gt(0)] = 60.0
-    memory_mb: Annotated[int, Ge(16)] = 8192
+    timeout_s: Annotated[float, Gt(0), Le(LONGEST_S)] = 60.0
+    start_timeout_s: Annotated[float, Gt(0), Le(LONGEST_S)] = 60.0
+    memory_mb: Annotated[int, Ge(16), Le(MOST_MB)] = 8192
     input_files: tuple[str, ...] = ()
     isolate: bool = False
 
@@ -69,16 +73,16 @@ class External:
     def entering_files(self) -> tuple[Path, ...]:
         """Files whose content enters every result: what the command is made of, the input_files, the protocol's own."""
         own = sorted(Path(__file__).parent.glob("*.py"))
-        return (*own, *self.named_files)
+        return (*own, *command_files(self.command), *map(Path, self.input_files))
 
     @property
-    def named_files(self) -> tuple[Path, ...]:
-        """Files that the command is made of, and the input_files."""
-        return (*command_files(self.command), *map(Path, self.input_files))
+    def seen_files(self) -> tuple[Path, ...]:
+        """Files that it sees when isolated: what its command names and its scripts import, and the input_files."""
+        return (*run_files(self.command), *map(Path, self.input_files))
 
     def run(self, guard: Guard) -> Process:
         """The program at work in the folder of a guard."""
-        files = self.named_files if self.isolate else None
+        files = self.seen_files if self.isolate else None
         return Process(self.command, guard, memory_mb=self.memory_mb, piped=self.mode == "stream", files=files)
 
     def start(
@@ -198,7 +202,7 @@ def track_external(
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
     if tracker.isolate:
-        refuse_seen(tracker.command[0], tracker.named_files, sequence.folder)
+        refuse_seen(tracker.command[0], tracker.seen_files, sequence.folder)
     with job_folder() as guard:
         first, folder, feed = first_pose(start, sequence, 0, seed), guard.folder, Feed(sequence)
         own = int(tracker_stream(tracker, seed).integers(2**31))

@@ -18,12 +18,29 @@ LISTS = ("*.dist-info/METADATA", "*.egg-info/PKG-INFO", "*.egg-info")
 def command_files(command: Sequence[str]) -> tuple[Path, ...]:
     """Files whose change may change what a command does.
 
-    The program, looked for on PATH too; the files on the command line; what Python scripts among them import, as far as
-    it lies beside them, on PYTHONPATH or where an installation in place leads, and the files beside them that they
-    name; of a Python, the lists of what is installed for it.
+    The `run_files`, and more: the files beside the scripts among them that these name; of a Python, the lists of what
+    is installed for it.
     """
+    program, run = programs(command), run_files(command)
+    lists = [path for at in program for site in sites_of(at) for name in LISTS for path in site.glob(name)]
+    settings = [path.parent.parent / "pyvenv.cfg" for path in program]
+    named = (beside for path in run if is_python(path) for beside in named_beside(path))
+    return tuple(sorted({*run, *named, *filter(is_file, [*lists, *settings])}))
+
+
+def programs(command: Sequence[str]) -> list[Path]:
+    """The program of a command, looked for on PATH too; none where there is no such file."""
     found = shutil.which(command[0])
-    program = [Path(found).absolute()] if found else []
+    return [Path(found).absolute()] if found else []
+
+
+def run_files(command: Sequence[str]) -> tuple[Path, ...]:
+    """Files that a command runs or is told of: all that a program needs to see that is isolated.
+
+    The program; the files on the command line; what Python scripts among them import, as far as it lies beside them,
+    on PYTHONPATH or where an installation in place leads. Not what a script merely names: that may be anything.
+    """
+    program = programs(command)
     words = [Path(part) for word in command[bool(program) :] for part in {word, word.partition("=")[2]}]
     files = [*program, *(path for path in words if path.is_absolute() and is_file(path))]
     sites = [site for path in program for site in sites_of(path)]
@@ -32,10 +49,7 @@ def command_files(command: Sequence[str]) -> tuple[Path, ...]:
     search = [Path(place) for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
     search += [place for site in sites for place in in_place(site)]
     made = made_of(modules, scripts, among([*(script.parent for script in scripts), *search]))
-    lists = [path for site in sites for pattern in LISTS for path in site.glob(pattern) if is_file(path)]
-    settings = [path.parent.parent / "pyvenv.cfg" for path in program]
-    named = (beside for path in made.files for beside in named_beside(path))
-    return tuple(sorted({*files, *made.files, *named, *lists, *filter(is_file, settings)}))
+    return tuple(sorted({*files, *made.files}))
 
 
 def is_python(path: Path) -> bool:

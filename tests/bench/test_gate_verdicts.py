@@ -85,9 +85,8 @@ def test_the_change_is_the_mean_ratio_and_its_bounds_lie_on_both_sides():
     assert found.change == pytest.approx(0.3)
     assert found.low < 0.3 < found.high
     assert (1 + found.low) * (1 + found.high) == pytest.approx(1.3**2, rel=0.01)
-    assert (found.baseline, found.value) == pytest.approx(
-        (0.105, 0.105 * 1.3 * (math.cosh(0.2) + 1 / 21 * math.sinh(0.2))), rel=1e-6
-    )
+    geometric = 0.01 * math.factorial(20) ** (1 / 20)  # of 0.01, 0.02 ... 0.2; by it the change is value over baseline
+    assert (found.baseline, found.value) == pytest.approx((geometric, 1.3 * geometric), rel=1e-6)
     assert (found.sequences, found.seeds, found.margin, found.unit) == (4, 5, 0.01, "m")
 
 

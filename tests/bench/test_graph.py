@@ -120,7 +120,7 @@ def test_an_error_leaves_the_old_folder_whole_and_nothing_beside_it(tmp_path):
 def test_a_folder_takes_its_place_in_one_step(tmp_path):
     """It is renamed, not copied: who looks meanwhile never sees half of it."""
     for _ in range(2):  # where there is none, and where there is one
-        with new_folder(tmp_path / "sequence") as folder:
+        with new_folder(tmp_path / "sequence", "list.json") as folder:
             (folder / "file").touch()
             made = [folder.stat().st_ino, (folder / "file").stat().st_ino]
         found = [(tmp_path / name).stat().st_ino for name in ("sequence", "sequence/file")]

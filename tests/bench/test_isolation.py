@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import socket
 import sys
@@ -118,6 +119,10 @@ def works(way):
 @pytest.mark.parametrize("mode", ["stream", "folder"])
 def test_a_thief_finds_the_truth_without_isolation(stolen, mode):
     loot = stolen(mode, None)
+    assert any(path.endswith("truth.csv") for path in loot["found"])
+    for way in (r"/proc/\d+/fd/", r"/proc/\d+/cwd/", r"/proc/\d+/root/", r"mem \d+", "network \0uavbench-"):
+        assert any(re.match(way, path) for path in loot["found"]), f"the attack by {way} is none"
+    assert str(os.getpid()) in loot["pids"]
     assert any("truth.csv" in path or "fd" in path for path in loot["found"])
     assert any("127.0.0.1" in path for path in loot["found"])
     assert loot["written"]
@@ -160,6 +165,25 @@ def test_python_code_of_ones_own_cannot_be_isolated(monkeypatch):
         isolated_trackers({"mine": Mine()})
     given = isolated_trackers({"hold": Hold(), "program": External(command=("true",))})
     assert given == {"hold": Hold(), "program": External(command=("true",), isolate=True)}
+
+
+def test_an_isolated_program_sees_what_it_runs_and_not_what_it_names(tmp_path):
+    """Its helper and its weights, but no truth: neither of this dataset nor of another that a text in it leads to."""
+    for name in ("one", "two"):
+        shutil.copytree(TRIAL, tmp_path / name)
+    program = tmp_path / "program"
+    program.mkdir()
+    (program / "weights").write_text("1")
+    (program / "helper.py").write_text(f"TRUTH = {str(tmp_path / 'two' / 'truth.csv')!r}\n")
+    text = f"import helper\nNAMES = ('notes', {str(tmp_path / 'one' / 'truth.csv')!r}, '../two/truth.csv')\n"
+    (program / "track.py").write_text(text)
+    (program / "notes").write_text("mine")
+    command = (sys.executable, str(program / "track.py"))
+    tracker = External(command=command, input_files=(str(program / "weights"),), isolate=True)
+    own = {path for path in tracker.seen_files if tmp_path in path.parents}
+    assert own == {program / "track.py", program / "helper.py", program / "weights"}
+    isolation.refuse_seen(command[0], tracker.seen_files, tmp_path / "one")
+    assert program / "notes" in tracker.entering_files, "its change makes results stale all the same"
 
 
 def test_a_dataset_that_would_be_seen_is_refused(tmp_path):

@@ -5,10 +5,12 @@ The commands come from the command line itself: a new one must say here how it i
 
 import os
 import shutil
+import tempfile
 from pathlib import Path
 
 import click
 import cv2
+import numba
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -17,9 +19,17 @@ from tests.bench.small_suites import small_suite
 from uavbench.bench.cli.main import main
 from uavbench.bench.reference import main as reference
 from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.report import write_scores
+from uavbench.reports.scoring.score import score
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.baselines.hold import Hold
+from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.kernels.cache import KernelCache, folder_of, remove_old
 
 SILENT = {"list", "schema", "verify", "peers list"}
 """Commands that write nothing."""
+CAN_BE_BESIDE = {"evaluate", "tables"}
+"""Commands that make a file beside what is there where its name is free."""
 PRECIOUS = b"years of work"
 FILES = (
     "thesis.tex", ".git-credentials", ".pre-commit-config.yaml", ".a-b", "results/.my-notes", "sequences/box-s0/a.png",
@@ -47,6 +57,10 @@ def inputs(tmp_path_factory):
     small_suite(folder)
     (folder / "images").mkdir()
     shutil.copytree(TRIAL, folder / "trial")
+    (folder / "report").mkdir()
+    sequence = Sequence.load(TRIAL)
+    results = track_sequence(Hold(), sequence, rate_hz=5.0, seed=0)
+    write_scores(folder / "report", "small", [score(sequence, results)], {}, {})
     for name in ("000000.png", "000001.png"):
         shutil.copy(TRIAL / "frames" / name, folder / "images" / name)
     tracker = '{ kind = "external", command = ["false"] }'
@@ -78,6 +92,11 @@ def calls(inputs, target):
             ["evaluate", *trajectories, "--plot", target],
             ["evaluate", *trajectories, "--plot", target.with_suffix(".pdf")],
             ["evaluate", *trajectories, "--plot", target / "index.pdf"],
+        ],
+        "tables": [
+            ["tables", inputs / "report", "--out", target],
+            ["tables", inputs / "report", "--out", target.with_suffix(".csv")],
+            ["tables", inputs / "report", "--columns", "coverage", "--out", target / "thesis.tex"],
         ],
         "check": [["check", inputs / "bad.toml", "--keep", target]],
         "gate": [
@@ -132,7 +151,7 @@ def assert_kept(folder, before, result):
 
 
 def test_every_command_is_known_here():
-    known = set(calls(Path("inputs"), Path("target"))) | SILENT
+    known = set(calls(Path("inputs"), Path("target"))) | SILENT | {"warm-up"}
     assert set(leaves(main)) == known
 
 
@@ -153,8 +172,30 @@ def test_what_is_precious_is_there_afterwards(inputs, tmp_path, monkeypatch, com
     for arguments in calls(inputs, target)[command]:
         result = invoke(arguments, peers=target)
         assert_kept(home, before, result)
-        assert result.exit_code or command == "evaluate", f"{arguments} did not refuse"
+        assert result.exit_code or command in CAN_BE_BESIDE, f"{arguments} did not refuse"
         assert snapshot(inputs) == read
+
+
+def doubled(x):
+    return 2.0 * x
+
+
+@pytest.mark.parametrize("where", ["", "camera.toml", "link", "figures/nowhere", "pipe"])
+def test_warm_up_keeps_kernels_beside_what_is_precious(tmp_path, monkeypatch, where):
+    """What `warm-up` does for each kernel: a place is found, a kernel is kept there, old ones are removed."""
+    fill(tmp_path / "home" / "precious")
+    before = snapshot(tmp_path / "home")
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, str(tmp_path / "home" / "precious" / where))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home" / "precious"))
+    place = folder_of.__wrapped__("0" * 32)
+    kernel = numba.njit(doubled)
+    kernel._cache = KernelCache(place, "doubled")
+    assert kernel(3.0) == 6.0
+    remove_old(place.parent)
+    after = snapshot(tmp_path / "home")
+    assert {name: after.get(name) for name in before} == before
+    assert any(name.endswith(".nbc") for name in set(after) - set(before))
 
 
 def test_the_images_are_not_the_place_for_results(inputs, tmp_path):

@@ -119,11 +119,13 @@ def test_the_report_draws_what_is_sound(sequence, good, tmp_path):
     figures_statistics.nees_over_time(runs, tmp_path / "nees")
 
 
-@pytest.mark.parametrize("metres", [1e155, np.nan])
-def test_a_tracker_that_answers_out_of_reach_loses_the_frame_by_name(metres):
+@pytest.mark.parametrize(
+    ("metres", "why"), [(1e155, "beyond 1e+12 m"), (np.nan, "[bad-result] the pose is not finite")]
+)
+def test_a_tracker_that_answers_out_of_reach_loses_the_frame_by_name(metres, why):
     class Away:
         def track(self, image, stamp_ns):
             return TrackResult(status="ok", cam_from_world=Pose(np.eye(3), np.array([metres, 0, 0])))
 
     result, error = track_frame(Away(), np.zeros((4, 4), np.uint8), 0)
-    assert result.status == "lost" and "beyond 1e+12 m" in error
+    assert result.status == "lost" and result.cam_from_world is None and why in error

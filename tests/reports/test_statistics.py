@@ -137,8 +137,12 @@ def test_wins_are_lower_values_ties_counted_half_and_signs_are_those_of_the_firs
     found = compare("a", "b", values)
     assert found.wins == 0.625
     assert (found.first, found.second) == ("a", "b")
-    assert found.difference == hierarchical_interval([np.array([-1.0, 0.0, -2.0]), np.array([1.0])])
     assert found.difference.mean == 0.0 and found.difference.n == 4
+    assert found.difference.why == "2 sequences, 3 are needed"
+    more = {"a": [*values["a"], np.array([7.0])], "b": [*values["b"], np.array([1.0])]}
+    known = hierarchical_interval([np.array([-1.0, 0.0, -2.0]), np.array([1.0]), np.array([6.0])])
+    assert compare("a", "b", more).difference == known != compare("b", "a", more).difference
+    assert known.low < known.mean == 2.0 < known.high
     assert [(c.first, c.second) for c in compare_with("b", values)] == [("b", "a")]
     assert [(c.first, c.second) for c in compare_pairs(values | {"c": values["a"]})] == [
         ("a", "b"), ("a", "c"), ("b", "c"),
@@ -146,9 +150,16 @@ def test_wins_are_lower_values_ties_counted_half_and_signs_are_those_of_the_firs
 
 
 def test_p_of_a_comparison_is_two_sided_and_never_zero_nor_above_one() -> None:
-    far = {"a": [np.array([1.0]), np.array([1.1])], "b": [np.array([5.0]), np.array([5.2])], "c": [np.zeros(1)] * 2}
+    """Of two pairs no test can say more than 1/2; of 20 that differ to one side the bootstrap's least is 2 in 4001."""
+    steps = np.arange(20) / 10
+    far = {
+        "a": [np.array([v]) for v in steps],
+        "b": [np.array([v + 5.0]) for v in 1.1 * steps],
+        "c": [np.zeros(1)] * 20,
+    }
     for first, second in (("a", "b"), ("b", "a")):
         assert compare(first, second, far).p == pytest.approx(2 / 4001)
+        assert compare(first, second, {name: v[:2] for name, v in far.items()}).p == 0.5
     assert compare("c", "c", far).p == 1.0
     assert compare("a", "b", {name: v[:1] for name, v in far.items()}).p == 1.0
     drawn = np.random.default_rng(6).normal(0.35, 1.0, 30)
@@ -240,12 +251,17 @@ def test_the_critical_difference_is_that_of_the_books() -> None:
 
 
 def test_a_failed_run_ranks_last() -> None:
-    values = {"a": np.array([1.0, 1, 1]), "b": np.array([2.0, 2, 2]), "c": np.array([0.5, np.inf, np.inf])}
+    """Seven blocks of unlike values: of fewer than six no test could be significant, and p is not told."""
+    a = 1.0 + np.arange(7) / 100
+    values = {"a": a, "b": a + 1, "c": np.array([0.5, *[np.inf] * 6])}
     found = ranks(values)
-    assert found.mean_ranks == pytest.approx({"a": (2 + 1 + 1) / 3, "b": (3 + 2 + 2) / 3, "c": (1 + 3 + 3) / 3})
-    assert found.n == 3
+    assert found.mean_ranks == pytest.approx({"a": (2 + 6 * 1) / 7, "b": (3 + 6 * 2) / 7, "c": (1 + 6 * 3) / 7})
+    assert found.n == 7
+    few = ranks({name: of[:3] for name, of in values.items()})
+    assert few.mean_ranks == pytest.approx({"a": (2 + 1 + 1) / 3, "b": (3 + 2 + 2) / 3, "c": (1 + 3 + 3) / 3})
+    assert np.isnan(few.p) and few.cliques == [("a", "b", "c")]
     assert found.p == pytest.approx(friedmanchisquare(*values.values()).pvalue)
-    assert found.cliques == [("a", "b", "c")]
+    assert found.cliques == [("a", "b"), ("b", "c")]
 
 
 def test_a_clique_is_of_neighbours_within_the_critical_difference() -> None:

@@ -20,6 +20,7 @@ FRAMES = 4
 MOUNT = Pose.exp(np.array([0.05, -0.02, 0.1, 0.1, -0.2, 0.05])) @ CAM_FROM_BODY
 """A camera off the body's middle and turned against it, so that a pose is never its own inverse."""
 LENS = Camera(320, 240, 230.0, 235.0, 161.0, 118.5, "radtan", (-0.1, 0.02, 0.001, -0.002))
+PINHOLE = Camera(320, 240, 230.0, 235.0, 161.0, 118.5)
 DEPTH_UNIT_M = 0.001
 IMU = """stamp_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,gyro_bias_x_rad_s
 0,0.1,0.2,0.3,1.0,2.0,9.5,7.0
@@ -44,6 +45,7 @@ def drawn_depth(frame: int) -> Array:
 def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     """With distinct velocities, rates and accelerations, an IMU, and depth and mask of all frames."""
     made = make_sequence(tmp_path_factory.mktemp("exports") / "arc", FRAMES)
+    (made.folder / "camera.toml").unlink()  # what is there is not overwritten
     LENS.save(made.folder / "camera.toml")
     table = made.truth_table.copy()
     table[:, 9:] = np.random.default_rng(0).normal(size=(FRAMES, 9))
@@ -73,10 +75,17 @@ def exported(sequence: Sequence, tmp_path_factory: pytest.TempPathFactory) -> di
     base, folders = tmp_path_factory.mktemp("exported"), {}
     for name in EXPORTS:
         steps: list[tuple[int, int]] = []
-        export(sequence, name, base / name, lambda done, total, steps=steps: steps.append((done, total)))  # type: ignore[misc]
+        note = lambda done, total, steps=steps: steps.append((done, total))  # noqa: E731
+        export(undistorted(sequence, name), name, base / name, note)  # type: ignore[arg-type]
         assert steps == [(k + 1, FRAMES) for k in range(FRAMES)], name
         folders[name] = base / name
     return folders
+
+
+def undistorted(sequence: Sequence, name: str) -> Sequence:
+    """The sequence with a pinhole for a format that has no place for its lens: its images are copied as they are."""
+    held = EXPORTS[name].holds_lens(sequence.camera)
+    return sequence if held else replace(sequence, camera=PINHOLE)
 
 
 def source(sequence: Sequence, frame: int) -> bytes:
@@ -90,7 +99,8 @@ def listed(path: Path, separator: str) -> list[list[str]]:
 
 def yaml_of(path: Path) -> dict[str, str]:
     """The values of a flat file, and those of the block of T_BS."""
-    return dict(line.strip().split(": ", 1) for line in path.read_text().splitlines() if ": " in line)
+    lines = (line.partition("#")[0].strip() for line in path.read_text().splitlines())
+    return dict(line.split(": ", 1) for line in lines if ": " in line)
 
 
 def T_BS(path: Path) -> Array:
@@ -140,7 +150,7 @@ def test_euroc_images_and_camera(sequence: Sequence, exported: dict[str, Path]) 
 @pytest.mark.parametrize(
     ("camera", "model", "coefficients"),
     [
-        (Camera(320, 240, 230.0, 235.0, 161.0, 118.5), "radial-tangential", [0, 0, 0, 0]),
+        (PINHOLE, "radial-tangential", [0, 0, 0, 0]),
         (
             replace(LENS, distortion_model="equidistant", distortion=(0.1, 0.2, 0.3, 0.4)),
             "equidistant",
@@ -190,17 +200,22 @@ def test_tum_lists_images_depths_and_poses(sequence: Sequence, exported: dict[st
         np.testing.assert_allclose(depth / 5000.0, drawn_depth(frame), atol=1e-4 + 1e-12)
 
 
-def test_tum_depths_beyond_its_range_are_not_wrapped(sequence: Sequence, tmp_path: Path) -> None:
-    far = replace(sequence, info={**sequence.info, "depth_m_per_unit": 20 * DEPTH_UNIT_M})
+def test_tum_depths_beyond_its_range_are_no_measurement(sequence: Sequence, tmp_path: Path) -> None:
+    """13.107 m are the last of 65535 units of 0.2 mm; further is 0, not wrapped and not nearer than it is."""
+    far = replace(sequence, camera=PINHOLE, info={**sequence.info, "depth_m_per_unit": 8 * DEPTH_UNIT_M})
     export(far, "tum", tmp_path / "out")
     depth = cv2.imread(str(tmp_path / "out" / "depth" / "0.000000000.png"), cv2.IMREAD_UNCHANGED)
-    expected = np.minimum(np.rint(5000 * 20 * drawn_depth(0)), 65535)
+    units = np.rint(5000 * 8 * drawn_depth(0))
+    expected = np.where(units > 65535, 0, units)
+    assert (expected > 0).any() and (units > 65535).any()
     np.testing.assert_array_equal(depth, expected)
 
 
 def test_tum_of_a_sequence_without_depth_has_no_list_of_it(plain: Sequence, tmp_path: Path) -> None:
     export(plain, "tum", tmp_path / "out")
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["groundtruth.txt", "rgb", "rgb.txt"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "README.md", "camera.txt", "export.json", "groundtruth.txt", "rgb", "rgb.txt",
+    ]  # fmt: skip
 
 
 def test_kitti_has_times_a_projection_and_poses(sequence: Sequence, exported: dict[str, Path]) -> None:
@@ -258,15 +273,16 @@ def test_the_bop_model_is_the_structure_in_millimetres(sequence: Sequence, expor
 
 
 def test_bop_depths_at_the_last_unit_of_16_bits_are_kept(sequence: Sequence, tmp_path: Path) -> None:
-    """131.070 m is 65535 units of 2 mm; 131.072 m would be 65536, which is nothing again when wrapped."""
+    """65.535 m is 65535 units of 1 mm; 65.536 m would be 65536, which is nothing again when wrapped."""
     folder = tmp_path / "sequence"
     shutil.copytree(sequence.folder, folder)
     for frame in range(FRAMES):
         units = np.full((240, 320), 65535, np.uint16)
         units[:, :100] = 65536 // 2
         cv2.imwrite(str(folder / "depth" / f"{frame:06d}.png"), units)
-    for unit_m, expected in ((0.002, 65535), (0.002 * 65536 / 65535, 0)):
-        far = replace(Sequence.load(folder), info={**sequence.info, "depth_m_per_unit": unit_m})
+    for unit_m, expected in ((0.001, 65535), (0.001 * 65536 / 65535, 0)):
+        loaded = Sequence.load(folder)
+        far = replace(loaded, camera=PINHOLE, info={**loaded.info, "depth_m_per_unit": unit_m})
         out = tmp_path / f"{expected}"
         export(far, "bop", out)
         depth = cv2.imread(str(out / "test" / "000001" / "depth" / "000000.png"), cv2.IMREAD_UNCHANGED)
@@ -274,18 +290,21 @@ def test_bop_depths_at_the_last_unit_of_16_bits_are_kept(sequence: Sequence, tmp
         assert np.abs(depth[:, :100].astype(int) - 32768).max() <= 1
 
 
-@pytest.mark.parametrize(("factor", "scale"), [(1.0, 0.1), (2.18, 0.1), (2.19, 2.0), (40.0, 2.0), (60.0, 2.0)])
-def test_bop_depths_take_the_finer_unit_that_reaches(
-    sequence: Sequence, tmp_path: Path, factor: float, scale: float
+@pytest.mark.parametrize("factor", [1.0, 2.19, 30.0, 60.0])
+def test_bop_depths_are_in_millimetres_and_unknown_where_16_bits_end(
+    sequence: Sequence, tmp_path: Path, factor: float
 ) -> None:
-    """16 bits of 0.1 mm reach to 6.5 m, of 2 mm to 131 m; what is further is unknown, never wrapped."""
-    far = replace(sequence, info={**sequence.info, "depth_m_per_unit": factor * DEPTH_UNIT_M})
+    """16 bits of 1 mm reach to 65.5 m; what is further is unknown, never wrapped."""
+    far = replace(sequence, camera=PINHOLE, info={**sequence.info, "depth_m_per_unit": factor * DEPTH_UNIT_M})
     export(far, "bop", tmp_path / "out")
-    assert bop(tmp_path / "out", "scene_camera")["0"]["depth_scale"] == scale  # type: ignore[call-overload]
+    assert bop(tmp_path / "out", "scene_camera")["0"]["depth_scale"] == 1.0  # type: ignore[call-overload]
     depth = cv2.imread(str(tmp_path / "out" / "test" / "000001" / "depth" / "000000.png"), cv2.IMREAD_UNCHANGED)
     assert depth is not None and depth.dtype == np.uint16
-    units = np.rint(1000 * factor * drawn_depth(0) / scale)
+    units = np.rint(1000 * factor * drawn_depth(0))
     np.testing.assert_allclose(depth, np.where(units > 65535, 0, units), atol=1)  # where halves are rounded
+    (info,) = bop(tmp_path / "out", "scene_gt_info")["0"]
+    mask = cv2.imread(str(tmp_path / "out" / "test" / "000001" / "mask" / "000000_000000.png"), cv2.IMREAD_GRAYSCALE)
+    assert mask is not None and info["px_count_valid"] == ((mask > 0) & (depth > 0)).sum()
 
 
 def test_bop_boxes_and_counts_are_those_of_outline_and_mask(sequence: Sequence, exported: dict[str, Path]) -> None:
@@ -295,33 +314,39 @@ def test_bop_boxes_and_counts_are_those_of_outline_and_mask(sequence: Sequence, 
         mask[100 + frame : 140, 150:180] = 255
         path = exported["bop"] / "test" / "000001" / "mask_visib" / f"{frame:06d}_000000.png"
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), mask)
-        outline = np.zeros((240, 320), np.uint8)
-        pixels = LENS.project(sequence.true_cam_from_world(frame).transform(sequence.structure.vertices))
-        cv2.fillConvexPoly(outline, cv2.convexHull(np.rint(pixels).astype(np.int32)), 1)
+        pixels = PINHOLE.project(sequence.true_cam_from_world(frame).transform(sequence.structure.vertices))
+        hull = cv2.convexHull(pixels.astype(np.float32))
+        inside = [[cv2.pointPolygonTest(hull, (u, v), False) >= 0 for u in range(320)] for v in range(240)]
+        area = int((np.array(inside) | (mask > 0)).sum())
         (info,) = infos[str(frame)]
-        x, y, w, h = cv2.boundingRect(outline)
-        np.testing.assert_allclose(info["bbox_obj"], [x, y, w, h], atol=1)
-        assert info["px_count_all"] == info["px_count_valid"] == pytest.approx(int(outline.sum()), rel=0.02)
+        x, y, w, h = info["bbox_obj"]
+        np.testing.assert_allclose([x, y, x + w - 1, y + h - 1], [*pixels.min(axis=0), *pixels.max(axis=0)], atol=1)
+        silhouette = exported["bop"] / "test" / "000001" / "mask" / f"{frame:06d}_000000.png"
+        whole = cv2.imread(str(silhouette), cv2.IMREAD_GRAYSCALE)
+        assert whole is not None and info["px_count_all"] == (whole > 0).sum()
+        assert info["px_count_valid"] == info["px_count_all"] == pytest.approx(area, rel=0.02)
         assert info["bbox_visib"] == [150, 100 + frame, 30, 40 - frame]
         assert info["px_count_visib"] == 30 * (40 - frame)
         assert info["visib_fract"] == info["px_count_visib"] / info["px_count_all"]  # type: ignore[operator]
 
 
 def test_bop_of_a_sequence_without_depth_and_mask(plain: Sequence, tmp_path: Path) -> None:
-    """All of the outline counts as seen, and a structure out of view has no box."""
+    """What is seen and what is measured is not known then, and not said; a structure out of view has no box."""
     export(plain, "bop", tmp_path / "out")
     assert sorted(p.name for p in (tmp_path / "out" / "test" / "000001").iterdir()) == [
-        "rgb", "scene_camera.json", "scene_gt.json", "scene_gt_info.json",
+        "mask", "rgb", "scene_camera.json", "scene_gt.json", "scene_gt_info.json",
     ]  # fmt: skip
     (info,) = bop(tmp_path / "out", "scene_gt_info")["1"]
-    assert info["visib_fract"] == 1.0
-    assert info["bbox_visib"] == info["bbox_obj"] != [-1, -1, -1, -1]
+    assert set(info) == {"bbox_obj", "px_count_all"}
+    assert info["bbox_obj"] != [-1, -1, -1, -1]
     assert bop(tmp_path / "out", "scene_camera")["1"]["depth_scale"] == 1.0  # type: ignore[call-overload]
+    targets = json.loads((tmp_path / "out" / "test_targets_bop19.json").read_text())
+    assert [target["im_id"] for target in targets] == [0, 1]
     behind = Pose(np.diag([-1.0, 1.0, -1.0]), np.zeros(3)) @ CAM_FROM_BODY
     export(rewrite(plain, cam_from_body=behind.matrix.tolist()), "bop", tmp_path / "away")
     (info,) = bop(tmp_path / "away", "scene_gt_info")["1"]
-    assert info["bbox_visib"] == info["bbox_obj"] == [-1, -1, -1, -1]
-    assert info["px_count_all"] == info["px_count_visib"] == info["visib_fract"] == 0
+    assert info == {"bbox_obj": [-1, -1, -1, -1], "px_count_all": 0}
+    assert json.loads((tmp_path / "away" / "test_targets_bop19.json").read_text()) == []
     rewrite(plain, cam_from_body=CAM_FROM_BODY.matrix.tolist())
 
 
@@ -349,10 +374,10 @@ def test_a_folder_that_is_not_empty_is_refused_and_left_alone(sequence: Sequence
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").write_text("precious")
     with pytest.raises(UserError, match="is not empty"):
-        export(sequence, "tum", tmp_path / "out")
+        export(undistorted(sequence, "tum"), "tum", tmp_path / "out")
     assert [p.read_text() for p in (tmp_path / "out").iterdir()] == ["precious"]
     (tmp_path / "empty").mkdir()
-    export(sequence, "kitti", tmp_path / "empty")
+    export(undistorted(sequence, "kitti"), "kitti", tmp_path / "empty")
     assert (tmp_path / "empty" / "poses.txt").is_file()
     with pytest.raises(UserError, match="unknown export format"):
         export(sequence, "euroq", tmp_path / "x")

@@ -125,6 +125,20 @@ def test_a_folder_of_images_is_tracked(files, tmp_path):
     assert cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 6
 
 
+class NeedsBody:
+    """A tracker that cannot be started without a body, and reads no sensor of it."""
+
+    def start(self, structure, camera, cam_from_world, rng, *, body):
+        assert not body.sensors
+        np.testing.assert_array_equal(body.cam_from_body.matrix, np.eye(4))
+        return TRACKERS["hold"]().start(structure, camera, cam_from_world, rng)
+
+
+def test_a_tracker_that_needs_a_body_has_one_on_real_images_too(files, tmp_path):
+    paths = {"model": files / "box.cao", "camera": files / "camera.toml", "init": files / "init.toml"}
+    assert track_images(NeedsBody(), files / "images", **paths, out=tmp_path / "out").ok.all()
+
+
 def test_an_empty_folder_leaves_nothing_behind(files, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(UserError, match="no images"):

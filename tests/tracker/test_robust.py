@@ -6,6 +6,7 @@ import pytest
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at, pose_error
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
+from uavbench.tracker.protocol import ImageError
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.weight_kernels import support
@@ -138,7 +139,8 @@ def test_bad_frames_are_lost_without_an_exception(flight):
     assert run.track(images[0], STEP_NS).status == "ok"
     assert run.track(images[1], STEP_NS).status == "lost"  # the stamp stands still
     assert run.track(images[1], 0).status == "lost"  # and goes back
-    assert run.track(images[1][:240], 2 * STEP_NS).status == "lost"
+    with pytest.raises(ImageError, match=r"shape \(240, 640, 3\); give \(480, 640\) grey"):
+        run.track(images[1][:240], 2 * STEP_NS)  # a mistake of the caller's, which tells nothing of the flight
     assert run.track(images[0], 3 * STEP_NS).status == "lost"  # a frozen image says nothing of now
     assert run.track(images[2], 4 * STEP_NS).status == "ok"
 

@@ -18,7 +18,7 @@ TREE = {
     "scale": "SCALE = 2.0\n",
     "plant": "from typing import NamedTuple\n\n\nclass Plant(NamedTuple):\n    mass: float\n    drag: float\n",
     "inner": """from uavbench.trajectories.kernels.compiled import compiled
-from trajectories.scale import SCALE
+from uavbench.trajectories.scale import SCALE
 OFFSET = 1.0
 
 
@@ -26,9 +26,9 @@ OFFSET = 1.0
 def inner(x):
     return SCALE * x + OFFSET
 """,
-    "outer": """from trajectories import inner as below
+    "outer": """from uavbench.trajectories import inner as below
 from uavbench.trajectories.kernels.compiled import compiled
-from trajectories.plant import Plant
+from uavbench.trajectories.plant import Plant
 step = below.inner
 
 
@@ -38,8 +38,8 @@ def outer(plant: Plant):
 """,
 }
 RUN = """import sys
-from trajectories.outer import outer
-from trajectories.plant import Plant
+from uavbench.trajectories.outer import outer
+from uavbench.trajectories.plant import Plant
 made = Plant(3.0, 5.0)
 print(outer(made), sum(outer.stats.cache_hits.values()))
 """
@@ -47,7 +47,9 @@ print(outer(made), sum(outer.stats.cache_hits.values()))
 
 @pytest.fixture
 def tree(tmp_path):
-    folder = tmp_path / "tree" / "trajectories"
+    folder = tmp_path / "tree" / "uavbench" / "trajectories"
+    folder.parent.mkdir(parents=True)
+    (folder.parent / "__init__.py").touch()
     shutil.copytree(ROOT / "trajectories", folder, ignore=shutil.ignore_patterns("__pycache__"))
     for name, text in TREE.items():
         (folder / f"{name}.py").write_text(text)
@@ -57,9 +59,9 @@ def tree(tmp_path):
 def ran(tree):
     """What the kernel returned, and whether it was on disk."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "PYTHON"))}
-    env = {**kept, "XDG_CACHE_HOME": str(tree.parent / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    env = {**kept, "XDG_CACHE_HOME": str(tree.parents[1] / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-c", RUN]
-    run = subprocess.run(command, cwd=tree.parent, env=env, capture_output=True, text=True, check=False)
+    run = subprocess.run(command, cwd=tree.parents[1], env=env, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     result, hits = run.stdout.split()
     return float(result), bool(int(hits))
@@ -145,6 +147,16 @@ def test_only_old_kernels_of_ours_are_removed(tmp_path):
     assert other.exists() and link.is_symlink()
 
 
+def test_folders_without_an_init_are_found_in_a_package_that_is_not_imported(tmp_path, monkeypatch):
+    module = tmp_path / "own_package" / "plain" / "deep" / "module.py"
+    module.parent.mkdir(parents=True)
+    (tmp_path / "own_package" / "__init__.py").touch()
+    module.write_text("VALUE = 1\n")
+    (tmp_path / "own_user.py").write_text("def later():\n    from own_package.plain.deep import module, missing\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert module in sources("own_user")
+
+
 def test_every_kernel_of_the_project_is_kept_by_its_sources():
     from uavbench.tracker import registry as variants  # noqa: F401, loads the kernels
     from uavbench.trajectories.simulation import simulate  # noqa: F401
@@ -152,7 +164,7 @@ def test_every_kernel_of_the_project_is_kept_by_its_sources():
     kernels = [
         (module, value)
         for name, module in list(sys.modules.items())
-        if name.split(".")[0] in ("trajectories", "scenes", "tracker") and module is not None
+        if name.startswith(("uavbench.trajectories.", "uavbench.scenes.", "uavbench.tracker.")) and module is not None
         for value in vars(module).values()
         if hasattr(value, "py_func") and value.py_func.__module__ == name
     ]
@@ -161,7 +173,7 @@ def test_every_kernel_of_the_project_is_kept_by_its_sources():
         assert type(kernel._cache) is type(cache_of(kernel.py_func)), kernel
         assert Path(module.__file__) in sources(module.__name__)
     names = {path.name for path in sources("uavbench.tracker.robust.edges.step_kernels")}
-    assert {"step_kernels.py", "profile_kernels.py", "pose.py", "kernels.py", "__init__.py"} <= names
+    assert {"step_kernels.py", "profile_kernels.py", "pose.py", "compiled.py", "__init__.py"} <= names
     assert not {"numba", "numpy"} & {
         part for path in sources("uavbench.tracker.robust.edges.step_kernels") for part in path.parts
     }

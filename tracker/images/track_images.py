@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.sequence import file_hash, read_image
 from uavbench.scenes.image_files import open_video
 from uavbench.scenes.structure import Structure
@@ -18,9 +19,10 @@ from uavbench.tracker.overlay import draw_edges
 from uavbench.tracker.protocol import Image, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import MARKER, Results
-from uavbench.tracker.run import parameters, track_frame, versions
+from uavbench.tracker.run import parameters, started, track_frame, versions
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign
+from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
@@ -47,7 +49,9 @@ def track_images(
     lens = Camera.load(camera)
     structure = load_model(model)
     first = read_init(init, lens)
-    run = tracker.start(structure, lens, first, stream(seed, "tracker", tracker_kind(tracker)))
+    rng = stream(seed, "tracker", tracker_kind(tracker))
+    unknown = Body(Pose.identity(), {})  # of what carries the camera nothing is known
+    run = started(tracker, structure, lens, first, rng, unknown)
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
