@@ -6,7 +6,7 @@ from functools import partial
 from uavbench.reports.drawings import Drawing
 from uavbench.reports.figures import comparison as figures_compare
 from uavbench.reports.figures import distributions as figures_statistics
-from uavbench.reports.figures.sweeps import draw_sweep, swept
+from uavbench.reports.figures.sweeps import sweep, swept
 from uavbench.reports.restarts import RestartedRun, error_after_anchors
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.crlb_ratio import SIGMA_PX, error_over_bound
@@ -89,8 +89,8 @@ def compare_along(runs: ListOf[ScoredRun]) -> list[Drawing]:
         "The error is that of the frames with a pose: read it with the success."
     )
     return [
-        Drawing("sweep_ate", "Error along the sweep", caption, partial(draw_sweep, runs, found, "ate")),
-        Drawing("sweep_success", "Success along the sweep", caption, partial(draw_sweep, runs, found, "success")),
+        Drawing("sweep_ate", "Error along the sweep", caption, partial(sweep, runs, found, "ate")),
+        Drawing("sweep_success", "Success along the sweep", caption, partial(sweep, runs, found, "success")),
     ]
 
 
