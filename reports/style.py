@@ -9,7 +9,7 @@ from typing import Any, cast
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from uavbench.trajectories.files.seals import is_sealed_with
 from uavbench.trajectories.files.writing import new_file, owning, refuse_foreign_file
@@ -83,6 +83,20 @@ def new_figure(height_in: float, *, wide: bool = True) -> Figure:
     figure = Figure(figsize=(TWO_COLUMNS_IN if wide else ONE_COLUMN_IN, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def given_axes(axes: Axes | None) -> Axes:
+    """The Axes that was given, or that of a new figure of pyplot, which a notebook shows."""
+    return given_figure(None).subplots() if axes is None else axes
+
+
+def given_figure(figure: Figure | SubFigure | None) -> Figure | SubFigure:
+    """The figure that was given, or a new one of pyplot, 7.16 in wide and laid out by constraints."""
+    if figure is not None:
+        return figure
+    from matplotlib import pyplot
+
+    return pyplot.figure(figsize=(TWO_COLUMNS_IN, 3.5), layout="constrained")
 
 
 def save_figure(

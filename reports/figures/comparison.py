@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
@@ -24,7 +24,7 @@ def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     return save_drawn(partial(draw_accuracy_and_coverage, runs), stem, 2.1)
 
 
-def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure) -> Drawn:
+def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     """ATE of position and rotation, coverage and success of every tracker at every rate, side by side."""
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from scipy.stats import chi2
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
@@ -111,7 +111,7 @@ def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mappi
 
 
 def draw_by_attribute(
-    found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], figure: Figure
+    found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], figure: Figure | SubFigure
 ) -> Drawn:
     """Success of each tracker in the quarters of the frames by each attribute: where and why it fails."""
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
@@ -29,7 +29,7 @@ def flight(sequence: Sequence, stem: Path) -> list[Path]:
     return save_drawn(partial(draw_flight, sequence), stem, 3.6)
 
 
-def draw_flight(sequence: Sequence, figure: Figure) -> Drawn:
+def draw_flight(sequence: Sequence, figure: Figure | SubFigure) -> Drawn:
     """The flight of a sequence, in 3-D and over time; with `gnss.csv` in its folder also where there was a fix."""
     gnss = gnss_along(sequence)
     grid = figure.add_gridspec(3, 2, width_ratios=[1.7, 1.0])

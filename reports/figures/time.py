@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
     return save_drawn(partial(draw_pose_components, run), stem, 3.1)
 
 
-def draw_pose_components(run: ScoredRun, figure: Figure) -> Drawn:
+def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
     """Six components of `world_from_body`, estimate against truth in cm and degrees, with the claimed 3-sigma band."""
     t, frames = run.errors.seconds, run.errors.frames
     full = run.sequence.truth
@@ -71,7 +71,7 @@ def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     return save_drawn(partial(draw_errors_over_time, runs), stem, 2.6 + 0.13 * len(runs))
 
 
-def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure) -> Drawn:
+def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     """Position and rotation error of every tracker over time; a strip per tracker shows where it is off target."""
     grid = figure.add_gridspec(3, 1, height_ratios=[10, 10, 1.2 * len(runs)])
     top = figure.add_subplot(grid[0])
@@ -99,8 +99,8 @@ def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure) -> Drawn:
     strip.set_xlabel("time (s)")
     strip.set_ylabel("off\ntarget", rotation=0, ha="right", va="center", fontsize=7)
     figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    columns = ["run", "frame", "time_s", "position_m", "rotation_deg", "success"]
-    return Drawn(columns=columns, rows=rows, legend=None)
+    named = ["run", "frame", "time_s", "position_m", "rotation_deg", "success"]
+    return Drawn(columns=named, rows=rows, legend=None)
 
 
 def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axes) -> None:

@@ -13,3 +13,12 @@ def test_a_module_in_folders_without_init_is_found(tmp_path, monkeypatch):
     assert source_file("room_of_test.inner.innermost") is None
     assert source_file("room_of_test.inner.absent.leaf") is None
     assert folder / "leaf.py" in sources("reader_of_test")
+
+
+def test_a_library_of_another_environment_is_installed(tmp_path, monkeypatch):
+    folder = tmp_path / "lib" / "site-packages"
+    folder.mkdir(parents=True)
+    (folder / "library_of_test.py").write_text("import os\n")
+    monkeypatch.syspath_prepend(folder)
+    assert source_file("library_of_test") is None
+    assert source_file("uavbench.trajectories.pose") is not None
