@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
+INSTALLED_VERSION = "from importlib.metadata import version; print(version('uavbench'))"
 NAMES = ("bench", "reports", "scenes", "tracker", "trajectories")
 
 
@@ -57,24 +58,24 @@ def hostile(tmp_path):
     return tmp_path
 
 
-def test_the_api_works_among_foreign_names(installed, hostile):
-    code = "import uavbench; from uavbench.tracker.robust import Robust; print(Robust().__class__.__module__)"
-    assert run(installed, "-c", code, folder=hostile).strip() == "uavbench.tracker.robust.tracker"
-
-
 def test_the_command_works_among_foreign_names(installed, hostile):
     assert "robust" in run(installed.parent / "uavbench", "list", folder=hostile)
 
 
-def test_a_spawned_worker_works_among_foreign_names(installed, hostile):
+def test_the_api_and_a_spawned_worker_work_among_foreign_names(installed, hostile):
     (hostile / "work.py").write_text(
+        "import uavbench as ub\n"
         "from uavbench.bench.runner.executors import local_pool\n"
-        "from uavbench.scenes.camera import Camera\n"
+        "from uavbench.tracker.robust import Robust\n"
         "if __name__ == '__main__':\n"
         "    with local_pool(1) as (pool, _):\n"
-        "        print(pool.submit(Camera.from_field_of_view, 64, 48, 60.0).result().width)\n"
+        "        print(pool.submit(ub.Camera.from_field_of_view, 64, 48, 60.0).result().width)\n"
+        "    print(Robust.__module__, ub.evaluate.__module__, ub.__version__)\n"
     )
-    assert run(installed, "work.py", folder=hostile).strip() == "64"
+    width, *modules, version = run(installed, "work.py", folder=hostile).split()
+    assert width == "64"
+    assert modules == ["uavbench.tracker.robust.tracker", "uavbench.reports.evaluation.compare"]
+    assert version == run(installed, "-c", INSTALLED_VERSION, folder=hostile).strip()
 
 
 def test_nothing_else_is_installed_at_top_level(installed):
@@ -88,6 +89,11 @@ def test_nothing_else_is_installed_at_top_level(installed):
     for name in NAMES:
         missing = f"import importlib.util as u; print(u.find_spec('{name}'))"
         assert run(installed, "-c", missing, folder=installed.parent).strip() == "None"
+
+
+def test_type_checkers_see_its_types(installed):
+    code = "import uavbench, pathlib; print(pathlib.Path(uavbench.__file__).with_name('py.typed').is_file())"
+    assert run(installed, "-c", code, folder=installed.parent).strip() == "True"
 
 
 def test_every_folder_of_modules_is_a_package():
