@@ -66,8 +66,8 @@ def test_the_api_and_a_spawned_worker_work_among_foreign_names(installed, hostil
     (hostile / "work.py").write_text(
         "import uavbench as ub\n"
         "from uavbench.bench.runner.executors import local_pool\n"
-        "from uavbench.tracker.robust import Robust\n"
         "if __name__ == '__main__':\n"
+        "    from uavbench.tracker.robust import Robust\n"
         "    with local_pool(1) as (pool, _):\n"
         "        print(pool.submit(ub.Camera.from_field_of_view, 64, 48, 60.0).result().width)\n"
         "    print(Robust.__module__, ub.evaluate.__module__, ub.__version__)\n"
