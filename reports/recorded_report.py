@@ -29,8 +29,8 @@ from uavbench.reports.tables.summary_table import Cell, Column, Table
 from uavbench.reports.tables.writers import heads, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
-from uavbench.tracker.run import versions
 from uavbench.tracker.sound_results import sound
+from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import in_parts, new_file, write_text
 

@@ -22,10 +22,11 @@ from uavbench.reports.scoring.score import Status
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.tracker.results import Results
-from uavbench.tracker.run import stride, versions
+from uavbench.tracker.run import stride
 from uavbench.tracker.shang_shen.control_points import control_points
 from uavbench.tracker.shang_shen.segments import detect_edge_pixels, grey
 from uavbench.tracker.sound_results import sound
+from uavbench.tracker.versions import versions
 from uavbench.tracker.visible_edges import visible_edges
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text

@@ -6,13 +6,14 @@ from functools import partial
 from uavbench.reports.drawings import Drawing
 from uavbench.reports.figures import comparison as figures_compare
 from uavbench.reports.figures import distributions as figures_statistics
-from uavbench.reports.figures.sweeps import draw_sweep, swept
+from uavbench.reports.figures.sweeps import sweep, swept
 from uavbench.reports.restarts import RestartedRun, error_after_anchors
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.crlb_ratio import SIGMA_PX, error_over_bound
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks, units
 from uavbench.reports.tables.summary_table import by_sequence
+from uavbench.trajectories.pose import Array
 
 RANKED_BY = "area over the success curve"
 
@@ -89,21 +90,17 @@ def compare_along(runs: ListOf[ScoredRun]) -> list[Drawing]:
         "The error is that of the frames with a pose: read it with the success."
     )
     return [
-        Drawing("sweep_ate", "Error along the sweep", caption, partial(draw_sweep, runs, found, "ate")),
-        Drawing("sweep_success", "Success along the sweep", caption, partial(draw_sweep, runs, found, "success")),
+        Drawing("sweep_ate", "Error along the sweep", caption, partial(sweep, runs, found, "ate")),
+        Drawing("sweep_success", "Success along the sweep", caption, partial(sweep, runs, found, "success")),
     ]
 
 
 def rank(runs: ListOf[ScoredRun], colours: dict[str, int], rate_hz: float, *, always: bool) -> list[Drawing]:
     """Mean ranks and wins at one rate, by the area over the success curve; none with one run or one tracker."""
-    names = list(dict.fromkeys(run.name for run in runs))
-    keys = [sorted((r.score.flight, r.score.seed) for r in runs if r.name == name) for name in names]
-    if len(names) < 2 or len(set(keys[0])) < 2 or any(key != keys[0] for key in keys):
+    values = paired(runs)
+    if not values:
         return []
-    values = {
-        name: by_sequence([r.score for r in runs if r.name == name], lambda score: 1 - score.tracking.success_auc)
-        for name in names
-    }
+    names = list(values)
     return [
         Drawing(f"ranks_{rate_hz:g}hz", f"Mean ranks, {rate_hz:g} Hz",
                 "Best at the left; bars join trackers that Nemenyi's test does not tell apart.",
@@ -113,3 +110,15 @@ def rank(runs: ListOf[ScoredRun], colours: dict[str, int], rate_hz: float, *, al
                 "Paired by sequence and seed; *: the mean difference stands at the 5 % level.",
                 lambda stem: figures_statistics.win_table(names, compare_pairs(values), stem, RANKED_BY), always),
     ]  # fmt: skip
+
+
+def paired(runs: ListOf[ScoredRun]) -> dict[str, list[Array]]:
+    """Area over the success curve of each tracker, by flight and seed; empty where they cannot be compared."""
+    names = list(dict.fromkeys(run.name for run in runs))
+    keys = [sorted((r.score.flight, r.score.seed) for r in runs if r.name == name) for name in names]
+    if len(names) < 2 or len(set(keys[0])) < 2 or any(key != keys[0] for key in keys):
+        return {}
+    return {
+        name: by_sequence([r.score for r in runs if r.name == name], lambda score: 1 - score.tracking.success_auc)
+        for name in names
+    }

@@ -7,14 +7,17 @@ truth; with anchors, every run starts from the truth every 5 s, whatever happene
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.metrics.frame_errors import frame_errors
 from uavbench.reports.protocols.restarting import Restarted, accuracy, expected_error
 from uavbench.reports.scoring.score import Score
-from uavbench.reports.style import TRUTH, line, marker, new_figure, panel_letter, save_figure
+from uavbench.reports.style import TRUTH, line, marker, panel_letter
 from uavbench.reports.tables.summary_table import Column, Numbers
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -92,9 +95,13 @@ def numbers_of(runs: ListOf[RestartedRun]) -> Numbers:
 
 
 def error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, int], stem: Path) -> list[Path]:
+    """Write `draw_error_after_anchors` as files at a stem."""
+    return save_drawn(partial(draw_error_after_anchors, runs, colours), stem, 2.0)
+
+
+def draw_error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, int], figure: Figure) -> Drawn:
     """Median error and share of failed frames against the time since the last true pose, over all sequences."""
     anchored = [run for run in runs if run.protocol == "anchors"]
-    figure = new_figure(2.0)
     error, failed = figure.subplots(1, 2)
     rows: list[list[object]] = []
     fastest_hz = max(run.rate_hz for run in anchored)
@@ -119,4 +126,4 @@ def error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, int], 
         panel.set_xlabel("time since the last true pose (s)")
         panel_letter(panel, letter)
     figure.legend(*error.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    return save_figure(figure, stem, ["run", "since_s", "median_error_m", "share_failed"], rows)
+    return Drawn(columns=["run", "since_s", "median_error_m", "share_failed"], rows=rows, legend=None)

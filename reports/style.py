@@ -7,12 +7,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import matplotlib as mpl
-
-mpl.use("Agg")
-
-import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure, SubFigure
 
 from uavbench.trajectories.files.seals import is_sealed_with
 from uavbench.trajectories.files.writing import new_file, owning, refuse_foreign_file
@@ -82,8 +79,24 @@ def house_style() -> Iterator[None]:
 
 
 def new_figure(height_in: float, *, wide: bool = True) -> Figure:
-    """Empty figure, 7.16 in wide or 3.50 in, laid out by constraints."""
-    return plt.figure(figsize=(TWO_COLUMNS_IN if wide else ONE_COLUMN_IN, height_in), layout="constrained")
+    """Empty figure, 7.16 in wide or 3.50 in, laid out by constraints; unknown to pyplot."""
+    figure = Figure(figsize=(TWO_COLUMNS_IN if wide else ONE_COLUMN_IN, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def given_axes(axes: Axes | None) -> Axes:
+    """The Axes that was given, or that of a new figure of pyplot, which a notebook shows."""
+    return given_figure(None).subplots() if axes is None else axes
+
+
+def given_figure(figure: Figure | SubFigure | None) -> Figure | SubFigure:
+    """The figure that was given, or a new one of pyplot, 7.16 in wide and laid out by constraints."""
+    if figure is not None:
+        return figure
+    from matplotlib import pyplot
+
+    return pyplot.figure(figsize=(TWO_COLUMNS_IN, 3.5), layout="constrained")
 
 
 def save_figure(
@@ -94,7 +107,7 @@ def save_figure(
     suffixes: Sequence[str] = (".pdf", ".png"),
     sealed: bool = False,
 ) -> list[Path]:
-    """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns; close the figure.
+    """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns.
 
     sealed: as `new_file` has it, for a figure that stands alone.
     """
@@ -112,7 +125,6 @@ def save_figure(
     for suffix, path in zip(suffixes, figures, strict=True):
         with new_file(path, sealed=sealed, beside=numbers if columns else None) as temporary:
             figure.savefig(temporary, dpi=PNG_DPI, metadata=NO_METADATA[suffix])
-    plt.close(figure)
     return [*figures, numbers] if columns else figures
 
 

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.dataset.annotations import DEPTH_M_PER_UNIT, row_poses, write_depth, write_edges, write_mask
+from uavbench.scenes.dataset.annotations import row_poses, write_depth, write_edges, write_mask
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
 from uavbench.scenes.dataset.disk_guards import disk_errors
-from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, TRUTH_COLUMNS, Sequence, write_manifest
 from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.effects.registry import EFFECTS

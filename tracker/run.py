@@ -3,14 +3,11 @@
 import hashlib
 import inspect
 import json
-import platform
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, cast
 
-import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
@@ -22,6 +19,7 @@ from uavbench.tracker.initialization import Initialization, Known
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import Results
+from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import Terminated, UserError, one_line
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.pose import Pose
@@ -196,18 +194,3 @@ def make_record(
 def parameters(tracker: Any) -> dict[str, Any]:
     """Parameters of a tracker by name."""
     return asdict(tracker) if is_dataclass(tracker) and not isinstance(tracker, type) else {}
-
-
-def versions() -> dict[str, str]:
-    """Versions of what a tracker's numbers depend on."""
-    try:
-        own = version("uavbench")
-    except PackageNotFoundError:
-        own = "source"
-    return {
-        "uavbench": own,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "opencv": cv2.__version__,
-        "numba": version("numba"),
-    }

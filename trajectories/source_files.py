@@ -13,6 +13,8 @@ from pathlib import Path
 
 OURS = (Path(__file__).parents[1],)
 INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
+LIBRARIES = ("site-packages", "dist-packages")
+"""Folders of libraries, of this environment or of another one that is on the path."""
 
 Find = Callable[[str], Path | None]
 """From the name of a module to the file of its source, None where that is nobody's to edit or not there."""
@@ -103,7 +105,7 @@ def among(folders: Iterable[Path]) -> Find:
 def editable(path: Path) -> bool:
     """Whether a file is ours or the user's, and not one of the interpreter or of an installed library."""
     folders = path.resolve().parents
-    return is_ours(path) or not any(folder in folders for folder in INSTALLED)
+    return is_ours(path) or not any(folder in INSTALLED or folder.name in LIBRARIES for folder in folders)
 
 
 def imports(path: Path, name: str) -> tuple[str, ...]:

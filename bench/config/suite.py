@@ -46,7 +46,11 @@ class Suite:
 
 def load_suite(path: Path) -> Suite:
     """Suite of a TOML file; UserError naming the file and every key that is wrong."""
-    data, extra = _read(path)
+    return suite_of(*_read(path), path)
+
+
+def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
+    """Suite of the tables of a file; relative paths in it start at the file's folder. UserError as `load_suite`."""
     checked = _check(path, suite_model(extra), data, _repeated(data))
     errors: list[str] = []
     sequences = tuple(
@@ -130,8 +134,13 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
 def _read(path: Path) -> tuple[dict[str, Any], Extra]:
     """Content of a TOML file and the user's plug-ins that it names."""
     data = read_toml(path, hint="; `uavbench list` shows the suites that come with uavbench")
+    return data, plugins_named(data, path)
+
+
+def plugins_named(data: dict[str, Any], path: Path) -> Extra:
+    """The user's plug-ins that the tables of a file name; UserError naming the file."""
     try:
-        return data, own_plugins(data)
+        return own_plugins(data)
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
 

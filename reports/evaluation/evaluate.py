@@ -6,20 +6,27 @@ A mode is a set of defaults that repeats what a known tool does; options that ar
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from uavbench.reports.evaluation.trajectory_files import Found, find_trajectory, mount_of
+from uavbench.reports.evaluation.given import Given, found_in, name_of
+from uavbench.reports.evaluation.trajectory_files import Found, mount_of
 from uavbench.reports.metrics.align import Alignment, alignment
-from uavbench.reports.metrics.ape import pose_error_sizes
+from uavbench.reports.metrics.ape import error_table, pose_error_sizes
 from uavbench.reports.metrics.association import NS, Association, PosePairs, associate
 from uavbench.reports.metrics.rpe import Stretch, Unit, motion_error_sizes, stretches
 from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
-from uavbench.tracker.run import versions
+from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+    from uavbench.reports.evaluation.panels import Quantity
 
 Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
 T = TypeVar("T")
@@ -60,6 +67,23 @@ class Evaluation:
     segments: tuple[SegmentErrors, ...]
     record: dict[str, Any]
     pairs: PosePairs
+
+    def frames(self) -> "DataFrame":
+        """One row per pair of poses, the estimate as it was aligned.
+
+        Columns: stamp_ns, time_s since the first pair, position_error_m, rotation_error_deg, and the positions
+        reference_x_m ... estimate_z_m.
+        """
+        return error_table(self.pairs)
+
+    def plot(self, axes: "Axes | None" = None, quantity: "Quantity" = "position") -> "Axes":
+        """Draw errors of position (m) or rotation (deg) over time (s), or both paths from above (m), on an Axes.
+
+        Without one it is drawn on a new figure of pyplot. The Axes is returned.
+        """
+        from uavbench.reports.evaluation.panels import draw
+
+        return draw(self.pairs, quantity, axes)
 
     def to_json(self) -> dict[str, Any]:
         """JSON object: ate, rpe, coverage, record, and segments where the mode has them."""
@@ -107,8 +131,8 @@ class Evaluation:
 
 
 def evaluate_files(
-    reference: Path,
-    estimate: Path,
+    reference: Given,
+    estimate: Given,
     *,
     align: Alignment | None = None,
     delta: float | None = None,
@@ -124,7 +148,7 @@ def evaluate_files(
     mount: Path | None = None,
     plot: Path | None = None,
 ) -> Evaluation:
-    """Evaluation of two trajectories, of TUM, KITTI, EuRoC or uavbench's own files, or of folders that hold one.
+    """Evaluation of two trajectories: files of TUM, KITTI, EuRoC or uavbench itself, folders that hold one, or `Given`.
 
     t_offset_s is added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `mount` is a
     sequence folder whose mount turns the estimate into the frame that the reference says. `plot`: a figure of paths
@@ -154,16 +178,17 @@ def evaluate_files(
         segments=preset.segments,
     )
     with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
-        first, second = pool.map(find_trajectory, (reference, estimate), (reference_format, estimate_format))
+        formats = (reference_format, estimate_format)
+        first, second = pool.map(found_in, (reference, estimate), ("reference", "estimate"), formats)
     second = _in_one_frame(first, second, mount)
     p, q = first.trajectory, second.trajectory
     if not (first.stamped and second.stamped):
-        p, q = paired_by_row(p, q, reference, estimate)
+        p, q = paired_by_row(p, q, name_of(reference, "reference"), name_of(estimate, "estimate"))
     files = {"mode": mode, "reference": _about(first), "estimate": _about(second)}
     try:
         found = evaluate(p, q, options, files)
     except UserError as error:
-        raise UserError(f"{reference} against {estimate}: {error}") from None
+        raise UserError(f"{name_of(reference, 'reference')} against {name_of(estimate, 'estimate')}: {error}") from None
     if plot is not None:
         from uavbench.reports.evaluation.figure import plot_evaluation
 
@@ -237,7 +262,7 @@ def coverage(reference: Trajectory, estimate: Trajectory, pairs: PosePairs) -> f
     return min(1.0, matched / expected)
 
 
-def paired_by_row(p: Trajectory, q: Trajectory, reference: Path, estimate: Path) -> tuple[Trajectory, Trajectory]:
+def paired_by_row(p: Trajectory, q: Trajectory, reference: str, estimate: str) -> tuple[Trajectory, Trajectory]:
     """Both trajectories with the stamps of the one that has some; UserError when their lengths differ."""
     if len(p) != len(q):
         raise UserError(

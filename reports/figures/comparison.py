@@ -1,25 +1,33 @@
 """Figures that compare trackers: error beside coverage, success curves, accuracy against latency."""
 
 from collections.abc import Sequence as ListOf
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
 from uavbench.reports.metrics.frame_errors import SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import TRUTH, colour, legend_columns, line, marker, new_figure, save_figure
+from uavbench.reports.style import TRUTH, colour, line, marker
 
 HATCHES = ("", "////", "....", "xxxx")
 
 
 def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Write `draw_accuracy_and_coverage` as files at a stem."""
+    return save_drawn(partial(draw_accuracy_and_coverage, runs), stem, 2.1)
+
+
+def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     """ATE of position and rotation, coverage and success of every tracker at every rate, side by side."""
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
-    figure = new_figure(2.1)
     panels = figure.subplots(1, 4)
     names = ("ATE position (cm)", "ATE rotation (deg)", "coverage (%)", "within 5 cm and 5 deg (%)")
     rows = []
@@ -67,7 +75,7 @@ def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
         "coverage_percent",
         "success_percent",
     ]
-    return save_figure(figure, stem, columns, rows)
+    return Drawn(columns=columns, rows=rows, legend=None)
 
 
 def mean_of(group: ListOf[ScoredRun], index: int) -> float | None:
@@ -86,9 +94,12 @@ def mean_of(group: ListOf[ScoredRun], index: int) -> float | None:
 
 
 def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Write `draw_success_curves` as files at a stem."""
+    return save_panel(partial(draw_success_curves, runs), stem, 2.6)
+
+
+def draw_success_curves(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
     """Share of all frames within a distance of the truth, with the area under each curve up to 10 cm."""
-    figure = new_figure(2.6, wide=False)
-    panel = figure.subplots()
     limits = np.linspace(0, AUC_LIMIT_M, 201)
     curves = []
     for run_name in dict.fromkeys(run.name for run in runs):
@@ -104,24 +115,18 @@ def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.set_ylim(0, 102)
     panel.set_xlabel("position error threshold (cm)")
     panel.set_ylabel("frames within it (%)")
-    handles, names = panel.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        names,
-        title="area under the curve",
-        title_fontsize=7,
-        loc="outside upper center",
-        ncols=legend_columns(names),
-    )
     columns = ["threshold_m", *(name for name, _ in curves)]
     table = np.column_stack([limits, *(curve for _, curve in curves)]).tolist()
-    return save_figure(figure, stem, columns, table)
+    return Drawn(columns=columns, rows=table, legend={"title": "area under the curve", "title_fontsize": 7})
 
 
 def accuracy_against_latency(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Write `draw_accuracy_against_latency` as files at a stem."""
+    return save_panel(partial(draw_accuracy_against_latency, runs), stem, 2.2)
+
+
+def draw_accuracy_against_latency(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
     """Success against the median time of a frame, with a line to its 95th percentile."""
-    figure = new_figure(2.2, wide=False)
-    panel = figure.subplots()
     rows = []
     for run in runs:
         latency, success = run.score.latency.get("total"), run.score.tracking.success
@@ -138,6 +143,4 @@ def accuracy_against_latency(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.set_ylim(-3, 103)
     panel.set_xlabel("time per frame (ms): median, line to 95th percentile")
     panel.set_ylabel("frames within 5 cm, 5 deg (%)")
-    handles = dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
-    figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=legend_columns(list(handles)))
-    return save_figure(figure, stem, ["run", "sequence", "p50_ms", "p95_ms", "p99_ms", "max_ms", "success"], rows)
+    return Drawn(columns=["run", "sequence", "p50_ms", "p95_ms", "p99_ms", "max_ms", "success"], rows=rows)

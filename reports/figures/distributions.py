@@ -2,27 +2,35 @@
 
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 from scipy.stats import chi2
 
+from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
 from uavbench.reports.figures.time import finite
 from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, nees
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import Comparison, Ranks, hierarchical_interval, least_units
-from uavbench.reports.style import TRUTH, colour, line, marker, new_figure, panel_letter, save_figure
+from uavbench.reports.style import TRUTH, colour, line, marker, panel_letter
 from uavbench.trajectories.pose import Array
 
 
 def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, what: str) -> list[Path]:
+    """Write `draw_critical_difference` as files at a stem."""
+    half = (len(found.mean_ranks) + 1) // 2
+    return save_panel(partial(draw_critical_difference, found, colours, what), stem, 0.95 + 0.17 * half)
+
+
+def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str, panel: Axes) -> Drawn:
     """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not tell apart."""
     names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
     k, half = len(names), (len(names) + 1) // 2
-    figure = new_figure(0.95 + 0.17 * half, wide=False)
-    panel = figure.subplots()
     reach = 0.45 * k
     panel.set_xlim(1 - reach, k + reach)
     panel.set_ylim(-half - 1.7, 2.0)
@@ -51,10 +59,15 @@ def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, wh
     note = f"mean rank by {what}; n = {found.n}, best at the left"
     panel.text((k + 1) / 2, -half - 1.6, note, ha="center", va="bottom", fontsize=7)
     rows = sorted(found.mean_ranks.items(), key=lambda item: item[1])
-    return save_figure(figure, stem, ["tracker", "mean_rank"], rows)
+    return Drawn(columns=["tracker", "mean_rank"], rows=rows, legend=None)
 
 
 def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, what: str) -> list[Path]:
+    """Write `draw_win_table` as files at a stem."""
+    return save_panel(partial(draw_win_table, names, comparisons, what), stem, 1.0 + 0.28 * len(names))
+
+
+def draw_win_table(names: ListOf[str], comparisons: ListOf[Comparison], what: str, panel: Axes) -> Drawn:
     """How often the row beats the column, in percent; a star where the difference stands at the 5 % level."""
     wins = np.full((len(names), len(names)), np.nan)
     star = np.zeros(wins.shape, dtype=bool)
@@ -64,8 +77,6 @@ def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, w
         star[a, b] = star[b, a] = c.significant
     needed = least_units(len(comparisons))
     few = max((c.units for c in comparisons), default=0) < needed
-    figure = new_figure(1.0 + 0.28 * len(names), wide=False)
-    panel = figure.subplots()
     panel.imshow(np.nan_to_num(wins, nan=50), cmap="cividis", vmin=0, vmax=100, aspect="auto", alpha=0.85)
     panel.grid(False)
     for (row, column), value in np.ndenumerate(wins):
@@ -90,12 +101,19 @@ def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, w
         ]
         for c in comparisons
     ]
-    return save_figure(figure, stem, ["first", "second", "wins", "difference", "low", "high", "p_holm", "units"], rows)
+    columns = ["first", "second", "wins", "difference", "low", "high", "p_holm", "units"]
+    return Drawn(columns=columns, rows=rows, legend=None)
 
 
 def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], stem: Path) -> list[Path]:
+    """Write `draw_by_attribute` as files at a stem."""
+    return save_drawn(partial(draw_by_attribute, found, colours), stem, 1.9)
+
+
+def draw_by_attribute(
+    found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], figure: Figure | SubFigure
+) -> Drawn:
     """Success of each tracker in the quarters of the frames by each attribute: where and why it fails."""
-    figure = new_figure(1.9)
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
     rows: list[list[Any]] = []
     for letter, panel, (attribute, runs) in zip("abcdefgh", panels, found.items(), strict=False):
@@ -112,13 +130,16 @@ def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mappi
     panels[0].set_ylabel("within 5 cm, 5 deg (%)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=6)
     columns = ["attribute", "run", "low", "high", "frames", "success", "median_error_m"]
-    return save_figure(figure, stem, columns, rows)
+    return Drawn(columns=columns, rows=rows, legend=None)
 
 
 def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Write `draw_nees_over_time` as files at a stem."""
+    return save_panel(partial(draw_nees_over_time, runs), stem, 2.0)
+
+
+def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
     """NEES of every run that claims a covariance, with the central 95 % of chi-square for 6 degrees of freedom."""
-    figure = new_figure(2.0, wide=False)
-    panel = figure.subplots()
     low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM)) for p in (0.025, 0.975))
     panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of an honest tracker")
     panel.axhline(DEGREES_OF_FREEDOM, color=TRUTH, lw=0.7, ls=":")
@@ -135,16 +156,16 @@ def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     panel.set_yscale("log")
     panel.set_xlabel("time (s)")
     panel.set_ylabel("NEES")
-    handles, labels = panel.get_legend_handles_labels()
-    once = dict(zip(labels, handles, strict=True))
-    figure.legend(once.values(), once.keys(), loc="outside upper center", ncols=3)
-    return save_figure(figure, stem, ["run", "time_s", "nees"], rows)
+    return Drawn(columns=["run", "time_s", "nees"], rows=rows, legend={"ncols": 3})
 
 
 def error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], stem: Path) -> list[Path]:
+    """Write `draw_error_over_bound` as files at a stem."""
+    return save_panel(partial(draw_error_over_bound, ratios, colours), stem, 2.1)
+
+
+def draw_error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], panel: Axes) -> Drawn:
     """Distribution of the ratio of the position error to the Cramer-Rao bound of its frame (1: as good as can be)."""
-    figure = new_figure(2.1, wide=False)
-    panel = figure.subplots()
     rows: list[list[Any]] = []
     for name, values in ratios.items():
         known = np.sort(values[np.isfinite(values)])
@@ -157,26 +178,23 @@ def error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], st
     panel.set_ylim(0, 102)
     panel.set_xlabel("position error / Cramer-Rao bound")
     panel.set_ylabel("frames below it (%)")
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    return save_figure(figure, stem, ["run", "ratio", "share_of_frames"], rows)
+    return Drawn(columns=["run", "ratio", "share_of_frames"], rows=rows, legend={"ncols": 2})
 
 
-def sweep(
+def draw_sweep(
     curves: Mapping[str, Mapping[float, ListOf[Array]]],
     colours: Mapping[str, int],
-    stem: Path,
+    panel: Axes,
     *,
     swept: str,
     metric: str,
     share: bool = False,
-) -> list[Path]:
+) -> Drawn:
     """A metric against a swept parameter (noise, speed, deviation), with the 95 % interval as a band.
 
     curves[tracker][value] are the metric's values per sequence, each over its seeds. share: they are percentages;
     otherwise they are errors, on a logarithmic axis. So is the parameter where it goes over more than a decade.
     """
-    figure = new_figure(2.2, wide=False)
-    panel = figure.subplots()
     rows: list[list[Any]] = []
     for name, points in curves.items():
         xs = sorted(points)
@@ -197,8 +215,8 @@ def sweep(
         panel.set_ylim(bottom=0.5 * min((row[2] for row in rows if row[2] > 0), default=1e-3))
     panel.set_xlabel(swept)
     panel.set_ylabel(metric)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return save_figure(figure, stem, ["tracker", "value", "mean", "low", "high", "runs", "no_interval"], rows)
+    columns = ["tracker", "value", "mean", "low", "high", "runs", "no_interval"]
+    return Drawn(columns=columns, rows=rows, legend={"ncols": 4})
 
 
 def _median(values: Array) -> str:

@@ -1,15 +1,18 @@
 """The flight of a sequence over its structure: path, camera frusta, and what GNSS sees along it."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
+from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.figures.space import limits
-from uavbench.reports.style import LOSS, TRUTH, new_figure, panel_letter, save_figure
+from uavbench.reports.style import LOSS, TRUTH, panel_letter
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_table
@@ -22,9 +25,13 @@ GNSS_COLUMNS = ["stamp_ns", "satellites", "pdop", "px_m", "py_m", "pz_m"]
 
 
 def flight(sequence: Sequence, stem: Path) -> list[Path]:
+    """Write `draw_flight` as files at a stem."""
+    return save_drawn(partial(draw_flight, sequence), stem, 3.6)
+
+
+def draw_flight(sequence: Sequence, figure: Figure | SubFigure) -> Drawn:
     """The flight of a sequence, in 3-D and over time; with `gnss.csv` in its folder also where there was a fix."""
     gnss = gnss_along(sequence)
-    figure = new_figure(3.6)
     grid = figure.add_gridspec(3, 2, width_ratios=[1.7, 1.0])
     solid: Any = figure.add_subplot(grid[:, 0], projection="3d")
     _draw_space(solid, sequence, gnss)
@@ -55,7 +62,7 @@ def flight(sequence: Sequence, stem: Path) -> list[Path]:
     middle.tick_params(labelbottom=False)
     bottom.set_xlabel("time (s)")
     rows = [[s, *p, *q] for s, p, q in zip(t.tolist(), truth[:, 2:5].tolist(), truth[:, 5:9].tolist(), strict=True)]
-    return save_figure(figure, stem, ["t_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"], rows)
+    return Drawn(columns=["t_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"], rows=rows, legend=None)
 
 
 def gnss_along(sequence: Sequence) -> Array | None:

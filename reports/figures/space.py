@@ -2,19 +2,22 @@
 
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
+from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.figures.time import finite, nice_log
 from uavbench.reports.metrics.rpe import Stretch, relative_errors, stretches
 from uavbench.reports.metrics.sub_trajectories import distance_along
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import TRUTH, colour, line, new_figure, panel_letter, save_figure
+from uavbench.reports.style import TRUTH, colour, line, panel_letter
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array
 
@@ -22,34 +25,28 @@ SHARES = (0.05, 0.1, 0.2, 0.4)
 
 
 def paths(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Write `draw_paths` as files at a stem."""
+    return save_drawn(partial(draw_paths, runs), stem, 3.2)
+
+
+def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     """True and estimated paths of one sequence, in 3-D and from above, with the structure; metres."""
-    figure = new_figure(3.2)
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
     flat = figure.add_subplot(1, 2, 2)
     sequence = runs[0].sequence
     truth = sequence.truth.positions_m
-    outline(flat, sequence.structure)
+    draw_paths_from_above(runs, flat)
     edges = np.insert(sequence.structure.edge_segments, 2, np.nan, axis=1).reshape(-1, 3)
     solid.plot(*edges.T, color="#8A7F70", lw=0.6)
-    flat.plot(truth[:, 0], truth[:, 1], color=TRUTH, lw=1.6, label="truth")
-    flat.plot(*truth[0, :2], marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none", label="start")
     solid.plot(*truth.T, color=TRUTH, lw=1.4)
     rows: list[list[Any]] = [["truth", i, *p] for i, p in enumerate(truth.tolist())]
     low, high = limits(sequence.structure, truth)
     for run in runs:
         p = run.errors.pairs.estimate_m
-        still = float(np.nanmax(np.ptp(p[run.errors.ok], axis=0))) < 0.01 if run.errors.ok.any() else True
-        style = {**line(run.colour), "marker": "x" if still else "", "lw": 0.9}
-        flat.plot(p[:, 0], p[:, 1], label=run.title, **style)
         inside = np.logical_and(p >= low, p <= high).all(axis=1)
         kept = np.where(inside.reshape(-1, 1), p, np.nan)
-        solid.plot(*kept.T, **style)
+        solid.plot(*kept.T, **_path_style(run))
         rows += [[run.name, f, *q] for f, q in zip(run.errors.frames.tolist(), p.tolist(), strict=True) if q[0] == q[0]]
-    flat.set_aspect("equal")
-    flat.set_xlim(low[0], high[0])
-    flat.set_ylim(low[1], high[1])
-    flat.set_xlabel("x (m)")
-    flat.set_ylabel("y (m)")
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(solid, f"set_{axis}lim")(a, b)
         getattr(solid, f"set_{axis}label")(f"{axis} (m)", labelpad=-6)
@@ -59,7 +56,31 @@ def paths(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     solid.set_box_aspect(tuple(high - low), zoom=1.12)
     solid.view_init(elev=24, azim=-58)
     figure.legend(*flat.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    return save_figure(figure, stem, ["run", "frame", "x_m", "y_m", "z_m"], rows)
+    return Drawn(columns=["run", "frame", "x_m", "y_m", "z_m"], rows=rows, legend=None)
+
+
+def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
+    """True and estimated paths of one sequence over the structure, from above; metres."""
+    sequence = runs[0].sequence
+    truth = sequence.truth.positions_m
+    outline(panel, sequence.structure)
+    panel.plot(truth[:, 0], truth[:, 1], color=TRUTH, lw=1.6, label="truth")
+    panel.plot(*truth[0, :2], marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none", label="start")
+    for run in runs:
+        panel.plot(*run.errors.pairs.estimate_m[:, :2].T, label=run.title, **_path_style(run))
+    low, high = limits(sequence.structure, truth)
+    panel.set_aspect("equal")
+    panel.set_xlim(low[0], high[0])
+    panel.set_ylim(low[1], high[1])
+    panel.set_xlabel("x (m)")
+    panel.set_ylabel("y (m)")
+
+
+def _path_style(run: ScoredRun) -> dict[str, Any]:
+    """Line of a run's path; a cross where it stays in one place."""
+    p, ok = run.errors.pairs.estimate_m, run.errors.ok
+    still = float(np.nanmax(np.ptp(p[ok], axis=0))) < 0.01 if ok.any() else True
+    return {**line(run.colour), "marker": "x" if still else "", "lw": 0.9}
 
 
 def outline(panel: Axes, structure: Structure) -> None:
@@ -80,15 +101,19 @@ def limits(structure: Structure, truth: Array) -> tuple[Array, Array]:
 
 
 def error_against_distance(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Write `draw_error_against_distance` as files at a stem."""
+    boxed = any(len(_over(run, length)) for run in runs for length in _lengths(runs))
+    return save_drawn(partial(draw_error_against_distance, runs), stem, 2.4, wide=boxed)
+
+
+def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     """(a) Error against distance travelled; (b) relative error over sub-trajectories of growing length, as boxes.
 
     Without (b) where the frames lie so far apart that there is no sub-trajectory of any such length.
     """
-    total = float(distance_along(runs[0].sequence.truth.positions_m)[-1])
-    lengths = [share * total for share in SHARES]
+    lengths = _lengths(runs)
     over = {run.name: [_over(run, length) for length in lengths] for run in runs}
     boxed = any(len(values) for of_run in over.values() for values in of_run)
-    figure = new_figure(2.4, wide=boxed)
     left, *right = figure.subplots(1, 2 if boxed else 1, squeeze=False)[0]
     rows: list[list[Any]] = []
     for run in runs:
@@ -110,7 +135,13 @@ def error_against_distance(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     left.set_xlabel("distance travelled (m)")
     left.set_ylabel("position error (cm)")
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=6 if boxed else 3)
-    return save_figure(figure, stem, ["run", "what", "distance_m", "error_m"], rows)
+    return Drawn(columns=["run", "what", "distance_m", "error_m"], rows=rows, legend=None)
+
+
+def _lengths(runs: ListOf[ScoredRun]) -> list[float]:
+    """Lengths of the sub-trajectories, in m."""
+    total = float(distance_along(runs[0].sequence.truth.positions_m)[-1])
+    return [share * total for share in SHARES]
 
 
 def _over(run: ScoredRun, length_m: float) -> Array:

@@ -6,12 +6,15 @@ Conventions: the sequences of a suite are a sweep when their configs differ in o
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from matplotlib.axes import Axes
 
-from uavbench.reports.figures.distributions import sweep
+from uavbench.reports.figures.distributions import draw_sweep
+from uavbench.reports.figures.drawn import Drawn, save_panel
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.pose import Array
@@ -45,7 +48,12 @@ def swept(sequences: ListOf[Sequence]) -> Swept | None:
     return Swept(differing[0], values)
 
 
-def draw_sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], stem: Path) -> list[Path]:
+def sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], stem: Path) -> list[Path]:
+    """Write `draw_sweep_of` as files at a stem."""
+    return save_panel(partial(draw_sweep_of, runs, found, what), stem, 2.2)
+
+
+def draw_sweep_of(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], panel: Axes) -> Drawn:
     """ATE where there is a pose, or success, against what is swept, per tracker at the highest rate."""
     fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
     colours = {run.score.label: run.colour for run in fast}
@@ -59,7 +67,7 @@ def draw_sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "succ
                 curves.setdefault(label, {})[value] = [known]
     name = found.key.rpartition(".")[2]
     metric = "ATE position (cm)" if what == "ate" else "within 5 cm, 5 deg (%)"
-    return sweep(curves, colours, stem, swept=name, metric=metric, share=what == "success")
+    return draw_sweep(curves, colours, panel, swept=name, metric=metric, share=what == "success")
 
 
 def _percent_or_cm(run: ScoredRun, what: Literal["ate", "success"]) -> float | None:

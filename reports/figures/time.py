@@ -1,28 +1,37 @@
 """Figures over time: the six pose components, the errors, the segment counts."""
 
 from collections.abc import Sequence as ListOf
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
+from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
 from uavbench.reports.metrics.association import NS
-from uavbench.reports.metrics.frame_errors import SUCCESS_M
+from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.metrics.nees import component_sigmas, euler_zyx
 from uavbench.reports.scoring.coverage import failures
 from uavbench.reports.scoring.runs import ScoredRun, counts
-from uavbench.reports.style import LOSS, TRUTH, colour, line, new_figure, save_figure
+from uavbench.reports.style import LOSS, TRUTH, colour, line
 from uavbench.trajectories.pose import Array
 
 COMPONENTS = (("x", "cm"), ("y", "cm"), ("z", "cm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
+Quantity = Literal["position", "rotation"]
 TO_SHOWN_UNITS = np.array([100.0] * 3 + [float(np.degrees(1.0))] * 3)
 
 
 def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
+    """Write `draw_pose_components` as files at a stem."""
+    return save_drawn(partial(draw_pose_components, run), stem, 3.1)
+
+
+def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
     """Six components of `world_from_body`, estimate against truth in cm and degrees, with the claimed 3-sigma band."""
     t, frames = run.errors.seconds, run.errors.frames
     full = run.sequence.truth
@@ -31,7 +40,6 @@ def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
     estimate = estimated_components(run, truth[frames])
     sigma = np.full((len(frames), 6), np.nan)
     sigma[np.searchsorted(frames, run.results.frames)] = component_sigmas(run.results) * TO_SHOWN_UNITS
-    figure = new_figure(3.1)
     axes = figure.subplots(2, 3, sharex=True)
     sparse = len(t) < 80
     for k, ((name, unit), panel) in enumerate(zip(COMPONENTS, axes.flat, strict=True)):
@@ -55,22 +63,25 @@ def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
     columns = [f"{what}_{n}" for what in ("true", "estimated", "sigma") for n in names]
     values = np.hstack([truth[frames], estimate, sigma]).tolist()
     rows = ([f, s, *map(finite, v)] for f, s, v in zip(frames.tolist(), t.tolist(), values, strict=True))
-    return save_figure(figure, stem, ["frame", "time_s", *columns], rows)
+    return Drawn(columns=["frame", "time_s", *columns], rows=rows, legend=None)
 
 
 def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
+    """Write `draw_errors_over_time` as files at a stem."""
+    return save_drawn(partial(draw_errors_over_time, runs), stem, 2.6 + 0.13 * len(runs))
+
+
+def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     """Position and rotation error of every tracker over time; a strip per tracker shows where it is off target."""
-    figure = new_figure(2.6 + 0.13 * len(runs))
     grid = figure.add_gridspec(3, 1, height_ratios=[10, 10, 1.2 * len(runs)])
     top = figure.add_subplot(grid[0])
     below = figure.add_subplot(grid[1], sharex=top)
     strip = figure.add_subplot(grid[2], sharex=top)
+    draw_error_over_time(runs, "position", top)
+    draw_error_over_time(runs, "rotation", below)
     rows: list[list[Any]] = []
     for k, run in enumerate(runs):
         errors, t = run.errors, run.errors.seconds
-        shown: dict[str, Any] = {"marker": "o", "ms": 2.5} if len(t) < 80 else {}
-        for panel, values in ((top, 100 * errors.translation_m), (below, errors.angle_deg)):
-            panel.plot(t, np.where(errors.ok, values, np.nan), label=run.title, **line(run.colour), **shown)
         for a, b in spans(t, ~errors.success):
             low, high = 1 - (k + 0.9) / len(runs), 1 - (k + 0.1) / len(runs)
             strip.axvspan(a, b, ymin=low, ymax=high, color=colour(run.colour), lw=0)
@@ -79,12 +90,8 @@ def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
             [run.name, frame, seconds, finite(metres), finite(degrees), int(success)]
             for frame, seconds, metres, degrees, success in zip(*(c.tolist() for c in columns), strict=True)
         ]
-    for panel, limit, name in ((top, 100 * SUCCESS_M, "position error (cm)"), (below, 5.0, "rotation error (deg)")):
-        panel.set_yscale("log")
-        panel.axhline(limit, color=TRUTH, lw=0.6, ls=":")
-        panel.set_ylabel(name)
+    for panel in (top, below):
         panel.tick_params(labelbottom=False)
-        nice_log(panel)
     middles = [1 - (k + 0.5) / len(runs) for k in range(len(runs))]
     strip.set_yticks(middles, [run.score.label for run in runs], fontsize=6)
     strip.set_ylim(0, 1)
@@ -92,13 +99,30 @@ def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
     strip.set_xlabel("time (s)")
     strip.set_ylabel("off\ntarget", rotation=0, ha="right", va="center", fontsize=7)
     figure.legend(*top.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    return save_figure(figure, stem, ["run", "frame", "time_s", "position_m", "rotation_deg", "success"], rows)
+    named = ["run", "frame", "time_s", "position_m", "rotation_deg", "success"]
+    return Drawn(columns=named, rows=rows, legend=None)
+
+
+def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axes) -> None:
+    """Error of position (cm) or rotation (deg) of every tracker over time (s), and its limit of success, dotted."""
+    for run in runs:
+        errors, t = run.errors, run.errors.seconds
+        shown: dict[str, Any] = {"marker": "o", "ms": 2.5} if len(t) < 80 else {}
+        values = 100 * errors.translation_m if quantity == "position" else errors.angle_deg
+        panel.plot(t, np.where(errors.ok, values, np.nan), label=run.title, **line(run.colour), **shown)
+    panel.set_yscale("log")
+    panel.axhline(100 * SUCCESS_M if quantity == "position" else SUCCESS_DEG, color=TRUTH, lw=0.6, ls=":")
+    panel.set_ylabel(f"{quantity} error ({'cm' if quantity == 'position' else 'deg'})")
+    nice_log(panel)
 
 
 def segment_counts(run: ScoredRun, stem: Path) -> list[Path]:
+    """Write `draw_segment_counts` as files at a stem."""
+    return save_panel(partial(draw_segment_counts, run), stem, 1.9)
+
+
+def draw_segment_counts(run: ScoredRun, panel: Axes) -> Drawn:
     """Segments found in each frame, control points, and those that the pose rests on."""
-    figure = new_figure(1.9, wide=False)
-    panel = figure.subplots()
     t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / NS
     names = {"segments": "segments", "control_points": "control points", "inliers": "inliers"}
     shown = {label: counts(run.results, name) for name, label in names.items()}
@@ -109,12 +133,9 @@ def segment_counts(run: ScoredRun, stem: Path) -> list[Path]:
     panel.set_xlabel("time (s)")
     panel.set_ylabel("count per frame")
     panel.set_ylim(bottom=0)
-    figure.legend(*panel.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     table = np.column_stack([t, *shown.values()]).tolist()
-    columns = ["frame", "time_s", *names]
-    return save_figure(
-        figure, stem, columns, ([f, *map(finite, v)] for f, v in zip(run.results.frames.tolist(), table, strict=True))
-    )
+    rows = ([f, *map(finite, v)] for f, v in zip(run.results.frames.tolist(), table, strict=True))
+    return Drawn(columns=["frame", "time_s", *names], rows=rows, legend={"ncols": 3})
 
 
 def true_components(run: ScoredRun) -> Array:

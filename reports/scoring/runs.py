@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from uavbench.tracker.results import Results
 from uavbench.tracker.sound_results import sound
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,25 @@ class ScoredRun:
     def errors(self) -> FrameErrors:
         """What became of every frame."""
         return frame_errors(self.sequence, self.results)
+
+    def frames(self) -> "DataFrame":
+        """One row per frame that was to be located; position and rotation error are NaN where there is no pose.
+
+        Columns: frame (in the sequence), stamp_ns, time_s since the first, position_error_m, rotation_error_deg, and
+        success: within 5 cm and 5 deg.
+        """
+        from pandas import DataFrame
+
+        errors = self.errors
+        columns = {
+            "frame": errors.frames,
+            "stamp_ns": errors.pairs.stamps_ns,
+            "time_s": errors.seconds,
+            "position_error_m": np.where(errors.ok, errors.translation_m, np.nan),
+            "rotation_error_deg": np.where(errors.ok, errors.angle_deg, np.nan),
+            "success": errors.success,
+        }
+        return DataFrame(columns)
 
     @cached_property
     def latest_pose(self) -> list[Pose | None]:

@@ -25,8 +25,8 @@ from uavbench.reports.scoring.crlb_ratio import ErrorOverBound
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.tracker.results import Results
-from uavbench.tracker.run import versions
 from uavbench.tracker.sound_results import sound
+from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 

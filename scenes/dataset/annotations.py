@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Sequence
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
 from uavbench.scenes.image_files import load_image
@@ -17,9 +17,6 @@ from uavbench.scenes.rendering.camera_simulator import Source, View, sample
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
-DEPTH_M_PER_UNIT = 0.001
-"""Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
-EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
 """For smooth images, whose rows are alike."""

@@ -24,12 +24,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cv2 import IMREAD_UNCHANGED
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
-from uavbench.scenes.image_files import decoded, size_px
+from uavbench.scenes.image_files import decoded, load_image, size_px
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import ANY, IMAGE, LARGEST_COORDINATE_M
@@ -47,6 +48,10 @@ TRUTH_COLUMNS = [
     "ax_m_s2", "ay_m_s2", "az_m_s2",
 ]  # fmt: skip
 """Pose `world_from_body`, velocity and acceleration in the world, angular velocity in the body."""
+DEPTH_M_PER_UNIT = 0.001
+"""Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
+EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
+"""Of `edges/NNNNNN.csv`: a visible stretch of a model's edge, its ends, its share of the edge, its contrast."""
 UPPER = np.triu_indices(6)
 BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
 """A covariance in `crlb.csv`: its upper triangle by rows."""
@@ -86,6 +91,14 @@ class Sequence:
 
     def __len__(self) -> int:
         return len(self.files)
+
+    def __getitem__(self, frame: int) -> "Frame":
+        """A frame, counted from 0, or from the end where negative; IndexError beyond the last."""
+        return Frame(self, range(len(self))[frame])
+
+    def __iter__(self) -> Iterator["Frame"]:
+        """The frames in order, each read when it is asked for."""
+        return (Frame(self, frame) for frame in range(len(self)))
 
     @property
     def name(self) -> str:
@@ -182,6 +195,73 @@ class Sequence:
     def true_cam_from_world(self, frame: int) -> Pose:
         """True pose of the camera at a frame."""
         return self.cam_from_body @ self.truth.pose(frame).inverse()
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame of a sequence with its ground truth; everything is read when asked for, UserError when it is not there.
+
+    number: counted from 0. Poses are `target_from_source`, lengths in metres, the world the structure's frame.
+    """
+
+    sequence: Sequence
+    number: int
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time of the frame, in ns."""
+        return int(self.sequence.stamps_ns[self.number])
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """BGR image (h, w, 3)."""
+        return self.sequence.image(self.number)
+
+    @property
+    def world_from_body(self) -> Pose:
+        """True pose of the vehicle; UserError for a recording, which has no truth."""
+        return self.sequence.truth.pose(self.number)
+
+    @property
+    def cam_from_world(self) -> Pose:
+        """True pose of the camera; UserError for a recording, which has no truth."""
+        return self.sequence.true_cam_from_world(self.number)
+
+    @property
+    def depth_m(self) -> Array | None:
+        """Depth along the optical axis (h, w), 0 where unknown; None where the sequence has none."""
+        path = self._file("depth", "png")
+        if path is None:
+            return None
+        units = load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
+        return np.asarray(units, dtype=np.float64) * float(self.sequence.info.get("depth_m_per_unit", DEPTH_M_PER_UNIT))
+
+    @property
+    def mask(self) -> NDArray[np.uint8] | None:
+        """Instances (h, w): 1 structure, 2 trees, 3 people, 4 birds, 10 and up lookalikes, 0 all else; None without."""
+        path = self._file("mask", "png")
+        return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
+
+    @property
+    def edges(self) -> Array | None:
+        """Visible stretches (n, 7) of the model's edges, columns as EDGE_COLUMNS; None where there are none."""
+        path = self._file("edges", "csv")
+        return None if path is None else read_numbers(path, EDGE_COLUMNS)
+
+    def _file(self, kind: str, suffix: str) -> Path | None:
+        path = self.sequence.folder / kind / f"{self.number:06d}.{suffix}"
+        return path if path.is_file() else None
+
+
+def open_sequence(folder: str | Path) -> Sequence:
+    """A sequence folder, for its images and ground truth: iterate over it, or take `sequence[frame]`.
+
+    A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.truth`, the true
+    `world_from_body` of all frames; each `Frame` has `.image` (h, w, 3) BGR, `.stamp_ns`, `.cam_from_world`,
+    `.world_from_body`, `.depth_m` (h, w), `.mask` (h, w), `.edges` (n, 7). UserError naming the file that is missing
+    or wrong.
+    """
+    return Sequence.load(Path(folder))
 
 
 def inside(folder: Path, name: str) -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.reports.drawn import make_sequence, results_of, true_rows
-from uavbench.reports.figures.sweeps import draw_sweep, swept
+from uavbench.reports.figures.sweeps import sweep, swept
 from uavbench.reports.report import ReportEntry, write_report
 from uavbench.reports.scoring.attributes import blur_px, occlusion
 from uavbench.reports.scoring.runs import ScoredRun
@@ -161,8 +161,8 @@ def test_the_curves_of_a_sweep_hold_the_scores(three: list[Sequence], tmp_path: 
     found = swept([run.sequence for run in runs])
     assert found is not None
     with house_style():
-        ate = draw_sweep(runs, found, "ate", tmp_path / "ate")
-        success = draw_sweep(runs, found, "success", tmp_path / "success")
+        ate = sweep(runs, found, "ate", tmp_path / "ate")
+        success = sweep(runs, found, "success", tmp_path / "success")
     rows = list(csv.DictReader(next(p for p in ate if p.suffix == ".csv").open()))
     assert [float(row["value"]) for row in rows] == [1, 2, 4]
     assert [float(row["mean"]) for row in rows] == pytest.approx([1, 2, 4], rel=1e-6)

@@ -21,7 +21,7 @@ from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, in_order, load_model
 from uavbench.tracker.initialization import read_init
-from uavbench.tracker.run import versions
+from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
 from uavbench.trajectories.pose import Pose

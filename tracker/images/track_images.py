@@ -19,7 +19,8 @@ from uavbench.tracker.overlay import draw_edges
 from uavbench.tracker.protocol import Image, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import MARKER, Results
-from uavbench.tracker.run import parameters, started, track_frame, versions
+from uavbench.tracker.run import parameters, started, track_frame
+from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign
 from uavbench.trajectories.pose import Pose

@@ -1,0 +1,69 @@
+"""`uavbench.render`: the sequences of a suite, rendered and opened."""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from uavbench.bench.config.suite import Suite, load_suite, plugins_named, suite_of
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.runner.executors import local_pool
+from uavbench.bench.runner.graph import run_graph
+from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.output_folder import resolved, suite_folder
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.errors import UserError
+
+NOT_RENDERED: dict[str, Any] = {"title": "Sequences of a script", "trackers": {"hold": {"kind": "hold"}}}
+"""What a suite must have beside its sequences, where only these are wanted."""
+DICT = Path("suite")
+"""What a suite given as a dict is called."""
+
+
+def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None, *, workers: int = 1) -> list[Sequence]:
+    """Render the sequences of a suite that are not there yet, and open them all.
+
+    suite: a name that `uavbench list` shows, a TOML file, or a dict with what such a file holds, of which `sequences`
+    is enough; relative paths in a dict start at the current folder. out: the suite's folder, by default `out/NAME`,
+    `out/suite` for a dict. workers: 1 renders in this process; more need `if __name__ == "__main__":` in a script.
+    Iterate over the result, and over each `Sequence` for its frames: see `open_sequence`. UserError telling all
+    mistakes of the suite, or why sequences could not be rendered.
+
+    >>> import uavbench as ub  # doctest: +SKIP
+    >>> for sequence in ub.render("tiny", out="out/tiny"):  # doctest: +SKIP
+    ...     for frame in sequence:
+    ...         frame.image, frame.stamp_ns, frame.cam_from_world
+    """
+    checked = _suite(suite)
+    folder = resolved(Path(out) if out is not None else Path("out") / checked.name)
+    jobs = plan(checked, folder, last="render")
+    pool: AbstractContextManager[Any] = local_pool(workers) if workers > 1 else nullcontext((InProcess(), None))
+    with suite_folder(folder, checked), pool as (executor, progress):
+        outcome = run_graph(jobs, executor, progress)
+    if outcome.failed:
+        raise UserError("\n".join(f"{name}: {why}" for name, why in outcome.failed.items()))
+    return [Sequence.load(job.marker.parent) for job in jobs]
+
+
+class InProcess(Executor):
+    """Does each call at once in this process, so that a script needs no `if __name__ == "__main__":`."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Future of a call that is over."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def _suite(given: str | Path | Mapping[str, Any]) -> Suite:
+    if not isinstance(given, Mapping):
+        return load_suite(suite_file(str(given)))
+    tables = [table for kind in ("sequences", "recordings") for table in dict(given.get(kind, {})).values()]
+    rates = [table["rate_hz"] for table in tables if isinstance(table, Mapping) and "rate_hz" in table]
+    data = {**NOT_RENDERED, "rates_hz": [min(rates, default=SequenceSpec.rate_hz)], **given}
+    return suite_of(data, plugins_named(data, DICT), DICT)

@@ -1,0 +1,83 @@
+"""Trajectories as scripts have them: a path, a `Trajectory`, an array or a DataFrame."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uavbench.reports.evaluation.trajectory_files import POSE, Found, find_trajectory
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from pandas import DataFrame
+
+    Given = Path | str | Trajectory | NDArray[Any] | DataFrame
+else:
+    Given = Any
+
+STAMPS = ("stamp_ns", "time_s")
+"""Columns of a DataFrame that hold the time, in integer nanoseconds or in seconds."""
+WANTED = f"stamp_ns (integers) or time_s, and {', '.join(POSE)}"
+
+
+def found_in(given: Given, side: str, format: str | None = None) -> Found:
+    """Trajectory of a path, a Trajectory, an array or a DataFrame; `side` names it in errors.
+
+    array (n, 8): time in s, position x y z in m, quaternion x y z w, as in a line of a TUM file. DataFrame: columns
+    stamp_ns or time_s, px_m py_m pz_m, qw qx qy qz; with a `status`, as in a tracker's frames.csv, its poses are
+    `cam_from_world` and those that are not ok are left out. Quaternions have unit norm (1e-3), stamps grow. UserError
+    naming the side and the row or column that is wrong.
+    """
+    if isinstance(given, str | Path):
+        return find_trajectory(Path(given), format)
+    try:
+        if isinstance(given, Trajectory):
+            return Found(given, Path(f"the {side}"), "Trajectory", None)
+        if hasattr(given, "columns"):
+            return _of_table(given, Path(f"the {side}"))
+        return Found(_of_array(given), Path(f"the {side}"), "array", None)
+    except (ValueError, TypeError) as error:
+        raise UserError(f"the {side}: {error}") from None
+
+
+def name_of(given: Given, side: str) -> str:
+    """What errors call it: its path, or the side that it is."""
+    return str(given) if isinstance(given, str | Path) else f"the {side}"
+
+
+def _of_array(given: Any) -> Trajectory:
+    values = np.asarray(given, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != 8 or not len(values):
+        raise ValueError(f"has the shape {values.shape}; give (n, 8): time_s, x y z in m, qx qy qz qw")
+    return Trajectory(_nanoseconds(values[:, 0]), values[:, 1:4], values[:, [7, 4, 5, 6]])
+
+
+def _of_table(table: Any, name: Path) -> Found:
+    stamp = next((name for name in STAMPS if name in table.columns), None)
+    missing = [name for name in POSE if name not in table.columns]
+    if stamp is None or missing or not len(table):
+        have = f"it has {', '.join(map(str, table.columns))}" if len(table) else "it has no rows"
+        raise ValueError(f"a DataFrame of poses has the columns {WANTED}; {have}")
+    tracked = "status" in table.columns
+    rows = table[table["status"] == "ok"] if tracked else table
+    if not len(rows):
+        raise ValueError("holds no pose: no row of it is ok")
+    values = rows[POSE].to_numpy(dtype=np.float64)
+    given = rows[stamp].to_numpy()
+    stamps_ns = given if stamp == "stamp_ns" else _nanoseconds(given.astype(np.float64))
+    trajectory = Trajectory(stamps_ns, values[:, :3], values[:, 3:])
+    if tracked:
+        cameras = [Pose.from_quaternion(row[3:], row[:3]).inverse() for row in values]
+        trajectory = Trajectory.from_poses(trajectory.stamps_ns.tolist(), cameras)
+    return Found(trajectory, name, "DataFrame", "world_from_cam" if tracked else None)
+
+
+def _nanoseconds(seconds: Array) -> "NDArray[np.int64]":
+    """Stamps (n,) of times in s; ValueError naming the row of the first that is none."""
+    bad = ~(np.abs(seconds) < 9e9)  # 2^63 ns
+    if bad.any():
+        raise ValueError(f"row {int(np.argmax(bad))}: {seconds[bad][0]} is no time in seconds")
+    return np.rint(seconds * 1e9).astype(np.int64)

@@ -1,0 +1,50 @@
+"""What every figure is made of: a function that draws on an Axes or a Figure, and one that writes it for the report."""
+
+from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from uavbench.reports.style import legend_columns, new_figure, save_figure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """The numbers behind a drawing, and its legend.
+
+    columns and rows: what the report writes beside the figure as .csv. legend: options of matplotlib's `legend`, None
+    for a drawing without one; as many columns as fit where they say no `ncols`.
+    """
+
+    columns: ListOf[str]
+    rows: Iterable[ListOf[Any]]
+    legend: Mapping[str, Any] | None = field(default_factory=dict)
+
+
+def legend_of(panel: Axes, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `legend` for what has a label in a panel, each label once."""
+    handles, labels = panel.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    fitting = {"ncols": legend_columns(list(once)), **options}
+    return {"handles": list(once.values()), "labels": list(once), **fitting}
+
+
+def save_panel(draw: Callable[[Axes], Drawn], stem: Path, height_in: float) -> list[Path]:
+    """Write a figure of one panel, 3.50 in wide, its legend above it, and its numbers; the files."""
+    figure = new_figure(height_in, wide=False)
+    panel = figure.subplots()
+    drawn = draw(panel)
+    if drawn.legend is not None:
+        figure.legend(**legend_of(panel, drawn.legend), loc="outside upper center")
+    return save_figure(figure, stem, drawn.columns, drawn.rows)
+
+
+def save_drawn(draw: Callable[[Figure], Drawn], stem: Path, height_in: float, *, wide: bool = True) -> list[Path]:
+    """Write a figure of several panels, 7.16 in wide or 3.50 in, and its numbers; the files."""
+    figure = new_figure(height_in, wide=wide)
+    drawn = draw(figure)
+    return save_figure(figure, stem, drawn.columns, drawn.rows)

@@ -1,0 +1,172 @@
+"""`uavbench.figures`: the figures of a report, drawn on a matplotlib Axes or Figure of yours.
+
+A figure of one panel takes `axes`, one of several panels `figure`, a Figure or SubFigure, best one with
+`layout="constrained"`. Where none is given, a new one of pyplot is made. What was drawn on is returned. `runs` are what
+`uavbench.load_runs` gives, of all sequences unless it says otherwise. Fonts and sizes are those of your matplotlib;
+within `style()` they are the report's.
+"""
+
+from collections.abc import Callable
+from collections.abc import Sequence as ListOf
+from typing import Literal
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+
+from uavbench.reports.figures import comparison, distributions, flight, space, sweeps, time
+from uavbench.reports.figures.drawn import Drawn, legend_of
+from uavbench.reports.report_comparison import RANKED_BY, paired
+from uavbench.reports.scoring import crlb_ratio
+from uavbench.reports.scoring.attributes import breakdowns
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.statistics.bootstrap import compare_pairs, ranks, units
+from uavbench.reports.style import given_axes, given_figure, house_style
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.pose import Array
+
+AnyFigure = Figure | SubFigure
+Runs = ListOf[ScoredRun]
+style = house_style
+
+
+def errors_over_time(runs: Runs, axes: Axes | None = None, *, quantity: time.Quantity = "position") -> Axes:
+    """Error of position (cm) or rotation (deg) over time (s), of runs of one sequence; dotted: the limit of success."""
+    if quantity not in ("position", "rotation"):
+        raise unknown_name("quantity", quantity, ["position", "rotation"])
+    panel = given_axes(axes)
+    time.draw_error_over_time(_one_sequence(runs), quantity, panel)
+    panel.set_xlabel("time (s)")
+    panel.legend(**legend_of(panel, {}))
+    return panel
+
+
+def success_curves(runs: Runs, axes: Axes | None = None) -> Axes:
+    """Share of frames (%) within a distance (cm) of the truth, by tracker, with the area under the curve."""
+    return _on(axes, lambda panel: comparison.draw_success_curves(_some(runs), panel))
+
+
+def accuracy_against_latency(runs: Runs, axes: Axes | None = None) -> Axes:
+    """Success (%) against the median time of a frame (ms), with a line to its 95th percentile."""
+    return _on(axes, lambda panel: comparison.draw_accuracy_against_latency(_some(runs), panel))
+
+
+def nees_over_time(runs: Runs, axes: Axes | None = None) -> Axes:
+    """Normalized estimation error squared over time (s), of the runs that claim a covariance."""
+    return _on(axes, lambda panel: distributions.draw_nees_over_time(_some(runs), panel))
+
+
+def error_over_bound(runs: Runs, axes: Axes | None = None) -> Axes:
+    """Share of frames (%) below a ratio of position error to Cramer-Rao bound, of runs of one sequence."""
+    ratios: dict[str, Array] = {
+        run.name: crlb_ratio.error_over_bound(run.sequence, run.errors) for run in _one_sequence(runs)
+    }
+    return _on(axes, lambda panel: distributions.draw_error_over_bound(ratios, _colours(runs), panel))
+
+
+def segment_counts(run: ScoredRun, axes: Axes | None = None) -> Axes:
+    """Segments, control points and inliers in each frame of a run over time (s)."""
+    return _on(axes, lambda panel: time.draw_segment_counts(run, panel))
+
+
+def mean_ranks(runs: Runs, axes: Axes | None = None) -> Axes:
+    """Mean ranks with the critical difference of Nemenyi's test, of runs at one rate on several flights or seeds."""
+    found = ranks({name: units(values) for name, values in _paired(runs).items()})
+    return _on(axes, lambda panel: distributions.draw_critical_difference(found, _colours(runs), RANKED_BY, panel))
+
+
+def win_table(runs: Runs, axes: Axes | None = None) -> Axes:
+    """How often (%) the tracker of a row beats that of a column, of runs at one rate on several flights or seeds."""
+    values = _paired(runs)
+    found = compare_pairs(values)
+    return _on(axes, lambda panel: distributions.draw_win_table(list(values), found, RANKED_BY, panel))
+
+
+def sweep(runs: Runs, axes: Axes | None = None, *, what: Literal["ate", "success"] = "success") -> Axes:
+    """ATE (cm) or success (%) against the one number in which the sequences of a suite differ."""
+    found = sweeps.swept(list({run.sequence.name: run.sequence for run in _some(runs)}.values()))
+    if found is None:
+        raise UserError("the sequences of these runs do not differ in one number with three values or more")
+    return _on(axes, lambda panel: sweeps.draw_sweep_of(runs, found, what, panel))
+
+
+def paths_from_above(runs: Runs, axes: Axes | None = None) -> Axes:
+    """True and estimated paths (m) of one sequence, over the structure seen from above."""
+    panel = given_axes(axes)
+    space.draw_paths_from_above(_one_sequence(runs), panel)
+    panel.legend(**legend_of(panel, {}))
+    return panel
+
+
+def error_panels(runs: Runs, figure: AnyFigure | None = None) -> AnyFigure:
+    """Errors of position and rotation over time, and a strip that shows where each run of a sequence is off target."""
+    return _over(figure, lambda drawn_on: time.draw_errors_over_time(_one_sequence(runs), drawn_on))
+
+
+def accuracy_and_coverage(runs: Runs, figure: AnyFigure | None = None) -> AnyFigure:
+    """ATE of position and rotation, coverage and success of every tracker at every rate, side by side."""
+    return _over(figure, lambda drawn_on: comparison.draw_accuracy_and_coverage(_some(runs), drawn_on))
+
+
+def by_attribute(runs: Runs, figure: AnyFigure | None = None) -> AnyFigure:
+    """Success in the quarters of the frames by speed, distance and so on, of runs at one rate."""
+    found = breakdowns(_some(runs))
+    return _over(figure, lambda drawn_on: distributions.draw_by_attribute(found, _colours(runs), drawn_on))
+
+
+def paths(runs: Runs, figure: AnyFigure | None = None) -> AnyFigure:
+    """True and estimated paths (m) of one sequence, in 3-D and from above, with the structure."""
+    return _over(figure, lambda drawn_on: space.draw_paths(_one_sequence(runs), drawn_on))
+
+
+def error_against_distance(runs: Runs, figure: AnyFigure | None = None) -> AnyFigure:
+    """Error against the distance travelled, and over sub-trajectories, of runs of one sequence."""
+    return _over(figure, lambda drawn_on: space.draw_error_against_distance(_one_sequence(runs), drawn_on))
+
+
+def pose_components(run: ScoredRun, figure: AnyFigure | None = None) -> AnyFigure:
+    """Position (cm) and roll, pitch, yaw (deg) of `world_from_body`, estimate against truth, with the 3-sigma band."""
+    return _over(figure, lambda drawn_on: time.draw_pose_components(run, drawn_on))
+
+
+def flight_of(sequence: Sequence, figure: AnyFigure | None = None) -> AnyFigure:
+    """The flight of a sequence in 3-D with its structure, and height, speed and turn rate over time."""
+    return _over(figure, lambda drawn_on: flight.draw_flight(sequence, drawn_on))
+
+
+def _on(axes: Axes | None, draw: Callable[[Axes], Drawn]) -> Axes:
+    panel = given_axes(axes)
+    drawn = draw(panel)
+    if drawn.legend is not None and panel.get_legend_handles_labels()[1]:
+        panel.legend(**legend_of(panel, {**drawn.legend, "ncols": 1}))
+    return panel
+
+
+def _over(figure: AnyFigure | None, draw: Callable[[AnyFigure], Drawn]) -> AnyFigure:
+    drawn_on = given_figure(figure)
+    draw(drawn_on)
+    return drawn_on
+
+
+def _some(runs: Runs) -> Runs:
+    if not runs:
+        raise UserError("there are no runs to draw")
+    return runs
+
+
+def _one_sequence(runs: Runs) -> Runs:
+    names = list(dict.fromkeys(run.sequence.name for run in _some(runs)))
+    if len(names) > 1:
+        raise UserError(f"give the runs of one sequence, these are of {', '.join(names)}")
+    return runs
+
+
+def _paired(runs: Runs) -> dict[str, list[Array]]:
+    values = paired(_some(runs))
+    if not values:
+        raise UserError("give runs of two trackers or more on the same two flights or seeds or more")
+    return values
+
+
+def _colours(runs: Runs) -> dict[str, int]:
+    return {run.name: run.colour for run in runs}

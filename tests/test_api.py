@@ -1,0 +1,268 @@
+"""The API: what a notebook cell does, what it accepts, and what it does not load."""
+
+import doctest
+import inspect
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+
+import uavbench as ub
+from tests.reports.drawn import make_sequence, results_of, true_rows
+from uavbench.reports.evaluation.evaluate import evaluate_files
+from uavbench.reports.scoring.score import score
+from uavbench.trajectories.trajectory_files.formats import write_tum
+
+ROOT = Path(__file__).parent.parent
+HEAVY = ("numpy", "numba", "mujoco", "OpenGL", "pyrender", "matplotlib", "pandas", "scipy", "cv2", "pydantic")
+EVALUATED = """
+import sys, numpy as np, uavbench as ub
+t = np.arange(9.0)
+a = np.column_stack([t, t, t**2, 0 * t, 0 * t, 0 * t, 0 * t, 1 + 0 * t])
+ub.evaluate(a, a, align="se3").frames()
+print(*sorted(sys.modules))
+"""
+
+
+def loaded(code, folder):
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+def curve(n=40):
+    t = np.arange(n) / 10
+    turn = t / 4
+    zero = np.zeros(n)
+    return np.column_stack([t, np.cos(t), np.sin(t), t, zero, zero, np.sin(turn), np.cos(turn)])
+
+
+def forms(values, folder):
+    """The same trajectory in every form that `evaluate` takes."""
+    stamps_ns = np.rint(values[:, 0] * 1e9).astype(np.int64)
+    trajectory = ub.Trajectory(stamps_ns, values[:, 1:4], values[:, [7, 4, 5, 6]])
+    write_tum(trajectory, folder / f"{len(list(folder.iterdir()))}.tum")
+    path = max(folder.iterdir(), key=lambda p: int(p.stem))
+    table = pd.DataFrame(values, columns=["time_s", "px_m", "py_m", "pz_m", "qx", "qy", "qz", "qw"])
+    stamped = table.assign(stamp_ns=stamps_ns).drop(columns="time_s")
+    return [path, str(path), trajectory, values, table, stamped]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A finished run: two sequences by two trackers, scored."""
+    folder = tmp_path_factory.mktemp("run")
+    for seed in (0, 1):
+        sequence = make_sequence(folder / "sequences" / f"drawn-s{seed}", 30, f"drawn-s{seed}", seed)
+        for label, offset_m in (("near", 0.01), ("far", 0.2)):
+            results = results_of(sequence, true_rows(sequence, offset_m))
+            results = replace(results, record={**results.record, "label": label, "seed": seed})
+            results.save(folder / "results" / sequence.name / f"{label}@15hz")
+            score(sequence, results).save(folder / "results" / sequence.name / f"{label}@15hz" / "score.json")
+    return folder
+
+
+def test_every_name_is_there_and_documented():
+    assert set(ub.__all__) <= set(dir(ub))
+    for name in ub.__all__:
+        thing = getattr(ub, name)
+        assert inspect.getdoc(thing), name
+    with pytest.raises(AttributeError, match="evaluat"):
+        ub.evaluat  # noqa: B018
+
+
+def test_importing_it_loads_nothing_heavy(tmp_path):
+    names = loaded("import sys, uavbench; dir(uavbench); print(*sorted(sys.modules))", tmp_path)
+    assert not names & set(HEAVY)
+    assert not {name for name in names if name.startswith("uavbench.")}
+
+
+def test_evaluating_loads_no_tracker_no_renderer_and_no_simulator(tmp_path):
+    names = loaded(EVALUATED, tmp_path)
+    assert "uavbench.reports.evaluation.compare" in names
+    assert not names & {"mujoco", "OpenGL", "pyrender", "matplotlib", "trimesh", "pydantic"}
+    trackers = {name for name in names if name.startswith("uavbench.tracker.")}
+    assert trackers <= {"uavbench.tracker.versions"}
+
+
+def test_it_leaves_the_backend_of_a_notebook_alone(tmp_path):
+    code = "import matplotlib as m; m.use('svg'); import uavbench; uavbench.figures; print(m.get_backend())"
+    assert loaded(code, tmp_path) == {"svg"}
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["uavbench.reports.evaluation.compare", "uavbench.tracker.images.start"],
+)
+def test_the_examples_of_the_docstrings_run(module):
+    found = doctest.testmod(sys.modules.get(module) or __import__(module, fromlist=["x"]))
+    assert not found.failed
+    assert found.attempted > 2
+
+
+def test_every_form_of_a_trajectory_evaluates_alike(tmp_path):
+    true, wrong = curve(), curve() + np.array([0, 0.1, 0, 0.2, 0, 0, 0, 0])
+    wanted = np.sqrt(0.1**2 + 0.2**2)
+    for a in forms(true, tmp_path):
+        for b in forms(wrong, tmp_path):
+            found = ub.evaluate(a, b)
+            assert found.ate["translation_m"].rmse == pytest.approx(wanted)
+            assert found.rpe["translation_m"].rmse == pytest.approx(0, abs=1e-9)
+    assert ub.evaluate(true, wrong, align="se3").ate["translation_m"].rmse < 1e-6
+
+
+def test_the_table_of_a_tracker_is_read_as_its_file_is(folder):
+    sequence, results = folder / "sequences" / "drawn-s0", folder / "results" / "drawn-s0" / "far@15hz"
+    by_file = evaluate_files(sequence, results / "frames.csv", mount=sequence)
+    table = pd.read_csv(results / "frames.csv")
+    assert ub.evaluate(sequence, table, mount=sequence).ate == by_file.ate
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (np.zeros((3, 7)), r"the estimate: has the shape \(3, 7\); give \(n, 8\)"),
+        (np.zeros((0, 8)), "the estimate: has the shape"),
+        (np.zeros((3, 8)), "the estimate: row 0: quaternion"),
+        (np.where(np.arange(8) == 0, np.nan, curve()), "the estimate: row 0: nan is no time"),
+        (curve()[::-1], "the estimate: row 1: stamp does not come after"),
+        (pd.DataFrame(curve()), "the estimate: a DataFrame of poses has the columns stamp_ns"),
+        ("nowhere.tum", "nowhere.tum"),
+        (None, "the estimate: has the shape"),
+    ],
+)
+def test_a_mistake_names_the_side_and_what_is_wrong(given, told):
+    with pytest.raises(ub.UserError, match=told):
+        ub.evaluate(curve(), given)
+
+
+def test_errors_pose_by_pose_and_their_drawing():
+    found = ub.evaluate(curve(), curve() + np.array([0, 0.3, 0, 0, 0, 0, 0, 0]))
+    table = found.frames()
+    assert list(table)[:4] == ["stamp_ns", "time_s", "position_error_m", "rotation_error_deg"]
+    assert np.allclose(table["position_error_m"], 0.3)
+    assert np.allclose(table["estimate_x_m"] - table["reference_x_m"], 0.3)
+    _, axes = plt.subplots()
+    assert found.plot(axes) is axes
+    assert np.allclose(axes.lines[0].get_ydata(), 0.3)
+    assert found.plot(quantity="path") is not axes
+    with pytest.raises(ub.UserError, match="quantity"):
+        found.plot(quantity="positoin")
+    plt.close("all")
+
+
+def test_scores_are_a_tidy_table(folder):
+    table = ub.load_scores(folder)
+    assert list(table.columns[:6]) == ["sequence", "flight", "tracker", "rate_hz", "seed", "status"]
+    assert len(table) == 4
+    runs = {(run.sequence.name, run.score.label): run for run in ub.load_runs(folder)}
+    for row in table.itertuples():
+        kept = runs[row.sequence, row.tracker].score
+        assert row.ate_none_translation_rmse_m == kept.ate["none"].translation_m.rmse
+        assert row.rpe_1s_rotation_median_deg == kept.rpe["1 s"].rotation_deg.median
+        assert row.tracking_success == kept.tracking.success
+    assert {"ate_none_translation_sse_m2", "ate_none_translation_n"} <= set(table)
+    with pytest.raises(ub.UserError, match="holds no scores"):
+        ub.load_scores(folder / "sequences")
+
+
+def test_errors_frame_by_frame_of_a_run(folder):
+    run = next(run for run in ub.load_runs(folder) if run.score.label == "near")
+    table = run.frames()
+    assert len(table) == len(run.errors)
+    assert table["success"].mean() == run.score.tracking.success
+    assert table["position_error_m"].median() == pytest.approx(run.score.ate["none"].translation_m.median)
+
+
+ON_AXES = ["errors_over_time", "success_curves", "paths_from_above", "nees_over_time", "segment_counts"]
+ON_A_FIGURE = ["error_panels", "accuracy_and_coverage", "paths", "error_against_distance", "pose_components"]
+
+
+@pytest.mark.parametrize("name", ON_AXES)
+def test_a_figure_of_one_panel_draws_on_the_axes_given(folder, name):
+    runs = ub.load_runs(folder)[:2]
+    _, (left, right) = plt.subplots(1, 2)
+    given = runs[0] if name == "segment_counts" else runs
+    assert getattr(ub.figures, name)(given, axes=right) is right
+    assert right.get_xlabel()
+    assert not left.get_xlabel()
+    plt.close("all")
+
+
+@pytest.mark.parametrize("name", ON_A_FIGURE)
+def test_a_figure_of_several_panels_draws_on_a_part_of_a_figure(folder, name):
+    runs = ub.load_runs(folder)[:2]
+    figure = plt.figure(layout="constrained")
+    above, below = figure.subfigures(2, 1)
+    given = runs[0] if name == "pose_components" else runs
+    assert getattr(ub.figures, name)(given, figure=below) is below
+    assert below.axes
+    assert not above.axes
+    figure.canvas.draw()
+    plt.close("all")
+
+
+def test_figures_of_statistics_and_what_they_refuse(folder):
+    runs = ub.load_runs(folder)
+    assert ub.figures.win_table(runs).get_title()
+    assert ub.figures.mean_ranks(runs).texts
+    for draw in (ub.figures.errors_over_time, ub.figures.paths, ub.figures.error_over_bound):
+        with pytest.raises(ub.UserError, match="one sequence"):
+            draw(runs)
+    with pytest.raises(ub.UserError, match="two trackers"):
+        ub.figures.win_table(runs[:1])
+    with pytest.raises(ub.UserError, match="no runs"):
+        ub.figures.success_curves([])
+    plt.close("all")
+
+
+def test_a_dict_is_rendered_and_its_frames_have_their_truth(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    flight = {"path": {"kind": "hand-pilot", "duration_s": 0.2}}
+    box = {
+        "structure": {"kind": "box"}, "environment": {"kind": "indoor"}, "flight": flight, "rate_hz": 15.0,
+        "camera": {"width": 160, "height": 120, "horizontal_fov_deg": 65.0}, "truth": ["depth", "mask", "edges"],
+    }  # fmt: skip
+    (sequence,) = ub.render({"sequences": {"box": box}})
+    assert sequence.folder == tmp_path / "out" / "suite" / "sequences" / "box-s0"
+    for k, frame in enumerate(sequence):
+        assert frame.image.shape == (120, 160, 3)
+        assert frame.stamp_ns == sequence.stamps_ns[k]
+        body = sequence.cam_from_body @ frame.world_from_body.inverse()
+        assert np.allclose(body.matrix, frame.cam_from_world.matrix)
+        middle = frame.cam_from_world.transform(sequence.structure.bounds.mean(axis=0, keepdims=True))[0, 2]
+        assert (frame.mask == 1).any()
+        assert frame.depth_m[frame.mask == 1].min() < middle
+        assert frame.edges.shape[1] == 7
+    assert k == len(sequence) - 1
+    assert sequence[-1].number == k
+    with pytest.raises(IndexError):
+        sequence[k + 1]
+    again = ub.open_sequence(str(sequence.folder))
+    assert np.array_equal(again[0].image, sequence[0].image)
+    run = ub.start("hold", sequence.structure, sequence.camera, sequence[0].cam_from_world)
+    assert [run.track(frame.image, frame.stamp_ns).status for frame in again] == ["ok"] * len(again)
+
+
+def test_mistakes_of_a_dict_are_told_at_once():
+    with pytest.raises(ub.UserError, match=r"5 mistakes(.*\n)*.*mean 'structure'(.*\n)*.*mean 'seeds'"):
+        ub.render({"sequences": {"box": {"struct": {"kind": "box"}}}, "seed": [1]})
+
+
+def test_start_reads_files_and_refuses_what_it_cannot_use(folder):
+    drawn = folder / "sequences" / "drawn-s0"
+    first = ub.open_sequence(drawn).first_cam_from_world
+    run = ub.start("hold", drawn / "model.obj", drawn / "camera.toml", first.matrix)
+    image = ub.open_sequence(drawn)[0].image
+    assert np.allclose(run.track(image, 0).cam_from_world.matrix, first.matrix)
+    with pytest.raises(ub.UserError, match="robust"):
+        ub.start("robst", drawn / "model.obj", drawn / "camera.toml", first)
+    with pytest.raises(ub.UserError, match="cam_from_world: "):
+        ub.start("hold", drawn / "model.obj", drawn / "camera.toml", np.zeros((4, 4)))
+    with pytest.raises(ub.UserError, match=r"nothing\.obj"):
+        ub.start("hold", drawn / "nothing.obj", drawn / "camera.toml", first)
