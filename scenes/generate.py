@@ -28,6 +28,7 @@ from uavbench.scenes.spec import EffectSpec, SequenceSpec
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import write_flight
@@ -49,6 +50,7 @@ def generate(
     full, or the folder holds something else than a sequence.
     """
     refuse_foreign(folder, "manifest.json")
+    prepare(__name__)
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
     camera = spec.camera.camera()

@@ -176,7 +176,7 @@ def dask_pool(address: str, workers: int, folder: Path) -> Iterator[tuple[Execut
             cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
             client = Client(cluster)
         else:
-            cluster, client = None, Client(address, timeout=20)
+            cluster, client = None, Client(address)
     except (OSError, TimeoutError, ValueError) as error:
         raise UserError(f"--dask {address}: {error}; is `dask scheduler` running there?") from None
     try:

@@ -15,7 +15,7 @@ def mix(x: np.uint64) -> np.uint64:
     return x ^ (x >> np.uint64(31))
 
 
-@compiled
+@compiled("s1 f0 f0 w0 s1 s1!")
 def add_noise(image: Any, gain: float, floor: float, key: np.uint64, normal: Any, out: Any) -> None:
     """Out = image + sqrt(gain * image + floor) * n, with n standard normal and independent.
 
@@ -33,7 +33,7 @@ def add_noise(image: Any, gain: float, floor: float, key: np.uint64, normal: Any
                 word >>= np.uint64(16)
 
 
-@compiled
+@compiled("s1 u1 u1!")
 def code(image: Any, table: Any, out: Any) -> None:
     """8-bit codes of linear light by a table over 0..1; light outside is clipped, and what is no number is dark."""
     top = np.float32(table.size - 1)
@@ -42,7 +42,7 @@ def code(image: Any, table: Any, out: Any) -> None:
         out[i] = table[int(min(value, top)) if value > np.float32(0) else 0]
 
 
-@compiled
+@compiled("s2 i0 (f0 f0 f0 f0) f2 f2 s3!")
 def displacement(depth: Any, step: int, intrinsics: Any, before: Any, after: Any, out: Any) -> None:
     """Motion in px between two poses of what every step-th pixel shows.
 
@@ -75,7 +75,7 @@ CELL_ERROR_PX = 0.02
 """Within a cell whose middle is interpolated as well as this, all pixels are."""
 
 
-@compiled
+@compiled("s2 s2 s3 (f0 f0 f0 f0) f3 s3!")
 def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: Any, out: Any) -> None:
     """Where in a view (nearness (h, w): 1 / depth) lies what each pixel sees from the pose of its own row.
 
@@ -145,7 +145,7 @@ def _row_place(nearness: Any, nearest: Any, intrinsics: Any, T: Any, base: Any) 
     return u, v
 
 
-@compiled
+@compiled("s1 s2 s3!")
 def tint(color: Any, shade: Any, out: Any) -> None:
     """Out (h, w, 3) = color (3,) * shade (h, w)."""
     for i in range(shade.shape[0]):
@@ -154,7 +154,7 @@ def tint(color: Any, shade: Any, out: Any) -> None:
                 out[i, j, k] = color[k] * shade[i, j]
 
 
-@compiled
+@compiled("s3~ s3~ s2~ s3!")
 def lay(under: Any, over: Any, mask: Any, out: Any) -> None:
     """Out (h, w, 3) = under + (over - under) * mask (h, w)."""
     for i in range(out.shape[0]):
@@ -164,7 +164,7 @@ def lay(under: Any, over: Any, mask: Any, out: Any) -> None:
                 out[i, j, k] = under[i, j, k] + (over[i, j, k] - under[i, j, k]) * share
 
 
-@compiled
+@compiled("s3~ s1 s2~ s3!")
 def lay_color(under: Any, color: Any, mask: Any, out: Any) -> None:
     """Out (h, w, 3) = under + (color (3,) - under) * mask (h, w)."""
     for i in range(out.shape[0]):
@@ -174,14 +174,14 @@ def lay_color(under: Any, color: Any, mask: Any, out: Any) -> None:
                 out[i, j, k] = under[i, j, k] + (color[k] - under[i, j, k]) * share
 
 
-@compiled
+@compiled("f1 u1! | s1 u1!")
 def round_off(values: Any, out: Any) -> None:
     """Values rounded to 8 bits, clipped to 0..255."""
     for i in range(values.size):
         out[i] = np.uint8(min(max(values[i], 0.0), 255.0) + 0.5)
 
 
-@compiled
+@compiled("f3 u2!")
 def fill_triangles(corners: Any, out: Any) -> None:
     """Set the pixels of out (h, w) whose centre lies in one of the triangles (n, 3, 2) of pixels, or on its border."""
     h, w = out.shape

@@ -13,8 +13,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import dask
 import pytest
 
+from tests.bench.process_trees import DEADLINE_S, wait_until
 from tests.bench.small_suites import small_suite
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.commands import Where, bring_up_to
@@ -58,10 +60,7 @@ def cluster(tmp_path):
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{Path(__file__).parent}"}
     started = [_dask(environment, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", where)]
     try:
-        for _ in range(600):
-            if where.exists() and where.read_text():
-                break
-            time.sleep(0.1)
+        assert wait_until(lambda: where.exists() and where.read_text())
         address = json.loads(where.read_text())["address"]
         for _ in range(2):
             started.append(_dask(environment, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"))
@@ -90,7 +89,7 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(cluster, tmp_pa
         killer.start()
         outcome = run_graph(jobs, executor, progress)
         killer.join()
-    assert workers[0].wait(timeout=10) == -signal.SIGKILL
+    assert workers[0].wait(timeout=DEADLINE_S) == -signal.SIGKILL
     assert outcome.failed == {}
     assert {job.name for job in outcome.done} == {job.name for job in jobs}
     assert all(job.fresh for job in jobs)
@@ -117,7 +116,11 @@ def test_a_suite_on_a_local_dask_cluster_is_the_suite_on_local_processes(tmp_pat
 
 
 def test_no_scheduler_there_is_a_users_mistake(tmp_path):
-    with pytest.raises(UserError, match="dask scheduler"), dask_pool("tcp://127.0.0.1:9", 1, tmp_path):
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
+        pytest.raises(UserError, match="dask scheduler"),
+        dask_pool("tcp://127.0.0.1:9", 1, tmp_path),
+    ):
         pass
 
 

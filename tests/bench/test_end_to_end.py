@@ -5,9 +5,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
+
+from tests.bench.process_trees import DEADLINE_S, wait_until
 
 SUITE = """
 title = "A few frames"
@@ -25,6 +26,10 @@ effects = [{ kind = "noise" }]
 hold = { kind = "hold" }
 lsd = { kind = "lsd" }
 """
+
+
+SIGNALS = [signal.SIGINT, signal.SIGKILL, *([signal.SIGTERM] if os.environ.get("UAVBENCH_NIGHTLY") else [])]
+"""tests/bench/test_kill.py sends SIGTERM in CI."""
 
 
 def command(*arguments):
@@ -93,7 +98,7 @@ def test_the_same_suite_gives_the_same_truth_and_scores_elsewhere(suite, done, t
     assert (out / "scores.json").read_bytes() == (tmp_path / "again" / "scores.json").read_bytes()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("how", SIGNALS)
 def test_an_interrupted_run_is_resumed_to_the_same_end(suite, done, tmp_path, how):
     out = tmp_path / "out"
     process = subprocess.Popen(
@@ -102,14 +107,12 @@ def test_an_interrupted_run_is_resumed_to_the_same_end(suite, done, tmp_path, ho
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a background job ignores it
     )
-    deadline = time.monotonic() + 60
-    while not list(out.glob("sequences/.box-*/frames/*.png")) and time.monotonic() < deadline:
-        time.sleep(0.01)
+    assert wait_until(lambda: list(out.glob("sequences/.box-*/frames/*.png")) or finished(out))
     if how is signal.SIGKILL:
         os.killpg(process.pid, how)
     else:
         process.send_signal(how)
-    error = process.communicate(timeout=60)[1].decode()
+    error = process.communicate(timeout=DEADLINE_S)[1].decode()
     assert process.returncode == (-signal.SIGKILL if how is signal.SIGKILL else 130), error
     assert finished(out).items() <= finished(done[0]).items()  # under its final name nothing is ever in part
     if how is not signal.SIGKILL:
@@ -214,9 +217,7 @@ def test_two_runs_do_not_share_a_folder(suite, tmp_path):
     out = tmp_path / "out"
     first = subprocess.Popen(command("render", suite, "--out", out), stderr=subprocess.DEVNULL)
     try:
-        deadline = time.monotonic() + 60
-        while not (out / "suite.json").exists() and time.monotonic() < deadline:
-            time.sleep(0.01)
+        assert wait_until((out / "suite.json").exists)
         second = uavbench("render", suite, "--out", out)
     finally:
         first.terminate()

@@ -6,13 +6,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.bench.process_trees import is_alive, wait_until
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.external.rows import FAULTS, TrackerFault
 from uavbench.bench.inputs.content_hash import content_hash
@@ -22,6 +22,10 @@ from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.random_streams import stream
 
+PATIENT_S = 60.0
+"""For programs that answer, on a machine however busy."""
+HUNG_S = 4.0
+"""For programs that stop answering: what they do before takes some ms."""
 HOLD = """
 import sys, tomllib, time, os
 m = tomllib.load(open("init.toml", "rb"))["cam_from_model"]
@@ -63,7 +67,9 @@ def program(tmp_path):
     def make(text, **options):
         path = tmp_path / "program.py"
         path.write_text(HOLD + text)
-        return External(command=(sys.executable, str(path)), **{"timeout_s": 10.0, "start_timeout_s": 10.0, **options})
+        return External(
+            command=(sys.executable, str(path)), **{"timeout_s": PATIENT_S, "start_timeout_s": PATIENT_S, **options}
+        )
 
     return make
 
@@ -133,7 +139,7 @@ def test_results_survive_their_folder(program, run, tmp_path):
     ],
 )
 def test_faults_in_a_stream(program, run, each, fault, ok):
-    results, faults = run(program(stream_program(each), timeout_s=1.0 if fault == "hung" else 10.0))
+    results, faults = run(program(stream_program(each), timeout_s=HUNG_S if fault == "hung" else PATIENT_S))
     assert faults == [fault]
     assert int(results.ok.sum()) == ok
 
@@ -163,7 +169,7 @@ def test_faults_at_the_start_of_a_stream(program, run):
     ],
 )
 def test_faults_in_a_folder(program, run, change, after, fault, ok):
-    tracker = program(folder_program(change, after), mode="folder", timeout_s=2.0 if fault == "hung" else 10.0)
+    tracker = program(folder_program(change, after), mode="folder", timeout_s=HUNG_S if fault == "hung" else PATIENT_S)
     results, faults = run(tracker)
     assert faults == [fault]
     assert int(results.ok.sum()) == ok
@@ -246,23 +252,12 @@ import subprocess
 p = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
 open({str(pid_file)!r}, "w").write(str(p.pid))
 """
-    assert run(program(child + stream_program("if count == 1: time.sleep(60)"), timeout_s=1.0))[1] == ["hung"]
+    assert run(program(child + stream_program("if count == 1: time.sleep(60)"), timeout_s=HUNG_S))[1] == ["hung"]
     pid = int(pid_file.read_text())
-    for _ in range(100):
-        if not _alive(pid):
-            break
-        time.sleep(0.05)
-    assert not _alive(pid)
+    assert wait_until(lambda: not is_alive(pid))
     with pytest.raises(TrackerFault, match="cannot-start"):
         run(External(command=("true; touch " + str(tmp_path / "shell"),)))
     assert not (tmp_path / "shell").exists()
-
-
-def _alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def test_a_killed_harness_takes_the_program_with_it(tmp_path, program):
@@ -270,6 +265,7 @@ def test_a_killed_harness_takes_the_program_with_it(tmp_path, program):
     tracker = program(f"open({str(pid_file)!r}, 'w').write(str(os.getpid()))\ntime.sleep(600)\n", mode="folder")
     code = f"""
 from pathlib import Path
+from tests.bench.process_trees import is_alive, wait_until
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.dataset.sequence import Sequence
@@ -278,20 +274,13 @@ track_external(tracker, Sequence.load(TRIAL), rate_hz=15.0, seed=0, kept_folder=
 """
     harness = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[2])
     try:
-        for _ in range(400):
-            if pid_file.exists() and pid_file.read_text():
-                break
-            time.sleep(0.05)
+        assert wait_until(lambda: pid_file.exists() and pid_file.read_text())
         pid = int(pid_file.read_text())
-        assert _alive(pid)
+        assert is_alive(pid)
     finally:
         harness.send_signal(signal.SIGKILL)
         harness.wait()
-    for _ in range(100):
-        if not _alive(pid):
-            break
-        time.sleep(0.05)
-    assert not _alive(pid)
+    assert wait_until(lambda: not is_alive(pid))
 
 
 def test_imu_samples_come_before_their_frame_and_never_early(program, tmp_path, sequence):
@@ -330,7 +319,7 @@ def test_it_starts_like_any_tracker_frame_by_frame(program, sequence):
     np.testing.assert_allclose(result.cam_from_world.matrix, first.matrix, atol=1e-12)
     pid = run.process.popen.pid
     del run
-    assert not _alive(pid)
+    assert wait_until(lambda: not is_alive(pid))
 
 
 def test_a_change_of_the_program_makes_its_results_stale(program, tmp_path):

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from tests.bench.process_trees import DEADLINE_S
 from uavbench.bench.pick.server import Picking, serve
 from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.dataset.sequence import Sequence
@@ -40,13 +41,13 @@ def served(picking):
     said: queue.Queue[str] = queue.Queue()
     thread = threading.Thread(target=serve, args=(picking, said.put), daemon=True)
     thread.start()
-    yield said.get(timeout=20)
-    thread.join(timeout=20)
+    yield said.get(timeout=DEADLINE_S)
+    thread.join(timeout=DEADLINE_S)
     assert not thread.is_alive()
 
 
 def post(address, verb, body):
-    with urllib.request.urlopen(f"{address}/{verb}", data=json.dumps(body).encode(), timeout=20) as answer:
+    with urllib.request.urlopen(f"{address}/{verb}", data=json.dumps(body).encode(), timeout=DEADLINE_S) as answer:
         return json.load(answer)
 
 
@@ -78,10 +79,10 @@ def test_only_who_has_the_address_is_answered(picking, sequence):
         assert root.startswith("http://127.0.0.1:")
         for path in ("/", "/init.toml", "/wrong/image.png"):
             with pytest.raises(urllib.error.HTTPError, match="404"):
-                urllib.request.urlopen(root + path, timeout=20)
+                urllib.request.urlopen(root + path, timeout=DEADLINE_S)
         with pytest.raises(urllib.error.HTTPError, match="404"):
             post(root + "/wrong", "save", true_pairs(picking, sequence))
-        with urllib.request.urlopen(address + "/image.png", timeout=20) as image:
+        with urllib.request.urlopen(address + "/image.png", timeout=DEADLINE_S) as image:
             assert image.read().startswith(b"\x89PNG")
         post(address, "save", true_pairs(picking, sequence))
 
@@ -106,7 +107,7 @@ def test_pairs_that_give_no_pose_are_refused(picking, pairs):
 def raw(address, head, body=b""):
     """What the server answers to the bytes of a request: its status, and "" where it hangs up."""
     host, port = address.split("/")[2].split(":")
-    with socket.create_connection((host, int(port)), timeout=20) as connection:
+    with socket.create_connection((host, int(port)), timeout=DEADLINE_S) as connection:
         connection.sendall(head.encode() + b"\r\n\r\n" + body)
         connection.shutdown(socket.SHUT_WR)
         return connection.makefile("rb").read().split(b"\r\n")[0].decode()

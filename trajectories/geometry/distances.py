@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from uavbench.trajectories.geometry.bvh import MAX_DEPTH, Tree
+from uavbench.trajectories.geometry.bvh import MAX_DEPTH, TREE, Tree
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -14,7 +14,7 @@ def mesh_distances(tree: Tree, points: Array) -> Array:
     return out
 
 
-@compiled
+@compiled("Tree f2 f1!", Tree=TREE)
 def _distances(tree: Tree, points: Array, out: Array) -> None:
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(points.shape[0]):

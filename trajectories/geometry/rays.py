@@ -56,7 +56,7 @@ def _distances(tree: Tree, origins: Array, directions: Array, within: float, any
             out[i, j] = best
 
 
-@compiled
+@compiled("Tree f2 f1 i1!", Tree=TREE)
 def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int64]) -> None:
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(origins.shape[0]):

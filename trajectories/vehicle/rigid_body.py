@@ -70,7 +70,7 @@ def rotor_speed_sum(plant: Plant, thrusts: Array) -> float:
     return total
 
 
-@compiled
+@compiled("Plant ((f0 f0 f0) (f0 f0 f0) (f0 f0 f0)) (f0 f0 f0) f0", Plant=PLANT)
 def drag_force(plant: Plant, R: Matrix, airspeed: Vector, speed_sum: float) -> Vector:
     """Drag in the world, N, at an airspeed in the world.
 

@@ -1,0 +1,72 @@
+"""No kernel compiles in flight: one without declared arguments is called by other kernels alone."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from uavbench.scenes.generate import generate
+from uavbench.trajectories.kernels.warm_up import kernels_of
+
+ROOT = Path(__file__).parents[2]
+FILES = {
+    "uavbench." + ".".join(path.relative_to(ROOT).with_suffix("").parts): path
+    for package in ("trajectories", "scenes", "tracker", "reports", "bench")
+    for path in sorted((ROOT / package).rglob("*.py"))
+}
+TREES = {name: ast.parse(path.read_bytes()) for name, path in FILES.items()}
+
+
+def decorated(node):
+    """Whether a function is compiled; "for its callers" when it does not say for what."""
+    for decorator in getattr(node, "decorator_list", []):
+        if isinstance(decorator, ast.Name) and decorator.id == "compiled":
+            return "for its callers"
+        if isinstance(decorator, ast.Call) and getattr(decorator.func, "id", "") == "compiled":
+            return "as declared"
+    return ""
+
+
+UNDECLARED = {
+    f"{module}.{node.name}"
+    for module, tree in TREES.items()
+    for node in tree.body
+    if decorated(node) == "for its callers"
+}
+
+
+def called_from_python(module, tree):
+    """Full names of all that a module's own Python code calls, kernels left out."""
+    named = {node.name: f"{module}.{node.name}" for node in tree.body if isinstance(node, ast.FunctionDef)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            named |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if decorated(node):
+            continue
+        if isinstance(node, ast.Call):
+            function = node.func
+            if isinstance(function, ast.Name) and function.id in named:
+                yield named[function.id]
+            elif isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name):
+                yield f"{named.get(function.value.id)}.{function.attr}"
+        waiting += ast.iter_child_nodes(node)
+
+
+def test_kernels_for_their_callers_are_there_and_some_are_declared():
+    assert "uavbench.trajectories.geometry.vectors.cross" in UNDECLARED
+    assert len(kernels_of([generate.__module__])) > 12
+
+
+@pytest.mark.parametrize("package", ["trajectories", "scenes", "tracker", "reports", "bench"])
+def test_what_python_calls_is_declared(package):
+    found = {
+        (module, name)
+        for module, tree in TREES.items()
+        if module.split(".")[1] == package
+        for name in called_from_python(module, tree)
+        if name in UNDECLARED
+    }
+    assert not found
