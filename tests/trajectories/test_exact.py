@@ -17,7 +17,7 @@ OLD_PROCESSOR = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SP
 FLY = """
 import hashlib
 import numpy as np
-from uavbench.trajectories.vehicle.airframes import AIRFRAMES
+from uavbench.trajectories.vehicle.registry import AIRFRAMES
 from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.simulation.flight import FlightSpec, fly
 from uavbench.trajectories.sensors.optical_flow import FlowDeck

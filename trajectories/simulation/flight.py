@@ -18,9 +18,10 @@ from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.simulation.checks import check_camera, check_plan, check_saturation, crash_error, crash_step
 from uavbench.trajectories.simulation.simulate import simulate
-from uavbench.trajectories.vehicle.airframes import AirframeSpec, Crazyflie
+from uavbench.trajectories.vehicle.airframes import Crazyflie
 from uavbench.trajectories.vehicle.geometric_control import Geometric
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, STEP_S, Quadrotor
+from uavbench.trajectories.vehicle.registry import AirframeSpec
 from uavbench.trajectories.wind.winds import Still, WindSpec
 
 __all__ = ["Flight", "FlightSpec", "fly", "path_name"]
