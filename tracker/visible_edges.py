@@ -105,8 +105,7 @@ def to_image(pixels: Array, camera: Camera) -> Array:
     """Pixels (n, 2) of the camera's image at undistorted pixels (n, 2)."""
     if camera.distortion_model == "none":
         return pixels
-    xy = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    return camera.project(np.column_stack([xy, np.ones(len(xy))]))
+    return camera.project(camera.without_distortion.rays(pixels))
 
 
 @lru_cache(maxsize=64)

@@ -24,8 +24,8 @@ class Vignetting:
     def start(self, source: Source, rng: np.random.Generator) -> Source:
         """Source whose images are darker where rays come in aslant."""
         camera = source.camera
-        pixels = camera.undistort(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
-        slant = np.square((pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).sum(axis=1)
+        rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+        slant = np.square(rays[:, :2]).sum(axis=1)
         share = 1 - self.strength * (1 - 1 / np.square(1 + slant))
         falloff = share.reshape(camera.height, camera.width, 1).astype(np.float32)
 
