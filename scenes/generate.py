@@ -1,4 +1,4 @@
-"""From a spec to a sequence folder: build, fly, render, and write the truth."""
+"""From a spec to a sequence folder: build, fly, render, and write the ground truth."""
 
 import json
 from collections.abc import Callable
@@ -44,7 +44,7 @@ PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 def generate(
     spec: SequenceSpec, folder: Path, *, content_hash: str, on_frame: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write the sequence `folder`, whole or not at all; on_frame is told (frames done, frames in all).
+    """Write the sequence `folder`, whole or not at all; on_frame(frames done, total) reports progress.
 
     UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is
     full, or the folder holds something else than a sequence.

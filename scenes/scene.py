@@ -1,4 +1,4 @@
-"""All that stands around a flight, built from a spec, lit, and ready to be drawn."""
+"""A scene built from a spec: structure, environment and clutter, lit and ready to render."""
 
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -31,7 +31,7 @@ class Scene:
 
 
 def flown_around(spec: SequenceSpec) -> Surroundings:
-    """What a flight keeps clear of and looks at, without building all that is only seen."""
+    """Obstacle mesh of a flight, without building what is only visible."""
     structure = spec.structure.build(stream(spec.seed, "structure")).structure
     return Surroundings(structure.vertices, structure.triangles)
 

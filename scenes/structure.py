@@ -1,4 +1,4 @@
-"""A structure as a tracker knows it: planar faces and the true edges between them."""
+"""The structure as trackers get it: planar faces and the crease edges between them."""
 
 from dataclasses import dataclass
 from functools import cached_property

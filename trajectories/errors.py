@@ -1,4 +1,4 @@
-"""The one exception that a user's mistake raises, text of others made safe to show, and the disk's errors in words."""
+"""UserError, the exception for users' mistakes; escaping of untrusted text; messages for errors of the disk."""
 
 import errno
 import re
@@ -23,7 +23,7 @@ def one_line(text: str) -> str:
 
 
 class Terminated(SystemExit):
-    """A signal told the process to end; unlike the SystemExit of a plug-in that is nobody's mistake."""
+    """The process was terminated by a signal; unlike a SystemExit raised by a plug-in, this is no fault."""
 
 
 class UserError(Exception):

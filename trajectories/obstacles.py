@@ -1,4 +1,4 @@
-"""What a flight must keep clear of and look at: a triangle mesh, and the floor at z = 0."""
+"""The obstacle mesh that a flight keeps clear of and inspects, and the floor at z = 0."""
 
 from dataclasses import dataclass, field
 

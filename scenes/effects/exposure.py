@@ -1,4 +1,4 @@
-"""Effects of the shutter: how long it is open, and that it opens row by row."""
+"""Effects of the shutter: motion blur and rolling shutter."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
@@ -97,7 +97,7 @@ def moved_rows(source: Source, view: View, rows: Array) -> Map:
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """The light of a frame is gathered over its exposure, whose middle is the frame's stamp."""
+    """Light is integrated over the exposure, centred on the frame's stamp."""
 
     exposure_ms: Annotated[float, Gt(0), Interval(le=1000)] = 8.0
 

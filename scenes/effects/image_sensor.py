@@ -1,4 +1,4 @@
-"""Effects of lens and sensor: falling light, exposure, noise and its steps."""
+"""Effects of lens and sensor: vignetting, exposure, noise and quantization."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -17,12 +17,12 @@ QUANTILES = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
 
 @dataclass(frozen=True)
 class Vignetting:
-    """Light falls off towards the corners as cos(angle) ** 4 of the ray, times strength."""
+    """Irradiance falls off towards the corners as cos(angle) ** 4 of the ray, times strength."""
 
     strength: Annotated[float, Interval(ge=0, le=1)] = 1.0
 
     def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images are darker where rays come in aslant."""
+        """Source whose images darken with the angle of incidence."""
         camera = source.camera
         rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
         slant = np.square(rays[:, :2]).sum(axis=1)
@@ -96,7 +96,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Quantization:
-    """The converter knows 2 ** bits levels of linear light."""
+    """Analog-to-digital conversion to 2 ** bits levels of linear light."""
 
     bits: Annotated[int, Interval(ge=1, le=16)] = 10
 

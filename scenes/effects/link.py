@@ -1,4 +1,4 @@
-"""Effects of what lies between the sensor and the computer: compression, an analog radio link, lost frames."""
+"""Effects between sensor and computer: compression, an analog radio link, dropped frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -92,13 +92,13 @@ def _band(height: int, rows: float, rng: np.random.Generator) -> slice:
 
 @dataclass(frozen=True)
 class Drops:
-    """Frames that never arrive, and frames that are delivered again in place of the next one."""
+    """Dropped frames, and frames delivered again in place of the next one."""
 
     lost: Annotated[float, Interval(ge=0, lt=1)] = 0.02
     repeated: Annotated[float, Interval(ge=0, lt=1)] = 0.02
 
     def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source that loses and repeats frames; the first one always arrives."""
+        """Source that drops and duplicates frames; the first one always arrives."""
         previous: list[Radiance] = []
 
         def image(stamp_ns: int) -> Radiance | None:

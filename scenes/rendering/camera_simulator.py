@@ -1,4 +1,4 @@
-"""Where images come from: a rendered scene seen from a moving camera, at any time."""
+"""The camera simulator: images of a rendered scene from a moving camera, at any time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

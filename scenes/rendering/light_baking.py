@@ -1,4 +1,4 @@
-"""Light that does not change, worked out once by rays: how open each vertex is, how much of the lamp it sees."""
+"""Baked light by ray casting: ambient occlusion of each vertex, and its visible share of the lamp."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Temporary names that tell whose they are, and the removal of what a killed process left under them.
+"""Temporary names with an owner, and the removal of what a killed process left under them.
 
 Before `.NAME-uavbench-TOKEN` is made there is `.NAME-uavbench-TOKEN.owner`: a symbolic link to nowhere, whose text
 names the token and the process. It is made in one step, so what stands under a token is always its owner's; and it

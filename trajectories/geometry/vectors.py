@@ -1,6 +1,7 @@
-"""Three-vectors and 3 x 3 matrices as tuples: what the compiled inner loop of a flight computes with.
+"""Three-vectors and 3 x 3 matrices as tuples, for the compiled inner loop of a flight.
 
-Tuples compile several times faster than arrays of fixed size and allocate nothing.
+Tuples compile several times faster than arrays of fixed size and allocate nothing; for arrays of rotations there is
+`pose`.
 """
 
 from math import sqrt

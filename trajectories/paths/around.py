@@ -1,4 +1,4 @@
-"""Paths that circle a structure or stand before it: orbit, pier spiral, approach, hover, figure-8."""
+"""Paths around or in front of a structure: orbit, pier spiral, approach, hover, figure-8."""
 
 import math
 from dataclasses import dataclass
@@ -152,7 +152,7 @@ class Approach:
 
 @dataclass(frozen=True)
 class Hover:
-    """Stands still before the structure and looks at it; distance_m is from the corners of its bounds."""
+    """Hovers in front of the structure, camera towards it; distance_m is from the corners of its bounds."""
 
     duration_s: Annotated[float, Gt(0)] = 20.0
     distance_m: Annotated[float, Gt(0)] = 1.0

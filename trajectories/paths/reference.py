@@ -1,4 +1,4 @@
-"""What a vehicle is told to do: reference rows for the controller, planned ahead or made in flight."""
+"""Reference rows for the controller, planned ahead or generated in flight."""
 
 from dataclasses import dataclass
 from math import cos, sin
@@ -15,7 +15,7 @@ from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The vehicle as its guidance sees it: position and velocity (3,) in the world, yaw in rad."""
+    """State of the vehicle that guidance receives: position and velocity (3,) in the world, yaw in rad."""
 
     position_m: Array
     velocity_m_s: Array

@@ -1,4 +1,4 @@
-"""A GNSS receiver whose satellites the structure hides."""
+"""A GNSS receiver whose satellites the structure occludes."""
 
 import math
 from dataclasses import dataclass

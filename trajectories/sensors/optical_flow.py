@@ -16,7 +16,7 @@ from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
 
 @dataclass(frozen=True)
 class FlowDeck:
-    """Looks along the body's -z: pixels that the ground moved by since the last reading, and the range to it.
+    """Points along the body's -z: motion of the ground in px since the last reading, and the range to it.
 
     Flow follows the measurement model of the Crazyflie's firmware (mm_flow.c): pixels / aperture_rad per radian of
     flow, v_x / range - w_y along x and v_y / range + w_x along y, where its two constants are 35 px and 0.71674 rad.

@@ -1,4 +1,4 @@
-"""The body sensors, by name, and the files that a flight leaves beside its images."""
+"""The body sensors, by name, and the files of a flight: its record and the sensors' measurements."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ FLIGHT_RATE_HZ = 100.0
 
 
 def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
-    """The truth of a flight at rate_hz, each row one of its own: motion, motors and wind."""
+    """Ground truth of a flight at rate_hz, rows of its record: motion, motors and wind."""
     rows = np.unique(flight.frame_rows(rate_hz))
     groups = (
         ("p", "m", "xyz", flight.positions_m),

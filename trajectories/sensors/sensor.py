@@ -1,4 +1,4 @@
-"""What every body sensor is: parameters, and a verb that turns a flight into a table of measurements."""
+"""Interface of body sensors: parameters, and `measure`, from a flight to a table of measurements."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -41,7 +41,7 @@ class SensorSpec(Protocol):
     """
 
     def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
-        """What the sensor says along a flight; same rng, same table."""
+        """Measurements along a flight; the same rng gives the same table."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What makes a flight useless: plans that cannot be flown, collisions, motors at their limits."""
+"""Feasibility checks of a flight: plan, collisions, saturated motors."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A flight: what is flown, and the flying of it."""
+"""A flight: its specification, and its simulation."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal

@@ -16,7 +16,7 @@ from uavbench.trajectories.vehicle.rigid_body import PLANT, Plant, accelerations
 from uavbench.trajectories.wind.air import Air
 
 BLOCK = 10
-"""Steps between two looks of the guidance: 50 Hz."""
+"""Control steps between updates of the guidance: 50 Hz."""
 
 
 def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, surroundings: Surroundings) -> Array:

@@ -24,7 +24,7 @@ REACHED = 0.99
 
 @dataclass(frozen=True, kw_only=True)
 class FlightSummary:
-    """A flight in a few numbers; None where nobody asked, nothing was planned ahead, or it was not flown yet.
+    """A flight in a few numbers; None where not requested, not planned ahead, or not flown yet.
 
     Speeds are the highest ones. nearly_still_s is the time at the beginning before the vehicle reaches a tenth of its
     highest speed.

@@ -14,7 +14,7 @@ from uavbench.trajectories.vehicle.airframes import PRESETS, Crazyflie, with_cam
 
 @dataclass(frozen=True)
 class AirframeFile:
-    """A vehicle of one's own: a TOML file with fields of `Crazyflie`, or an MJCF file shaped like quadrotor.xml.
+    """A user's own vehicle: a TOML file with fields of `Crazyflie`, or an MJCF file shaped like quadrotor.xml.
 
     Fields that the TOML leaves out keep the values of the airframe it names as `like` (default: crazyflie).
     """
@@ -27,7 +27,7 @@ class AirframeFile:
 
 
 def read_airframe(path: Path, mount: Mount) -> str:
-    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key where it is one's."""
+    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key at fault."""
     from uavbench.trajectories.vehicle.quadrotor import Quadrotor  # MuJoCo
 
     text = read_text(path)

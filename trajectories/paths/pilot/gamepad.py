@@ -1,4 +1,4 @@
-"""An Xbox pad in a human's hands, and the assist mode that turns its sticks into a reference."""
+"""A gamepad, and the velocity assist mode that turns its stick input into a reference."""
 
 from dataclasses import dataclass
 from math import cos, sin

@@ -30,7 +30,7 @@ CLUMSINESS = 0.10
 
 @dataclass(frozen=True)
 class HandPilot:
-    """A pilot walks the vehicle around the structure and corrects what he sees, late and a little clumsily.
+    """A simulated pilot flies around the structure and corrects what he sees, with delay and imprecision.
 
     He keeps the distance to the structure's centre (horizontally) in range_m and the height in height_m, wandering
     slowly within both, and circles at about speed_m_s from the bearing start_deg (seen from the structure,
@@ -118,7 +118,7 @@ class Stage:
 
 
 class Pilot:
-    """The pilot at work: remembers what he saw, decides now and then, moves his thumbs."""
+    """State of the pilot: delayed observations, decisions at intervals, stick motion."""
 
     def __init__(self, path: HandPilot, stage: Stage, rng: np.random.Generator) -> None:
         self.warm_up = round(WARM_UP_S / STEP_S)
