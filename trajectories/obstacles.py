@@ -17,7 +17,7 @@ UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class ObstacleMesh:
     """Triangle mesh in the world frame, metres, z up, floor at z = 0; arrays are read-only.
 
     vertices (n, 3); triangles (m, 3) rows of vertices, counter-clockwise from outside. ValueError for a mesh without

@@ -30,7 +30,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import BOUND_COLUMNS, UPPER
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting
-from uavbench.scenes.rendering.camera_simulator import Source, View, make_source, render_camera, sample
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, ideal_camera, render_camera, sample
 from uavbench.scenes.rendering.radiance import LIGHT, Radiance, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import EffectSpec
@@ -81,7 +81,7 @@ class FrameBounds:
         """Bound (6, 6) of the frame delivered as image at a stamp, m and rad; None where it fixes no pose."""
         clean = self._light(np.zeros(6), stamp_ns)
         source = self._source(np.zeros(6))
-        view = source.look(stamp_ns)
+        view = source.render(stamp_ns)
         shown = _structure(source, view.instances, self._times)
         if not shown.any():
             return None
@@ -99,10 +99,10 @@ class FrameBounds:
         assert light is not None
         return _averaged(light, self._times)
 
-    def _source(self, twist: Array) -> Source:
+    def _source(self, twist: Array) -> CameraSimulator:
         """The light that falls on the sensor of a camera moved by a twist; a source of its own, as each keeps views."""
         moved = Pose.exp(twist)
-        source = make_source(
+        source = ideal_camera(
             self._renderer,
             self._camera,
             self._pinhole,
@@ -187,7 +187,7 @@ def write_bounds(folder: Path, bounds: dict[int, Array]) -> None:
     write_text(folder / "crlb.csv", "\n".join([",".join(["frame", *BOUND_COLUMNS]), *rows]) + "\n")
 
 
-def _structure(source: Source, instances: NDArray[np.uint8], times: int) -> NDArray[np.bool_]:
+def _structure(source: CameraSimulator, instances: NDArray[np.uint8], times: int) -> NDArray[np.bool_]:
     """Pixels (h, w) of the camera that show the structure or its outline."""
     shown = (instances == 1).astype(np.float32)
     if source.lens is not None:

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from scipy.special import ndtri
 
-from uavbench.scenes.rendering.camera_simulator import Source, pixel_grid
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, pixel_grid
 from uavbench.scenes.rendering.pixel_kernels import add_noise
 from uavbench.scenes.rendering.radiance import Radiance
 
@@ -21,8 +21,8 @@ class Vignetting:
 
     strength: Annotated[float, Interval(ge=0, le=1)] = 1.0
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images darken with the angle of incidence."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images darken with the angle of incidence."""
         camera = source.camera
         rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
         slant = np.square(rays[:, :2]).sum(axis=1)
@@ -48,8 +48,8 @@ class AutoExposure:
     lag_s: Annotated[float, Ge(0)] = 0.4
     reach: Annotated[float, Interval(ge=1, le=1000)] = 8.0
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images are exposed by the camera."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images are exposed by the camera."""
         state: dict[str, float] = {}
 
         def image(stamp_ns: int) -> Radiance | None:
@@ -78,8 +78,8 @@ class Noise:
     full_well_e: Annotated[float, Gt(0)] = 6000.0
     read_noise_e: Annotated[float, Ge(0)] = 8.0
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images have independent noise in every pixel, channel and frame."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images have independent noise in every pixel, channel and frame."""
 
         def image(stamp_ns: int) -> Radiance | None:
             clean = source.image(stamp_ns)
@@ -100,8 +100,8 @@ class Quantization:
 
     bits: Annotated[int, Interval(ge=1, le=16)] = 10
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images have only these levels."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images have only these levels."""
         top = np.float32(2**self.bits - 1)
 
         def image(stamp_ns: int) -> Radiance | None:

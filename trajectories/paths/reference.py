@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from uavbench.trajectories.geometry.vectors import cross, dot, length, scaled, vector
+from uavbench.trajectories.geometry.vectors import cross, dot, length, scale, vector
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array, read_only
 from uavbench.trajectories.vehicle.geometric_control import REFERENCE_COLUMNS
@@ -94,10 +94,10 @@ def fill_rates(table: Array, jerk: Array, yaw_rate: Array) -> None:
     for k in range(table.shape[0]):
         force = (table[k, 6], table[k, 7], table[k, 8] + GRAVITY_M_S2)
         size, yaw = length(force), table[k, 9]
-        b3 = scaled(1.0 / size, force)
+        b3 = scale(1.0 / size, force)
         heading = (cos(yaw), sin(yaw), 0.0)
         side = cross(b3, heading)
-        b2 = scaled(1.0 / length(side), side)
+        b2 = scale(1.0 / length(side), side)
         b1 = cross(b2, b3)
         j = vector(jerk[k])
         p, q = -dot(j, b2) / size, dot(j, b1) / size

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, read_only
 
 
@@ -40,7 +40,7 @@ class SensorSpec(Protocol):
     has no such attribute: what is true and not measured, as a bias, stays out of it.
     """
 
-    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
         """Measurements along a flight; the same rng gives the same table."""
         ...
 

@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Interval
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pilot.gamepad import Assist, Pad, Wander
 from uavbench.trajectories.paths.reference import Guidance, Seen
 from uavbench.trajectories.pose import Array
@@ -51,9 +51,9 @@ class HandPilot:
     wander_deg: Annotated[float, Ge(0)] = 0.7
     pad: Pad = field(default_factory=Pad)
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Guidance:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance:
         """The pilot, ready to fly; UserError when the structure cannot be kept in view at this range."""
-        return Pilot(self, Stage.of(self, surroundings, mount), rng)
+        return Pilot(self, Stage.of(self, obstacles, mount), rng)
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class Stage:
     height_m: tuple[float, float]
 
     @classmethod
-    def of(cls, path: HandPilot, surroundings: Surroundings, mount: Mount) -> "Stage":
-        """Stage around the surroundings' centre; UserError naming the setting that leaves no place."""
-        low, high = surroundings.bounds
+    def of(cls, path: HandPilot, obstacles: ObstacleMesh, mount: Mount) -> "Stage":
+        """Stage around the obstacles' centre; UserError naming the setting that leaves no place."""
+        low, high = obstacles.bounds
         reach = float(exact.length(high[:2] - low[:2]) / 2)
         stage = cls(
-            (float(surroundings.centre[0]), float(surroundings.centre[1])),
+            (float(obstacles.centre[0]), float(obstacles.centre[1])),
             float(low[2]),
             float(high[2]),
             reach,
