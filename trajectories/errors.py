@@ -37,7 +37,7 @@ class UserError(Exception):
 
 
 def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
-    """Error for a name that is not among the valid ones; says the nearest valid name."""
+    """Error for a name that is not among the valid ones; suggests the nearest valid name."""
     import difflib
 
     near = difflib.get_close_matches(name, valid, n=1)
@@ -45,6 +45,6 @@ def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
     return UserError(f"unknown {what} {name!r}{hint} (valid: {', '.join(sorted(valid))})")
 
 
-def told_of_disk(error: OSError) -> str:
-    """An error of the disk in words: the file, what is wrong, what to do."""
+def disk_error_message(error: OSError) -> str:
+    """Message for an error of the disk: the file, what is wrong, what to do."""
     return f"{error.filename or 'the disk'}: {error.strerror or error}; free space, or name another place"

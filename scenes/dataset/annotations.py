@@ -89,7 +89,10 @@ def _samples(ends: Array, pinhole: Camera) -> tuple[NDArray[np.int64], Array, Ar
 
 
 def _within(ends: Array, pinhole: Camera) -> tuple[Array, Array]:
-    """Share of each edge (n, 2, 3) at which it enters and leaves what the camera sees (Liang & Barsky 1984)."""
+    """Share of each edge (n, 2, 3) at which it enters and leaves what the camera sees (Liang & Barsky 1984).
+
+    Trackers clip by planes of the view (`geometry_kernels.clip_segment`); these sums are in the bytes of edges/*.csv.
+    """
     x, y, z = (ends[..., k] for k in range(3))
     u, v = x * pinhole.fx + z * pinhole.cx, y * pinhole.fy + z * pinhole.cy
     inward = [z - NEAR_M, u + 0.5 * z, (pinhole.width - 0.5) * z - u, v + 0.5 * z, (pinhole.height - 0.5) * z - v]

@@ -127,7 +127,7 @@ def finer(camera: Camera, times: int) -> Camera:
 def directions(view: View, pinhole: Camera, rms_px: float) -> Array | None:
     """Six twists (6, 6), by rows, that move what is seen of the structure by rms_px each, in ways that differ.
 
-    One that would need shifts and turns of more than MOST_PX moves it by less. None where nothing is told apart.
+    One that would need shifts and turns of more than MOST_PX moves it by less. None where no direction is observable.
     """
     row, column = (FLOW_EVERY * k for k in np.nonzero(view.instances[::FLOW_EVERY, ::FLOW_EVERY] == 1))
     if len(row) < 6:
@@ -146,7 +146,7 @@ def directions(view: View, pinhole: Camera, rms_px: float) -> Array | None:
 
 
 def light_variance(clean: Radiance, effects: tuple[EffectSpec, ...]) -> Array:
-    """Variance (h, w, 3) of the light told by each pixel: EMVA 1288 noise and rounding; infinite where it saturates."""
+    """Variance (h, w, 3) of the measured radiance: EMVA 1288 noise and rounding; infinite where a pixel saturates."""
     light = np.clip(clean.astype(np.float64), 0.0, 1.0)
     variance = np.square(LIGHT_STEP)[encode(clean)] / 12
     for effect in effects:

@@ -14,7 +14,7 @@ from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class VehicleState:
     """State of the vehicle that guidance receives: position and velocity (3,) in the world, yaw in rad."""
 
     position_m: Array
@@ -38,8 +38,8 @@ class Guidance(Protocol):
         """Rows of the record."""
         ...
 
-    def rows(self, first: int, count: int, seen: Seen | None) -> Array:
-        """Reference rows (count, 17) of steps first, first + 1, ...; `seen` is None before the vehicle exists."""
+    def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
+        """Reference rows (count, 17) of steps first, first + 1, ...; `state` is None before the vehicle exists."""
         ...
 
 
@@ -55,7 +55,7 @@ class Planned:
         """Rows of the record."""
         return len(self.table)
 
-    def rows(self, first: int, count: int, seen: Seen | None) -> Array:
+    def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
         """Rows of the table; its first one, at rest, before it begins."""
         at = np.arange(first, first + count)
         out = self.table[np.maximum(at, 0)]

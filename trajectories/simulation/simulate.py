@@ -7,7 +7,7 @@ import numpy as np
 from uavbench.trajectories.geometry.vectors import add, rotation, scale, subtract, vector
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.paths.reference import Guidance, Seen
+from uavbench.trajectories.paths.reference import Guidance, VehicleState
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.record_columns import RECORD_COLUMNS
 from uavbench.trajectories.vehicle.geometric_control import GAINS, Gains, thrust_commands
@@ -35,7 +35,7 @@ def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, obs
     qpos, qvel, act, ctrl, push = data.qpos, data.qvel, data.act, data.ctrl, data.xfrc_applied[1]
     for begin in range(-guidance.warm_up, guidance.steps, BLOCK):
         end = min(begin + BLOCK, guidance.steps)
-        rows = guidance.rows(begin, end - begin, Seen(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos)))
+        rows = guidance.rows(begin, end - begin, VehicleState(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos)))
         winds = air.at(begin + guidance.warm_up, end - begin, qpos[:3], obstacles)
         for k in range(end - begin):
             step = begin + k

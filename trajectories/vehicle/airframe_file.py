@@ -69,5 +69,5 @@ def _from_toml(text: str) -> Crazyflie:
     try:
         return TypeAdapter(kind).validate_python(table)
     except ValidationError as error:
-        told = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise UserError(told) from None
+        messages = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise UserError(messages) from None

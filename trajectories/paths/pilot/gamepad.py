@@ -20,7 +20,7 @@ YAW_BANDWIDTH_RAD_S = 8.0
 
 
 @dataclass(frozen=True)
-class Pad:
+class Gamepad:
     """A game pad flown in velocity assist mode: forward, left and up speed and yaw rate, one stick axis each.
 
     Inside dead_zone an axis counts as centred; beyond it expo bends the rest of its way: e x^3 + (1 - e) x.
