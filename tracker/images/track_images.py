@@ -12,8 +12,8 @@ from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.sequence import file_hash, read_image
 from uavbench.scenes.image_files import open_video
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.initialization import read_init
-from uavbench.tracker.overlay import draw_edges
 from uavbench.tracker.protocol import Image, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import MARKER, Results
