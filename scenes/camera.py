@@ -102,6 +102,11 @@ class Camera:
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
         return _pixels(cv2.undistortPoints(points, self.K, self.coefficients, P=self.K, criteria=criteria))
 
+    def rays(self, pixels: Array) -> Array:
+        """Rays (n, 3) in the camera frame, z = 1, through pixels (n, 2) of this camera."""
+        xy = (self.undistort(pixels) - [self.cx, self.cy]) / [self.fx, self.fy]
+        return np.column_stack([xy, np.ones(len(xy))])
+
     def save(self, path: Path, *, sealed: bool = False) -> None:
         """Write `camera.toml`; sealed as `new_file` has it."""
         lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]

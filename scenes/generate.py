@@ -1,4 +1,4 @@
-"""From a spec to a sequence folder: build, fly, render, and write the truth."""
+"""From a spec to a sequence folder: build, fly, render, and write the ground truth."""
 
 import json
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.rendering import context as gl
-from uavbench.scenes.rendering.camera_simulator import Source, make_source, render_camera
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import EffectSpec, SequenceSpec
@@ -44,7 +44,7 @@ PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 def generate(
     spec: SequenceSpec, folder: Path, *, content_hash: str, on_frame: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write the sequence `folder`, whole or not at all; on_frame is told (frames done, frames in all).
+    """Write the sequence `folder`, whole or not at all; on_frame(frames done, total) reports progress.
 
     UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is
     full, or the folder holds something else than a sequence.
@@ -52,7 +52,7 @@ def generate(
     refuse_foreign(folder, "manifest.json")
     prepare(__name__)
     scene = build_scene(spec)
-    flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
+    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     path = camera_path(flight, spec.mount.cam_from_body)
@@ -64,15 +64,15 @@ def generate(
         if spec.crlb_every
         else nullcontext() as limit,
     ):
-        ideal = make_source(renderer, camera, pinhole, lens, path, spec.camera.lens_blur_px)
+        ideal = ideal_camera(renderer, camera, pinhole, lens, path, spec.camera.lens_blur_px)
         check_first_view(spec, ideal)
         source = with_effects(ideal, spec.effects, spec.seed)
         rows = _write_frames(new, spec, source, flight, scene.built.structure, limit, on_frame)
         _write_truth(new, flight, rows)
-        _, *readings = write_flight(flight, spec.sensors, scene.surroundings, spec.seed, new)
+        _, *readings = write_flight(flight, spec.sensors, scene.obstacles, spec.seed, new)
         camera.save(new / "camera.toml")
         save_structure(scene.built.structure, new)
-        summary = flown_summary(spec.flight, spec.mount, scene.surroundings, spec.seed, flight)
+        summary = flown_summary(spec.flight, spec.mount, scene.obstacles, spec.seed, flight)
         more = {"flight": summary.to_json(), "sensors": _by_file(spec, readings), "content_hash": content_hash}
         _write_info(new, spec, scene, source, more)
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
@@ -102,7 +102,7 @@ def camera_path(flight: Flight, cam_from_body: Pose) -> Callable[[int], Pose]:
     return at
 
 
-def with_effects(source: Source, effects: tuple[EffectSpec, ...], seed: int) -> Source:
+def with_effects(source: CameraSimulator, effects: tuple[EffectSpec, ...], seed: int) -> CameraSimulator:
     """The source with the effects on it, in the order of `EFFECTS`, each with its own stream."""
     order = list(EFFECTS.values())
     ranked = sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
@@ -114,9 +114,9 @@ def with_effects(source: Source, effects: tuple[EffectSpec, ...], seed: int) -> 
     return source
 
 
-def check_first_view(spec: SequenceSpec, source: Source) -> None:
+def check_first_view(spec: SequenceSpec, source: CameraSimulator) -> None:
     """UserError when the structure fills less than LEAST_SHARE_IN_VIEW of the first image."""
-    share = float((source.look(0).instances == 1).mean())
+    share = float((source.render(0).instances == 1).mean())
     if share < LEAST_SHARE_IN_VIEW:
         raise UserError(
             f"sequence {spec.name}: frame 0: the structure fills {100 * share:.2f} % of the image, less than "
@@ -127,7 +127,7 @@ def check_first_view(spec: SequenceSpec, source: Source) -> None:
 def _write_frames(
     folder: Path,
     spec: SequenceSpec,
-    source: Source,
+    source: CameraSimulator,
     flight: Flight,
     structure: Structure,
     limit: FrameBounds | None,
@@ -169,12 +169,12 @@ def _write_frame_truth(
     folder: Path,
     spec: SequenceSpec,
     frame: int,
-    source: Source,
+    source: CameraSimulator,
     structure: Structure,
     image: NDArray[np.uint8],
     stamp_ns: int,
 ) -> None:
-    view = source.look(stamp_ns)
+    view = source.render(stamp_ns)
     if "depth" in spec.truth:
         write_depth(folder, frame, source, view)
     if "mask" in spec.truth:
@@ -183,7 +183,7 @@ def _write_frame_truth(
         write_edges(folder, frame, source, view, structure, image)
 
 
-def _world_from_body(source: Source, spec: SequenceSpec) -> Callable[[int], Pose]:
+def _world_from_body(source: CameraSimulator, spec: SequenceSpec) -> Callable[[int], Pose]:
     return lambda stamp_ns: source.cam_from_world(stamp_ns).inverse() @ spec.mount.cam_from_body
 
 
@@ -214,7 +214,7 @@ def _by_file(spec: SequenceSpec, readings: list[str]) -> dict[str, Any]:
     return {name: described(sensor) for name, sensor in zip(readings, spec.sensors, strict=True)}
 
 
-def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: Source, more: dict[str, Any]) -> None:
+def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: CameraSimulator, more: dict[str, Any]) -> None:
     try:
         own = version("uavbench")
     except PackageNotFoundError:

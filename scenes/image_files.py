@@ -1,4 +1,4 @@
-"""Images and videos of others are read here alone: what they are and how large is looked at before they are decoded."""
+"""Guarded reading of untrusted images and videos: type and size are checked before they are decoded."""
 
 import io
 import warnings

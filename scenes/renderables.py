@@ -22,7 +22,7 @@ class Part:
     repeated outside 0..1, its fourth channel cuts holes; tint (n, 4) factor on the albedo at each vertex, and the share
     of the lamp seen there; roughness 0.04..1; two_sided for leaves and cloth; lightmap asks for baked light in a
     texture of its own (a parallelogram of two triangles); instance is the value of the part in the instance mask
-    (0: surroundings, 1: the structure); name says which piece of the structure it is.
+    (0: obstacles, 1: the structure); name says which piece of the structure it is.
     """
 
     vertices: Array

@@ -1,4 +1,4 @@
-"""All that stands around a flight, built from a spec, lit, and ready to be drawn."""
+"""A scene built from a spec: structure, environment and clutter, lit and ready to render."""
 
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -10,7 +10,7 @@ from uavbench.scenes.renderables import BuiltStructure, Light, Mover, Part, Text
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import SequenceSpec
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.random_streams import stream
 
 
@@ -23,17 +23,17 @@ class Scene:
     movers: tuple[Mover, ...]
     light: Light
     sky: Texture | None
-    surroundings: Surroundings
+    obstacles: ObstacleMesh
 
     def renderer(self, width: int, height: int) -> Renderer:
         """A renderer of the scene."""
         return Renderer(self.parts, self.light, width, height, self.movers, self.sky)
 
 
-def flown_around(spec: SequenceSpec) -> Surroundings:
-    """What a flight keeps clear of and looks at, without building all that is only seen."""
+def obstacles_of(spec: SequenceSpec) -> ObstacleMesh:
+    """Obstacle mesh of a flight, without building what is only visible."""
     structure = spec.structure.build(stream(spec.seed, "structure")).structure
-    return Surroundings(structure.vertices, structure.triangles)
+    return ObstacleMesh(structure.vertices, structure.triangles)
 
 
 def build_scene(spec: SequenceSpec) -> Scene:
@@ -48,11 +48,11 @@ def build_scene(spec: SequenceSpec) -> Scene:
         built = replace(built, parts=tuple(map(plain, built.parts)))
     clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
-    occluder = Surroundings(*joined((p.vertices, p.triangles) for p in solid if not p.cutout))
+    occluder = ObstacleMesh(*joined((p.vertices, p.triangles) for p in solid if not p.cutout))
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
     shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
     drawn = tuple(map(smooth_corners, shaded)) if plainly else bake(shaded, occluder, environment.light, reach)
     drawn += merged(p for p in solid if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
-    surroundings = Surroundings(built.structure.vertices, built.structure.triangles)
-    return Scene(built, drawn, movers, environment.light, environment.sky, surroundings)
+    obstacles = ObstacleMesh(built.structure.vertices, built.structure.triangles)
+    return Scene(built, drawn, movers, environment.light, environment.sky, obstacles)

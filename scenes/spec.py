@@ -8,7 +8,7 @@ from annotated_types import Ge, Gt, Interval, Lt
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStructure
-from uavbench.scenes.rendering.camera_simulator import Source
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.structures.as_built import Deviation
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
@@ -47,7 +47,7 @@ class ClutterSpec(Protocol):
 class EffectSpec(Protocol):
     """What the camera or its link does to the images; effects act in the order of `EFFECTS`, that of nature."""
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """The source with the effect on it; frames are asked for once each, in order."""
         ...
 

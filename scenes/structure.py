@@ -1,4 +1,4 @@
-"""A structure as a tracker knows it: planar faces and the true edges between them."""
+"""The structure as trackers get it: planar faces and the crease edges between them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -129,17 +129,12 @@ def _triangle_edges(triangles: Indices) -> tuple[Indices, Indices]:
 
 
 def _components(n: int, a: Indices, b: Indices) -> Indices:
-    """Connected-component label (n,) of a graph given by its links a-b."""
-    label = np.arange(n)
-    while True:
-        low = np.minimum(label[a], label[b])
-        new = label.copy()
-        np.minimum.at(new, a, low)
-        np.minimum.at(new, b, low)
-        new = new[new]
-        if np.array_equal(new, label):
-            return np.unique(label, return_inverse=True)[1].reshape(-1)
-        label = new
+    """Connected-component label (n,) of a graph given by its links a-b, in the order of each one's first node."""
+    from scipy.sparse import coo_array  # here, for trackers load without it
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _join_collinear(vertices: Array, pairs: Indices, faces: Indices) -> tuple[Indices, Indices]:

@@ -1,4 +1,4 @@
-"""Compiled geometry: lens, SE(3), small linear systems.
+"""Compiled geometry: lens, SO(3) and SE(3), clipping, small linear systems.
 
 A camera is an array (11,): fx fy cx cy, model (0 none, 1 radtan, 2 equidistant), k1..k5, as `camera_array` makes it.
 """
@@ -74,31 +74,68 @@ def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, r
     row[5] = x * g1 - y * g0
 
 
+@compiled("f1 f1 f2")
+def clip_segment(a: Array, b: Array, planes: Array) -> tuple[float, float]:
+    """Shares of the segment a-b at which its part inside all planes (k, 4) starts and ends; start >= end: none.
+
+    A point p is inside where n . p + d >= 0 (Liang & Barsky 1984).
+    """
+    low, high = 0.0, 1.0
+    for k in range(len(planes)):
+        da = planes[k, 0] * a[0] + planes[k, 1] * a[1] + planes[k, 2] * a[2] + planes[k, 3]
+        db = planes[k, 0] * b[0] + planes[k, 1] * b[1] + planes[k, 2] * b[2] + planes[k, 3]
+        if da < 0.0 and db < 0.0:
+            low = 2.0
+        elif da < 0.0:
+            low = max(low, da / (da - db))
+        elif db < 0.0:
+            high = min(high, da / (da - db))
+    return low, high
+
+
+@compiled("f0")
+def rodrigues(angle2: float) -> tuple[float, float, float]:
+    """The terms sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3 of a squared angle a^2."""
+    angle = math.sqrt(angle2)
+    if angle < 1e-6:
+        return 1.0 - angle2 / 6, 0.5 - angle2 / 24, 1.0 / 6 - angle2 / 120
+    a = math.sin(angle) / angle
+    return a, (1.0 - math.cos(angle)) / angle2, (1.0 - a) / angle2
+
+
+@compiled("f1~ f0 f0 f0")
+def combination(phi: Array, one: float, s: float, c: float) -> Array:
+    """The matrix one I + s [phi]x + c [phi]x [phi]x: a rotation or a Jacobian of SO(3), by its coefficients."""
+    x, y, z = phi[0], phi[1], phi[2]
+    return np.array([
+        [one - c * (y * y + z * z), c * (x * y) - s * z, c * (x * z) + s * y],
+        [c * (x * y) + s * z, one - c * (x * x + z * z), c * (y * z) - s * x],
+        [c * (x * z) - s * y, c * (y * z) + s * x, one - c * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+@compiled("f1~")
+def so3_exp(phi: Array) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3,) in rad (Rodrigues)."""
+    a, b, _ = rodrigues(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
+    return combination(phi, 1.0, a, b)
+
+
+@compiled("f1~")
+def so3_left_jacobian(phi: Array) -> Array:
+    """Integral of so3_exp(u phi) over u from 0 to 1 (3, 3) (Sola 2017, eq. 145)."""
+    _, b, c = rodrigues(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
+    return combination(phi, 1.0, b, c)
+
+
 @compiled("f2 f1 f1")
 def move(R: Array, t: Array, xi: Array) -> tuple[Array, Array]:
     """exp(xi) @ (R, t)."""
-    wx, wy, wz = xi[3], xi[4], xi[5]
-    angle2 = wx * wx + wy * wy + wz * wz
-    angle = math.sqrt(angle2)
-    if angle < 1e-6:
-        a, b, c = 1.0 - angle2 / 6, 0.5 - angle2 / 24, 1.0 / 6 - angle2 / 120
-    else:
-        a = math.sin(angle) / angle
-        b = (1.0 - math.cos(angle)) / angle2
-        c = (1.0 - a) / angle2
-    K = np.array([[0.0, -wz, wy], [wz, 0.0, -wx], [-wy, wx, 0.0]])
-    KK = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                KK[i, j] += K[i, k] * K[k, j]
+    E, V = so3_exp(xi[3:]), so3_left_jacobian(xi[3:])
     R_out, t_out = np.zeros((3, 3)), np.zeros(3)
-    E = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
-            one = 1.0 if i == j else 0.0
-            E[i, j] = one + a * K[i, j] + b * KK[i, j]
-            t_out[i] += (one + b * K[i, j] + c * KK[i, j]) * xi[j]
+            t_out[i] += V[i, j] * xi[j]
     for i in range(3):
         for j in range(3):
             t_out[i] += E[i, j] * t[j]

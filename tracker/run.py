@@ -174,20 +174,29 @@ def make_record(
     start: Initialization = KNOWN,
 ) -> dict[str, Any]:
     """What `record.json` says of a run; `content_hash` is of all that made it."""
+    inputs = {
+        "start": {"kind": type(start).__name__, "parameters": parameters(start)},
+        "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
+    }
+    return record_of(tracker, inputs, sequence.cam_from_body, rate_hz=rate_hz, seed=seed, errors=errors)
+
+
+def record_of(
+    tracker: Tracker, inputs: Mapping[str, Any], cam_from_body: Pose, *, rate_hz: float, seed: int, errors: list[str]
+) -> dict[str, Any]:
+    """Record of a tracker on any `inputs`: JSON values by name, which enter the content hash."""
     made_by = {
+        **inputs,
         "tracker": {"kind": tracker_kind(tracker), "parameters": parameters(tracker)},
         "rate_hz": rate_hz,
         "seed": seed,
-        "start": {"kind": type(start).__name__, "parameters": parameters(start)},
-        "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
         "versions": versions(),
     }
-    content_hash = hashlib.sha256(json.dumps(made_by, sort_keys=True).encode()).hexdigest()
     return {
         **made_by,
-        "cam_from_body": sequence.cam_from_body.matrix.tolist(),
+        "cam_from_body": cam_from_body.matrix.tolist(),
         "errors": errors,
-        "content_hash": content_hash,
+        "content_hash": hashlib.sha256(json.dumps(made_by, sort_keys=True).encode()).hexdigest(),
     }
 
 

@@ -79,7 +79,8 @@ def touching_visible_face(structure: Structure, cam_from_world: Pose) -> NDArray
 def clip_to_view(segments_cam: Array, camera: Camera) -> tuple[Array, Array]:
     """Where the visible part of each segment (k, 2, 3) of the camera frame starts and ends, in parts of its length.
 
-    Start is not below end where nothing of a segment is in view (Liang & Barsky 1984, on the planes of the view).
+    Start is not below end where nothing of a segment is in view (Liang & Barsky 1984, on the planes of the view). All
+    segments at once by numpy: geometry_kernels.clip_segment sums in another order, and shang_shen's poses with it.
     """
     x0, y0, x1, y1 = undistorted_bounds(camera)
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
@@ -105,8 +106,7 @@ def to_image(pixels: Array, camera: Camera) -> Array:
     """Pixels (n, 2) of the camera's image at undistorted pixels (n, 2)."""
     if camera.distortion_model == "none":
         return pixels
-    xy = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    return camera.project(np.column_stack([xy, np.ones(len(xy))]))
+    return camera.project(camera.without_distortion.rays(pixels))
 
 
 @lru_cache(maxsize=64)

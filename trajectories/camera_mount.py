@@ -1,4 +1,4 @@
-"""How the camera sits on the vehicle."""
+"""Extrinsics of the camera on the vehicle."""
 
 from dataclasses import dataclass
 

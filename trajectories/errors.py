@@ -1,4 +1,4 @@
-"""The one exception that a user's mistake raises, text of others made safe to show, and the disk's errors in words."""
+"""UserError, the exception for users' mistakes; escaping of untrusted text; messages for errors of the disk."""
 
 import errno
 import re
@@ -23,7 +23,7 @@ def one_line(text: str) -> str:
 
 
 class Terminated(SystemExit):
-    """A signal told the process to end; unlike the SystemExit of a plug-in that is nobody's mistake."""
+    """The process was terminated by a signal; unlike a SystemExit raised by a plug-in, this is no fault."""
 
 
 class UserError(Exception):
@@ -37,7 +37,7 @@ class UserError(Exception):
 
 
 def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
-    """Error for a name that is not among the valid ones; says the nearest valid name."""
+    """Error for a name that is not among the valid ones; suggests the nearest valid name."""
     import difflib
 
     near = difflib.get_close_matches(name, valid, n=1)
@@ -45,6 +45,6 @@ def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
     return UserError(f"unknown {what} {name!r}{hint} (valid: {', '.join(sorted(valid))})")
 
 
-def told_of_disk(error: OSError) -> str:
-    """An error of the disk in words: the file, what is wrong, what to do."""
+def disk_error_message(error: OSError) -> str:
+    """Message for an error of the disk: the file, what is wrong, what to do."""
     return f"{error.filename or 'the disk'}: {error.strerror or error}; free space, or name another place"

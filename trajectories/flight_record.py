@@ -1,4 +1,4 @@
-"""The true record of a flight."""
+"""Ground truth of a flight at every control step."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,7 +15,7 @@ Status = Literal["completed", "crashed"]
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """The truth of one flight, one row per control step; arrays are read-only.
+    """Ground truth of one flight, one row per control step; arrays are read-only.
 
     stamps_ns (n,) int64 from step counts, 0 first; world_from_body as positions_m (n, 3) and quaternions_wxyz (n, 4);
     velocities_m_s and accelerations_m_s2 (n, 3) of the body's origin in the world (kinematic: 0 in hover);

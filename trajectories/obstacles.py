@@ -1,4 +1,4 @@
-"""What a flight must keep clear of and look at: a triangle mesh, and the floor at z = 0."""
+"""The obstacle mesh that a flight keeps clear of and inspects, and the floor at z = 0."""
 
 from dataclasses import dataclass, field
 
@@ -17,7 +17,7 @@ UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class ObstacleMesh:
     """Triangle mesh in the world frame, metres, z up, floor at z = 0; arrays are read-only.
 
     vertices (n, 3); triangles (m, 3) rows of vertices, counter-clockwise from outside. ValueError for a mesh without

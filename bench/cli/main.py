@@ -13,7 +13,7 @@ from uavbench.bench.cli import files as cli_files
 from uavbench.bench.cli import gate as cli_gate
 from uavbench.bench.cli import plugins as cli_plugins
 from uavbench.bench.cli import suite as cli_suite
-from uavbench.trajectories.errors import DISK_ERRORS, UserError, told_of_disk
+from uavbench.trajectories.errors import DISK_ERRORS, UserError, disk_error_message
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -60,7 +60,7 @@ class Group(click.Group):
         except OSError as error:
             if error.errno not in DISK_ERRORS:
                 raise
-            click.echo(f"uavbench: {told_of_disk(error)}", err=True)
+            click.echo(f"uavbench: {disk_error_message(error)}", err=True)
             ctx.exit(2)
         except KeyboardInterrupt:
             click.echo("uavbench: interrupted; the same command goes on from here", err=True)

@@ -1,4 +1,4 @@
-"""A suite: one TOML file in, checked specs out, all mistakes told at once.
+"""A suite: a TOML file checked as a whole, with every mistake reported at once.
 
-In: TOML. Out: frozen dataclasses. Imports inputs, and the plug-ins of all layers.
+In: TOML. Out: frozen dataclasses. Imports inputs, external and third-party trackers, and the plug-ins of all layers.
 """

@@ -15,7 +15,7 @@ from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.registry import TRACKERS
 from uavbench.trajectories.paths.registry import PATHS, PathSpec
 from uavbench.trajectories.sensors.registry import SENSORS, SensorSpec
-from uavbench.trajectories.vehicle.airframes import AIRFRAMES, AirframeSpec
+from uavbench.trajectories.vehicle.registry import AIRFRAMES, AirframeSpec
 from uavbench.trajectories.wind.winds import WINDS, WindSpec
 
 PLUGINS: dict[Any, tuple[dict[str, type], str]] = {

@@ -1,5 +1,5 @@
 """The gate: whether results are worse than a baseline, decided by statistics.
 
 In: two folders of scores, or two versions of a repository. Out: pass, fail or inconclusive, with the findings.
-Imports config and runner.
+Imports config, external trackers, inputs and runner, and the scores and statistics of reports.
 """

@@ -20,9 +20,9 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.overlay import PIECES
 from uavbench.tracker.images.track_images import frames, load_model
 from uavbench.tracker.initialization import pose_from_points
-from uavbench.tracker.overlay import PIECES
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.visible_edges import to_image, visible_edges
 from uavbench.trajectories.errors import UserError

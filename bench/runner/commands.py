@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
         click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
         return 0
     if where.slurm:
-        run_shards(verb, suite_name, folder, where.slurm, where.slurm_options, isolate=where.isolate)
+        run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate)
+        run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
         outcome = run_graph(jobs, executor, progress)
         count_failed_trackers(jobs, outcome)
@@ -74,6 +76,12 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
             click.echo((folder / "tables" / "summary.md").read_text(encoding="utf-8"))
             click.echo(f"report: {folder / 'index.html'}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
+
+
+def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False) -> int:
+    """Do one shard `i/n` of a suite in this process; the report is left to whoever waits for all shards."""
+    last = "score" if verb == "report" else verb
+    return bring_up_to(last, suite_name, out, Where(workers=1, shard=shard, isolate=isolate))
 
 
 def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:

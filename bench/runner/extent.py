@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uavbench.bench.runner.tasks import Render
-from uavbench.scenes.scene import flown_around
+from uavbench.scenes.scene import obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.sensors.registry import FLIGHT_RATE_HZ
@@ -83,7 +83,7 @@ def _extent(name: str, alike: list[Render]) -> Extent:
     spec = alike[0].spec
     assert isinstance(spec, SequenceSpec)
     try:
-        summary = planned_summary(spec.flight, spec.mount, flown_around(spec), spec.seed)
+        summary = planned_summary(spec.flight, spec.mount, obstacles_of(spec), spec.seed)
     except UserError as error:
         return Extent(name, len(alike), 0, None, 0.0, problem=f"path {path_name(spec.flight.path)}: {error}")
     frames = int(summary.duration_s * spec.rate_hz + 1e-9) + 1

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from uavbench.bench.inputs.content_hash import carried_hash, content_hash
 from uavbench.bench.runner.processes import end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Place
-from uavbench.trajectories.errors import DISK_ERRORS, UserError, plain, told_of_disk
+from uavbench.trajectories.errors import DISK_ERRORS, UserError, disk_error_message, plain
 
 OnStep = Callable[[int, int], None]
 
@@ -134,7 +134,7 @@ def run_job(
     except OSError as error:
         if error.errno not in DISK_ERRORS:
             raise JobFaultError(f"{type(error).__name__}: {error}") from error
-        raise UserError(told_of_disk(error)) from error
+        raise UserError(disk_error_message(error)) from error
     except Exception as error:
         raise JobFaultError(plain(f"{type(error).__name__}: {error}")) from error
     return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -1,7 +1,8 @@
-"""A suite on Slurm: a job array of shards through submitit; the report is written here at the end."""
+"""Shards of a suite as jobs of Slurm, submitted with submitit."""
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +14,11 @@ POLL_S = 5.0
 
 
 def run_shards(
-    verb: str,
-    suite: str,
-    out: Path,
-    shards: int,
-    options: tuple[str, ...],
-    *,
-    cluster: str | None = None,
-    isolate: bool = False,
+    run_shard: Callable[[str], int], out: Path, shards: int, options: tuple[str, ...], *, cluster: str | None = None
 ) -> int:
     """Run every shard as a job of its own and wait for them; how many failed. An interrupt cancels them.
 
+    run_shard: gets `i/n`, returns an exit code; it is pickled. Logs lie in `slurm` under out.
     options: `key=value` of submitit (`slurm_partition=short`, `timeout_min=600`). UserError when submitit is not
     installed, there is no Slurm, or an option is wrong.
     """
@@ -38,10 +33,7 @@ def run_shards(
             raise UserError("--slurm: there is no sbatch on this machine; run it where Slurm's commands are")
         executor.update_parameters(**{"cpus_per_task": 1, "timeout_min": 24 * 60, **_parsed(options)})
         with executor.batch():
-            jobs = [
-                executor.submit(run_shard, verb, suite, out.resolve(), f"{i}/{shards}", isolate)
-                for i in range(1, shards + 1)
-            ]
+            jobs = [executor.submit(run_shard, f"{i}/{shards}") for i in range(1, shards + 1)]
     except (NameError, TypeError, ValueError, AssertionError) as error:
         raise UserError(f"--slurm: {error}") from None
     click.echo(f"{shards} shards submitted; logs: {logs}", err=True)
@@ -53,15 +45,6 @@ def run_shards(
             job.cancel()
         raise
     return sum(_failed(job) for job in jobs)
-
-
-def run_shard(verb: str, suite: str, out: Path, shard: str, isolate: bool = False) -> int:
-    """Do one shard, in a job."""
-    from uavbench.bench.runner.commands import Where, bring_up_to
-
-    return bring_up_to(
-        "score" if verb == "report" else verb, suite, out, Where(workers=1, shard=shard, isolate=isolate)
-    )
 
 
 def _failed(job: Any) -> bool:

@@ -26,7 +26,7 @@ from uavbench.bench.speed.rounds import absent, figure
 from uavbench.scenes import generate as g
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
-from uavbench.scenes.rendering.camera_simulator import make_source, render_camera
+from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import SequenceSpec
@@ -50,14 +50,14 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
     """Writes one frame of a sequence after the other, spread over the flight, as `generate` does."""
     cv2.setNumThreads(1)
     scene = build_scene(spec)
-    flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
+    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     all_rows = flight.frame_rows(spec.rate_hz)
     rows = iter(all_rows[np.linspace(0, len(all_rows) - 1, 2 * FRAMES + 3).astype(int)].tolist())
     (folder / "frames").mkdir(parents=True)
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
-        ideal = make_source(renderer, camera, pinhole, lens, g.camera_path(flight, spec.mount.cam_from_body))
+        ideal = ideal_camera(renderer, camera, pinhole, lens, g.camera_path(flight, spec.mount.cam_from_body))
         source = g.with_effects(ideal, spec.effects, spec.seed)
 
         def make() -> None:

@@ -14,7 +14,7 @@ from uavbench.bench.speed.synthetic import CAMERA, Scene, box, box_corners, orbi
 from uavbench.bench.speed.test_speed_scenes import first_of
 from uavbench.scenes import generate
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.rendering.camera_simulator import make_source, render_camera
+from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.structure import Structure
@@ -82,13 +82,13 @@ def film(suite: str) -> Film:
     """The film of a suite."""
     spec = first_of(suite)
     scene = build_scene(spec)
-    flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
+    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, 0)
     stamps_ns = [int(flight.stamps_ns[row]) for row in flight.frame_rows(spec.rate_hz)[:FILMED]]
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
         path = generate.camera_path(flight, spec.mount.cam_from_body)
-        source = generate.with_effects(make_source(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)
+        source = generate.with_effects(ideal_camera(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)
         lights = [source.image(stamp_ns) for stamp_ns in stamps_ns]
     images = [grey(encode(light)) for light in lights if light is not None]
     return Film(scene.built.structure, camera, path(stamps_ns[0]), stamps_ns, images)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from uavbench.trajectories.camera_mount import Mount
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.around import Hover, Orbit
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
 from uavbench.trajectories.sensors.imu import Imu
@@ -20,7 +20,7 @@ from uavbench.trajectories.simulation.flight import FlightSpec, fly
 from uavbench.trajectories.wind.winds import Dryden
 
 CORNERS = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.15, 0.15) for z in (0.0, 0.3)])
-BOX = Surroundings(CORNERS, np.array([[0, 1, 3], [4, 6, 7], [0, 4, 5], [2, 3, 7], [0, 2, 6], [1, 5, 7]]))
+BOX = ObstacleMesh(CORNERS, np.array([[0, 1, 3], [4, 6, 7], [0, 4, 5], [2, 3, 7], [0, 2, 6], [1, 5, 7]]))
 WINDY = FlightSpec(path=Hover(duration_s=60.0), wind=Dryden())
 COUNT = 24
 

@@ -1,4 +1,4 @@
 """The trial of a tracker: a tiny sequence, and every fault explained.
 
-In: a tracker. Out: findings, and whether it is good. Imports external and third-party trackers.
+In: a tracker. Out: findings, and whether it is good. Imports config, inputs, external and third-party trackers.
 """

@@ -1,4 +1,4 @@
-"""`uavbench evaluate`: any two trajectories, whatever holds them, scored and drawn.
+"""`uavbench evaluate`: two trajectories of any format, scored and drawn.
 
-In: two files or folders. Out: errors with a record of how they were computed. Imports metrics.
+In: two files or folders. Out: errors with a record of how they were computed. Imports metrics and the figures' style.
 """

@@ -192,7 +192,7 @@ def evaluate_files(
     if plot is not None:
         from uavbench.reports.evaluation.figure import plot_evaluation
 
-        plot_evaluation(found, plot)
+        plot_evaluation(found.pairs, found.ate, found.record["align"], plot)
     return found
 
 

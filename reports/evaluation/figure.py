@@ -4,15 +4,17 @@ from pathlib import Path
 
 import numpy as np
 
-from uavbench.reports.evaluation.evaluate import Evaluation
-from uavbench.reports.metrics.association import NS
+from uavbench.reports.metrics.association import NS, PosePairs
 from uavbench.reports.metrics.quaternions import angle, between, norm
+from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.reports.style import TRUTH, colour, house_style, line, new_figure, save_figure
 
 
-def plot_evaluation(found: Evaluation, path: Path) -> None:
-    """Write paths from above and errors over time, 7.16 in wide, as .pdf or .png, and the numbers as .csv."""
-    pairs = found.pairs
+def plot_evaluation(pairs: PosePairs, ate: dict[str, ErrorSummary], align: str, path: Path) -> None:
+    """Write paths from above and errors over time, 7.16 in wide, as .pdf or .png, and the numbers as .csv.
+
+    ate: summaries of `translation_m` and `rotation_deg`; align: name of the alignment, for the legend.
+    """
     t = (pairs.stamps_ns - pairs.stamps_ns[0]) / NS
     metres = norm(pairs.estimate_m - pairs.reference_m)
     degrees = np.degrees(angle(between(pairs.reference_q, pairs.estimate_q)))
@@ -21,7 +23,7 @@ def plot_evaluation(found: Evaluation, path: Path) -> None:
         grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.6])
         above = figure.add_subplot(grid[:, 0])
         above.plot(*pairs.reference_m[:, :2].T, color=TRUTH, lw=1.4, label="reference")
-        above.plot(*pairs.estimate_m[:, :2].T, label=f"estimate, aligned: {found.record['align']}", **line(1))
+        above.plot(*pairs.estimate_m[:, :2].T, label=f"estimate, aligned: {align}", **line(1))
         above.set_aspect("equal", adjustable="datalim")
         above.set_xlabel("x (m)")
         above.set_ylabel("y (m)")
@@ -32,8 +34,8 @@ def plot_evaluation(found: Evaluation, path: Path) -> None:
             (below, degrees, "rotation_deg", "rotation error (deg)"),
         ):
             panel.plot(t, values, color=colour(1), lw=0.7)
-            panel.axhline(found.ate[key].rmse, color=TRUTH, lw=0.7, ls=":")
-            panel.set_title(f"RMSE {found.ate[key].rmse:.4g} (dotted)", loc="right", fontsize=7, pad=2)
+            panel.axhline(ate[key].rmse, color=TRUTH, lw=0.7, ls=":")
+            panel.set_title(f"RMSE {ate[key].rmse:.4g} (dotted)", loc="right", fontsize=7, pad=2)
             panel.set_ylabel(name)
             panel.set_ylim(bottom=0)
         top.tick_params(labelbottom=False)

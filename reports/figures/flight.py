@@ -81,8 +81,7 @@ def frustum(camera: Camera, cam_from_world: Pose, depth_m: float) -> Array:
     """Lines (8, 2, 3) of the pyramid that a camera sees, out to a depth."""
     at = np.array([[-0.5, -0.5], [camera.width - 0.5, -0.5], [camera.width - 0.5, camera.height - 0.5]])
     at = np.vstack([at, [-0.5, camera.height - 0.5]])
-    flat = (at - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    corners = depth_m * np.column_stack([flat, np.ones(4)])
+    corners = depth_m * camera.without_distortion.rays(at)
     world_from_cam = cam_from_world.inverse()
     tip, base = world_from_cam.translation, world_from_cam.transform(corners)
     return np.array([*[[tip, b] for b in base], *[[base[i], base[(i + 1) % 4]] for i in range(4)]])

@@ -1,4 +1,4 @@
-"""Which pose of the estimate belongs to which pose of the reference.
+"""Association of estimated poses with reference poses by their stamps.
 
 Conventions: stamps are integer nanoseconds; an offset is added to the stamps of the estimate; a pair may differ by
 `max_difference_s` at most, the limit included. Differences are taken between float64 seconds, as the TUM tools and evo

@@ -1,4 +1,4 @@
-"""What became of every frame that a tracker had to locate.
+"""Pose error or loss of every frame that a tracker had to locate.
 
 A frame counts whether or not the tracker answered: one that is lost, was never reached, or has a pose that is not
 finite is a frame without a pose. Poses are compared as `world_from_body`, in the structure's frame, without alignment.

@@ -1,4 +1,4 @@
-"""How long a tracker takes: percentiles of each frame's wall time, never its average alone."""
+"""Latency of a tracker: percentiles of wall time per frame, and deadline misses."""
 
 from dataclasses import dataclass
 

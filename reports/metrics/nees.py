@@ -1,7 +1,7 @@
-"""What a tracker claims of its own errors: covariances of the body's pose, and NEES.
+"""Consistency of a tracker's covariances: NEES, and standard deviations of the body's pose.
 
 Conventions: a tracker's covariance is of the twist xi with cam_from_world_true = exp(xi) cam_from_world, translation
-first. NEES is xi^T P^-1 xi with the true xi; for an honest covariance it is chi-square distributed with 6 degrees of
+first. NEES is xi^T P^-1 xi with the true xi; for a consistent estimator it is chi-square distributed with 6 degrees of
 freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 """
 

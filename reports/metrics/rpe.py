@@ -1,8 +1,8 @@
-"""Relative pose error: how far the motion over a stretch is from the true motion.
+"""Relative pose error: the error of the motion over an interval of poses.
 
-Conventions: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), Q the estimate and P the reference. A stretch is given in frames, metres
-of path, degrees or radians of turning, or seconds; stretches follow each other, or (all pairs) one starts at every
-frame.
+Conventions: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j), Q the estimate and P the reference. The interval delta is given in
+frames, metres of path, degrees or radians of rotation, or seconds; intervals are consecutive, or (all pairs) one
+starts at every frame.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ BLOCK = 8192
 
 @dataclass(frozen=True)
 class Stretch:
-    """What a relative error is taken over.
+    """The pair interval (delta) of a relative error.
 
     `tolerance` is the share of delta that a stretch may miss it by (used with all pairs, and with seconds);
     `pairs_from` says whose path or turning is measured: the reference's (ours) or the estimate's (evo's default).
@@ -95,7 +95,7 @@ def motion_error_sizes(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array,
 def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelation) -> Array:
     """Errors (k,) of the stretches i -> j.
 
-    The point distances compare the lengths of the way as the crow flies: in m, and in percent of the true one
+    The point distances compare straight-line distances: in m, and in percent of the true one
     (stretches in which the truth stands still have none and are left out).
     """
     if relation in ("point_distance_m", "point_distance_percent"):

@@ -1,4 +1,4 @@
-"""The report's page: it opens from disk, sorts, and goes through the frames.
+"""The report's page: opens from disk, sorts its tables, steps through frames.
 
-In: runs, figures and tables. Out: HTML, pictures and animations. Imports figures and tables.
+In: runs, figures and tables. Out: HTML, pictures and animations. Imports figures, tables and scoring.
 """

@@ -69,7 +69,7 @@ class Bootstrap:
 
 
 def units(values: ListOf[Array]) -> Array:
-    """What counts as independent (n,): the means of the sequences where there are several, the runs of one alone."""
+    """Independent observations (n,): the means of the sequences, or the runs where there is only one sequence."""
     return np.array([v.mean() for v in values]) if len(values) > 1 else np.asarray(values[0])
 
 
@@ -82,14 +82,14 @@ def least_units(comparisons: int = 1) -> int:
 
 
 def smallest_p(n: int) -> float:
-    """The two-sided p of n pairs that all differ to the same side (Fisher 1935): no test of n pairs can say more."""
+    """The smallest two-sided p of a sign-flip test: n pairs that all differ in the same direction (Fisher 1935)."""
     return min(1.0, 2.0 ** (1 - n))
 
 
 def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDENCE, seed: int = 0) -> Interval:
     """Two-sided interval of the mean over sequences of the mean over seeds (n_s,), by the bootstrap.
 
-    None from fewer than LEAST_UNITS units, and none where all values are equal: their spread is not known to be zero.
+    NaN bounds for fewer than LEAST_UNITS units, and where all values are equal: then the spread is unknown.
     """
     found, n = Bootstrap.of(values, seed=seed), sum(len(v) for v in values)
     independent = units(values)
@@ -108,7 +108,8 @@ def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDEN
 def sign_flip_p(differences: Array, *, seed: int = 0) -> float:
     """One-sided p of `the differences are as likely up as down` against a mean above zero (Fisher 1935).
 
-    Exact in what it assumes: exchanging the two sides of a pair changes nothing.
+    Exact under exchangeability within pairs. Own code: scipy.stats.permutation_test enumerates
+    few pairs and draws the signs of many in another order, so that every published p would change.
     """
     moved = differences[differences != 0]
     if not len(moved):

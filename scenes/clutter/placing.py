@@ -1,4 +1,4 @@
-"""Where clutter stands and flies: places around a structure that stay clear of it."""
+"""Placement of clutter around a structure, clear of it."""
 
 import numpy as np
 

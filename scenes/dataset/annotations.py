@@ -13,7 +13,7 @@ from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Seq
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
 from uavbench.scenes.image_files import load_image
-from uavbench.scenes.rendering.camera_simulator import Source, View, sample
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, sample
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
@@ -27,20 +27,20 @@ SIDE_PX = 2.5
 """How far to either side of an edge its contrast is taken."""
 
 
-def write_depth(folder: Path, frame: int, source: Source, view: View) -> None:
+def write_depth(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
     """`depth/NNNNNN.png`, 16 bits, DEPTH_M_PER_UNIT metres a unit, along the optical axis, at the frame's stamp."""
     units = np.rint(_as_camera(source, view.depth) / DEPTH_M_PER_UNIT)
     units[units > 65535] = 0
     _write(folder / "depth" / f"{frame:06d}.png", units.astype(np.uint16))
 
 
-def write_mask(folder: Path, frame: int, source: Source, view: View) -> None:
+def write_mask(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
     """`mask/NNNNNN.png`: 1 structure, 2 trees, 3 people, 4 birds, 10 and up lookalikes, 0 all else."""
     _write(folder / "mask" / f"{frame:06d}.png", _as_camera(source, view.instances))
 
 
 def write_edges(
-    folder: Path, frame: int, source: Source, view: View, structure: Structure, image: NDArray[np.uint8]
+    folder: Path, frame: int, source: CameraSimulator, view: View, structure: Structure, image: NDArray[np.uint8]
 ) -> None:
     """`edges/NNNNNN.csv`: each visible stretch of each edge: its ends, its share of the edge, its contrast."""
     rows = visible_edges(structure, source, view, image)
@@ -51,7 +51,7 @@ def write_edges(
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
-def visible_edges(structure: Structure, source: Source, view: View, image: NDArray[np.uint8]) -> Array:
+def visible_edges(structure: Structure, source: CameraSimulator, view: View, image: NDArray[np.uint8]) -> Array:
     """Visible stretches (n, 7) of the model's edges in a view, columns as EDGE_COLUMNS.
 
     A stretch is visible where no surface lies before it in the depth of the view (within 1 %, one pixel around) and
@@ -89,7 +89,10 @@ def _samples(ends: Array, pinhole: Camera) -> tuple[NDArray[np.int64], Array, Ar
 
 
 def _within(ends: Array, pinhole: Camera) -> tuple[Array, Array]:
-    """Share of each edge (n, 2, 3) at which it enters and leaves what the camera sees (Liang & Barsky 1984)."""
+    """Share of each edge (n, 2, 3) at which it enters and leaves what the camera sees (Liang & Barsky 1984).
+
+    Trackers clip by planes of the view (`geometry_kernels.clip_segment`); these sums are in the bytes of edges/*.csv.
+    """
     x, y, z = (ends[..., k] for k in range(3))
     u, v = x * pinhole.fx + z * pinhole.cx, y * pinhole.fy + z * pinhole.cy
     inward = [z - NEAR_M, u + 0.5 * z, (pinhole.width - 0.5) * z - u, v + 0.5 * z, (pinhole.height - 0.5) * z - v]
@@ -138,7 +141,7 @@ def _stretches(
     return np.column_stack([which[starts], pixels[starts], pixels[stops], share[stops] - share[starts], mean])
 
 
-def row_poses(source: Source, world_from_body: Callable[[int], Pose], stamp_ns: int) -> Array:
+def row_poses(source: CameraSimulator, world_from_body: Callable[[int], Pose], stamp_ns: int) -> Array:
     """Pose `world_from_body` (h, 7) of each row of a rolling shutter: px py pz qw qx qy qz.
 
     Interpolated between 17 rows, as the images are.
@@ -171,7 +174,7 @@ def load_edges(sequence: Sequence, frame: int) -> Array:
     return read_numbers(edges_file(sequence, frame), EDGE_COLUMNS)
 
 
-def _as_camera(source: Source, image: NDArray[Any]) -> NDArray[Any]:
+def _as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
     """An image of the pinhole as the camera sees it, nearest pixel."""
     if source.lens is None:
         return image

@@ -107,11 +107,11 @@ def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
 
 
 def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
-    told = sequence.info.get("sensors", {})
-    if not (isinstance(told, dict) and all(isinstance(about, dict) for about in told.values())):
+    sensors = sequence.info.get("sensors", {})
+    if not (isinstance(sensors, dict) and all(isinstance(about, dict) for about in sensors.values())):
         raise UserError(f"{sequence.folder / 'sequence.json'}: sensors: expected tables by file; render it again")
     for path in sorted(sequence.folder.glob("*.csv")):
-        about = told.get(path.name, {})
+        about = sensors.get(path.name, {})
         kind = str(about.get("kind", _kind_by_name(path)))
         told_of = about.get("measured", ())
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())

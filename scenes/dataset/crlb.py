@@ -30,7 +30,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import BOUND_COLUMNS, UPPER
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting
-from uavbench.scenes.rendering.camera_simulator import Source, View, make_source, render_camera, sample
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, ideal_camera, render_camera, sample
 from uavbench.scenes.rendering.radiance import LIGHT, Radiance, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import EffectSpec
@@ -81,7 +81,7 @@ class FrameBounds:
         """Bound (6, 6) of the frame delivered as image at a stamp, m and rad; None where it fixes no pose."""
         clean = self._light(np.zeros(6), stamp_ns)
         source = self._source(np.zeros(6))
-        view = source.look(stamp_ns)
+        view = source.render(stamp_ns)
         shown = _structure(source, view.instances, self._times)
         if not shown.any():
             return None
@@ -99,10 +99,10 @@ class FrameBounds:
         assert light is not None
         return _averaged(light, self._times)
 
-    def _source(self, twist: Array) -> Source:
+    def _source(self, twist: Array) -> CameraSimulator:
         """The light that falls on the sensor of a camera moved by a twist; a source of its own, as each keeps views."""
         moved = Pose.exp(twist)
-        source = make_source(
+        source = ideal_camera(
             self._renderer,
             self._camera,
             self._pinhole,
@@ -127,7 +127,7 @@ def finer(camera: Camera, times: int) -> Camera:
 def directions(view: View, pinhole: Camera, rms_px: float) -> Array | None:
     """Six twists (6, 6), by rows, that move what is seen of the structure by rms_px each, in ways that differ.
 
-    One that would need shifts and turns of more than MOST_PX moves it by less. None where nothing is told apart.
+    One that would need shifts and turns of more than MOST_PX moves it by less. None where no direction is observable.
     """
     row, column = (FLOW_EVERY * k for k in np.nonzero(view.instances[::FLOW_EVERY, ::FLOW_EVERY] == 1))
     if len(row) < 6:
@@ -146,7 +146,7 @@ def directions(view: View, pinhole: Camera, rms_px: float) -> Array | None:
 
 
 def light_variance(clean: Radiance, effects: tuple[EffectSpec, ...]) -> Array:
-    """Variance (h, w, 3) of the light told by each pixel: EMVA 1288 noise and rounding; infinite where it saturates."""
+    """Variance (h, w, 3) of the measured radiance: EMVA 1288 noise and rounding; infinite where a pixel saturates."""
     light = np.clip(clean.astype(np.float64), 0.0, 1.0)
     variance = np.square(LIGHT_STEP)[encode(clean)] / 12
     for effect in effects:
@@ -187,7 +187,7 @@ def write_bounds(folder: Path, bounds: dict[int, Array]) -> None:
     write_text(folder / "crlb.csv", "\n".join([",".join(["frame", *BOUND_COLUMNS]), *rows]) + "\n")
 
 
-def _structure(source: Source, instances: NDArray[np.uint8], times: int) -> NDArray[np.bool_]:
+def _structure(source: CameraSimulator, instances: NDArray[np.uint8], times: int) -> NDArray[np.bool_]:
     """Pixels (h, w) of the camera that show the structure or its outline."""
     shown = (instances == 1).astype(np.float32)
     if source.lens is not None:

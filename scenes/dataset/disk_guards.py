@@ -1,4 +1,4 @@
-"""A full or read-only disk is told as such."""
+"""Errors of the disk while a dataset is written, turned into a UserError."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -10,7 +10,7 @@ from uavbench.scenes.structures.registry import STRUCTURES
 from uavbench.scenes.world.registry import ENVIRONMENTS
 from uavbench.trajectories.paths.registry import PATHS
 from uavbench.trajectories.sensors.registry import SENSORS
-from uavbench.trajectories.vehicle.airframes import AIRFRAMES
+from uavbench.trajectories.vehicle.registry import AIRFRAMES
 from uavbench.trajectories.wind.winds import WINDS
 
 PLAIN = (bool, int, float, str, type(None))

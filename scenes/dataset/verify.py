@@ -1,4 +1,4 @@
-"""Is a sequence folder still what was rendered, and does this machine render the same?"""
+"""Verification of a sequence folder against its manifest, and against another rendering."""
 
 import json
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What shutter, lens, sensor and link do to an image, in the order of nature.
+"""Effects on an image in physical order: shutter, lens, sensor, link.
 
-In: linear images with their times, parameters and random generators. Out: 8-bit images. Imports the camera simulator.
+In: linear images with their times, parameters and random generators. Out: 8-bit images. Imports rendering.
 """

@@ -1,4 +1,4 @@
-"""Effects of the shutter: how long it is open, and that it opens row by row."""
+"""Effects of the shutter: motion blur and rolling shutter."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
@@ -10,8 +10,8 @@ from annotated_types import Gt, Interval
 from uavbench.scenes.rendering.camera_simulator import (
     MAX_SLICES,
     SLICE_PX,
+    CameraSimulator,
     Map,
-    Source,
     View,
     add,
     flow_between,
@@ -35,8 +35,8 @@ class RollingShutter:
     readout_ms: Annotated[float, Gt(0), Interval(le=200)] = 20.0
     margin_px: ClassVar[int] = 24
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose rows each have their own pose."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose rows each have their own pose."""
         height = source.camera.height
         delay_ns = self.readout_ms * 1e6 / max(height - 1, 1)
         late_ns = np.rint((np.arange(height) - (height - 1) / 2) * delay_ns).astype(np.int64)
@@ -50,7 +50,7 @@ class RollingShutter:
 
         def expose(start_ns: int, end_ns: int) -> Radiance:
             out = np.zeros((height, source.camera.width, 3), dtype=np.float32)
-            view = source.look((start_ns + end_ns) // 2)
+            view = source.render((start_ns + end_ns) // 2)
             slices = 1
             if end_ns > start_ns:
                 flow = flow_between(
@@ -60,7 +60,7 @@ class RollingShutter:
             for k in range(slices):
                 a = start_ns + (end_ns - start_ns) * k // slices
                 b = start_ns + (end_ns - start_ns) * (k + 1) // slices
-                seen = view if slices == 1 else source.look((a + b) // 2)
+                seen = view if slices == 1 else source.render((a + b) // 2)
                 light = light_of(seen.color)
                 first = places(seen, a)
                 last = first if a == b else places(seen, b)
@@ -83,7 +83,7 @@ def row_knots(height: int) -> tuple[list[int], Array]:
     return knots, share
 
 
-def moved_rows(source: Source, view: View, rows: Array) -> Map:
+def moved_rows(source: CameraSimulator, view: View, rows: Array) -> Map:
     """Place (h, w, 2) in the view of each pixel of the camera, whose row sees from rows[row] (3, 4) of the view."""
     base = source.lens if source.lens is not None else pixel_grid(source.camera.width, source.camera.height)
     nearness = np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0)
@@ -97,12 +97,12 @@ def moved_rows(source: Source, view: View, rows: Array) -> Map:
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """The light of a frame is gathered over its exposure, whose middle is the frame's stamp."""
+    """Light is integrated over the exposure, centred on the frame's stamp."""
 
     exposure_ms: Annotated[float, Gt(0), Interval(le=1000)] = 8.0
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images are gathered over the exposure."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images are gathered over the exposure."""
         half_ns = round(self.exposure_ms * 5e5)
 
         def image(stamp_ns: int) -> Radiance:

@@ -1,4 +1,4 @@
-"""Effects of lens and sensor: falling light, exposure, noise and its steps."""
+"""Effects of lens and sensor: vignetting, exposure, noise and quantization."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Interval
 from scipy.special import ndtri
 
-from uavbench.scenes.rendering.camera_simulator import Source, pixel_grid
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, pixel_grid
 from uavbench.scenes.rendering.pixel_kernels import add_noise
 from uavbench.scenes.rendering.radiance import Radiance
 
@@ -17,15 +17,15 @@ QUANTILES = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
 
 @dataclass(frozen=True)
 class Vignetting:
-    """Light falls off towards the corners as cos(angle) ** 4 of the ray, times strength."""
+    """Irradiance falls off towards the corners as cos(angle) ** 4 of the ray, times strength."""
 
     strength: Annotated[float, Interval(ge=0, le=1)] = 1.0
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images are darker where rays come in aslant."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images darken with the angle of incidence."""
         camera = source.camera
-        pixels = camera.undistort(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
-        slant = np.square((pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).sum(axis=1)
+        rays = camera.rays(pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64))
+        slant = np.square(rays[:, :2]).sum(axis=1)
         share = 1 - self.strength * (1 - 1 / np.square(1 + slant))
         falloff = share.reshape(camera.height, camera.width, 1).astype(np.float32)
 
@@ -48,8 +48,8 @@ class AutoExposure:
     lag_s: Annotated[float, Ge(0)] = 0.4
     reach: Annotated[float, Interval(ge=1, le=1000)] = 8.0
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images are exposed by the camera."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images are exposed by the camera."""
         state: dict[str, float] = {}
 
         def image(stamp_ns: int) -> Radiance | None:
@@ -78,8 +78,8 @@ class Noise:
     full_well_e: Annotated[float, Gt(0)] = 6000.0
     read_noise_e: Annotated[float, Ge(0)] = 8.0
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images have independent noise in every pixel, channel and frame."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images have independent noise in every pixel, channel and frame."""
 
         def image(stamp_ns: int) -> Radiance | None:
             clean = source.image(stamp_ns)
@@ -96,12 +96,12 @@ class Noise:
 
 @dataclass(frozen=True)
 class Quantization:
-    """The converter knows 2 ** bits levels of linear light."""
+    """Analog-to-digital conversion to 2 ** bits levels of linear light."""
 
     bits: Annotated[int, Interval(ge=1, le=16)] = 10
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images have only these levels."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images have only these levels."""
         top = np.float32(2**self.bits - 1)
 
         def image(stamp_ns: int) -> Radiance | None:

@@ -1,4 +1,4 @@
-"""Effects of what lies between the sensor and the computer: compression, an analog radio link, lost frames."""
+"""Effects between sensor and computer: compression, an analog radio link, dropped frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
-from uavbench.scenes.rendering.camera_simulator import Source, sample
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, sample
 from uavbench.scenes.rendering.radiance import Radiance, decode, encode
 
 Codes = NDArray[np.uint8]
@@ -21,8 +21,8 @@ class Jpeg:
 
     quality: Annotated[int, Interval(ge=1, le=100)] = 75
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images have been compressed and unpacked."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images have been compressed and unpacked."""
 
         def compressed(codes: Codes) -> Codes:
             data = cv2.imencode(".jpg", codes, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1]
@@ -49,8 +49,8 @@ class AnalogLink:
     sharpness_px: Annotated[float, Interval(ge=0, le=20)] = 0.7
     interlaced: bool = True
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source whose images came over the link."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator whose images came over the link."""
 
         def image(stamp_ns: int) -> Radiance | None:
             before = source.image(stamp_ns - round(1e9 / 60)) if self.interlaced else None
@@ -92,13 +92,13 @@ def _band(height: int, rows: float, rng: np.random.Generator) -> slice:
 
 @dataclass(frozen=True)
 class Drops:
-    """Frames that never arrive, and frames that are delivered again in place of the next one."""
+    """Dropped frames, and frames delivered again in place of the next one."""
 
     lost: Annotated[float, Interval(ge=0, lt=1)] = 0.02
     repeated: Annotated[float, Interval(ge=0, lt=1)] = 0.02
 
-    def start(self, source: Source, rng: np.random.Generator) -> Source:
-        """Source that loses and repeats frames; the first one always arrives."""
+    def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
+        """CameraSimulator that drops and duplicates frames; the first one always arrives."""
         previous: list[Radiance] = []
 
         def image(stamp_ns: int) -> Radiance | None:
@@ -115,8 +115,8 @@ class Drops:
         return replace(source, image=image)
 
 
-def _on_codes(source: Source, change: Callable[[Codes], Codes]) -> Source:
-    """Source whose finished images are changed."""
+def _on_codes(source: CameraSimulator, change: Callable[[Codes], Codes]) -> CameraSimulator:
+    """CameraSimulator whose finished images are changed."""
 
     def image(stamp_ns: int) -> Radiance | None:
         light = source.image(stamp_ns)

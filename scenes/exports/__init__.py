@@ -1,4 +1,5 @@
-"""Sequences in the formats of others: EuRoC, TUM, KITTI, BOP, video.
+"""Sequences in other tools' formats: EuRoC, TUM, KITTI, BOP, video.
 
-In: a sequence folder. Out: what the other format can hold, and a word on what it cannot. Imports the dataset.
+In: a sequence folder. Out: what the other format can hold, and notes on what it cannot. Imports the dataset and its
+rendering kernels.
 """

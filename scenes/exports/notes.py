@@ -1,4 +1,4 @@
-"""What an export holds, and what of the sequence its format has no place for: README.md and export.json."""
+"""README.md and export.json: what an export holds, and what its format cannot."""
 
 import json
 from dataclasses import dataclass

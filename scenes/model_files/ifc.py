@@ -10,7 +10,7 @@ from uavbench.scenes.model_files.mesh_piece import Loaded
 from uavbench.trajectories.errors import UserError
 
 SKIPPED = ("IfcSpace", "IfcOpeningElement", "IfcAnnotation", "IfcGrid")
-"""What an IFC model holds that nobody sees."""
+"""IFC classes without visible geometry."""
 
 
 def read_ifc(path: Path) -> list[Loaded]:

@@ -1,4 +1,4 @@
-"""What is wrong with a user's model, told before it is rendered; where it can be, before it is read."""
+"""Checks of a user's model before it is rendered, and where possible before it is read."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Closed solids and small meshes that structures and surroundings are made of.
+"""Closed solids and small meshes that structures and environments are made of.
 
 In: sizes in metres and materials. Out: renderable parts. Imports materials.
 """

@@ -1,4 +1,4 @@
-"""Closed solids that structures are made of, and how their faces are covered with materials."""
+"""Closed solids that structures are made of, and the texture mapping of their faces."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ SLENDER_M = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed mesh of one material; name says what it is to those who displace or drop it."""
+    """A closed mesh of one material; `name` is what deviations from the design refer to."""
 
     vertices: Array
     triangles: Indices
@@ -57,7 +57,11 @@ def _outward(sides: Indices, caps: Indices, n: int) -> Indices:
 
 
 def ear_clip(polygon: Array) -> Indices:
-    """Triangles (n - 2, 3) of a simple counter-clockwise polygon (n, 2) (Meisters 1975)."""
+    """Triangles (n - 2, 3) of a simple counter-clockwise polygon (n, 2) (Meisters 1975).
+
+    Own code: trimesh triangulates by earcut or triangle, neither of which it installs, and another triangulation would
+    change the bytes of every rendered structure.
+    """
     left = list(range(len(polygon)))
     out: list[list[int]] = []
 
@@ -177,7 +181,7 @@ def picture(origin: Array, u: Array, v: Array, material: Material, instance: int
 
 
 def moved(part: Part, rotation: Array, translation: Array) -> Part:
-    """The part turned, then shifted."""
+    """The part rotated, then translated."""
     return replace(
         part,
         vertices=part.vertices @ rotation.T + translation,
@@ -186,7 +190,7 @@ def moved(part: Part, rotation: Array, translation: Array) -> Part:
 
 
 def _cut(triangles: Array, longest_m: float) -> Array:
-    """Triangles (n, 3, 3) halved at their longest sides until none is longer than longest_m, or it is slender."""
+    """Triangles (n, 3, 3) bisected at their longest sides until each is at most longest_m long, or slender."""
     done = []
     while len(triangles):
         sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)

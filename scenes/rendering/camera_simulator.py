@@ -1,4 +1,4 @@
-"""Where images come from: a rendered scene seen from a moving camera, at any time."""
+"""The camera simulator: images of a rendered scene from a moving camera, at any time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -43,11 +43,11 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
-    """A camera that can be asked for images; an effect takes one and gives another.
+class CameraSimulator:
+    """A simulated camera; an effect takes one and returns another.
 
     pinhole is what is rendered, lens the place (h, w, 2) in it of each pixel of the camera, None where they are the
-    same. look renders a view; expose gives the mean light over a time interval; image is what the camera delivers
+    same. render gives a view; expose gives the mean light over a time interval; image is what the camera delivers
     of a frame, None when the frame is lost. The stamp of a frame is the middle of its exposure, for a rolling
     shutter the middle of its middle row's.
     """
@@ -56,20 +56,20 @@ class Source:
     pinhole: Camera
     lens: Map | None
     cam_from_world: Callable[[int], Pose]
-    look: Callable[[int], View]
+    render: Callable[[int], View]
     expose: Callable[[int, int], Radiance]
     image: Callable[[int], Radiance | None]
     row_delay_ns: float = 0.0
 
 
-def make_source(
+def ideal_camera(
     renderer: Renderer,
     camera: Camera,
     pinhole: Camera,
     lens: Map | None,
     cam_from_world: Callable[[int], Pose],
     blur_px: float = 0.0,
-) -> Source:
+) -> CameraSimulator:
     """An ideal camera: a lens that spreads light by blur_px (pixels of the pinhole), global shutter, no noise."""
 
     @lru_cache(maxsize=2)
@@ -77,7 +77,7 @@ def make_source(
         return through_lens(renderer, cam_from_world(stamp_ns), pinhole, stamp_ns * 1e-9, blur_px)
 
     @lru_cache(maxsize=2)
-    def look(stamp_ns: int) -> View:
+    def render(stamp_ns: int) -> View:
         pose = cam_from_world(stamp_ns)
         return View(color(stamp_ns), *renderer.geometry(pose, pinhole, stamp_ns * 1e-9), pose)
 
@@ -93,7 +93,7 @@ def make_source(
         return out
 
     def _expose(start_ns: int, end_ns: int, weight: float, out: Radiance) -> None:
-        view = look((start_ns + end_ns) // 2)
+        view = render((start_ns + end_ns) // 2)
         flow = flow_between(view, pinhole, cam_from_world(start_ns), cam_from_world(end_ns))
         fastest = float(np.abs(flow).max()) if flow.size else 0.0
         slices = min(MAX_SLICES, int(np.ceil(fastest / SLICE_PX)))
@@ -102,12 +102,12 @@ def make_source(
             cuts = [start_ns + (end_ns - start_ns) * k // slices for k in range(slices + 1)]
             for k in range(slices):
                 a, b = cuts[k], cuts[k + 1]
-                seen = view if k == slices // 2 else look((a + b) // 2)
-                smear(seen.color, flow / np.float32(slices), lens, weight / slices, out)
+                seen = view if k == slices // 2 else render((a + b) // 2)
+                add_motion_blur(seen.color, flow / np.float32(slices), lens, weight / slices, out)
         else:
-            smear(view.color, flow, lens, weight, out)
+            add_motion_blur(view.color, flow, lens, weight, out)
 
-    return Source(camera, pinhole, lens, cam_from_world, look, expose, sharp)
+    return CameraSimulator(camera, pinhole, lens, cam_from_world, render, expose, sharp)
 
 
 def through_lens(
@@ -147,7 +147,7 @@ def flow_between(view: View, pinhole: Camera, before: Pose, after: Pose) -> Map:
     return np.asarray(cv2.resize(flow, (w, h), interpolation=cv2.INTER_LINEAR), dtype=np.float32)
 
 
-def smear(color: NDArray[np.uint8], flow: Map, lens: Map | None, weight: float, out: Radiance) -> None:
+def add_motion_blur(color: NDArray[np.uint8], flow: Map, lens: Map | None, weight: float, out: Radiance) -> None:
     """Add the mean light along each pixel's motion (h, w, 2), weighted."""
     taps = max(1, int(np.ceil(float(np.abs(flow).max()) * 1.25 + 0.2)))
     place = pixel_grid(color.shape[1], color.shape[0]) if lens is None else lens

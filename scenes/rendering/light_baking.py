@@ -1,4 +1,4 @@
-"""Light that does not change, worked out once by rays: how open each vertex is, how much of the lamp it sees."""
+"""Baked light by ray casting: ambient occlusion of each vertex, and its visible share of the lamp."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from uavbench.scenes.renderables import Light, Part, Texture
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 
 OFFSET_M = 1e-4
@@ -18,7 +18,7 @@ TEXTURE_PX = 2048
 
 
 def bake(
-    parts: tuple[Part, ...], occluder: Surroundings, light: Light, reach_m: float, rays: int = 48, lamp_rays: int = 24
+    parts: tuple[Part, ...], occluder: ObstacleMesh, light: Light, reach_m: float, rays: int = 48, lamp_rays: int = 24
 ) -> tuple[Part, ...]:
     """The parts with tints darkened by what stands near them.
 
@@ -28,7 +28,7 @@ def bake(
     return tuple(_bake_part(part, occluder, light, reach_m, rays, lamp_rays) for part in parts)
 
 
-def _bake_part(part: Part, occluder: Surroundings, light: Light, reach_m: float, rays: int, lamp_rays: int) -> Part:
+def _bake_part(part: Part, occluder: ObstacleMesh, light: Light, reach_m: float, rays: int, lamp_rays: int) -> Part:
     if part.lightmap:
         return _bake_texture(part, occluder, light, reach_m, rays, lamp_rays)
     part = smooth_corners(part)
@@ -40,7 +40,7 @@ def _bake_part(part: Part, occluder: Surroundings, light: Light, reach_m: float,
     return replace(part, tint=tint)
 
 
-def _bake_texture(part: Part, occluder: Surroundings, light: Light, reach_m: float, rays: int, lamp_rays: int) -> Part:
+def _bake_texture(part: Part, occluder: ObstacleMesh, light: Light, reach_m: float, rays: int, lamp_rays: int) -> Part:
     """The parallelogram with the light on it in its texture: the paint resampled, times light over open light."""
     assert part.uv is not None and part.texture is not None
     corner, u, v = part.vertices[0], part.vertices[1] - part.vertices[0], part.vertices[3] - part.vertices[0]
@@ -75,7 +75,7 @@ def _resampled(part: Part) -> Texture:
 
 
 def _seen(
-    points: Array, normals: Array, occluder: Surroundings, light: Light, reach_m: float, rays: int, lamp_rays: int
+    points: Array, normals: Array, occluder: ObstacleMesh, light: Light, reach_m: float, rays: int, lamp_rays: int
 ) -> Array:
     """Factors (n, 4) on ambient light, three times, and on the lamp's, at points (n, 3) of a surface."""
     alike = np.rint(np.hstack([points / OFFSET_M, normals * 1e4])).astype(np.int64)
@@ -95,7 +95,7 @@ def _seen(
     return _from_outside(at, seen, occluder)[same.reshape(-1)]
 
 
-def _from_outside(at: Array, seen: Array, occluder: Surroundings) -> Array:
+def _from_outside(at: Array, seen: Array, occluder: ObstacleMesh) -> Array:
     """What is `seen` (n, 4) from points (n, 3); points inside the occluder take that of the nearest one outside.
 
     So the dark under a thing does not leak out from below it.
@@ -125,7 +125,7 @@ def smooth_corners(part: Part) -> Part:
     )
 
 
-def _open(at: Array, directions: Array, occluder: Surroundings, reach_m: float) -> Array:
+def _open(at: Array, directions: Array, occluder: ObstacleMesh, reach_m: float) -> Array:
     """Share (n,) of directions (n, k, 3) from points (n, 3) that meet nothing within reach_m."""
     return 1 - occluder.blocked(at, directions, reach_m).mean(axis=1) if len(at) else np.zeros(0)
 

@@ -1,4 +1,4 @@
-"""As-built is not as-designed: what is rendered may differ from the model that the tracker gets."""
+"""Deviations of the rendered, as-built structure from the as-designed model that trackers get."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated

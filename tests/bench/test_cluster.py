@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import dask
@@ -19,7 +20,7 @@ import pytest
 from tests.bench.process_trees import DEADLINE_S, wait_until
 from tests.bench.small_suites import small_suite
 from uavbench.bench.inputs.content_hash import content_hash
-from uavbench.bench.runner.commands import Where, bring_up_to
+from uavbench.bench.runner.commands import Where, bring_up_to, run_shard
 from uavbench.bench.runner.executors import dask_pool
 from uavbench.bench.runner.graph import Job, run_graph
 from uavbench.bench.runner.slurm import run_shards
@@ -127,8 +128,9 @@ def test_no_scheduler_there_is_a_users_mistake(tmp_path):
 def test_shards_as_jobs_of_a_queue_then_the_rest_here(tmp_path):
     suite = small_suite(tmp_path)
     out = tmp_path / "out"
-    assert run_shards("score", str(suite), out, 2, ("timeout_min=10",), cluster="local") == 0
+    shard = partial(run_shard, "score", str(suite), out)
+    assert run_shards(shard, out, 2, ("timeout_min=10",), cluster="local") == 0
     assert len(list(out.glob("results/*/*/score.json"))) == 2
     assert bring_up_to("score", str(suite), out, Where(workers=1)) == 0
     with pytest.raises(UserError, match="key=value"):
-        run_shards("score", str(suite), out, 2, ("partition",), cluster="local")
+        run_shards(shard, out, 2, ("partition",), cluster="local")

@@ -7,7 +7,7 @@ import pytest
 from tests.scenes.conftest import FLAT_LIGHT, looking
 from uavbench.scenes.calibration import calibrate, write_coverage
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.rendering.camera_simulator import make_source, render_camera
+from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.structures.checkerboard import Checkerboard
@@ -34,7 +34,7 @@ def photographed(camera: Camera, folder: Path, count: int = 25) -> Path:
     poses = views(count)
     parts = BOARD.build(np.random.default_rng(0)).parts
     with Renderer(parts, FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
-        source = make_source(renderer, camera, pinhole, lens, lambda k: poses[k])
+        source = ideal_camera(renderer, camera, pinhole, lens, lambda k: poses[k])
         for k in range(count):
             image = source.image(k)
             assert image is not None

@@ -13,7 +13,7 @@ from uavbench.scenes.dataset.crlb import FrameBounds, bound, directions, finer, 
 from uavbench.scenes.dataset.sequence import Sequence, file_hash
 from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization
 from uavbench.scenes.generate import camera_path, generate
-from uavbench.scenes.rendering.camera_simulator import Source, View, light_of, through_lens
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, light_of, through_lens
 from uavbench.scenes.rendering.radiance import Radiance, decode, encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import CameraSpec
@@ -52,7 +52,7 @@ def test_what_one_edge_does_not_show_has_no_bound() -> None:
 def test_the_variance_is_that_of_what_the_sensor_does(effects: tuple[Noise | Quantization, ...]) -> None:
     """Light from dim to bright through the effects and the 8-bit codes, against the light itself."""
     clean = np.linspace(0.05, 0.9, 600 * 400 * 3, dtype=np.float32).reshape(600, 400, 3)
-    source = Source(Camera(400, 600, 1, 1, 0, 0), *[None] * 5, image=lambda _: clean)  # type: ignore[arg-type]
+    source = CameraSimulator(Camera(400, 600, 1, 1, 0, 0), *[None] * 5, image=lambda _: clean)  # type: ignore[arg-type]
     for effect in effects:
         source = effect.start(source, np.random.default_rng(3))
     light = source.image(0)
@@ -108,7 +108,7 @@ def test_the_best_estimate_from_an_image_reaches_its_bound() -> None:
         effects=(noise,),
     )
     scene, camera, rng = build_scene(spec), spec.camera.camera(), np.random.default_rng(2)
-    flight = fly(spec.flight, spec.mount, scene.surroundings, spec.seed)
+    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
     truth = camera_path(flight, spec.mount.cam_from_body)(0)
     with (
         scene.renderer(camera.width, camera.height) as renderer,
@@ -127,7 +127,7 @@ def test_the_best_estimate_from_an_image_reaches_its_bound() -> None:
         gain = np.linalg.solve((J * weight.reshape(-1)) @ J.T, J * weight.reshape(-1))
         misfits = []
         for _ in range(6):
-            source = Source(camera, *[None] * 5, image=lambda _: clean)  # type: ignore[arg-type]
+            source = CameraSimulator(camera, *[None] * 5, image=lambda _: clean)  # type: ignore[arg-type]
             noisy = noise.start(source, rng).image(0)
             assert noisy is not None
             seen, error = decode(encode(noisy)), Pose.exp(rng.standard_normal(6) @ steps)

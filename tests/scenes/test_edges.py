@@ -8,7 +8,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, visible_edges
 from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.renderables import Part
-from uavbench.scenes.rendering.camera_simulator import make_source, render_camera, sample
+from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera, sample
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.structure import Structure
@@ -43,11 +43,11 @@ def test_true_edges_lie_within_a_tenth_of_a_pixel_of_the_drawn_ones(name: str) -
     backdrop = [grey_wall(s * 4.0, 60.0, 0.45) for s in (1, -1)]
     off: list[float] = []
     with Renderer((part, *backdrop), FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
-        source = make_source(renderer, camera, pinhole, lens, lambda k: poses[k])
+        source = ideal_camera(renderer, camera, pinhole, lens, lambda k: poses[k])
         for k in range(len(poses)):
             light = source.image(k)
             assert light is not None
-            for row in visible_edges(structure, source, source.look(k), encode(light)):
+            for row in visible_edges(structure, source, source.render(k), encode(light)):
                 if row[EDGE_COLUMNS.index("visible_share")] > 0.99:
                     off.append(across_the_edge(light[..., 1], structure.edge_segments[int(row[0])], camera, poses[k]))
     assert len(off) >= 20

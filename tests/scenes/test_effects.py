@@ -11,7 +11,7 @@ from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantizati
 from uavbench.scenes.effects.link import AnalogLink, Drops, Jpeg
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.generate import with_effects
-from uavbench.scenes.rendering.camera_simulator import Source, make_source, render_camera
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import CODES, LIGHT, Radiance, decode, encode
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.trajectories.errors import UserError
@@ -20,16 +20,16 @@ from uavbench.trajectories.pose import Pose, rotation_exp
 SMALL = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
 
 
-def giving(image: Callable[[int], Radiance | None], camera: Camera = SMALL) -> Source:
+def giving(image: Callable[[int], Radiance | None], camera: Camera = SMALL) -> CameraSimulator:
     """A source of given images, where no effect of the shutter is asked for."""
 
     def never(*_: object) -> None:
         raise AssertionError("not asked for")
 
-    return Source(camera, camera, None, never, never, never, image)  # type: ignore[arg-type]
+    return CameraSimulator(camera, camera, None, never, never, never, image)  # type: ignore[arg-type]
 
 
-def flat(level: float) -> Source:
+def flat(level: float) -> CameraSimulator:
     return giving(lambda _: np.full((120, 160, 3), level, dtype=np.float32))
 
 
@@ -54,11 +54,11 @@ def turning(rate_rad_s: float, speed_m_s: float = 0.0, roll_rad_s: float = 0.0) 
     return at
 
 
-def edge_source(camera: Camera, path: Callable[[int], Pose], margin: int = 0) -> tuple[Renderer, Source]:
+def edge_source(camera: Camera, path: Callable[[int], Pose], margin: int = 0) -> tuple[Renderer, CameraSimulator]:
     pinhole, lens = render_camera(camera, margin)
     near = white_box((2.0, -9.0, -9.0), (2.0001, 0.13, 9.0))
     renderer = Renderer((near,), FLAT_LIGHT, pinhole.width, pinhole.height)
-    return renderer, make_source(renderer, camera, pinhole, lens, path)
+    return renderer, ideal_camera(renderer, camera, pinhole, lens, path)
 
 
 @pytest.mark.parametrize(("rate", "speed", "roll"), [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.5, -0.7, 0.6)])
@@ -86,7 +86,7 @@ def test_a_near_thing_hides_the_far_one_in_a_rolling_shutter() -> None:
     pole = replace(white_box((1.0, -0.05, -9.0), (1.0001, 0.05, 9.0)), tint=np.tile([0.02, 0.02, 0.02, 1.0], (8, 1)))
     wall = white_box((4.0, -9.0, -9.0), (4.1, 9.0, 9.0))
     with Renderer((pole, wall), FLAT_LIGHT, pinhole.width, pinhole.height) as renderer:
-        source = make_source(renderer, SMALL, pinhole, lens, path)
+        source = ideal_camera(renderer, SMALL, pinhole, lens, path)
         rolled = RollingShutter(readout_ms=30.0).start(source, rng())
         image = rolled.image(0)
         assert image is not None

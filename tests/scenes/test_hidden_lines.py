@@ -14,7 +14,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.hidden_lines import seen_parts
 from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.overlay import draw_edges
+from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.visible_edges import seen_edges_px
 from uavbench.trajectories.pose import Array

@@ -14,10 +14,11 @@ from tests.tracker.flown_imu import (
     velocity,
     world_from_body,
 )
-from uavbench.tracker.fusion.kernels import propagate, rotation
+from uavbench.tracker.fusion.kernels import propagate
 from uavbench.tracker.fusion.measurements import CameraPose, Height, OpticalFlow, Position
 from uavbench.tracker.fusion.state import STANDARD_GRAVITY_M_S2, Estimate, FusionConfig
 from uavbench.tracker.fusion.vehicle_filter import VehicleFilter
+from uavbench.tracker.geometry_kernels import so3_exp
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.pose import Pose, rotation_log
 
@@ -45,7 +46,7 @@ def moved(state, error):
     """The true state of a nominal one with this error."""
     out = state.copy()
     out[:6] += error[:6]
-    R = state[6:15].reshape(3, 3) @ rotation(error[6:9])
+    R = state[6:15].reshape(3, 3) @ so3_exp(error[6:9])
     out[6:15] = R.ravel()
     out[15:] += error[9:]
     return out
@@ -60,7 +61,7 @@ def difference(true, state):
 def some_state(rng):
     state = np.concatenate([rng.normal(size=6), np.zeros(9), 0.05 * rng.normal(size=6), 0.01 * rng.normal(size=6)])
     state[2] = abs(state[2]) + 1.0
-    state[6:15] = rotation(0.3 * rng.normal(size=3)).ravel()
+    state[6:15] = so3_exp(0.3 * rng.normal(size=3)).ravel()
     return state
 
 
@@ -80,7 +81,7 @@ def test_a_turning_body_under_constant_force_moves_as_the_closed_form_says():
         p = f / w**2 * np.array([1 - np.cos(w * t), w * t - np.sin(w * t), 0.0])
         np.testing.assert_allclose(now[3:6], v, atol=1e-12)
         np.testing.assert_allclose(now[:3], p, atol=1e-12)
-        np.testing.assert_allclose(now[6:15].reshape(3, 3), rotation(np.array([0, 0, w * t])), atol=1e-12)
+        np.testing.assert_allclose(now[6:15].reshape(3, 3), so3_exp(np.array([0, 0, w * t])), atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -175,7 +176,7 @@ def test_jacobians_are_the_derivatives(kind, seed):
 
 
 def test_flow_of_a_tilted_vehicle_is_not_predicted():
-    state = Estimate.at_rest(0, Pose(rotation(np.array([1.2, 0, 0])), np.array([0, 0, 1.0])), position_m=1,
+    state = Estimate.at_rest(0, Pose(so3_exp(np.array([1.2, 0, 0])), np.array([0, 0, 1.0])), position_m=1,
                              attitude_rad=1).pack()  # fmt: skip
     assert MEASURED["flow"](state).innovation(state, np.zeros(3)) is None
 
@@ -261,7 +262,7 @@ def test_covariances_tell_the_truth_over_a_hundred_seeds():
         pose = world_from_body(0.0)
         start = Estimate(
             stamp_ns=0,
-            world_from_body=Pose(pose.rotation @ rotation(-first[6:9]), pose.translation - first[:3]),
+            world_from_body=Pose(pose.rotation @ so3_exp(-first[6:9]), pose.translation - first[:3]),
             velocity_m_s=velocity(0.0) - first[3:6],
             covariance=np.diag(np.repeat([0.02, 0.05, 0.01, 0.05, 0.01], 3) ** 2),
         )

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.edges.hidden_line_kernels import LEAF_TRIANGLES, MARGIN, build_tree, hidden
+from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, hidden, tree_arrays
+from uavbench.trajectories.geometry.bvh import LEAF, build_tree
 
 EYE = np.zeros(3)
 WALL = np.array([[[-1.0, -1.0, 2.0], [1.0, -1.0, 2.0], [-1.0, 1.0, 2.0]]])
@@ -11,11 +12,10 @@ WALL = np.array([[[-1.0, -1.0, 2.0], [1.0, -1.0, 2.0], [-1.0, 1.0, 2.0]]])
 
 
 def hides(corners, point, eye=EYE, face=None, beside=(-1, -2)):
-    boxes, nodes, order = build_tree(corners)
+    tree = build_tree(corners)
     face = np.arange(len(corners)) if face is None else np.asarray(face)
-    return bool(
-        hidden(np.asarray(eye, float), np.asarray(point, float), corners[order], face[order], boxes, nodes, *beside)
-    )
+    eye, point = np.asarray(eye, float), np.asarray(point, float)
+    return bool(hidden(eye, point, tree.corners, face[tree.rows], *tree_arrays(tree), *beside))
 
 
 def crosses(corners, eye, point):
@@ -88,7 +88,7 @@ def test_neither_face_of_an_edge_hides_it():
     assert hides(both, point, face=(4, 7), beside=(3, 7))
 
 
-@pytest.mark.parametrize("count", [1, LEAF_TRIANGLES, LEAF_TRIANGLES + 1, 60])
+@pytest.mark.parametrize("count", [1, LEAF, LEAF + 1, 60])
 def test_the_tree_finds_what_a_test_of_every_triangle_finds(count):
     rng = np.random.default_rng(count)
     corners = rng.uniform(-2, 2, (count, 1, 3)) + rng.normal(0, 1.0, (count, 3, 3))
@@ -115,7 +115,8 @@ def test_a_way_along_an_axis_is_as_any_other(axis, sign, aside, expected):
 
 def test_every_triangle_is_in_one_leaf_and_every_box_holds_its_own():
     corners = np.random.default_rng(0).normal(size=(37, 3, 3))
-    boxes, nodes, order = build_tree(corners)
+    tree = build_tree(corners)
+    (boxes, nodes), order = tree_arrays(tree), tree.rows
     assert sorted(order.tolist()) == list(range(37))
     seen = []
 
@@ -123,7 +124,7 @@ def test_every_triangle_is_in_one_leaf_and_every_box_holds_its_own():
         left, right = nodes[node].tolist()
         if left < 0:
             mine = order[-left - 1 : -left - 1 + right].tolist()
-            assert 1 <= len(mine) <= LEAF_TRIANGLES
+            assert 1 <= len(mine) <= LEAF
             seen.extend(mine)
         else:
             mine = walk(left) + walk(right)

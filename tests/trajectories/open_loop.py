@@ -4,8 +4,8 @@ import numpy as np
 
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.geometry.vectors import rotation
-from uavbench.trajectories.vehicle.airframes import AirframeSpec
 from uavbench.trajectories.vehicle.quadrotor import Quadrotor, compile_mjcf, physics
+from uavbench.trajectories.vehicle.registry import AirframeSpec
 from uavbench.trajectories.vehicle.rigid_body import drag_force, plant, rotor_speed_sum
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -15,14 +15,14 @@ FACES = np.array(
 )
 
 
-def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> Surroundings:
+def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> ObstacleMesh:
     """A closed block between two corners."""
-    return Surroundings(np.array(low) + CORNERS * (np.array(high) - np.array(low)), FACES)
+    return ObstacleMesh(np.array(low) + CORNERS * (np.array(high) - np.array(low)), FACES)
 
 
-def both(a: Surroundings, b: Surroundings) -> Surroundings:
+def both(a: ObstacleMesh, b: ObstacleMesh) -> ObstacleMesh:
     """Two meshes as one."""
-    return Surroundings(
+    return ObstacleMesh(
         np.concatenate([a.vertices, b.vertices]), np.concatenate([a.triangles, b.triangles + len(a.vertices)])
     )
 

@@ -9,10 +9,9 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.paths.around import Hover
 from uavbench.trajectories.simulation.flight import FlightSpec, fly
-from uavbench.trajectories.vehicle.airframes import AIRFRAMES, TEMPLATE, AirframeFile, Crazyflie, Iris
+from uavbench.trajectories.vehicle.airframe_file import AirframeFile
+from uavbench.trajectories.vehicle.airframes import PRESETS, TEMPLATE, Crazyflie, Iris
 from uavbench.trajectories.vehicle.quadrotor import Quadrotor, compile_mjcf, physics
-
-PRESETS = [name for name in AIRFRAMES if name != "file"]
 
 
 def test_the_mjcf_stands_on_its_own_and_is_the_crazyflie() -> None:
@@ -33,7 +32,7 @@ def test_the_mjcf_stands_on_its_own_and_is_the_crazyflie() -> None:
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_hovers_with_thrust_to_spare_and_names_its_source(name: str) -> None:
-    kind = AIRFRAMES[name]
+    kind = PRESETS[name]
     vehicle = Quadrotor.from_mjcf(kind().build(Mount()))
     assert 1.5 < 4 * vehicle.max_thrust_n / (vehicle.mass_kg * 9.81) < 4.0
     assert any(year in (kind.__doc__ or "") for year in ("2015", "2021", "2023", "2016", "Menagerie", "drone-models"))

@@ -17,7 +17,7 @@ OLD_PROCESSOR = {"NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SP
 FLY = """
 import hashlib
 import numpy as np
-from uavbench.trajectories.vehicle.airframes import AIRFRAMES
+from uavbench.trajectories.vehicle.registry import AIRFRAMES
 from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.simulation.flight import FlightSpec, fly
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
@@ -27,11 +27,11 @@ from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.paths.around import FigureEight, Orbit
 from uavbench.trajectories.sensors.registry import measure
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.wind.winds import Dryden
 
 corners = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.15, 0.15) for z in (0.0, 0.3)])
-box = Surroundings(corners, np.array([[0, 1, 3], [4, 6, 7], [0, 4, 5], [2, 3, 7], [0, 2, 6], [1, 5, 7]]))
+box = ObstacleMesh(corners, np.array([[0, 1, 3], [4, 6, 7], [0, 4, 5], [2, 3, 7], [0, 2, 6], [1, 5, 7]]))
 digest = hashlib.sha256()
 sensors = (Imu(), FlowDeck(), Barometer(), Gnss())
 for path in (HandPilot(duration_s=3.0), Orbit(turns=0.2), FigureEight(loops=1)):

@@ -150,7 +150,7 @@ def test_feed_forward_is_worth_having() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spec", "surroundings", "mount", "told"),
+    ("spec", "obstacles", "mount", "told"),
     [
         (FlightSpec(path=FigureEight(period_s=1.5)), BOX, Mount(), r"figure-eight: t = .*unreachable speed: .* m/s"),
         (
@@ -178,10 +178,10 @@ def test_feed_forward_is_worth_having() -> None:
     ],
 )
 def test_flights_that_cannot_be_are_refused_by_name(
-    spec: FlightSpec, surroundings: object, mount: Mount, told: str
+    spec: FlightSpec, obstacles: object, mount: Mount, told: str
 ) -> None:
     with pytest.raises(UserError, match=told):
-        fly(spec, mount, surroundings, 0)  # type: ignore[arg-type]
+        fly(spec, mount, obstacles, 0)  # type: ignore[arg-type]
 
 
 def test_saturated_motors_are_told_with_their_share() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.trajectories.scene import BOX, standing
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.sensors.barometer import Barometer, height_at, pressure_at
 from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_truth
 from uavbench.trajectories.wind.dryden import first_order
@@ -168,7 +168,7 @@ def test_upside_down_there_is_no_floor(roll_deg: float) -> None:
 
 
 def test_the_nearer_of_structure_and_floor_is_what_lies_beneath() -> None:
-    roof = Surroundings(np.array([[4.0, -1, 1], [6.0, -1, 1], [5.0, 2, 1]]), np.array([[0, 1, 2]]))
-    cellar = Surroundings(np.array([[4.0, -1, -1], [6.0, -1, -1], [5.0, 2, -1]]), np.array([[0, 1, 2]]))
+    roof = ObstacleMesh(np.array([[4.0, -1, 1], [6.0, -1, 1], [5.0, 2, 1]]), np.array([[0, 1, 2]]))
+    cellar = ObstacleMesh(np.array([[4.0, -1, -1], [6.0, -1, -1], [5.0, 2, -1]]), np.array([[0, 1, 2]]))
     for mesh, expected in ((roof, 1.0), (cellar, 2.0)):
         assert flow_truth(standing(0.0, height=2.0), mesh)[1] == pytest.approx([expected])

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from tests.trajectories.scene import BOX
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.paths.pilot.gamepad import Pad
+from uavbench.trajectories.paths.pilot.gamepad import Gamepad
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot, Pilot
-from uavbench.trajectories.paths.reference import Seen
+from uavbench.trajectories.paths.reference import VehicleState
 from uavbench.trajectories.simulation.flight import FlightSpec, fly
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
@@ -55,7 +55,7 @@ def test_the_pilot_reacts_late() -> None:
     pilots = [HandPilot(reaction_s=0.2).plan(BOX, Mount(), np.random.default_rng(0)) for _ in range(2)]
     assert all(isinstance(pilot, Pilot) for pilot in pilots)
     start = pilots[0].rows(-pilots[0].warm_up, 1, None)[0]
-    here, there = (Seen(start[:3] + np.array([0.0, 0.0, dz]), np.zeros(3), start[9]) for dz in (0.0, 0.3))
+    here, there = (VehicleState(start[:3] + np.array([0.0, 0.0, dz]), np.zeros(3), start[9]) for dz in (0.0, 0.3))
     differ = []
     for block in range(200):
         first = -pilots[0].warm_up + 10 * block
@@ -73,21 +73,21 @@ def test_the_pilot_reacts_late() -> None:
     expo=st.floats(0.0, 0.95),
 )
 def test_the_pilot_knows_his_pad(command: tuple[float, ...], dead_zone: float, expo: float) -> None:
-    pad = Pad(dead_zone=dead_zone, expo=expo)
+    pad = Gamepad(dead_zone=dead_zone, expo=expo)
     wanted = np.array(command) * pad.tops
     np.testing.assert_allclose(pad.command(pad.deflection(wanted)), wanted, atol=1e-6)
 
 
 def test_the_dead_zone_is_dead_and_full_deflection_is_the_top() -> None:
-    pad = Pad()
+    pad = Gamepad()
     assert not pad.command(np.array([0.1, -0.1, 0.05, 0.0])).any()
     np.testing.assert_allclose(pad.command(np.array([1.0, -1.0, 1.0, 1.0])), pad.tops * [1, -1, 1, 1])
 
 
 def test_sticks_move_no_faster_than_thumbs() -> None:
-    pilot = HandPilot(pad=Pad(tremor=0.0)).plan(BOX, Mount(), np.random.default_rng(0))
+    pilot = HandPilot(pad=Gamepad(tremor=0.0)).plan(BOX, Mount(), np.random.default_rng(0))
     start = pilot.rows(-pilot.warm_up, 1, None)[0]
-    far = Seen(start[:3] + np.array([3.0, 0.0, 2.0]), np.zeros(3), start[9] + 2.0)
+    far = VehicleState(start[:3] + np.array([3.0, 0.0, 2.0]), np.zeros(3), start[9] + 2.0)
     held = []
     for block in range(100):
         pilot.rows(-pilot.warm_up + 10 * block, 10, far)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.trajectories.scene import BOX, DECK, PIER, WALL, both
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
 from uavbench.trajectories.paths.around import Approach, FigureEight, Hover, Orbit, PierSpiral
 from uavbench.trajectories.paths.pace import asked_speed
@@ -79,11 +79,11 @@ def test_ways_through_points_keep_their_limits(data: st.DataObject, stop: bool) 
             assert np.linalg.norm(way[nearest] - point) < 1e-6 and np.linalg.norm(v[nearest]) < 1e-3
 
 
-@pytest.mark.parametrize(("path", "surroundings", "mount"), PLANS, ids=lambda v: type(v).__name__)
+@pytest.mark.parametrize(("path", "obstacles", "mount"), PLANS, ids=lambda v: type(v).__name__)
 def test_a_plan_is_smooth_starts_at_rest_and_keeps_its_limits(
-    path: PathSpec, surroundings: Surroundings, mount: Mount
+    path: PathSpec, obstacles: ObstacleMesh, mount: Mount
 ) -> None:
-    plan = path.plan(surroundings, mount, np.random.default_rng(0))
+    plan = path.plan(obstacles, mount, np.random.default_rng(0))
     assert isinstance(plan, Planned)
     t = plan.table
     assert np.isfinite(t).all()
@@ -97,17 +97,17 @@ def test_a_plan_is_smooth_starts_at_rest_and_keeps_its_limits(
     assert not resting[:3, 3:9].any() and not resting[:3, 10:].any()
 
 
-PACED = [(path, surroundings) for path, surroundings, _ in PLANS if hasattr(path, "usual_speed_m_s")]
+PACED = [(path, obstacles) for path, obstacles, _ in PLANS if hasattr(path, "usual_speed_m_s")]
 
 
-@pytest.mark.parametrize(("path", "surroundings"), PACED, ids=lambda v: type(v).__name__)
-def test_a_path_takes_the_time_that_it_is_given(path: PathSpec, surroundings: Surroundings) -> None:
+@pytest.mark.parametrize(("path", "obstacles"), PACED, ids=lambda v: type(v).__name__)
+def test_a_path_takes_the_time_that_it_is_given(path: PathSpec, obstacles: ObstacleMesh) -> None:
     """Twice and 1.2 times what it takes at its usual speed, to the step, and as fast as that needs."""
     plain = replace(path, speed_m_s=None)  # type: ignore[type-var]
-    usual = plain.plan(surroundings, Mount(), np.random.default_rng(0)).table
+    usual = plain.plan(obstacles, Mount(), np.random.default_rng(0)).table
     for factor in (1.2, 2.0):
         duration = round(factor * (len(usual) - 1)) * STEP_S
-        timed = replace(plain, duration_s=duration).plan(surroundings, Mount(), np.random.default_rng(0)).table
+        timed = replace(plain, duration_s=duration).plan(obstacles, Mount(), np.random.default_rng(0)).table
         assert len(timed) == round(duration / STEP_S) + 1
         np.testing.assert_allclose(timed[[0, -1], :3], usual[[0, -1], :3], atol=1e-6)
         speeds = np.linalg.norm(timed[:, 3:6], axis=1)
@@ -116,17 +116,17 @@ def test_a_path_takes_the_time_that_it_is_given(path: PathSpec, surroundings: Su
         assert np.linalg.norm(timed[:, 6:9], axis=1).max() <= path.acceleration_m_s2 * 1.01
 
 
-@pytest.mark.parametrize(("path", "surroundings"), PACED, ids=lambda v: type(v).__name__)
-def test_a_path_takes_a_duration_or_a_speed(path: PathSpec, surroundings: Surroundings) -> None:
+@pytest.mark.parametrize(("path", "obstacles"), PACED, ids=lambda v: type(v).__name__)
+def test_a_path_takes_a_duration_or_a_speed(path: PathSpec, obstacles: ObstacleMesh) -> None:
     both = replace(path, speed_m_s=0.4, duration_s=9.0)  # type: ignore[type-var]
     with pytest.raises(UserError, match="give duration_s or speed_m_s, not both"):
-        both.plan(surroundings, Mount(), np.random.default_rng(0))
+        both.plan(obstacles, Mount(), np.random.default_rng(0))
     hasty = replace(path, speed_m_s=None, duration_s=0.5)  # type: ignore[type-var]
     with pytest.raises(UserError, match=r"duration_s 0.5: .* m from rest to rest take .* s or more at"):
-        hasty.plan(surroundings, Mount(), np.random.default_rng(0))
+        hasty.plan(obstacles, Mount(), np.random.default_rng(0))
     asked = replace(path, speed_m_s=path.usual_speed_m_s)  # type: ignore[type-var]
     usual = replace(path, speed_m_s=None)  # type: ignore[type-var]
-    tables = [each.plan(surroundings, Mount(), np.random.default_rng(0)).table for each in (asked, usual)]
+    tables = [each.plan(obstacles, Mount(), np.random.default_rng(0)).table for each in (asked, usual)]
     np.testing.assert_array_equal(*tables)
 
 
@@ -148,10 +148,10 @@ def test_what_a_path_does_not_reach_is_told() -> None:
     assert (timed.speed_asked_m_s, timed.duration_asked_s, timed.duration_s) == (None, 30.0, 30.0)
 
 
-@pytest.mark.parametrize(("path", "surroundings", "mount"), PLANS, ids=lambda v: type(v).__name__)
-def test_a_plan_keeps_the_structure_in_view(path: PathSpec, surroundings: Surroundings, mount: Mount) -> None:
+@pytest.mark.parametrize(("path", "obstacles", "mount"), PLANS, ids=lambda v: type(v).__name__)
+def test_a_plan_keeps_the_structure_in_view(path: PathSpec, obstacles: ObstacleMesh, mount: Mount) -> None:
     """The ray through the middle of the image, or one at most 30 degrees from it, meets the structure."""
-    plan = path.plan(surroundings, mount, np.random.default_rng(0))
+    plan = path.plan(obstacles, mount, np.random.default_rng(0))
     rows = plan.table[::100]  # type: ignore[union-attr]
     axis = mount.cam_from_body.rotation[2]
     seen = np.zeros(len(rows), dtype=bool)
@@ -164,7 +164,7 @@ def test_a_plan_keeps_the_structure_in_view(path: PathSpec, surroundings: Surrou
         angles = np.radians(np.linspace(-30, 30, 25))
         rays = np.array([forward + np.tan(a) * side + np.tan(b) * up for a in angles for b in angles])
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        seen[i] = np.isfinite(surroundings.ray(np.tile(row[:3], (len(rays), 1)), rays)).any()
+        seen[i] = np.isfinite(obstacles.ray(np.tile(row[:3], (len(rays), 1)), rays)).any()
     assert seen.mean() > 0.95, f"in view {seen.mean():.0%} of the time"
 
 
@@ -180,13 +180,13 @@ def test_the_raster_covers_the_facade_and_the_spiral_its_pier() -> None:
 
 
 def test_every_path_flies_on_a_vehicle_of_its_size(tmp_path: Path) -> None:
-    for path, surroundings, mount in PLANS:
-        if surroundings is BOX:
+    for path, obstacles, mount in PLANS:
+        if obstacles is BOX:
             continue
         shorter = replace(path, speed_m_s=2.0, acceleration_m_s2=1.5)  # type: ignore[type-var]
-        flight = fly(FlightSpec(path=shorter, airframe=Iris()), mount, surroundings, 0)
+        flight = fly(FlightSpec(path=shorter, airframe=Iris()), mount, obstacles, 0)
         assert flight.status == "completed"
-        plan = shorter.plan(surroundings, mount, np.random.default_rng(0))
+        plan = shorter.plan(obstacles, mount, np.random.default_rng(0))
         error = np.linalg.norm(flight.positions_m - plan.table[:, :3], axis=1)
         assert np.sqrt((error**2).mean()) < 0.02
 

@@ -1,4 +1,4 @@
-"""Baselines: `hold` repeats the initial pose, `vo` knows nothing of the structure.
+"""Baselines: `hold` repeats the initial pose, `vo` is visual odometry without the model.
 
-In: images. Out: poses. Imports the tracker protocol.
+In: images. Out: poses. Imports the tracker protocol, and `shang_shen` for its greyscale conversion.
 """

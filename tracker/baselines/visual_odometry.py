@@ -119,10 +119,7 @@ class VoRun:
         return True
 
     def _rays(self, pixels: Array) -> Array:
-        flat = self.camera.undistort(pixels)
-        x = (flat[:, 0] - self.camera.cx) / self.camera.fx
-        y = (flat[:, 1] - self.camera.cy) / self.camera.fy
-        rays = np.column_stack([x, y, np.ones(len(flat))]) @ self.pose.rotation
+        rays = self.camera.rays(pixels) @ self.pose.rotation
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     def _triangulate(self) -> None:

@@ -8,46 +8,14 @@ import math
 
 import numpy as np
 
+from uavbench.tracker.geometry_kernels import combination, so3_exp, so3_left_jacobian
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 
-@compiled("f1~")
-def rotation(phi: Array) -> Array:
-    """Exp(phi) (3, 3), Rodrigues (eq. 78)."""
-    a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    if a2 < 1e-10:
-        s, c = 1.0 - a2 / 6.0, 0.5 - a2 / 24.0
-    else:
-        a = math.sqrt(a2)
-        s, c = math.sin(a) / a, (1.0 - math.cos(a)) / a2
-    return combination(phi, 1.0, s, c)
-
-
-@compiled("f1~ f0 f0 f0")
-def combination(phi: Array, one: float, s: float, c: float) -> Array:
-    """The matrix one I + s [phi]x + c [phi]x [phi]x."""
-    x, y, z = phi[0], phi[1], phi[2]
-    return np.array([
-        [one - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
-        [c * x * y + s * z, one - c * (x * x + z * z), c * y * z - s * x],
-        [c * x * z - s * y, c * y * z + s * x, one - c * (x * x + y * y)],
-    ])  # fmt: skip
-
-
-@compiled("f1")
-def first_integral(phi: Array) -> Array:
-    """Integral of Exp(u phi) over u from 0 to 1: the left Jacobian of SO(3) (eq. 145)."""
-    a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
-    if a2 < 1e-6:
-        return combination(phi, 1.0, 0.5 - a2 / 24.0, 1.0 / 6.0 - a2 / 120.0)
-    a = math.sqrt(a2)
-    return combination(phi, 1.0, (1.0 - math.cos(a)) / a2, (a - math.sin(a)) / (a2 * a))
-
-
 @compiled("f1")
 def second_integral(phi: Array) -> Array:
-    """Integral of `first_integral`, which a constant specific force moves the position by (Bloesch et al. 2012)."""
+    """Integral of `so3_left_jacobian`, which a constant specific force moves the position by (Bloesch et al. 2012)."""
     a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     if a2 < 1e-4:
         return combination(phi, 0.5, 1.0 / 6.0 - a2 / 120.0, 1.0 / 24.0 - a2 / 720.0)
@@ -88,7 +56,7 @@ def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, dens
     """
     R = np.ascontiguousarray(state[6:15]).reshape(3, 3)
     force, phi = accel - state[15:18], (gyro - state[18:21]) * dt
-    E, G1, G2 = rotation(phi), first_integral(phi), second_integral(phi)
+    E, G1, G2 = so3_exp(phi), so3_left_jacobian(phi), second_integral(phi)
     a1, a2 = turned(G1, force), turned(G2, force)
     RG1, RG2 = product(R, G1), product(R, G2)
     out = state.copy()
@@ -118,7 +86,7 @@ def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, dens
     position_by_attitude = product(R, combination(a2, 0.0, 1.0, 0.0))
     velocity_by_attitude = product(R, combination(a1, 0.0, 1.0, 0.0))
     by_force = product(R, combination(force, 0.0, 1.0, 0.0))
-    J = first_integral(-phi)  # right Jacobian (eq. 143)
+    J = so3_left_jacobian(-phi)  # right Jacobian (eq. 143)
     for i in range(3):
         F[i, 3 + i] = dt
         for j in range(3):
@@ -234,7 +202,7 @@ def update(state: Array, P: Array, residual: Array, H: Array, N: Array) -> tuple
         out[i] += error[i]
         out[15 + i] += error[9 + i]
         out[21 + i] += error[15 + i]
-    R = product(np.ascontiguousarray(state[6:15]).reshape(3, 3), rotation(error[6:9]))
+    R = product(np.ascontiguousarray(state[6:15]).reshape(3, 3), so3_exp(error[6:9]))
     for i in range(3):
         for j in range(3):
             out[6 + 3 * i + j] = R[i, j]

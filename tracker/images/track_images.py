@@ -1,7 +1,5 @@
 """Real images: a folder or a video, a model, a camera and a first pose in; results and an overlay video out."""
 
-import hashlib
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,13 +12,12 @@ from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.sequence import file_hash, read_image
 from uavbench.scenes.image_files import open_video
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.initialization import read_init
-from uavbench.tracker.overlay import draw_edges
 from uavbench.tracker.protocol import Image, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import MARKER, Results
-from uavbench.tracker.run import parameters, started, track_frame
-from uavbench.tracker.versions import versions
+from uavbench.tracker.run import record_of, started, track_frame
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign
 from uavbench.trajectories.pose import Pose
@@ -74,19 +71,8 @@ def track_images(
         writer.release()
         if not rows:
             raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
-        made_by = {
-            "tracker": {"kind": tracker_kind(tracker), "parameters": parameters(tracker)},
-            "rate_hz": rate_hz,
-            "seed": seed,
-            "sequence": {"name": source.name, "model": file_hash(model), "camera": file_hash(camera)},
-            "versions": versions(),
-        }
-        record = {
-            **made_by,
-            "cam_from_body": np.eye(4).tolist(),
-            "errors": errors,
-            "content_hash": hashlib.sha256(json.dumps(made_by, sort_keys=True).encode()).hexdigest(),
-        }
+        inputs = {"sequence": {"name": source.name, "model": file_hash(model), "camera": file_hash(camera)}}
+        record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=seed, errors=errors)
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results

@@ -1,5 +1,5 @@
-"""How any file is read and written.
+"""Reading and writing of files.
 
-In: paths. Out: content within named limits, and files and folders that appear whole or not at all and replace nothing
-but our own. Imports errors only.
+In: paths. Out: content within named limits; files and folders that appear whole or not at all and never replace what
+uavbench did not write. Imports errors only.
 """

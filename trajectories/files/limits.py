@@ -1,4 +1,4 @@
-"""How much of a file of others is taken: every limit in one place, with its unit and its reason.
+"""Size limits on untrusted files, in one place, each with its unit and reason.
 
 They are far above what real data need, and are checked before memory is spent.
 """

@@ -1,4 +1,4 @@
-"""Files of others are opened here alone: regular files, inside their folder, of a size that is looked at first."""
+"""Guarded reading of untrusted files: regular files, inside their folder, within a size limit."""
 
 import json
 import os

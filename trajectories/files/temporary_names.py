@@ -1,4 +1,4 @@
-"""Temporary names that tell whose they are, and the removal of what a killed process left under them.
+"""Temporary names with an owner, and the removal of what a killed process left under them.
 
 Before `.NAME-uavbench-TOKEN` is made there is `.NAME-uavbench-TOKEN.owner`: a symbolic link to nowhere, whose text
 names the token and the process. It is made in one step, so what stands under a token is always its owner's; and it
@@ -86,16 +86,16 @@ def _is_dead(owner: Path, token: str, alone: bool) -> bool:
     """Whether this is an owner of ours whose process is no more."""
     try:
         text = str(owner.readlink()) if owner.is_symlink() else owner.read_bytes()[:LONGEST_OWNER].decode("ascii")
-        ours, machine, pid, start, told = text.split(" ")
+        ours, machine, pid, start, named = text.split(" ")
     except (OSError, ValueError):
         return False
-    if ours != "uavbench" or told != token or not pid.isdecimal():
+    if ours != "uavbench" or named != token or not pid.isdecimal():
         return False
     return alone if machine != _machine() else _start(int(pid)) != start
 
 
 def _start(pid: int) -> str:
-    """When a process began, in the kernel's ticks, so that another with its number is told apart; "" for a dead one."""
+    """Start time of a process in the kernel's ticks, as its number may be used again; "" for a dead one."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:

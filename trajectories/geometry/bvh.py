@@ -16,7 +16,8 @@ MAX_DEPTH = 64
 
 class Tree(NamedTuple):
     """Balanced tree: low, high (k, 3) boxes of the nodes; first, counts (k,) the triangles of a leaf (counts 0: inner);
-    child (k,) the first of the two children, which follow each other; corners (m, 3, 3) triangles in leaf order.
+    child (k,) the first of the two children, which follow each other; corners (m, 3, 3) triangles in leaf order, and
+    rows (m,) where each one stood before.
     """
 
     low: Array
@@ -25,9 +26,10 @@ class Tree(NamedTuple):
     counts: NDArray[np.int64]
     child: NDArray[np.int64]
     corners: Array
+    rows: NDArray[np.int64]
 
 
-TREE = named_tuple(Tree, "f2! f2! i1! i1! i1! f3!")
+TREE = named_tuple(Tree, "f2! f2! i1! i1! i1! f3! i1!")
 
 
 def build_tree(corners: Array) -> Tree:
@@ -57,4 +59,5 @@ def build_tree(corners: Array) -> Tree:
                 child.append(0)
         node += 1
     low, high = (np.ascontiguousarray([box[k] for box in boxes]) for k in range(2))
-    return Tree(low, high, np.array(first), np.array(count), np.array(child), np.ascontiguousarray(corners[order]))
+    leaves = np.array(first), np.array(count), np.array(child)
+    return Tree(low, high, *leaves, np.ascontiguousarray(corners[order]), order)

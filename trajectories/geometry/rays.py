@@ -46,9 +46,7 @@ def _distances(tree: Tree, origins: Array, directions: Array, within: float, any
                     continue
                 if tree.counts[node] > 0:
                     for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
-                        best = min(
-                            best, _ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2])
-                        )
+                        best = min(best, ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2]))
                 else:
                     stack[top] = tree.child[node]
                     stack[top + 1] = tree.child[node] + 1
@@ -71,7 +69,7 @@ def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int
             if tree.counts[node] > 0:
                 for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
                     a, b, c = tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2]
-                    if _ray_triangle(origins[i], direction, a, b, c) < np.inf:
+                    if ray_triangle(origins[i], direction, a, b, c) < np.inf:
                         out[i] += _side(direction, a, b, c)
             else:
                 stack[top] = tree.child[node]
@@ -95,7 +93,7 @@ def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float
 
 
 @compiled("f1~ f1~ f1 f1 f1")
-def _ray_triangle(o: Array, d: Array, a: Array, b: Array, c: Array) -> float:
+def ray_triangle(o: Array, d: Array, a: Array, b: Array, c: Array) -> float:
     """Distance along a ray to a triangle, inf when it misses (Moller & Trumbore 1997)."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]

@@ -1,6 +1,7 @@
-"""Three-vectors and 3 x 3 matrices as tuples: what the compiled inner loop of a flight computes with.
+"""Three-vectors and 3 x 3 matrices as tuples, for the compiled inner loop of a flight.
 
-Tuples compile several times faster than arrays of fixed size and allocate nothing.
+Tuples compile several times faster than arrays of fixed size and allocate nothing; for arrays of rotations there is
+`pose`.
 """
 
 from math import sqrt
@@ -31,19 +32,19 @@ def add(a: Vector, b: Vector) -> Vector:
 
 
 @compiled
-def less(a: Vector, b: Vector) -> Vector:
+def subtract(a: Vector, b: Vector) -> Vector:
     """The difference a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
-def scaled(s: float, a: Vector) -> Vector:
+def scale(s: float, a: Vector) -> Vector:
     """The multiple s a."""
     return s * a[0], s * a[1], s * a[2]
 
 
 @compiled
-def times(a: Vector, b: Vector) -> Vector:
+def multiply(a: Vector, b: Vector) -> Vector:
     """The product of each pair of components."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
@@ -73,7 +74,7 @@ def rotate(R: Matrix, v: Vector) -> Vector:
 
 
 @compiled
-def transposed(R: Matrix) -> Matrix:
+def transpose(R: Matrix) -> Matrix:
     """The transpose; of a rotation, its inverse."""
     return (R[0][0], R[1][0], R[2][0]), (R[0][1], R[1][1], R[2][1]), (R[0][2], R[1][2], R[2][2])
 

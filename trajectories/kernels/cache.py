@@ -30,7 +30,7 @@ from uavbench.trajectories.files.temporary_names import temporary
 from uavbench.trajectories.source_files import digest, sources
 
 MARKER = ".uavbench-kernels"
-"""File that says that a folder of kernels is ours."""
+"""Marker file of a kernel cache folder."""
 KEY = re.compile(r"[0-9a-f]{32}")
 KEPT_DAYS = 30.0
 """Kernels that no process has asked for in so long are removed: longer than a holiday, and little on a disk."""
@@ -126,11 +126,11 @@ def homes() -> Iterator[Path]:
         own.mkdir(mode=0o700, exist_ok=True)
         about = own.lstat()
         if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o077:
-            yield own  # nobody else can put code there
+            yield own  # only this user can write there
 
 
 def remove_old(home: Path) -> None:
-    """Remove folders of ours that nobody has asked for in long; whatever else lies there stays."""
+    """Remove cache folders of ours that have not been used for long; everything else stays."""
     oldest = time.time() - KEPT_DAYS * 86400.0
     for folder in home.iterdir():
         if not KEY.fullmatch(folder.name) or folder.is_symlink():

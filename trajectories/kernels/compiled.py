@@ -14,7 +14,7 @@ from uavbench.trajectories.kernels.cache import cache_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 OPTIONS = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""No Python objects; division by zero gives inf or nan, as in numpy; nobody calls a kernel from C."""
+"""No Python objects; division by zero gives inf or nan, as in numpy; no kernel is called from C."""
 KERNELS: list["Kernel"] = []
 """Every kernel with declared arguments in the modules that were imported, callees first."""
 

@@ -1,5 +1,5 @@
-"""Flight paths: what the vehicle is told to fly.
+"""Flight paths: the reference that the vehicle flies.
 
 In: obstacles around the structure, the camera's mount and a random generator. Out: reference rows for the controller,
-one for each control step. Imports geometry and the vehicle; never the simulation.
+one for each control step. Imports geometry, trajectory files and the vehicle; never the simulation.
 """

@@ -14,7 +14,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.files.reading import read_text
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pace import paced
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import fly_through, stop_and_go
@@ -35,11 +35,11 @@ class Frame:
     up: tuple[float, float]
 
     @classmethod
-    def of(cls, surroundings: Surroundings, degrees: float) -> "Frame":
+    def of(cls, obstacles: ObstacleMesh, degrees: float) -> "Frame":
         """Frame along a bearing, counter-clockwise from the world's x axis."""
         angle = np.radians(degrees)
         along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
-        used = surroundings.vertices[np.unique(surroundings.triangles)]
+        used = obstacles.vertices[np.unique(obstacles.triangles)]
         a, b, z = exact.product(used[:, :2], along), exact.product(used[:, :2], across), used[:, 2]
         extents = [(float(v.min()), float(v.max())) for v in (a, b, z)]
         return cls(along, across, *extents)
@@ -69,9 +69,9 @@ class FacadeRaster:
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
     usual_speed_m_s: ClassVar[float] = 0.8
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the raster; UserError when no lane is left."""
-        frame = Frame.of(surroundings, self.facade_deg)
+        frame = Frame.of(obstacles, self.facade_deg)
         low, high = frame.aside[0] + self.margin_m, frame.aside[1] - self.margin_m
         top = frame.up[1] if self.to_height_m is None else self.to_height_m
         if not (low < high and self.from_height_m <= top):
@@ -111,9 +111,9 @@ class GirderFollow:
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
     usual_speed_m_s: ClassVar[float] = 0.8
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the way there and back; UserError when overrun_m leaves no way."""
-        frame = Frame.of(surroundings, self.along_deg)
+        frame = Frame.of(obstacles, self.along_deg)
         start, end = _run(frame, self.overrun_m, self.stretch_m)
         left = self.side == "left"
         aside = frame.aside[1] + self.distance_m if left else frame.aside[0] - self.distance_m
@@ -144,11 +144,11 @@ class UndersidePass:
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.8
     usual_speed_m_s: ClassVar[float] = 0.8
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the lanes, every other one backwards; UserError when overrun_m leaves no way."""
         if not self.offsets_m:
             raise UserError("offsets_m names no lane")
-        frame = Frame.of(surroundings, self.along_deg)
+        frame = Frame.of(obstacles, self.along_deg)
         start, end = _run(frame, self.overrun_m, self.stretch_m)
         middle = (frame.aside[0] + frame.aside[1]) / 2
         points, yaws = [], []
@@ -205,7 +205,7 @@ class Waypoints:
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
     usual_speed_m_s: ClassVar[float] = 0.5
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan through the points; UserError naming the file and line."""
         table = read_waypoints(Path(self.file))
         points, yaws = table[:, :3], np.radians(table[:, 3])

@@ -1,4 +1,4 @@
-"""Paths that circle a structure or stand before it: orbit, pier spiral, approach, hover, figure-8."""
+"""Paths around or in front of a structure: orbit, pier spiral, approach, hover, figure-8."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pace import paced
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import progress
@@ -20,9 +20,9 @@ from uavbench.trajectories.vehicle.quadrotor import STEP_S
 Direction = Literal["counter-clockwise", "clockwise"]
 
 
-def reach(surroundings: Surroundings) -> float:
+def reach(obstacles: ObstacleMesh) -> float:
     """Horizontal distance from the centre of the bounds to their corners, metres."""
-    low, high = surroundings.bounds
+    low, high = obstacles.bounds
     return float(exact.length(high[:2] - low[:2]) / 2)
 
 
@@ -58,10 +58,10 @@ class Orbit:
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
     usual_speed_m_s: ClassVar[float] = 0.3
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the orbit."""
-        radius = reach(surroundings) + self.distance_m
-        return _helix(self, surroundings.centre[:2], radius, 2 * np.pi * self.turns, self.height_m, self.height_m)
+        radius = reach(obstacles) + self.distance_m
+        return _helix(self, obstacles.centre[:2], radius, 2 * np.pi * self.turns, self.height_m, self.height_m)
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,9 @@ class PierSpiral:
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
     usual_speed_m_s: ClassVar[float] = 0.8
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the helix."""
-        centre = surroundings.centre[:2] if self.centre_m is None else np.array(self.centre_m)
+        centre = obstacles.centre[:2] if self.centre_m is None else np.array(self.centre_m)
         angle = 2 * np.pi * max(abs(self.to_height_m - self.from_height_m) / self.rise_m, 0.25)
         return _helix(self, centre, self.radius_m, angle, self.from_height_m, self.to_height_m)
 
@@ -132,7 +132,7 @@ class Approach:
     acceleration_m_s2: Annotated[float, Gt(0)] = 0.5
     usual_speed_m_s: ClassVar[float] = 0.3
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the approach and retreat."""
         if self.near_m >= self.far_m:
             raise UserError(f"near_m {self.near_m} must be less than far_m {self.far_m}")
@@ -144,27 +144,27 @@ class Approach:
             return np.concatenate([there_and_back, *[there_and_back[1:]] * (self.cycles - 1)])
 
         travelled = paced(self, travelled_at, 2 * self.cycles * length)
-        distance = reach(surroundings) + self.far_m - travelled
-        xy = surroundings.centre[:2] + distance[:, None] * bearing(self.from_deg)
+        distance = reach(obstacles) + self.far_m - travelled
+        xy = obstacles.centre[:2] + distance[:, None] * bearing(self.from_deg)
         positions = np.column_stack([xy, np.full(len(xy), self.height_m)])
-        return planned(positions, facing(positions, surroundings.centre[:2]))
+        return planned(positions, facing(positions, obstacles.centre[:2]))
 
 
 @dataclass(frozen=True)
 class Hover:
-    """Stands still before the structure and looks at it; distance_m is from the corners of its bounds."""
+    """Hovers in front of the structure, camera towards it; distance_m is from the corners of its bounds."""
 
     duration_s: Annotated[float, Gt(0)] = 20.0
     distance_m: Annotated[float, Gt(0)] = 1.0
     height_m: Annotated[float, Gt(0)] = 0.5
     from_deg: float = 30.0
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the hover."""
-        xy = surroundings.centre[:2] + (reach(surroundings) + self.distance_m) * bearing(self.from_deg)
+        xy = obstacles.centre[:2] + (reach(obstacles) + self.distance_m) * bearing(self.from_deg)
         steps = round(self.duration_s / STEP_S) + 1
         positions = np.tile([*xy, self.height_m], (steps, 1))
-        return planned(positions, facing(positions, surroundings.centre[:2]))
+        return planned(positions, facing(positions, obstacles.centre[:2]))
 
 
 @dataclass(frozen=True)
@@ -185,15 +185,15 @@ class FigureEight:
     height_m: Annotated[float, Gt(0)] = 0.7
     from_deg: float = 30.0
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Planned:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the eight."""
         rate = 2 * np.pi / self.period_s
         # Windows of 1, 1/2, 1/4 and 1/8 times 8/15 of a period: it speeds up for one, in which it gets half around.
         phase = progress(2 * np.pi * (self.loops + 1), rate, rate / (self.period_s * 8 / 15))
         forward = bearing(self.from_deg)
         side = np.array([-forward[1], forward[0]])
-        middle = surroundings.centre[:2] + (reach(surroundings) + self.distance_m) * forward
+        middle = obstacles.centre[:2] + (reach(obstacles) + self.distance_m) * forward
         across, along = self.width_m / 2 * exact.sin(phase), self.depth_m / 2 * exact.sin(2 * phase)
         xy = middle + across[:, None] * side + along[:, None] * forward
         positions = np.column_stack([xy, self.height_m + self.rise_m / 2 * exact.sin(phase)])
-        return planned(positions, facing(positions, surroundings.centre[:2]))
+        return planned(positions, facing(positions, obstacles.centre[:2]))

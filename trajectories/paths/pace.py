@@ -1,4 +1,4 @@
-"""How fast a planned path is flown: at a speed, or so that it takes a given time."""
+"""Timing of a planned path: by speed, or by duration."""
 
 from collections.abc import Callable
 from typing import Protocol

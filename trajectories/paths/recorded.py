@@ -8,7 +8,7 @@ import numpy as np
 
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Replay
 from uavbench.trajectories.pose import Array, Pose, quaternion_from_rotation
 from uavbench.trajectories.record_columns import RECORD, RECORD_COLUMNS
@@ -35,7 +35,7 @@ class Recorded:
     format: Literal["tum", "euroc", "kitti"] | None = None
     frame: Literal["body", "camera"] = "body"
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Replay:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Replay:
         """The recorded motion at every step; UserError naming the file when it has too few poses or a long gap."""
         given, _ = read_trajectory(Path(self.file), self.format)
         said, meant = (

@@ -1,4 +1,4 @@
-"""What a vehicle is told to do: reference rows for the controller, planned ahead or made in flight."""
+"""Reference rows for the controller, planned ahead or generated in flight."""
 
 from dataclasses import dataclass
 from math import cos, sin
@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from uavbench.trajectories.geometry.vectors import cross, dot, length, scaled, vector
+from uavbench.trajectories.geometry.vectors import cross, dot, length, scale, vector
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array, read_only
 from uavbench.trajectories.vehicle.geometric_control import REFERENCE_COLUMNS
@@ -14,8 +14,8 @@ from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """The vehicle as its guidance sees it: position and velocity (3,) in the world, yaw in rad."""
+class VehicleState:
+    """State of the vehicle that guidance receives: position and velocity (3,) in the world, yaw in rad."""
 
     position_m: Array
     velocity_m_s: Array
@@ -38,8 +38,8 @@ class Guidance(Protocol):
         """Rows of the record."""
         ...
 
-    def rows(self, first: int, count: int, seen: Seen | None) -> Array:
-        """Reference rows (count, 17) of steps first, first + 1, ...; `seen` is None before the vehicle exists."""
+    def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
+        """Reference rows (count, 17) of steps first, first + 1, ...; `state` is None before the vehicle exists."""
         ...
 
 
@@ -55,7 +55,7 @@ class Planned:
         """Rows of the record."""
         return len(self.table)
 
-    def rows(self, first: int, count: int, seen: Seen | None) -> Array:
+    def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
         """Rows of the table; its first one, at rest, before it begins."""
         at = np.arange(first, first + count)
         out = self.table[np.maximum(at, 0)]
@@ -94,10 +94,10 @@ def fill_rates(table: Array, jerk: Array, yaw_rate: Array) -> None:
     for k in range(table.shape[0]):
         force = (table[k, 6], table[k, 7], table[k, 8] + GRAVITY_M_S2)
         size, yaw = length(force), table[k, 9]
-        b3 = scaled(1.0 / size, force)
+        b3 = scale(1.0 / size, force)
         heading = (cos(yaw), sin(yaw), 0.0)
         side = cross(b3, heading)
-        b2 = scaled(1.0 / length(side), side)
+        b2 = scale(1.0 / length(side), side)
         b1 = cross(b2, b3)
         j = vector(jerk[k])
         p, q = -dot(j, b2) / size, dot(j, b1) / size

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from uavbench.trajectories.camera_mount import Mount
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
 from uavbench.trajectories.paths.around import Approach, FigureEight, Hover, Orbit, PierSpiral
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
@@ -16,8 +16,8 @@ from uavbench.trajectories.paths.reference import Guidance, Replay
 class PathSpec(Protocol):
     """A way to fly: a frozen dataclass of its parameters."""
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Guidance | Replay:
-        """Guidance along the path, or a motion known already; UserError when the surroundings leave no room for it."""
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance | Replay:
+        """Guidance along the path, or a motion known already; UserError when the obstacles leave no room for it."""
         ...
 
 

@@ -1,5 +1,5 @@
 """Body sensors: IMU, GNSS, barometer, optical flow.
 
-In: the flight record and a random generator. Out: tables of measurements with their own stamps. Imports wind models
-and geometry; nothing of the simulation.
+In: the flight record and a random generator. Out: tables of measurements with their own stamps. Imports wind models,
+the vehicle's constants and obstacles; nothing of the simulation.
 """

@@ -1,4 +1,4 @@
-"""A GNSS receiver whose satellites the structure hides."""
+"""A GNSS receiver whose satellites the structure occludes."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.sensors.satellites import sky
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
@@ -44,12 +44,12 @@ class Gnss:
     north_deg: float = 0.0
     epoch_s: Annotated[float, Ge(0)] = 0.0
 
-    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
         """Satellites in view and dilution of precision; position and velocity in the world where there is a fix."""
         stamps = sample_stamps(flight, self.rate_hz)
         places = sampled(flight, flight.positions_m, stamps)
         speeds = sampled(flight, flight.velocities_m_s, stamps)
-        sight, seen = self.view(places, stamps, surroundings)
+        sight, seen = self.view(places, stamps, obstacles)
         n, satellites = seen.shape
         white_rng, doppler_rng, *each = rng.spawn(2 + satellites)
         slow = [first_order(n, 1.0 / self.rate_hz, self.slow_s, slow_rng) for slow_rng in each]
@@ -69,7 +69,7 @@ class Gnss:
         return Table(self.measured, stamps, values)
 
     def view(
-        self, places_m: Array, stamps_ns: NDArray[np.int64], surroundings: Surroundings
+        self, places_m: Array, stamps_ns: NDArray[np.int64], obstacles: ObstacleMesh
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Directions (n, 24, 3) to the satellites in the world, and which of them (n, 24) are in view from places."""
         east_north_up = sky(self.epoch_s + stamps_ns / 1e9, self.latitude_deg)
@@ -77,5 +77,5 @@ class Gnss:
         sight = exact.product(east_north_up, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
         seen = sight[..., 2] > math.sin(math.radians(self.mask_deg))
         fix, satellite = np.nonzero(seen)
-        seen[fix, satellite] = np.isinf(surroundings.ray(places_m[fix], sight[fix, satellite]))
+        seen[fix, satellite] = np.isinf(obstacles.ray(places_m[fix], sight[fix, satellite]))
         return sight, seen

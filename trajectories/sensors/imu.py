@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
@@ -35,7 +35,7 @@ class Imu:
     accel_range_m_s2: Annotated[float, Gt(0)] = 176.0
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
         """Rates and specific forces in the body, and the biases that are in them."""
         stamps = sample_stamps(flight, self.rate_hz)
         rates, forces = inertial_truth(flight, np.array(self.offset_m))

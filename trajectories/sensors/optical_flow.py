@@ -9,14 +9,14 @@ from annotated_types import Ge, Gt
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
 
 
 @dataclass(frozen=True)
 class FlowDeck:
-    """Looks along the body's -z: pixels that the ground moved by since the last reading, and the range to it.
+    """Points along the body's -z: motion of the ground in px since the last reading, and the range to it.
 
     Flow follows the measurement model of the Crazyflie's firmware (mm_flow.c): pixels / aperture_rad per radian of
     flow, v_x / range - w_y along x and v_y / range + w_x along y, where its two constants are 35 px and 0.71674 rad.
@@ -36,10 +36,10 @@ class FlowDeck:
     least_range_m: Annotated[float, Ge(0)] = 0.08
     greatest_range_m: Annotated[float, Gt(0)] = 4.0
 
-    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
         """Flow dx, dy in px (whole counts) and range in m; none where the ground is out of range."""
         stamps = sample_stamps(flight, self.rate_hz)
-        flow, distance = flow_truth(flight, surroundings)
+        flow, distance = flow_truth(flight, obstacles)
         # Flow gathered since the last reading: the integral of the rate from row to row.
         step_s = np.diff(flight.stamps_ns, prepend=flight.stamps_ns[0])[:, None] / 1e9
         before = np.concatenate([flow[:1], flow[:-1]])
@@ -58,7 +58,7 @@ class FlowDeck:
         return Table(self.measured, stamps, np.column_stack([counts, ranged]))
 
 
-def flow_truth(flight: Flight, surroundings: Surroundings) -> tuple[Array, Array]:
+def flow_truth(flight: Flight, obstacles: ObstacleMesh) -> tuple[Array, Array]:
     """Flow rate (n, 2), rad/s, of what lies beneath along the body's -z, and the distance (n,) to it, metres.
 
     What lies beneath is the structure or the floor at z = 0, whichever comes first; inf when the body is upside down.
@@ -67,7 +67,7 @@ def flow_truth(flight: Flight, surroundings: Surroundings) -> tuple[Array, Array
     down = -R[:, :, 2]
     falling = np.minimum(down[:, 2], -1e-9)
     to_floor = np.where(down[:, 2] < 0, -flight.positions_m[:, 2] / falling, np.inf)
-    distance = np.minimum(surroundings.ray(flight.positions_m, down), to_floor)
+    distance = np.minimum(obstacles.ray(flight.positions_m, down), to_floor)
     v = np.einsum("nji,nj->ni", R, flight.velocities_m_s)
     w = flight.angular_velocities_rad_s
     flow = np.column_stack([v[:, 0] / distance - w[:, 1], v[:, 1] / distance + w[:, 0]])

@@ -1,11 +1,11 @@
-"""The body sensors, by name, and the files that a flight leaves beside its images."""
+"""The body sensors, by name, and the files of a flight: its record and the sensors' measurements."""
 
 from pathlib import Path
 
 import numpy as np
 
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.sensors.gnss import Gnss
@@ -18,7 +18,7 @@ FLIGHT_RATE_HZ = 100.0
 
 
 def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
-    """The truth of a flight at rate_hz, each row one of its own: motion, motors and wind."""
+    """Ground truth of a flight at rate_hz, rows of its record: motion, motors and wind."""
     rows = np.unique(flight.frame_rows(rate_hz))
     groups = (
         ("p", "m", "xyz", flight.positions_m),
@@ -35,7 +35,7 @@ def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
     return Table(tuple(columns), flight.stamps_ns[rows], np.column_stack([values[rows] for *_, values in groups]))
 
 
-def measure(sensors: tuple[SensorSpec, ...], flight: Flight, surroundings: Surroundings, seed: int) -> dict[str, Table]:
+def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: ObstacleMesh, seed: int) -> dict[str, Table]:
     """Table of each sensor by its name; a second one of a kind is called `imu-2` and so on.
 
     Every sensor draws from a stream of its own name, so adding one never changes another's readings.
@@ -44,15 +44,15 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, surroundings: Surro
     for sensor in sensors:
         base = sensor_name(sensor)
         name = next(n for n in (base, *(f"{base}-{k}" for k in range(2, len(sensors) + 2))) if n not in tables)
-        tables[name] = sensor.measure(flight, surroundings, stream(seed, "sensor", name))
+        tables[name] = sensor.measure(flight, obstacles, stream(seed, "sensor", name))
     return tables
 
 
 def write_flight(
-    flight: Flight, sensors: tuple[SensorSpec, ...], surroundings: Surroundings, seed: int, folder: Path
+    flight: Flight, sensors: tuple[SensorSpec, ...], obstacles: ObstacleMesh, seed: int, folder: Path
 ) -> list[str]:
     """Write `flight.csv` and one CSV file per sensor into a folder; the names of the files."""
-    tables = {"flight": flight_table(flight), **measure(sensors, flight, surroundings, seed)}
+    tables = {"flight": flight_table(flight), **measure(sensors, flight, obstacles, seed)}
     for name, table in tables.items():
         write_table(table, folder / f"{name}.csv")
     return [f"{name}.csv" for name in tables]

@@ -1,4 +1,4 @@
-"""What every body sensor is: parameters, and a verb that turns a flight into a table of measurements."""
+"""Interface of body sensors: parameters, and `measure`, from a flight to a table of measurements."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, read_only
 
 
@@ -40,8 +40,8 @@ class SensorSpec(Protocol):
     has no such attribute: what is true and not measured, as a bias, stays out of it.
     """
 
-    def measure(self, flight: Flight, surroundings: Surroundings, rng: np.random.Generator) -> Table:
-        """What the sensor says along a flight; same rng, same table."""
+    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
+        """Measurements along a flight; the same rng gives the same table."""
         ...
 
 

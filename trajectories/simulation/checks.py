@@ -1,11 +1,11 @@
-"""What makes a flight useless: plans that cannot be flown, collisions, motors at their limits."""
+"""Feasibility checks of a flight: plan, collisions, saturated motors."""
 
 import numpy as np
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Planned
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
 from uavbench.trajectories.record_columns import RECORD
@@ -18,14 +18,14 @@ THRUST_SHARE = 0.9
 
 
 def check_plan(
-    plan: Planned, vehicle: Quadrotor, surroundings: Surroundings, mean_wind_m_s: Array, clearance_m: float
+    plan: Planned, vehicle: Quadrotor, obstacles: ObstacleMesh, mean_wind_m_s: Array, clearance_m: float
 ) -> None:
     """UserError when a plan comes too close to anything, or asks for more thrust than there is."""
     places = plan.table[::STRIDE, 0:3]
-    room = surroundings.clearance(places) - vehicle.radius_m
+    room = obstacles.clearance(places) - vehicle.radius_m
     worst = int(np.argmin(room))
     if room[worst] < clearance_m:
-        at, what = _at(places[worst], worst * STRIDE), _obstacle(places[worst], surroundings)
+        at, what = _at(places[worst], worst * STRIDE), _obstacle(places[worst], obstacles)
         raise UserError(
             f"{at}: the vehicle (radius {vehicle.radius_m} m) has {room[worst]:.3f} m to {what}, "
             f"less than clearance_m = {clearance_m}; plan it further away"
@@ -55,29 +55,29 @@ def needed_thrusts(plan: Planned, vehicle: Quadrotor, mean_wind_m_s: Array) -> A
     return np.asarray(np.linalg.norm(force, axis=1))
 
 
-def crash_step(record: Array, vehicle: Quadrotor, surroundings: Surroundings) -> int | None:
+def crash_step(record: Array, vehicle: Quadrotor, obstacles: ObstacleMesh) -> int | None:
     """First row of a record at which the vehicle touches floor or structure, or is nowhere; None: it never does."""
     places = record[:, RECORD["positions_m"]]
     found = np.asarray(np.isfinite(record).all(axis=1) & (np.abs(places) < 1e6).all(axis=1))
     touching = ~found
-    touching[found] = np.minimum(surroundings.distance(places[found]), places[found, 2]) < vehicle.radius_m
-    if surroundings.inside(places[:1])[0]:
+    touching[found] = np.minimum(obstacles.distance(places[found]), places[found, 2]) < vehicle.radius_m
+    if obstacles.inside(places[:1])[0]:
         return 0
     return int(np.argmax(touching)) if touching.any() else None
 
 
-def check_camera(record: Array, mount: Mount, surroundings: Surroundings) -> None:
+def check_camera(record: Array, mount: Mount, obstacles: ObstacleMesh) -> None:
     """UserError when the camera's centre is inside the structure or under the floor."""
     rows = record[::STRIDE]
     offset = mount.cam_from_body.inverse().translation
     centres = rows[:, RECORD["positions_m"]] + exact.product(
         rotation_from_quaternion(rows[:, RECORD["quaternions_wxyz"]]), offset
     )
-    inside = surroundings.inside(centres) | (centres[:, 2] <= 0)
+    inside = obstacles.inside(centres) | (centres[:, 2] <= 0)
     if inside.any():
         step = int(np.argmax(inside))
         raise UserError(
-            f"{_at(centres[step], step * STRIDE)}: the camera is inside {_obstacle(centres[step], surroundings)}; "
+            f"{_at(centres[step], step * STRIDE)}: the camera is inside {_obstacle(centres[step], obstacles)}; "
             "move the path or the mount's offset_m"
         )
 
@@ -93,18 +93,18 @@ def check_saturation(record: Array, vehicle: Quadrotor, share: float) -> None:
         )
 
 
-def crash_error(record: Array, step: int, surroundings: Surroundings) -> UserError:
+def crash_error(record: Array, step: int, obstacles: ObstacleMesh) -> UserError:
     """Error for a flight that crashed at a row of its record."""
     if not np.isfinite(record[step]).all():
         return UserError(f"t = {step * STEP_S:.2f} s: the vehicle lost control; ask for a lower speed or wind")
     place = record[step, RECORD["positions_m"]]
-    return UserError(f"{_at(place, step)}: crash into {_obstacle(place, surroundings)}; plan the path further away")
+    return UserError(f"{_at(place, step)}: crash into {_obstacle(place, obstacles)}; plan the path further away")
 
 
 def _at(place: Array, step: int) -> str:
     return f"t = {step * STEP_S:.2f} s, at ({place[0]:.2f}, {place[1]:.2f}, {place[2]:.2f}) m"
 
 
-def _obstacle(place: Array, surroundings: Surroundings) -> str:
-    near_floor = place[2] <= surroundings.distance(place[None])[0] and not surroundings.inside(place[None])[0]
+def _obstacle(place: Array, obstacles: ObstacleMesh) -> str:
+    near_floor = place[2] <= obstacles.distance(place[None])[0] and not obstacles.inside(place[None])[0]
     return "the floor" if near_floor else "the structure"

@@ -1,4 +1,4 @@
-"""A flight: what is flown, and the flying of it."""
+"""A flight: its specification, and its simulation."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -9,7 +9,7 @@ from annotated_types import Ge, Interval
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
 from uavbench.trajectories.paths.reference import Guidance, Planned, Replay
 from uavbench.trajectories.paths.registry import PATHS, PathSpec
@@ -18,9 +18,10 @@ from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.simulation.checks import check_camera, check_plan, check_saturation, crash_error, crash_step
 from uavbench.trajectories.simulation.simulate import simulate
-from uavbench.trajectories.vehicle.airframes import AirframeSpec, Crazyflie
+from uavbench.trajectories.vehicle.airframes import Crazyflie
 from uavbench.trajectories.vehicle.geometric_control import Geometric
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, STEP_S, Quadrotor
+from uavbench.trajectories.vehicle.registry import AirframeSpec
 from uavbench.trajectories.wind.winds import Still, WindSpec
 
 __all__ = ["Flight", "FlightSpec", "fly", "path_name"]
@@ -43,7 +44,7 @@ class FlightSpec:
     on_crash: Literal["error", "record"] = "error"
 
 
-def fly(spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int) -> Flight:
+def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> Flight:
     """Fly a path and return its true record; the same arguments give the same bytes.
 
     The record begins settled: the vehicle has flown for some seconds before row 0. UserError for a path that leaves
@@ -51,14 +52,14 @@ def fly(spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int) -
     """
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     try:
-        guidance = spec.path.plan(surroundings, mount, stream(seed, "path"))
-        record = _record(spec, guidance, vehicle, surroundings, seed)
-        step = crash_step(record, vehicle, surroundings)
+        guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
+        record = _record(spec, guidance, vehicle, obstacles, seed)
+        step = crash_step(record, vehicle, obstacles)
         if step == 0 or (step is not None and spec.on_crash == "error"):
-            raise crash_error(record, step, surroundings)
+            raise crash_error(record, step, obstacles)
         whole = record[: None if step is None else step + 1]
         whole = whole[np.isfinite(whole).all(axis=1)]
-        check_camera(whole, mount, surroundings)
+        check_camera(whole, mount, obstacles)
         if step is None and not isinstance(guidance, Replay):
             check_saturation(whole, vehicle, spec.saturation_share)
     except UserError as error:
@@ -67,14 +68,14 @@ def fly(spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int) -
 
 
 def _record(
-    spec: FlightSpec, guidance: Guidance | Replay, vehicle: Quadrotor, surroundings: Surroundings, seed: int
+    spec: FlightSpec, guidance: Guidance | Replay, vehicle: Quadrotor, obstacles: ObstacleMesh, seed: int
 ) -> Array:
     if isinstance(guidance, Replay):
         return guidance.record
     air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
     if isinstance(guidance, Planned):
-        check_plan(guidance, vehicle, surroundings, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
-    return simulate(vehicle, spec.control.gains(), guidance, air, surroundings)
+        check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
+    return simulate(vehicle, spec.control.gains(), guidance, air, obstacles)
 
 
 def _flight(record: Array, crashed: bool) -> Flight:

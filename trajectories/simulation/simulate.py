@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from uavbench.trajectories.geometry.vectors import add, less, rotation, scaled, vector
+from uavbench.trajectories.geometry.vectors import add, rotation, scale, subtract, vector
 from uavbench.trajectories.kernels.compiled import compiled
-from uavbench.trajectories.obstacles import Surroundings
-from uavbench.trajectories.paths.reference import Guidance, Seen
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.reference import Guidance, VehicleState
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.record_columns import RECORD_COLUMNS
 from uavbench.trajectories.vehicle.geometric_control import GAINS, Gains, thrust_commands
@@ -16,10 +16,10 @@ from uavbench.trajectories.vehicle.rigid_body import PLANT, Plant, accelerations
 from uavbench.trajectories.wind.air import Air
 
 BLOCK = 10
-"""Steps between two looks of the guidance: 50 Hz."""
+"""Control steps between updates of the guidance: 50 Hz."""
 
 
-def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, surroundings: Surroundings) -> Array:
+def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, obstacles: ObstacleMesh) -> Array:
     """Record (n, 30) of a flight, its columns as in `RECORD`; row k is the state at step k."""
     mujoco = physics()
     model = compile_mjcf(vehicle.xml)
@@ -35,8 +35,8 @@ def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, sur
     qpos, qvel, act, ctrl, push = data.qpos, data.qvel, data.act, data.ctrl, data.xfrc_applied[1]
     for begin in range(-guidance.warm_up, guidance.steps, BLOCK):
         end = min(begin + BLOCK, guidance.steps)
-        rows = guidance.rows(begin, end - begin, Seen(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos)))
-        winds = air.at(begin + guidance.warm_up, end - begin, qpos[:3], surroundings)
+        rows = guidance.rows(begin, end - begin, VehicleState(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos)))
+        winds = air.at(begin + guidance.warm_up, end - begin, qpos[:3], obstacles)
         for k in range(end - begin):
             step = begin + k
             out = record[step] if step >= 0 else spare
@@ -71,11 +71,11 @@ def _step(
     R = rotation(qpos[3:7])
     velocity, omega = vector(qvel[0:3]), vector(qvel[3:6])
     speed_sum = rotor_speed_sum(plant, act)
-    drag = drag_force(plant, R, less(velocity, vector(wind)), speed_sum)
+    drag = drag_force(plant, R, subtract(velocity, vector(wind)), speed_sum)
     thrust_commands(plant, gains, reference, vector(qpos[0:3]), velocity, R, omega, speed_sum, integral, ctrl)
     linear, angular = accelerations(plant, R, omega, act, drag)
     # MuJoCo holds the push for a whole step, so it gets the drag of the step's middle.
-    halfway = add(less(velocity, vector(wind)), scaled(STEP_S / 2, linear))
+    halfway = add(subtract(velocity, vector(wind)), scale(STEP_S / 2, linear))
     held = drag_force(plant, R, halfway, speed_sum)
     for k in range(3):
         push[k] = held[k]

@@ -8,7 +8,7 @@ import numpy as np
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pace import asked_speed
 from uavbench.trajectories.paths.reference import Planned, Replay
 from uavbench.trajectories.pose import Array
@@ -24,7 +24,7 @@ REACHED = 0.99
 
 @dataclass(frozen=True, kw_only=True)
 class FlightSummary:
-    """A flight in a few numbers; None where nobody asked, nothing was planned ahead, or it was not flown yet.
+    """A flight in a few numbers; None where not requested, not planned ahead, or not flown yet.
 
     Speeds are the highest ones. nearly_still_s is the time at the beginning before the vehicle reaches a tenth of its
     highest speed.
@@ -55,9 +55,9 @@ class FlightSummary:
         )
 
 
-def planned_summary(spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int) -> FlightSummary:
+def planned_summary(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> FlightSummary:
     """Summary of a flight before it is flown; UserError when its path cannot be planned."""
-    guidance = spec.path.plan(surroundings, mount, stream(seed, "path"))
+    guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
     steps = len(guidance.record) if isinstance(guidance, Replay) else guidance.steps
     speeds = exact.length(guidance.table[:, 3:6]) if isinstance(guidance, Planned) else None
     return FlightSummary(
@@ -70,11 +70,9 @@ def planned_summary(spec: FlightSpec, mount: Mount, surroundings: Surroundings, 
     )
 
 
-def flown_summary(
-    spec: FlightSpec, mount: Mount, surroundings: Surroundings, seed: int, flight: Flight
-) -> FlightSummary:
+def flown_summary(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int, flight: Flight) -> FlightSummary:
     """Summary of a flight that was flown."""
-    planned = planned_summary(spec, mount, surroundings, seed)
+    planned = planned_summary(spec, mount, obstacles, seed)
     speeds = exact.length(flight.velocities_m_s)
     values = planned.to_json() | {
         "duration_s": float(flight.stamps_ns[-1]) / 1e9,

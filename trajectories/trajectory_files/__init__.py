@@ -1,4 +1,4 @@
 """Trajectory files: TUM, EuRoC and KITTI.
 
-In: paths. Out: trajectories, exactly, with errors that name the line. Imports poses and files.
+In: paths. Out: trajectories whose numbers round-trip exactly, and errors that name the line. Imports poses and files.
 """

@@ -1,7 +1,7 @@
 """Airframes read from a user's own file."""
 
 import xml.etree.ElementTree as ElementTree
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -9,12 +9,27 @@ from pydantic import TypeAdapter, ValidationError
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.reading import read_text, toml_table
-from uavbench.trajectories.vehicle.airframes import AIRFRAMES, Crazyflie, with_camera
-from uavbench.trajectories.vehicle.quadrotor import Quadrotor
+from uavbench.trajectories.vehicle.airframes import PRESETS, Crazyflie, with_camera
+
+
+@dataclass(frozen=True)
+class AirframeFile:
+    """A user's own vehicle: a TOML file with fields of `Crazyflie`, or an MJCF file shaped like quadrotor.xml.
+
+    Fields that the TOML leaves out keep the values of the airframe it names as `like` (default: crazyflie).
+    """
+
+    path: str = "airframe.toml"
+
+    def build(self, mount: Mount) -> str:
+        """MJCF of the vehicle; UserError naming the file and key."""
+        return read_airframe(Path(self.path), mount)
 
 
 def read_airframe(path: Path, mount: Mount) -> str:
-    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key where it is one's."""
+    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key at fault."""
+    from uavbench.trajectories.vehicle.quadrotor import Quadrotor  # MuJoCo
+
     text = read_text(path)
     try:
         xml = _from_xml(text, mount) if path.suffix.lower() in (".xml", ".mjcf") else _from_toml(text).build(mount)
@@ -44,9 +59,9 @@ def _from_toml(text: str) -> Crazyflie:
     except ValueError as error:
         raise UserError(f"not valid TOML: {error}") from None
     base = str(table.pop("like", "crazyflie"))
-    kind = AIRFRAMES.get(base)
-    if kind is None or not issubclass(kind, Crazyflie):
-        raise unknown_name("airframe `like`", base, [n for n, k in AIRFRAMES.items() if issubclass(k, Crazyflie)])
+    kind = PRESETS.get(base)
+    if kind is None:
+        raise unknown_name("airframe `like`", base, list(PRESETS))
     names = [field.name for field in fields(kind)]
     for key in table:
         if key not in names:
@@ -54,5 +69,5 @@ def _from_toml(text: str) -> Crazyflie:
     try:
         return TypeAdapter(kind).validate_python(table)
     except ValidationError as error:
-        told = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise UserError(told) from None
+        messages = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise UserError(messages) from None

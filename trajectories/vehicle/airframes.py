@@ -3,7 +3,7 @@
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -16,14 +16,6 @@ Planar = tuple[float, float]
 Triple = tuple[float, float, float]
 
 TEMPLATE = Path(__file__).with_name("quadrotor.xml")
-
-
-class AirframeSpec(Protocol):
-    """A vehicle: a frozen dataclass that makes a MuJoCo model of it."""
-
-    def build(self, mount: Mount) -> str:
-        """MJCF of the vehicle with a camera on this mount; see quadrotor.xml for what it must contain."""
-        ...
 
 
 def x_layout(arm_m: float) -> tuple[Planar, Planar, Planar, Planar]:
@@ -159,22 +151,6 @@ class Iris(Crazyflie):
     radius_m: Positive = 0.38
 
 
-@dataclass(frozen=True)
-class AirframeFile:
-    """A vehicle of one's own: a TOML file with fields of `Crazyflie`, or an MJCF file shaped like quadrotor.xml.
-
-    Fields that the TOML leaves out keep the values of the airframe it names as `like` (default: crazyflie).
-    """
-
-    path: str = "airframe.toml"
-
-    def build(self, mount: Mount) -> str:
-        """MJCF of the vehicle; UserError naming the file and key."""
-        from uavbench.trajectories.vehicle.airframe_file import read_airframe
-
-        return read_airframe(Path(self.path), mount)
-
-
 def with_camera(root: ElementTree.Element, mount: Mount) -> str:
     """MJCF text of a model whose camera named `camera` is set on this mount; MuJoCo's cameras look along -z, y up."""
     camera = root.find(".//camera[@name='camera']")
@@ -195,12 +171,11 @@ def _text(value: object) -> str:
     return " ".join(f"{float(v):.9g}" for v in np.ravel(np.asarray(value, dtype=np.float64)))
 
 
-AIRFRAMES: dict[str, type[AirframeSpec]] = {
+PRESETS: dict[str, type[Crazyflie]] = {
     "crazyflie": Crazyflie,
     "crazyflie-gym": CrazyflieGym,
     "crazyflie-rotorpy": CrazyflieRotorPy,
     "crazyflie-menagerie": CrazyflieMenagerie,
     "crazyflie-brushless": CrazyflieBrushless,
     "iris": Iris,
-    "file": AirframeFile,
 }

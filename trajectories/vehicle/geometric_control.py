@@ -17,12 +17,12 @@ from uavbench.trajectories.geometry.vectors import (
     cross,
     dot,
     length,
-    less,
     matrix,
+    multiply,
     rotate,
-    scaled,
-    times,
-    transposed,
+    scale,
+    subtract,
+    transpose,
     vector,
 )
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -96,22 +96,22 @@ def thrust_commands(
     forward, and so is the thrust that the motors' lag would swallow.
     """
     x_d, v_d, a_d = vector(reference[0:3]), vector(reference[3:6]), vector(reference[6:9])
-    e_x, e_v = less(position, x_d), less(velocity, v_d)
+    e_x, e_v = subtract(position, x_d), subtract(velocity, v_d)
     for k in range(3):
         moved = integral[k] - gains.integral * e_x[k] * STEP_S
         integral[k] = min(gains.integral_limit, max(-gains.integral_limit, moved))
-    feedback = add(add(scaled(-gains.position, e_x), scaled(-gains.velocity, e_v)), vector(integral))
+    feedback = add(add(scale(-gains.position, e_x), scale(-gains.velocity, e_v)), vector(integral))
     wanted = add(add(a_d, feedback), (0.0, 0.0, GRAVITY_M_S2))
-    force = less(scaled(plant.mass, wanted), drag_force(plant, R, v_d, speed_sum))  # (12)
+    force = subtract(scale(plant.mass, wanted), drag_force(plant, R, v_d, speed_sum))  # (12)
     R_d = attitude(force, reference[9])
     thrust = dot(force, (R[0][2], R[1][2], R[2][2])) + plant.mass * plant.lag * reference[16]  # (15)
-    body_from_world = transposed(R)
+    body_from_world = transpose(R)
     omega_d = rotate(body_from_world, rotate(R_d, vector(reference[10:13])))
     alpha_d = rotate(body_from_world, rotate(R_d, vector(reference[13:16])))
     e_R = attitude_error(R, R_d)  # (10)
-    e_omega = less(omega, omega_d)  # (11)
-    feedback = add(times(vector(gains.attitude), e_R), times(vector(gains.rate), e_omega))
-    alpha = less(less(alpha_d, cross(omega, omega_d)), feedback)
+    e_omega = subtract(omega, omega_d)  # (11)
+    feedback = add(multiply(vector(gains.attitude), e_R), multiply(vector(gains.rate), e_omega))
+    alpha = subtract(subtract(alpha_d, cross(omega, omega_d)), feedback)
     J = matrix(plant.inertia)
     torque = add(rotate(J, alpha), cross(omega, rotate(J, omega)))  # (16)
     allocate(plant, thrust, torque, command)
@@ -120,16 +120,16 @@ def thrust_commands(
 @compiled
 def attitude(force: Vector, yaw: float) -> Matrix:
     """Rotation whose z axis lies along `force` and whose x axis looks towards `yaw`: (14) and below."""
-    b3 = scaled(1.0 / length(force), force)
+    b3 = scale(1.0 / length(force), force)
     side = cross(b3, (cos(yaw), sin(yaw), 0.0))
-    b2 = scaled(1.0 / length(side), side)
-    return transposed((cross(b2, b3), b2, b3))
+    b2 = scale(1.0 / length(side), side)
+    return transpose((cross(b2, b3), b2, b3))
 
 
 @compiled
 def attitude_error(R: Matrix, R_d: Matrix) -> Vector:
     """Half the vector of the skew matrix R_d' R - R' R_d."""
-    A, B = transposed(R), transposed(R_d)
+    A, B = transpose(R), transpose(R_d)
     return (
         0.5 * (dot(B[2], A[1]) - dot(A[2], B[1])),
         0.5 * (dot(B[0], A[2]) - dot(A[0], B[2])),

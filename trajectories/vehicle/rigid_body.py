@@ -12,10 +12,10 @@ from uavbench.trajectories.geometry.vectors import (
     Vector,
     cross,
     length,
-    less,
     matrix,
     rotate,
-    transposed,
+    subtract,
+    transpose,
     vector,
 )
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -76,7 +76,7 @@ def drag_force(plant: Plant, R: Matrix, airspeed: Vector, speed_sum: float) -> V
 
     By body axis: that of the rotors, -d sum(w) u (Foerster 2015, the aerodynamic drag), and of the body, -c |u| u.
     """
-    u = rotate(transposed(R), airspeed)
+    u = rotate(transpose(R), airspeed)
     size = length(u)
     return rotate(
         R,
@@ -98,7 +98,7 @@ def accelerations(plant: Plant, R: Matrix, omega: Vector, thrusts: Array, drag: 
         (R[2][2] * thrust + drag[2]) / plant.mass - GRAVITY_M_S2,
     )
     torque = (rotor_torque(plant, thrusts, 1), rotor_torque(plant, thrusts, 2), rotor_torque(plant, thrusts, 3))
-    spin = less(torque, cross(omega, rotate(matrix(plant.inertia), omega)))
+    spin = subtract(torque, cross(omega, rotate(matrix(plant.inertia), omega)))
     return linear, rotate(matrix(plant.inverse_inertia), spin)
 
 

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 
 
@@ -22,11 +22,11 @@ class Air:
     near_gain: float = 0.0
     near_m: float = 1.0
 
-    def at(self, first: int, count: int, position_m: Array, surroundings: Surroundings) -> Array:
+    def at(self, first: int, count: int, position_m: Array, obstacles: ObstacleMesh) -> Array:
         """Wind (count, 3) of steps first, first + 1, ... at a place (3,)."""
         strength = 1.0
         if self.near_gain > 0.0:
-            distance = float(surroundings.distance(position_m[None])[0])
+            distance = float(obstacles.distance(position_m[None])[0])
             strength += self.near_gain * math.exp(-distance / self.near_m)
         rows = slice(first, first + count)
         return np.asarray(self.mean_m_s[rows] + strength * self.turbulence_m_s[rows])

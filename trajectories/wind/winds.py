@@ -1,4 +1,4 @@
-"""The winds, by name, and those without turbulence."""
+"""The wind models, by name, and those without turbulence."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
-from uavbench.tracker.robust.edges.hidden_line_kernels import build_tree
+from uavbench.tracker.robust.edges.hidden_line_kernels import tree_arrays
+from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.pose import Array
 
 SMOOTH_DEG = 35.0
@@ -48,14 +49,15 @@ class EdgeMap:
         corners = structure.vertices[structure.triangles]
         _, first = np.unique(structure.triangle_face, return_index=True)
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
-        boxes, nodes, order = build_tree(corners)
+        tree = build_tree(corners)
+        boxes, nodes = tree_arrays(tree)
         return cls(
             np.ascontiguousarray(structure.edge_segments),
             np.ascontiguousarray(structure.edge_faces),
             _inward(structure, corners),
             np.column_stack([structure.face_normals, offsets]),
-            np.ascontiguousarray(corners[order]),
-            np.ascontiguousarray(structure.triangle_face[order]),
+            tree.corners,
+            np.ascontiguousarray(structure.triangle_face[tree.rows]),
             boxes,
             nodes,
             np.array(list(product(*structure.bounds.T))),

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import normal_row, project
+from uavbench.tracker.geometry_kernels import clip_segment, normal_row, project
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -81,16 +81,7 @@ def sample_edges(
             for j in range(3):
                 a[i] += R[i, j] * ends[e, 0, j]
                 b[i] += R[i, j] * ends[e, 1, j]
-        low, high = 0.0, 1.0
-        for p in range(5):
-            da = clip[p, 0] * a[0] + clip[p, 1] * a[1] + clip[p, 2] * a[2] + clip[p, 3]
-            db = clip[p, 0] * b[0] + clip[p, 1] * b[1] + clip[p, 2] * b[2] + clip[p, 3]
-            if da < 0.0 and db < 0.0:
-                low = 2.0
-            elif da < 0.0:
-                low = max(low, da / (da - db))
-            elif db < 0.0:
-                high = min(high, da / (da - db))
+        low, high = clip_segment(a, b, clip)
         if low >= high:
             continue
         z0, z1 = a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.order_kernels import falling
 from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE
+from uavbench.trajectories.geometry.rays import ray_triangle
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -86,7 +87,7 @@ def far_from(x: float, y: float, others: Array, count: int, distance: float) -> 
 
 @compiled("f1 f1 f3 i1 f3 i2")
 def first_hit(eye: Array, ray: Array, corners: Array, owner: Indices, boxes: Array, nodes: Indices) -> int:
-    """The face that a ray (3,) from the eye meets first, -1 for none (Moller & Trumbore 1997)."""
+    """The face that a ray (3,) from the eye meets first, -1 for none."""
     tiny = 1e-300
     i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
     nearest, face = np.inf, -1
@@ -110,15 +111,7 @@ def first_hit(eye: Array, ray: Array, corners: Array, owner: Indices, boxes: Arr
             continue
         first = -nodes[node, 0] - 1
         for m in range(first, first + nodes[node, 1]):
-            e, f, s = corners[m, 1] - corners[m, 0], corners[m, 2] - corners[m, 0], eye - corners[m, 0]
-            p0, p1, p2 = ray[1] * f[2] - ray[2] * f[1], ray[2] * f[0] - ray[0] * f[2], ray[0] * f[1] - ray[1] * f[0]
-            det = e[0] * p0 + e[1] * p1 + e[2] * p2
-            if det == 0.0:
-                continue
-            q0, q1, q2 = s[1] * e[2] - s[2] * e[1], s[2] * e[0] - s[0] * e[2], s[0] * e[1] - s[1] * e[0]
-            a = (s[0] * p0 + s[1] * p1 + s[2] * p2) / det
-            b = (ray[0] * q0 + ray[1] * q1 + ray[2] * q2) / det
-            along = (f[0] * q0 + f[1] * q1 + f[2] * q2) / det
-            if a >= 0.0 and b >= 0.0 and a + b <= 1.0 and 1e-6 < along < nearest:
+            along = ray_triangle(eye, ray, corners[m, 0], corners[m, 1], corners[m, 2])
+            if 1e-6 < along < nearest:
                 nearest, face = along, owner[m]
     return face

@@ -119,15 +119,7 @@ class Texture:
         """Add patches at pixels (n, 2) on the structure."""
         eye = pose.inverse().translation
         grid = pixels[:, None] + AROUND
-        flat = self.camera.undistort(grid.reshape(-1, 2))
-        rays = np.column_stack(
-            [
-                (flat[:, 0] - self.camera.cx) / self.camera.fx,
-                (flat[:, 1] - self.camera.cy) / self.camera.fy,
-                np.ones(len(flat)),
-            ]
-        )
-        rays = (rays @ pose.rotation).reshape(-1, len(AROUND), 3)
+        rays = (self.camera.rays(grid.reshape(-1, 2)) @ pose.rotation).reshape(-1, len(AROUND), 3)
         e, reach, channel = self.edges, int(HALF), 1 if image.shape[2] > 1 else 0
         for (x, y), ray in zip(pixels.astype(int).tolist(), rays, strict=True):
             hit = {first_hit(eye, r, e.corners, e.owner, e.boxes, e.nodes) for r in ray}

@@ -8,8 +8,6 @@ from uavbench.tracker.robust.solver.bias_kernels import Sums
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-HYPOTHESIS_INFORMATION = 1.0 / 0.7**2
-"""Information of a candidate in a hypothesis, 1/px^2."""
 PATCHES_HELD = 0.01
 """Share of all that is known which holds the pose of the patches alone."""
 

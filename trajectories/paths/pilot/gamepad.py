@@ -1,4 +1,4 @@
-"""An Xbox pad in a human's hands, and the assist mode that turns its sticks into a reference."""
+"""A gamepad, and the velocity assist mode that turns its stick input into a reference."""
 
 from dataclasses import dataclass
 from math import cos, sin
@@ -20,7 +20,7 @@ YAW_BANDWIDTH_RAD_S = 8.0
 
 
 @dataclass(frozen=True)
-class Pad:
+class Gamepad:
     """A game pad flown in velocity assist mode: forward, left and up speed and yaw rate, one stick axis each.
 
     Inside dead_zone an axis counts as centred; beyond it expo bends the rest of its way: e x^3 + (1 - e) x.

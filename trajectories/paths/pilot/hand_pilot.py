@@ -11,9 +11,9 @@ from annotated_types import Ge, Gt, Interval
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.obstacles import Surroundings
-from uavbench.trajectories.paths.pilot.gamepad import Assist, Pad, Wander
-from uavbench.trajectories.paths.reference import Guidance, Seen
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.pilot.gamepad import Assist, Gamepad, Wander
+from uavbench.trajectories.paths.reference import Guidance, VehicleState
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
@@ -30,7 +30,7 @@ CLUMSINESS = 0.10
 
 @dataclass(frozen=True)
 class HandPilot:
-    """A pilot walks the vehicle around the structure and corrects what he sees, late and a little clumsily.
+    """A simulated pilot flies around the structure and corrects what he sees, with delay and imprecision.
 
     He keeps the distance to the structure's centre (horizontally) in range_m and the height in height_m, wandering
     slowly within both, and circles at about speed_m_s from the bearing start_deg (seen from the structure,
@@ -49,11 +49,11 @@ class HandPilot:
     reaction_s: Annotated[float, Ge(0)] = 0.2
     wander_m: Annotated[float, Ge(0)] = 0.008
     wander_deg: Annotated[float, Ge(0)] = 0.7
-    pad: Pad = field(default_factory=Pad)
+    pad: Gamepad = field(default_factory=Gamepad)
 
-    def plan(self, surroundings: Surroundings, mount: Mount, rng: np.random.Generator) -> Guidance:
+    def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance:
         """The pilot, ready to fly; UserError when the structure cannot be kept in view at this range."""
-        return Pilot(self, Stage.of(self, surroundings, mount), rng)
+        return Pilot(self, Stage.of(self, obstacles, mount), rng)
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ class Stage:
     height_m: tuple[float, float]
 
     @classmethod
-    def of(cls, path: HandPilot, surroundings: Surroundings, mount: Mount) -> "Stage":
-        """Stage around the surroundings' centre; UserError naming the setting that leaves no place."""
-        low, high = surroundings.bounds
+    def of(cls, path: HandPilot, obstacles: ObstacleMesh, mount: Mount) -> "Stage":
+        """Stage around the obstacles' centre; UserError naming the setting that leaves no place."""
+        low, high = obstacles.bounds
         reach = float(exact.length(high[:2] - low[:2]) / 2)
         stage = cls(
-            (float(surroundings.centre[0]), float(surroundings.centre[1])),
+            (float(obstacles.centre[0]), float(obstacles.centre[1])),
             float(low[2]),
             float(high[2]),
             reach,
@@ -118,7 +118,7 @@ class Stage:
 
 
 class Pilot:
-    """The pilot at work: remembers what he saw, decides now and then, moves his thumbs."""
+    """State of the pilot: delayed observations, decisions at intervals, stick motion."""
 
     def __init__(self, path: HandPilot, stage: Stage, rng: np.random.Generator) -> None:
         self.warm_up = round(WARM_UP_S / STEP_S)
@@ -131,16 +131,16 @@ class Pilot:
         start = np.array([*(stage.centre + distance * np.array([math.cos(bearing), math.sin(bearing)])), height])
         wander = Wander(path.wander_m, np.radians(path.wander_deg), rng)
         self._assist = Assist(start, bearing + np.pi, wander, self.warm_up + self.steps)
-        self._memory: deque[Seen] = deque()
+        self._memory: deque[VehicleState] = deque()
         self._sticks, self._target = np.zeros(4), np.zeros(4)
         self._decide_at = -WARM_UP_S
 
-    def rows(self, first: int, count: int, seen: Seen | None) -> Array:
+    def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
         """Reference rows of the next steps, from what the pilot does with his sticks."""
-        if seen is None:
+        if state is None:
             return np.tile(self._assist.now(), (count, 1))
         now = first * STEP_S
-        self._memory.append(seen)
+        self._memory.append(state)
         late = self._memory[0]
         if len(self._memory) > round(self._path.reaction_s / (count * STEP_S)):
             self._memory.popleft()
@@ -155,8 +155,8 @@ class Pilot:
     def _place(self, now_s: float) -> tuple[float, float]:
         return self._stage.place(self._wishes[0].at(now_s), self._wishes[1].at(now_s))
 
-    def _decide(self, now_s: float, late: Seen) -> Array:
-        """Stick deflections (4,) meant to mend what was seen."""
+    def _decide(self, now_s: float, late: VehicleState) -> Array:
+        """Stick deflections (4,) that correct the state observed with delay."""
         to_centre = np.array(self._stage.centre) - late.position_m[:2]
         distance = float(exact.length(to_centre))
         wished_distance, wished_height = self._place(now_s)

@@ -8,7 +8,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.geometry.distances import mesh_distances
 from uavbench.trajectories.geometry.rays import ray_distances, rays_blocked
-from uavbench.trajectories.obstacles import Surroundings
+from uavbench.trajectories.obstacles import ObstacleMesh
 
 near = st.floats(-2.0, 2.0, allow_nan=False)
 
@@ -77,7 +77,7 @@ def test_clearance_counts_the_floor_and_is_negative_inside() -> None:
     )
     two = both(DECK, PIER)  # they overlap
     assert two.inside([[0, 0, 5.3], [0, 0, 1], [3, 0, 5.3], [3, 0, 3]]).tolist() == [True, True, True, False]
-    sheet = Surroundings([[-1, -1, 1], [1, -1, 1], [0, 2, 1]], [[0, 1, 2]])
+    sheet = ObstacleMesh([[-1, -1, 1], [1, -1, 1], [0, 2, 1]], [[0, 1, 2]])
     assert not sheet.inside([[0, 0, 0.5], [0, 0, 1.5]]).any()
 
 
@@ -87,7 +87,7 @@ def test_clearance_counts_the_floor_and_is_negative_inside() -> None:
 )
 def test_a_mesh_that_is_none_is_refused(vertices: np.ndarray, triangles: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"triangle|finite"):
-        Surroundings(vertices, triangles)
+        ObstacleMesh(vertices, triangles)
 
 
 def test_mounts_turn_the_camera_as_they_say() -> None:
