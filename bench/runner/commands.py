@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import load_suite, suite_model
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.external.program import isolated_trackers
@@ -20,7 +21,6 @@ from uavbench.bench.runner.extent import shortfalls, table_of_extents
 from uavbench.bench.runner.graph import Job, Outcome, run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import resolved, suite_folder
-from uavbench.bench.runner.shard import Shard
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures, Render
 from uavbench.bench.third_party.registry import absent

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import Suite
-from uavbench.bench.runner.shard import Shard
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.seals import is_sealed
 from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers

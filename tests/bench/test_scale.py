@@ -10,12 +10,12 @@ import pytest
 from click.testing import CliRunner
 
 from uavbench.bench.cli.main import main
+from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.estimate import dry_run, remember
 from uavbench.bench.runner.graph import Outcome
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import clean_leftovers, suite_folder
-from uavbench.bench.runner.shard import Shard
 from uavbench.bench.runner.written_files import Stamp
 from uavbench.tracker.initialization import CoarseGuess, PickedPoints
 from uavbench.trajectories.errors import UserError
@@ -109,7 +109,7 @@ import sys
 from pathlib import Path
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.output_folder import clean_leftovers, suite_folder
-from uavbench.bench.runner.shard import Shard
+from uavbench.bench.config.shard import Shard
 suite, number, folder = load_suite(Path(sys.argv[1])), int(sys.argv[2]), Path(sys.argv[3])
 print("ready", flush=True)
 sys.stdin.read()
