@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import uavbench
+
 ROOT = Path(__file__).parent.parent
 INSTALLED_VERSION = "from importlib.metadata import version; print(version('uavbench'))"
 NAMES = ("bench", "reports", "scenes", "tracker", "trajectories")
@@ -100,3 +102,7 @@ def test_every_folder_of_modules_is_a_package():
     for package in NAMES:
         for module in (ROOT / package).rglob("*.py"):
             assert (module.parent / "__init__.py").is_file(), module
+
+
+def test_the_citation_names_this_version():
+    assert f"\nversion: {uavbench.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.images.track_images import load_model
+from uavbench.tracker.images.track_images import UNKNOWN_BODY, load_model
 from uavbench.tracker.protocol import Run, Tracker
 from uavbench.tracker.registry import TRACKERS, tracker_kind
+from uavbench.tracker.run import started
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
@@ -52,7 +53,8 @@ def start(
         tracker = TRACKERS[tracker]()
     structure = load_model(Path(model)) if isinstance(model, str | Path) else model
     lens = Camera.load(Path(camera)) if isinstance(camera, str | Path) else camera
-    return tracker.start(structure, lens, _pose(cam_from_world), stream(seed, "tracker", tracker_kind(tracker)))
+    rng = stream(seed, "tracker", tracker_kind(tracker))
+    return started(tracker, structure, lens, _pose(cam_from_world), rng, UNKNOWN_BODY)
 
 
 def _pose(given: Any) -> Pose:

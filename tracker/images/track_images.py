@@ -27,6 +27,8 @@ from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
+UNKNOWN_BODY = Body(Pose.identity(), {})
+"""Of what carries the camera nothing is known."""
 
 
 def track_images(
@@ -51,8 +53,7 @@ def track_images(
     structure = load_model(model)
     first = read_init(init, lens)
     rng = stream(seed, "tracker", tracker_kind(tracker))
-    unknown = Body(Pose.identity(), {})  # of what carries the camera nothing is known
-    run = started(tracker, structure, lens, first, rng, unknown)
+    run = started(tracker, structure, lens, first, rng, UNKNOWN_BODY)
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
