@@ -6,22 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import normal_row, project
+from uavbench.tracker.robust.edges.config import SamplingConfig
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
+from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 BINS = 8
 """Parts of an edge, each with an appearance of its own."""
-MARGIN_PX = 3.0
-"""Control points nearer to the image's border than this are left out."""
 NEAR_M = 0.02
-SAMPLINGS = 3
-"""Times that control points are sampled, ever closer while hidden lines leave too few."""
+"""Edges are clipped at this depth."""
+SAMPLING = kernel_type(SamplingConfig)
 
 Indices = NDArray[np.int64]
 
 
-@compiled("f3 i2 b1 b1 f2 f3 i1 f3 i2 f2 f1 f1 f1 f1 f0 i0")
+@compiled("f3 i2 b1 b1 f2 f3 i1 f3 i2 f2 f1 f1 f1 f1 sampling", sampling=SAMPLING)
 def sample_edges(
     ends: Array,
     faces: Indices,
@@ -37,13 +37,12 @@ def sample_edges(
     cam: Array,
     size: Array,
     bounds: Array,
-    spacing_px: float,
-    most: int,
+    config: SamplingConfig,
 ) -> tuple[Array, Indices]:
     """Visible control points: points_m (n, 3) and keys (n, 3): edge, which faces are visible (1, 2 or 3), bin.
 
-    About one for spacing_px of projected length, wider where that would make many more than `most`. size is width and
-    height; bounds the smallest and largest undistorted pixel.
+    About one for `spacing_px` of projected length, wider where that would make many more than `max_points`. size is
+    width and height; bounds the smallest and largest undistorted pixel.
     """
     eye = np.zeros(3)
     for i in range(3):
@@ -100,12 +99,13 @@ def sample_edges(
         part[e, 0], part[e, 1], depth[e, 0], depth[e, 1] = low, high, z0, z1
         length[e] = math.sqrt(fx * fx * du * du + fy * fy * dv * dv)
         total += length[e]
+    spacing_px, most, margin_px = config.spacing_px, config.max_points, config.margin_px
     spacing = max(spacing_px, total / most)
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
     q, c = np.empty(3), np.empty(3)
-    for _ in range(SAMPLINGS):
+    for _ in range(config.samplings):
         n, left_over = 0, 0.5
         for e in range(n_edges):
             count = int(length[e] / spacing + 0.5)
@@ -122,16 +122,16 @@ def sample_edges(
                 for i in range(3):
                     c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
                 u, v = project(c[0], c[1], c[2], cam)
-                if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+                if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
                     continue
                 if n == len(points) or hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
                 keys[n, 0], keys[n, 1], keys[n, 2] = e, visible[e], min(BINS - 1, int(s * BINS))
                 n += 1
-        if n > 0.7 * most or spacing <= spacing_px:
+        if n > config.enough_part * most or spacing <= spacing_px:
             break
-        spacing = max(spacing_px, spacing * max(n, 0.2 * most) / most)
+        spacing = max(spacing_px, spacing * max(n, config.min_shrink * most) / most)
     return points[:n].copy(), keys[:n].copy()
 
 
@@ -150,9 +150,17 @@ def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
     return rows, first[: e + 1].copy()
 
 
-@compiled("f2 i2 f3 f3 f2 f1 f1 f1")
+@compiled("f2 i2 f3 f3 f2 f1 f1 f1 f0")
 def place(
-    points: Array, keys: Indices, ends: Array, inward: Array, R: Array, t: Array, cam: Array, size: Array
+    points: Array,
+    keys: Indices,
+    ends: Array,
+    inward: Array,
+    R: Array,
+    t: Array,
+    cam: Array,
+    size: Array,
+    margin_px: float,
 ) -> tuple[Array, Array, Indices]:
     """Control points at a pose: lines (n, 4) of pixel and unit normal, J (n, 6), side (n,).
 
@@ -176,7 +184,7 @@ def place(
         if c[2] <= NEAR_M:
             continue
         u, v = project(c[0], c[1], c[2], cam)
-        if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+        if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
             continue
         step = c[2]  # a thousandth of the depth along the edge
         u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], cam)
