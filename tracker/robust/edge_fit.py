@@ -10,6 +10,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import camera_array, inverse6, move
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edges.columns import EDGE, OUTSIDE
 from uavbench.tracker.robust.edges.config import (
     AppearanceConfig,
     SamplingConfig,
@@ -229,7 +230,7 @@ class EdgeFitter:
     def seen(self, pose: Pose) -> tuple[Array, Array]:
         """Visible control points (n, 3) at a pose, and the directions (n, 3) of their edges."""
         points, keys = self.sample(pose.rotation, pose.translation)
-        along = self.map.ends[keys[:, 0], 1] - self.map.ends[keys[:, 0], 0]
+        along = self.map.ends[keys[:, EDGE], 1] - self.map.ends[keys[:, EDGE], 0]
         return points, along / np.linalg.norm(along, axis=1, keepdims=True)
 
     def place(self, points: Array, keys: Indices, R: Array, t: Array) -> tuple[Array, Array, Indices]:
@@ -277,7 +278,7 @@ class EdgeFitter:
         if due and hits < patches.enough_found and fit.edge_support >= patches.take_support:
             if hits < patches.min_hits:
                 self.common.begin(seen.edges, seen.spread, seen.sums, seen.to_fit, seen.prior, pose)
-            self.texture.take(image, pose, lines[side != 9, :2])
+            self.texture.take(image, pose, lines[side != OUTSIDE, :2])
 
 
 def layered(image: Image) -> Image:

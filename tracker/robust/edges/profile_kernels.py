@@ -9,6 +9,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.edges.columns import (
+    MEAN_SQUARE,
+    OUTSIDE,
+    SILHOUETTE_NEGATIVE,
+    SILHOUETTE_POSITIVE,
+    TIMES_SEEN,
+)
 from uavbench.tracker.robust.edges.config import AppearanceConfig, SearchConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
@@ -93,7 +100,7 @@ def search(
     g = np.empty(len(colours))
     rank = np.empty(candidates)
     for p in range(n):
-        if side[p] == 9:
+        if side[p] == OUTSIDE:
             continue
         m = min(MAX_HALF_PX, int(half[p] + 1.0)) + REACH
         while not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], m, colours):
@@ -102,7 +109,7 @@ def search(
                 break
         if m <= REACH:
             continue
-        learned = appearance[rows[p], 6] > 0.0
+        learned = appearance[rows[p], TIMES_SEEN] > 0.0
         w0, w1, w2, step = GREY[0], GREY[1], GREY[2], 0.0
         if grey:
             w0, w1, w2 = 1.0, 0.0, 0.0
@@ -137,9 +144,9 @@ def search(
                     after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
                     low += (before - appearance[rows[p], c]) ** 2
                     high += (after - appearance[rows[p], 3 + c]) ** 2
-                if side[p] == 1:  # the background beside a silhouette edge changes
+                if side[p] == SILHOUETTE_POSITIVE:  # the background beside a silhouette edge changes
                     low *= config.background_weight
-                elif side[p] == -1:
+                elif side[p] == SILHOUETTE_NEGATIVE:
                     high *= config.background_weight
                 cost = 0.5 * (low + high) / (config.colour_sigma_grey * config.colour_sigma_grey)
                 cost = min(config.max_penalty, cost)
@@ -172,16 +179,16 @@ def learn(
     colours = np.zeros((2 * BESIDE + 1, 3))
     for p in range(len(lines)):
         r = rows[p]
-        if side[p] == 9 or not abs(residual[p]) < config.max_residual_px:
+        if side[p] == OUTSIDE or not abs(residual[p]) < config.max_residual_px:
             continue
-        if appearance[r, 6] > 0.0:
-            gain = max(config.min_residual_rate, 1.0 / (2.0 + appearance[r, 6]))
-            appearance[r, 7] += gain * (residual[p] * residual[p] - appearance[r, 7])
+        if appearance[r, TIMES_SEEN] > 0.0:
+            gain = max(config.min_residual_rate, 1.0 / (2.0 + appearance[r, TIMES_SEEN]))
+            appearance[r, MEAN_SQUARE] += gain * (residual[p] * residual[p] - appearance[r, MEAN_SQUARE])
         if not found[p] > 0.0 or abs(residual[p]) > config.max_colour_residual_px:
             continue
         if not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], BESIDE, colours):
             continue
-        gain = max(config.min_colour_rate, 1.0 / (1.0 + appearance[r, 6]))
+        gain = max(config.min_colour_rate, 1.0 / (1.0 + appearance[r, TIMES_SEEN]))
         step = 0.0
         for c in range(3):
             before = 0.5 * (colours[BESIDE - 2, c] + colours[BESIDE - 3, c])
@@ -189,9 +196,9 @@ def learn(
             step += (after - before) ** 2
             appearance[r, c] += gain * (before - appearance[r, c])
             appearance[r, 3 + c] += gain * (after - appearance[r, 3 + c])
-        if appearance[r, 6] == 0.0:
-            appearance[r, 7] = first_square(math.sqrt(step), config.initial_error_px_grey)
-        appearance[r, 6] += 1.0
+        if appearance[r, TIMES_SEEN] == 0.0:
+            appearance[r, MEAN_SQUARE] = first_square(math.sqrt(step), config.initial_error_px_grey)
+        appearance[r, TIMES_SEEN] += 1.0
 
 
 @compiled("f0 f0")

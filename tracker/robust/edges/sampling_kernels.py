@@ -6,6 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import normal_row, project
+from uavbench.tracker.robust.edges.columns import (
+    BOTH_FACES,
+    CREASE,
+    EDGE,
+    FACES,
+    OUTSIDE,
+    PART,
+    SILHOUETTE_NEGATIVE,
+    SILHOUETTE_POSITIVE,
+)
 from uavbench.tracker.robust.edges.config import SamplingConfig
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
 from uavbench.tracker.robust.kernel_values import kernel_type
@@ -73,7 +83,7 @@ def sample_edges(
                 towards = planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] - planes[f, 3]
                 if towards > 0.0:
                     state |= 1 << side
-        if state == 0 or (state == 3 and smooth[e]):
+        if state == 0 or (state == BOTH_FACES and smooth[e]):
             continue
         for i in range(3):
             a[i], b[i] = t[i], t[i]
@@ -127,7 +137,7 @@ def sample_edges(
                 if n == len(points) or hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
-                keys[n, 0], keys[n, 1], keys[n, 2] = e, visible[e], min(BINS - 1, int(s * BINS))
+                keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
                 n += 1
         if n > config.enough_part * most or spacing <= spacing_px:
             break
@@ -142,8 +152,8 @@ def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
     rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
     e = 0
     for p in range(n):
-        rows[p] = (keys[p, 0] * 3 + keys[p, 1] - 1) * BINS + keys[p, 2]
-        if p == 0 or keys[p, 0] != keys[p - 1, 0]:
+        rows[p] = (keys[p, EDGE] * 3 + keys[p, FACES] - 1) * BINS + keys[p, PART]
+        if p == 0 or keys[p, EDGE] != keys[p - 1, EDGE]:
             first[e] = p
             e += 1
     first[e] = n
@@ -165,13 +175,13 @@ def place(
     """Control points at a pose: lines (n, 4) of pixel and unit normal, J (n, 6), side (n,).
 
     side is +1 where the only visible face lies on the positive side of the normal, -1 where on the other, 0 where both
-    faces are visible, and 9 where the point is not in the image.
+    faces are visible, and OUTSIDE where the point is not in the image.
     """
     n = len(points)
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
     c, d, w = np.empty(3), np.empty(3), np.empty(3)
     for k in range(n):
-        e = keys[k, 0]
+        e = keys[k, EDGE]
         length = 0.0
         for i in range(3):
             d[i] = ends[e, 1, i] - ends[e, 0, i]
@@ -180,7 +190,7 @@ def place(
         for i in range(3):
             c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
             w[i] = (R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]) * h
-        side[k] = 9
+        side[k] = OUTSIDE
         if c[2] <= NEAR_M:
             continue
         u, v = project(c[0], c[1], c[2], cam)
@@ -195,12 +205,12 @@ def place(
         nu, nv = -tv / norm, tu / norm
         lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3] = u, v, nu, nv
         normal_row(c[0], c[1], c[2], nu, nv, cam, J[k])
-        side[k] = 0
-        if keys[k, 1] != 3:
-            s = keys[k, 1] - 1
+        side[k] = CREASE
+        if keys[k, FACES] != BOTH_FACES:
+            s = keys[k, FACES] - 1
             for i in range(3):
                 w[i] = R[i, 0] * inward[e, s, 0] + R[i, 1] * inward[e, s, 1] + R[i, 2] * inward[e, s, 2]
             u1 = cam[0] * (w[0] - c[0] / c[2] * w[2])
             v1 = cam[1] * (w[1] - c[1] / c[2] * w[2])
-            side[k] = 1 if u1 * nu + v1 * nv > 0 else -1
+            side[k] = SILHOUETTE_POSITIVE if u1 * nu + v1 * nv > 0 else SILHOUETTE_NEGATIVE
     return lines, J, side

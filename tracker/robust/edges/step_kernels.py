@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from uavbench.tracker.order_kernels import insert
+from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, OUTSIDE, TIMES_SEEN
 from uavbench.tracker.robust.edges.config import SubpixelConfig
 from uavbench.tracker.robust.edges.profile_kernels import Image, Indices
 from uavbench.tracker.robust.kernel_values import kernel_type
@@ -63,7 +64,7 @@ def sharpen(
             found[p, 2] = np.inf
             step = learned_light(appearance[rows[p]], image.shape[2], colour)
             reach = min(config.reach_px, int(gap[p] - config.clearance_px))
-            if weights[p] > 0.0 and side[p] != 9 and step > 0.0 and reach >= config.min_reach_px:
+            if weights[p] > 0.0 and side[p] != OUTSIDE and step > 0.0 and reach >= config.min_reach_px:
                 least = config.min_step_part * step
                 place, spread, noise = fit_step(image, lines[p], start, reach, config.along_px, colour, least)
                 found[p, 0], found[p, 1], found[p, 2] = place, spread, noise
@@ -74,7 +75,7 @@ def sharpen(
         for p in range(first[g], first[g + 1]):
             if found[p, 2] <= most and abs(found[p, 0] - start) < config.max_shift_px:
                 distance[p, 0] = found[p, 0]
-                variance[p] = config.variance_px2 + found[p, 1] + appearance[rows[p], 7]
+                variance[p] = config.variance_px2 + found[p, 1] + appearance[rows[p], MEAN_SQUARE]
             elif weights[p] > 0.0:
                 distance[p, 0] = residual[p]
     return distance, variance
@@ -84,7 +85,7 @@ def sharpen(
 def learned_light(row: Array, channels: int, colour: Array) -> float:
     """Learned step of light of an edge, 0 where nothing is learned; its direction in the channels' space in colour."""
     colour[:] = 0.0
-    if not row[6] > 0.0:
+    if not row[TIMES_SEEN] > 0.0:
         return 0.0
     square = 0.0
     for c in range(channels):

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.edges.columns import CREASE, EDGE, MEAN_SQUARE, OUTSIDE, TIMES_SEEN
 from uavbench.tracker.robust.edges.config import WeightConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
@@ -19,10 +20,10 @@ def crowding(lines: Array, keys: Indices, side: Indices, config: WeightConfig) -
     n = len(lines)
     gap = np.full(n, config.separate_px)
     for p in range(n):
-        if side[p] == 9:
+        if side[p] == OUTSIDE:
             continue
         for q in range(p + 1, n):
-            if keys[q, 0] == keys[p, 0] or side[q] == 9:
+            if keys[q, EDGE] == keys[p, EDGE] or side[q] == OUTSIDE:
                 continue
             du, dv = lines[q, 0] - lines[p, 0], lines[q, 1] - lines[p, 1]
             if abs(du) > config.separate_px or abs(dv) > config.separate_px:
@@ -46,7 +47,7 @@ def trust(gap: Array, rows: Indices, appearance: Array, config: WeightConfig) ->
     for p in range(len(out)):
         r = rows[p]
         apart = min(1.0, max(least, (out[p] - touching_px) / (config.separate_px - touching_px)))
-        known = min(1.0, appearance[r, 6] / config.known_frames)
+        known = min(1.0, appearance[r, TIMES_SEEN] / config.known_frames)
         step = 0.0
         for c in range(3):
             step += (appearance[r, 3 + c] - appearance[r, c]) ** 2
@@ -80,13 +81,13 @@ def variances(
     own, shared = np.empty(len(keys)), np.empty(len(first) - 1)
     for g in range(len(shared)):
         p = first[g]
-        shared[g] = config.crease_variance_px2 if side[p] == 0 else config.silhouette_variance_px2
-        if stands[keys[p, 0]]:
+        shared[g] = config.crease_variance_px2 if side[p] == CREASE else config.silhouette_variance_px2
+        if stands[keys[p, EDGE]]:
             shared[g] = config.contact_variance_px2
         mean, weight, found = 0.0, 0.0, 0
         for p in range(first[g], first[g + 1]):
-            if appearance[rows[p], 6] > 0.0:
-                own[p] = config.point_variance_px2 + appearance[rows[p], 7]
+            if appearance[rows[p], TIMES_SEEN] > 0.0:
+                own[p] = config.point_variance_px2 + appearance[rows[p], MEAN_SQUARE]
             else:
                 own[p] = config.point_variance_px2 + (initial_error / max(initial_error, contrast[p].max())) ** 2
             if distance[p, 0] < np.inf:
@@ -117,7 +118,7 @@ def support(
     have, want, patch_weight = 0.0, 0.0, config.patch_weight
     for p in range(len(weights)):
         want += trusted[p]
-        if appearance[rows[p], 6] > 0.0:
+        if appearance[rows[p], TIMES_SEEN] > 0.0:
             have += weights[p]
         else:  # an edge not known yet that is found by a weak step may be anything
             step = contrast[p].max()
