@@ -1,9 +1,11 @@
 """The reference from the code: `python -m uavbench.bench.reference DIR` writes commands, plug-ins and the schema."""
 
+import ast
 import inspect
 import types
 from collections.abc import Iterator
 from dataclasses import MISSING, Field, fields, is_dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -14,6 +16,7 @@ from uavbench.bench.config.inventory import TITLES
 from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.runner.commands import schema
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.robust.config import RobustConfig
 from uavbench.trajectories.files.writing import write_text
 
 
@@ -44,6 +47,42 @@ def _dataclass(title: str, cls: type) -> str:
         return about
     rows = [f"| `{f.name}` | {told(hints[f.name])} | {_default(f)} |" for f in shown]
     return "\n".join([about, "| key | value | default |", "|---|---|---|", *rows, ""])
+
+
+def config_values() -> str:
+    """Every tuned value of `robust`: its key below `config`, type, range, default, and where it comes from."""
+    about = (
+        "# The values of robust\n\nKeys of `[trackers.LABEL.config]` in a suite, for a tracker of kind `robust`. "
+        '"Chosen on rendered seeds": by hand on seeds 100 to 107, and no better source is known.\n'
+    )
+    return "\n".join([about, *_tables("config", RobustConfig)])
+
+
+def _tables(key: str, cls: type) -> Iterator[str]:
+    """A table of the values of a config class, and those of the classes in it."""
+    hints, why = get_type_hints(cls, include_extras=True), field_docs(cls)
+    inner = {f.name: hints[f.name] for f in fields(cls) if is_dataclass(hints[f.name])}  # type: ignore[arg-type, unused-ignore]
+    rows = [
+        f"| `{f.name}` | {told(hints[f.name])} | {_default(f)} | {why[f.name]} |"
+        for f in fields(cls)  # type: ignore[arg-type, unused-ignore]
+        if f.name not in inner
+    ]
+    if rows:
+        head = ["| key | value | default | what, and where from |", "|---|---|---|---|"]
+        yield "\n".join([f"## {key}\n\n{inspect.cleandoc(cls.__doc__ or '')}\n", *head, *rows, ""])
+    for name, below in inner.items():
+        yield from _tables(f"{key}.{name}", below)
+
+
+def field_docs(cls: type) -> dict[str, str]:
+    """The text below each field of a class, on one line; KeyError where one has none."""
+    (body,) = [node.body for node in ast.parse(inspect.getsource(cls)).body if isinstance(node, ast.ClassDef)]
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }
 
 
 def told(hint: Any) -> str:
@@ -93,6 +132,7 @@ def main(folder: Path) -> None:
     """Write the reference into FOLDER."""
     write_text(folder / "commands.md", commands(), sealed=True)
     write_text(folder / "plugins.md", plugins(), sealed=True)
+    write_text(folder / "robust-values.md", config_values(), sealed=True)
     write_text(folder / "suite.schema.json", schema() + "\n", sealed=True)
 
 

@@ -11,8 +11,9 @@ from annotated_types import Ge, Interval
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.relocalization.relocate import AWAY_SIGMA, Relocator, sigmas
+from uavbench.tracker.robust.relocalization.relocate import Relocator, sigmas
 from uavbench.tracker.visible_edges import visible_edges
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_toml
@@ -89,9 +90,11 @@ class CoarseGuess:
             ]
         )
         guess = Pose.exp(twist) @ true_cam_from_world
-        spread = max(self.range_part, float(np.radians(self.angle_deg)), AWAY_SIGMA) / 2
-        fitter = EdgeFitter(structure, camera, rng)
-        fit, _ = Relocator.of(fitter, camera).best(image, [guess], sigmas(spread, range_m), range_m)
+        config = RobustConfig()
+        spread = max(self.range_part, float(np.radians(self.angle_deg)), config.relocalization.guess_sigma) / 2
+        fitter = EdgeFitter(structure, camera, rng, config)
+        relocator = Relocator.of(fitter, camera, config.relocalization)
+        fit, _ = relocator.best(image, [guess], sigmas(spread, range_m), range_m)
         return fit.cam_from_world if fit.finite else guess
 
 

@@ -1,4 +1,4 @@
-"""The commands that judge changes: gate, compare, speed."""
+"""The commands that judge changes: gate, compare, speed, sensitivity."""
 
 import os
 import sys
@@ -112,4 +112,17 @@ def compare_command(
     sys.exit(compare((base_ref, head_ref), suite, out, repeats, margins, jobs))
 
 
-COMMANDS: tuple[click.Command, ...] = (gate_command, speed_command, compare_command)
+@click.command("sensitivity")
+@click.argument("suite")
+@click.option("--tracker", default="robust", show_default=True, help="Label of the suite's tracker that is studied.")
+@click.option("--value", multiple=True, metavar="PATH", help="A value, or a table of them; default: all.")
+@click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for everything.")
+def sensitivity_command(suite: str, tracker: str, value: tuple[str, ...], jobs: int, out: Path) -> None:
+    """Halve and double each number of a tracker's config, one at a time, and table what success and error become."""
+    from uavbench.bench.sensitivity.study import study
+
+    sys.exit(study(suite, out, tracker, value, jobs))
+
+
+COMMANDS: tuple[click.Command, ...] = (gate_command, speed_command, compare_command, sensitivity_command)

@@ -14,7 +14,9 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.external.program import External
 from uavbench.bench.external.rows import FAULTS
-from uavbench.bench.reference import commands, plugins
+from uavbench.bench.reference import commands, config_values, plugins
+from uavbench.bench.sensitivity.variants import values_of
+from uavbench.tracker.robust.tracker import Robust
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
@@ -122,3 +124,13 @@ def test_the_reference_names_every_command_and_every_plugin():
     text = plugins()
     for kind in ("box", "hand-pilot", "crazyflie", "noise", "lsd", "external"):
         assert f"### `{kind}`\n" in text
+
+
+def test_the_reference_says_of_every_value_of_robust_where_it_comes_from():
+    page, values = config_values(), [value.path for value in values_of(Robust())]
+    rows = re.findall(r"^\| `(\w+)` \| .+ \| .+ \| \S.+ \|$", page, re.MULTILINE)
+    assert sorted(rows) == sorted(path.rpartition(".")[2] for path in values)
+    tables = set(re.findall(r"^## ([\w.]+)$", page, re.MULTILINE))
+    assert tables == {path.rpartition(".")[0] for path in values}
+    told = (ROOT / "docs" / "robust.md").read_text(encoding="utf-8")
+    assert f"Its {len(values)} tuned values" in told

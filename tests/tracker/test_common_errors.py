@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from uavbench.tracker.robust.solver.bias_kernels import adjoint, pinned
-from uavbench.tracker.robust.solver.nuisance_biases import ALIKE_S, CommonErrors
+from uavbench.tracker.robust.solver.config import BiasConfig
+from uavbench.tracker.robust.solver.nuisance_biases import CommonErrors
 from uavbench.trajectories.pose import Pose
 
 EDGES, POINTS = 7, 12
@@ -40,10 +41,9 @@ def test_a_twist_in_the_world_is_the_same_motion_as_its_adjoint_of_the_camera():
     np.testing.assert_allclose(adjoint(pose.rotation, pose.translation) @ xi, moved.log(), atol=1e-9)
 
 
-def test_the_arrow_is_solved_as_the_whole_system_is(monkeypatch):
-    monkeypatch.setattr("uavbench.tracker.robust.solver.nuisance_biases.FORGET", 0.0)
-    rng = np.random.default_rng(2)
-    common, spread = CommonErrors(EDGES), np.full(EDGES, 0.2**2)
+def test_the_arrow_is_solved_as_the_whole_system_is():
+    config, rng = BiasConfig(forgotten_part=0.0), np.random.default_rng(2)
+    common, spread = CommonErrors(EDGES, config), np.full(EDGES, 0.2**2)
     prior, first, second = np.diag(rng.uniform(1e3, 1e4, 6)), a_pose(rng), a_pose(rng)
     offsets, nothing = rng.normal(size=EDGES) * 0.2, np.zeros(6)
     X = [adjoint(p.rotation, p.translation) for p in (first, second)]
@@ -63,7 +63,7 @@ def test_the_arrow_is_solved_as_the_whole_system_is(monkeypatch):
         else:  # the patches are taken where the frame puts them: the first frame says nothing of D beside the offsets
             right[6:] += part * rows[:, 6:].T @ residual
             right[:6] = dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], right[6:])
-    twist = common.learn(views, spread[views], sums, nothing, second, ALIKE_S / 4)
+    twist = common.learn(views, spread[views], sums, nothing, second, config.correlation_s / 4)
     solution = np.linalg.solve(dense, right)
     np.testing.assert_allclose(twist, X[1] @ solution[:6], rtol=1e-6, atol=1e-12)
     schur = dense[:6, :6] - dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], dense[6:, :6])
@@ -84,10 +84,10 @@ def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():
 
 
 @pytest.mark.parametrize("offset_px", [0.0, 0.3])
-def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px, monkeypatch):
-    monkeypatch.setattr("uavbench.tracker.robust.solver.nuisance_biases.FORGET", 0.02)
+def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px):
+    config = BiasConfig(forgotten_part=0.02)
     rng = np.random.default_rng(3)
-    common, spread = CommonErrors(EDGES), np.full(EDGES, 0.3**2)
+    common, spread = CommonErrors(EDGES, config), np.full(EDGES, 0.3**2)
     offsets = offset_px * rng.choice([-1.0, 1.0], EDGES)
     left = rng.normal(size=6) * 1e-3  # of the places of the patches, as a twist in the world
     for k in range(100):
@@ -98,6 +98,8 @@ def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(of
             common.begin(views, spread[views], sums, np.zeros(6), np.eye(6) * 1e-2, pose)
             continue
         X = adjoint(pose.rotation, pose.translation)
-        left = left - np.linalg.solve(X, common.learn(views, spread[views], sums, np.zeros(6), pose, ALIKE_S))
+        left = left - np.linalg.solve(
+            X, common.learn(views, spread[views], sums, np.zeros(6), pose, config.correlation_s)
+        )
     assert np.abs(left).max() < 1e-4
     np.testing.assert_allclose(common.moment / (common.seen + common.least), offsets, atol=0.03)

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown, pose_error
+from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
 from uavbench.tracker.robust.preprocessing.gain_offset import Stretch, light_change
 from uavbench.tracker.robust.tracker import Robust
+
+CONFIG = PreprocessingConfig()
 
 STEP_NS = 66_666_667
 
@@ -24,15 +27,15 @@ def test_a_change_of_light_is_measured_for_each_colour():
     rng = np.random.default_rng(0)
     image = rng.integers(60, 160, (40, 160, 3)).astype(np.uint8)
     brighter = np.round(image * np.array([1.0, 1.2, 1.5])).astype(np.uint8)
-    assert light_change(brighter, image) == pytest.approx([1.0, 1.2, 1.5], abs=0.01)
-    assert light_change(brighter[..., 1], image[..., 1]) == pytest.approx([1.2], abs=0.01)
-    assert (light_change(image, np.roll(image, 48, axis=1)) == 1).all()
-    assert (light_change(np.zeros_like(image), image) == 1).all()
+    assert light_change(brighter, image, CONFIG) == pytest.approx([1.0, 1.2, 1.5], abs=0.01)
+    assert light_change(brighter[..., 1], image[..., 1], CONFIG) == pytest.approx([1.2], abs=0.01)
+    assert (light_change(image, np.roll(image, 48, axis=1), CONFIG) == 1).all()
+    assert (light_change(np.zeros_like(image), image, CONFIG) == 1).all()
 
 
 def test_an_image_of_enough_contrast_stays_as_it_is():
     image = np.tile(np.arange(256, dtype=np.uint8), (64, 1))
-    assert Stretch.needed(image) == Stretch()
+    assert Stretch.needed(image, CONFIG) == Stretch()
     assert Stretch().of(image) is image
 
 

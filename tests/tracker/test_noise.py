@@ -4,7 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.preprocessing.denoising import ALLOWED, noise_level, smoothed
+from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
+from uavbench.tracker.robust.preprocessing.denoising import noise_level, smoothed
+
+CONFIG = PreprocessingConfig()
+ALLOWED = CONFIG.max_noise_grey
 
 
 def scene(sigma, channels=3, seed=0):
@@ -25,14 +29,14 @@ def test_noise_is_measured_beside_edges_and_shading(sigma, channels):
 
 def test_a_frame_with_little_noise_stays_the_same():
     image = scene(0.8 * ALLOWED)
-    assert smoothed(image) is image
+    assert smoothed(image, CONFIG) is image
 
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_noise_is_smoothed_to_what_is_allowed(grey):
     image = scene(12.0)
     image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if grey else image
-    smooth = smoothed(image)
+    smooth = smoothed(image, CONFIG)
     assert smooth.shape == image.shape
     assert smooth.dtype == np.uint8
     clean = scene(0.0)
@@ -43,4 +47,4 @@ def test_noise_is_smoothed_to_what_is_allowed(grey):
 
 def test_a_frame_of_a_single_row_is_left_as_it_is():
     row = np.zeros((1, 640, 3), np.uint8)
-    assert smoothed(row) is row
+    assert smoothed(row, CONFIG) is row

@@ -7,16 +7,24 @@ from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corne
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
 from uavbench.tracker.protocol import ImageError
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edges.config import SamplingConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.weight_kernels import support
+from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.patches import Texture
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, spread
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
 STEP_NS = 66_666_667
+CONFIG = RobustConfig()
+
+
+def edge_map(structure):
+    return EdgeMap.of(structure, CONFIG.edges.sampling.rounded_deg)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +102,7 @@ def test_a_patch_that_is_missed_counts_for_less_than_one_that_is_found():
     known[:, 6] = 1.0
     seen = (points, np.ones(10), np.arange(10), known, np.full((10, 4), 50.0))
     found, missed, untried = (np.array([1.0, 0.9]), np.ones(2)), (np.zeros(2), np.zeros(2)), (np.zeros(2), -np.ones(2))
-    shares = [support(*seen, *patches, 2.0) for patches in (found, missed, untried)]
+    shares = [support(*seen, *patches, kernel_values(CONFIG.edges.weights)) for patches in (found, missed, untried)]
     assert [edges for _, edges in shares] == pytest.approx([0.8] * 3)
     assert shares[0][0] == pytest.approx((8 + 4) / (10 + 4))
     assert shares[1][0] == pytest.approx(8 / (10 + 2))
@@ -178,12 +186,12 @@ def test_a_model_behind_the_camera_is_lost(flight):
 def test_hidden_lines_are_removed():
     front, back = box_corners((0.2, 0.6, 0.6), (0.5, 0.0)), box_corners((0.2, 0.2, 0.2), (-0.5, 0.0))
     both = Structure.from_mesh(np.concatenate([front, back]), np.concatenate([BOX_TRIANGLES, BOX_TRIANGLES + 8]))
-    m = EdgeMap.of(both)
+    m = edge_map(both)
     pose = look_at(np.array([3.0, 0.0, 0.1]), (0, 0, 0.1))
     points, _ = sample_edges(
         m.ends, m.faces, m.smooth, m.rounded, m.planes, m.corners, m.owner, m.boxes, m.nodes, pose.rotation,
-        pose.translation, camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-0.5, -0.5, 639.5, 479.5]), 4.0,
-        400,
+        pose.translation, camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-0.5, -0.5, 639.5, 479.5]),
+        kernel_values(SamplingConfig(spacing_px=4.0, max_points=400)),
     )  # fmt: skip
     assert len(points) > 100
     assert (points[:, 0] > 0).all()
@@ -220,16 +228,16 @@ def test_nothing_is_seen_between_the_sides_of_a_column():
     ring = np.column_stack([np.cos(angle), np.sin(angle)]) * 0.2
     vertices = np.concatenate([np.column_stack([ring, np.full(16, z)]) for z in (0.0, 1.0)])
     sides = [t for i in range(16) for t in ([i, (i + 1) % 16, i + 16], [(i + 1) % 16, (i + 1) % 16 + 16, i + 16])]
-    edges = EdgeMap.of(Structure.from_mesh(vertices, np.array(sides)))
+    edges = edge_map(Structure.from_mesh(vertices, np.array(sides)))
     upright = np.ptp(edges.ends[..., 2], axis=1) > 0.5
     assert upright.any()
     assert edges.smooth[upright].all()
-    assert not EdgeMap.of(box()).smooth.any()
+    assert not edge_map(box()).smooth.any()
 
 
 def test_patches_taken_at_a_pose_are_found_again_there(flight):
     poses, images = flight
-    texture = Texture(EdgeMap.of(box()), CAMERA)
+    texture = Texture(edge_map(box()), CAMERA, CONFIG.patches)
     texture.take(images[0], poses[0], np.zeros((0, 2)))
     assert len(texture) > 10
     texture.choose(poses[1].rotation, poses[1].translation)
@@ -246,8 +254,8 @@ def test_patches_taken_at_a_pose_are_found_again_there(flight):
 
 def test_pose_search_ranks_a_near_pose_first(flight):
     poses, images = flight
-    search = PoseSearch(EdgeMap.of(box()), CAMERA)
-    found = search.best_poses(images[19], [poses[0]], spread(0.4, 0.12, 0.25, 0.3), 8)
+    search = PoseSearch(edge_map(box()), CAMERA, CONFIG.relocalization.search)
+    found = search.best_poses(images[19], [poses[0]], search.spread(0.4, 0.12, 0.25, 0.3), 8)
     scores = [score for score, _ in found]
     assert scores == sorted(scores, reverse=True)
     assert min(pose_error(pose, poses[19])[0] for _, pose in found) < 0.15

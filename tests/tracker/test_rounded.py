@@ -5,7 +5,9 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, box, look_at
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.edges.config import SamplingConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 
 
@@ -29,7 +31,7 @@ def cylinder(sides):
 
 @pytest.mark.parametrize("sides", [12, 48, 300])
 def test_border_and_outline_of_a_cylinder_are_seen(sides):
-    fitter = EdgeFitter(cylinder(sides), CAMERA, np.random.default_rng(0))
+    fitter = EdgeFitter(cylinder(sides), CAMERA, np.random.default_rng(0), RobustConfig())
     eye = np.array([0.0, -6.0, 2.0])
     points, _ = fitter.seen(look_at(eye, (0, 0, 0.5)))
     rim = points[:, 2] > 0.999
@@ -44,6 +46,6 @@ def test_border_and_outline_of_a_cylinder_are_seen(sides):
 
 def test_a_box_has_its_edges_and_no_more():
     structure = box()
-    m = EdgeMap.of(structure)
+    m = EdgeMap.of(structure, SamplingConfig().rounded_deg)
     np.testing.assert_array_equal(m.ends, structure.edge_segments)
     assert not m.rounded.any()

@@ -37,9 +37,9 @@ def direction():
 def test_a_step_is_found_to_a_hundredth_of_a_pixel(angle, distance):
     image, line = edge(distance, angle)
     step, colour = direction()
-    found, variance, _ = fit_step(image, line, 0.0, 3, colour, 0.2 * step)
+    found, variance, _ = fit_step(image, line, 0.0, 3, 2, colour, 0.2 * step)
     assert found == pytest.approx(distance, abs=0.06)
-    again, _, _ = fit_step(image, line, found, 3, colour, 0.2 * step)
+    again, _, _ = fit_step(image, line, found, 3, 2, colour, 0.2 * step)
     assert again == pytest.approx(distance, abs=0.012)
     assert 0 < variance < 0.03**2
 
@@ -50,7 +50,7 @@ def test_its_variance_is_that_of_its_error():
     fits = []
     for _ in range(200):
         image, line = edge(0.1, rng.uniform(0, 360), 3.0, rng)
-        fits.append(fit_step(image, line, 0.1, 3, colour, 0.2 * step))
+        fits.append(fit_step(image, line, 0.1, 3, 2, colour, 0.2 * step))
     found, variance, _ = np.transpose(fits)
     assert 0.6 < np.mean((found - 0.1) ** 2 / variance) < 1.6
 
@@ -58,6 +58,6 @@ def test_its_variance_is_that_of_its_error():
 def test_no_step_is_found_where_there_is_none_or_it_goes_the_other_way():
     step, colour = direction()
     image, line = edge(0.0, 30)
-    assert fit_step(np.full_like(image, 90), line, 0.0, 3, colour, 0.2 * step)[0] == np.inf
-    assert fit_step(image, line * np.array([1, 1, -1, -1]), 0.0, 3, colour, 0.2 * step)[0] == np.inf
-    assert fit_step(image, np.array([1.0, 1.0, 1.0, 0.0]), 0.0, 3, colour, 0.2 * step)[0] == np.inf
+    assert fit_step(np.full_like(image, 90), line, 0.0, 3, 2, colour, 0.2 * step)[0] == np.inf
+    assert fit_step(image, line * np.array([1, 1, -1, -1]), 0.0, 3, 2, colour, 0.2 * step)[0] == np.inf
+    assert fit_step(image, np.array([1.0, 1.0, 1.0, 0.0]), 0.0, 3, 2, colour, 0.2 * step)[0] == np.inf

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.edges.profile_kernels import FIRST_ERROR
-from uavbench.tracker.robust.edges.weight_kernels import (
-    COMMON_PART,
-    CONTACT_VARIANCE,
-    CREASE_VARIANCE,
-    OWN_VARIANCE,
-    SILHOUETTE_VARIANCE,
-    variances,
-)
+from uavbench.tracker.robust.edges.config import WeightConfig
+from uavbench.tracker.robust.edges.weight_kernels import variances
+from uavbench.tracker.robust.kernel_values import kernel_values
+
+WEIGHTS = WeightConfig(min_spacing_weight=0.02)
+FIRST_ERROR = 15.0
+OWN_VARIANCE, COMMON_PART = WEIGHTS.point_variance_px2, WEIGHTS.shared_part
+SILHOUETTE_VARIANCE, CREASE_VARIANCE = WEIGHTS.silhouette_variance_px2, WEIGHTS.crease_variance_px2
+CONTACT_VARIANCE = WEIGHTS.contact_variance_px2
 
 
 def of_one_edge(learned, *, times=1.0, side=1, stands=False, distance=0.2, contrast=50.0, trusted=1.0):
@@ -22,6 +22,7 @@ def of_one_edge(learned, *, times=1.0, side=1, stands=False, distance=0.2, contr
     return variances(
         np.zeros((n, 3), np.int64), np.full(n, side), np.arange(n), np.array([0, n]), np.array([stands]),
         np.full((n, 1), distance), np.full((n, 1), contrast), np.full(n, trusted), appearance,
+        kernel_values(WEIGHTS), FIRST_ERROR,
     )  # fmt: skip
 
 

@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.solver.bias_kernels import Sums
 from uavbench.trajectories.pose import Array, Pose
 
-PATCH_TRUST = 2.0
-"""Weight of a patch in the support."""
-
 Indices = NDArray[np.int64]
 
 
@@ -44,7 +41,8 @@ class Fit:
     """A pose and how well the edges support it.
 
     covariance (6, 6); support in [0, 1]: weighted share of the control points and patches that were found, and
-    edge_support that of the control points alone.
+    edge_support that of the control points alone; found: weight of all that was found, control points
+    and patches as much as in the support.
     """
 
     cam_from_world: Pose
@@ -55,15 +53,8 @@ class Fit:
     inliers: int
     range_m: float
     edge_support: float = 0.0
+    found: float = 0.0
     evidence: Evidence | None = None
-
-    @property
-    def found(self) -> float:
-        """Weight of all that was found: control points, and patches as much as in the support."""
-        seen = self.evidence
-        if seen is None:
-            return 0.0
-        return float(seen.weights.sum() + PATCH_TRUST * np.count_nonzero(seen.patch_weights))
 
     @property
     def finite(self) -> bool:

@@ -1,6 +1,7 @@
 """`robust`: prediction, hidden-line removal, learned edge appearance, hypotheses, M-estimation, loss and recovery."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,96 +9,76 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
-from uavbench.tracker.robust.edge_fit import SURE_SUPPORT, EdgeFitter
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import Motion
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.preprocessing.denoising import smoothed
 from uavbench.tracker.robust.preprocessing.gain_offset import Stretch, light_change, relit
-from uavbench.tracker.robust.relocalization.relocate import (
-    AWAY_SIGMA,
-    FITTED_SIGMA,
-    GOOD_SUPPORT,
-    REFIT_HALF_PX,
-    Relocator,
-    sigmas,
-)
+from uavbench.tracker.robust.relocalization.relocate import Relocator, sigmas
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 
-YOUNG_FRAMES, DOUBTED_SUPPORT = 5, 0.68
-"""A run does not trust its first predictions, nor, where the given pose was wrong, fits with less support than this."""
-SEARCH_EVERY = 8
-"""Frames from a search that found nothing better to the next, while the support is enough."""
-ENOUGH_SUPPORT = 0.5
-"""With less than this the track is lost."""
-SLOW_S, USUAL_PART = 0.3, 0.92
-"""Frames farther apart may be fitted to a neighbouring edge: with less than this part of the usual support, poses are
-searched each time, and the best supported one is taken."""
-USUAL_RATE, FAR_PART, FOUND_PART = 0.1, 0.8, 0.7
-"""Rate at which the usual support is learned; part of it that a pose needs which lies far from the prediction, and the
-first one after a loss.
-
-Of a bridge that was found again one panel too far 0.55 to 0.64 are seen, of one at its true place 0.8.
-"""
-FIRST_SUPPORT, GIVEN_SUPPORT = 0.4, 0.3
-"""What the first frame needs, whose appearance nobody knows yet, and where it fits the pose that was given."""
-ADVANTAGE = 0.1
-GIVEN_MISFIT = 12.6
-"""Support by which another pose must exceed a fit that holds: one with enough, or that lies where it was given.
-
-Where it was given: within the squared distance in standard deviations that 95 % of right poses keep (chi-square, six
-degrees of freedom).
-"""
-EDGES_CONTRADICT, ENOUGH_EDGES = 0.5, 30
-"""With less edge support than this, and so many control points, patches may have been taken on what stands before the
-structure and carry the pose away."""
-HELD_SIGMAS, HELD_HALF_PX = (0.0003, 0.001), 12.0
-"""Fits that stay where the first pose was given, the stillest first, and half the length of their search lines.
-
-Measured on 22 first frames with the latter, colours not known yet: the support is 0.36 to 0.81 at the true pose, 0.29
-to 0.78 beside it by 0.3 % of the range and 0.3 degrees, and 0.04 to 0.28 beside it by 1 % and more.
-"""
-HELD_ADVANTAGE = 0.15
-"""Support by which the fit that may move must exceed one that stays."""
-RIGHT_SIGMA = 0.001
-"""One standard deviation of a given first pose that held, in parts of the range and in rad."""
 ROWS_APART = 16
 """Every such row of a frame is compared with those of the frame before."""
-FIRST_SIGMA = 0.005
-"""One standard deviation of a given first pose, in parts of the range and in rad."""
 
 
 @dataclass(frozen=True)
 class Robust:
-    """Parameters of `robust`: none; what differs between sequences is learned from their frames."""
+    """Parameters of `robust`: its config; what differs between sequences is learned from their frames."""
+
+    config: RobustConfig = field(default_factory=RobustConfig)
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run near a first pose; UserError when that pose is not finite."""
         if not np.isfinite(cam_from_world.matrix).all():
             raise UserError("the first pose is not finite; give numbers")
         prepare(__name__)
-        return RobustRun(structure, camera, cam_from_world, rng)
+        return RobustRun(structure, camera, cam_from_world, rng, self.config)
+
+
+class Frame(NamedTuple):
+    """An image as it came and as it is measured in, and the pose that is expected."""
+
+    raw: Image
+    image: Image
+    expected: Motion
+    dt_s: float
+
+
+class Light(NamedTuple):
+    """What the light decides: the learned appearance of the edges, and the contrast stretch of images."""
+
+    appearance: Array
+    stretch: Stretch
 
 
 class RobustRun:
     """A run of `robust`."""
 
-    def __init__(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> None:
-        self.camera = camera
-        self.fitter = EdgeFitter(structure, camera, rng)
-        self.relocator = Relocator.of(self.fitter, camera)
+    def __init__(
+        self,
+        structure: Structure,
+        camera: Camera,
+        cam_from_world: Pose,
+        rng: np.random.Generator,
+        config: RobustConfig,
+    ) -> None:
+        self.camera, self.config = camera, config
+        self.fitter = EdgeFitter(structure, camera, rng, config)
+        self.relocator = Relocator.of(self.fitter, camera, config.relocalization)
         middle = structure.bounds.mean(axis=0, keepdims=True)
         self.range_m = float(np.linalg.norm(cam_from_world.transform(middle)))
-        self.motion = Motion(cam_from_world, sigmas(FIRST_SIGMA, self.range_m))
+        self.motion = Motion(cam_from_world, sigmas(config.initialization.sigma, self.range_m))
         self.ok_ns: int | None = None
         self.seen_ns: int | None = None
         self.seen_rows: Image | None = None
         self.ok_rows: Image | None = None
         self.stretch = Stretch()
-        self.support = self.usual_support = 0.0
+        self.usual_support = 0.0
         self.frames_ok = 0
         self.until_search = 0
         self.was_wrong = self.held_first = self.is_lost = False
@@ -111,48 +92,18 @@ class RobustRun:
         clock = StageClock()
         if not self.comes_after(stamp_ns) or self.is_frozen(image):
             return TrackResult(status="lost")
-        dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
-        with clock.stage("denoise"):
-            self.stretch = Stretch.needed(image) if self.ok_ns is None else self.stretch
-            raw, stretched = image, self.stretch.of(image)
-            image = smoothed(stretched)
-            self.fitter.begin(stamp_ns, image is stretched)
-        with clock.stage("predict"):
-            predicted, covariance = self.motion.predict(dt_s, self.range_m)
-        fit = self.fitter.fit(image, predicted, covariance, clock)
-        colours, stretch = self.fitter.appearance, self.stretch
-        if self.ok_ns is not None and not fit.support >= max(GOOD_SUPPORT, USUAL_PART * self.usual_support):
-            fit, image = self.in_other_light(raw, image, predicted, covariance, fit, clock)
-        self.until_search -= 1
-        doubted = self.was_wrong and self.frames_ok < YOUNG_FRAMES
-        slow = dt_s >= SLOW_S
-        wanted = max(GOOD_SUPPORT, USUAL_PART * self.usual_support) if slow else GOOD_SUPPORT
-        good = fit.support >= (DOUBTED_SUPPORT if doubted else wanted)
-        due = not good and (doubted or slow or self.until_search < 0 or not fit.support >= ENOUGH_SUPPORT)
-        held = self.held(image, fit, clock) if self.ok_ns is None else None
-        if held is not None:
-            fit, self.held_first = held, True
-        elif self.ok_ns is None or due or not fit.finite:
-            with clock.stage("recover"):
-                better = self.recover(image, predicted, covariance, fit, slow)
-            self.was_wrong |= self.ok_ns is None and better is not fit
-            self.until_search = 0 if better is not fit else SEARCH_EVERY
-            fit = better
-        if fit.edge_support < min(EDGES_CONTRADICT, fit.support) and fit.control_points >= ENOUGH_EDGES:
-            with clock.stage("recover"):
-                fit = self.without_patches(image, fit, clock)
-        self.support = fit.support
-        expected = Motion(predicted, covariance)
-        self.is_lost = not (fit.finite and fit.support >= self.enough(fit, expected))
+        frame = self.prepared(image, stamp_ns, clock)
+        light = Light(self.fitter.appearance, self.stretch)
+        fit = self.fitter.fit(frame.image, frame.expected.cam_from_world, frame.expected.covariance, clock)
+        fit, frame = self.in_other_light(frame, fit, clock)
+        fit = self.kept_or_recovered(frame, fit, clock)
+        fit = self.without_patches(frame, fit, clock)
+        self.is_lost = not (fit.finite and fit.support >= self.enough(fit, frame.expected))
         if self.is_lost:
-            self.fitter.appearance, self.stretch = colours, stretch  # nobody knows the light of a view that is not this
+            self.fitter.appearance, self.stretch = light  # nobody knows the light of a view that is not this
             return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
         with clock.stage("learn"):
-            self.fitter.learn(image, fit, dt_s)
-        self.motion = self.motion.update(fit.cam_from_world, fit.covariance, dt_s)
-        self.usual_support += max(USUAL_RATE, 1 / (1 + self.frames_ok)) * (fit.support - self.usual_support)
-        self.ok_rows = self.seen_rows
-        self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
+            self.learn(frame, fit, stamp_ns)
         return TrackResult(
             status="ok",
             cam_from_world=fit.cam_from_world,
@@ -163,66 +114,133 @@ class RobustRun:
             inliers=fit.inliers,
         )
 
-    def in_other_light(
-        self, raw: Image, image: Image, predicted: Pose, covariance: Array, fit: Fit, clock: StageClock
-    ) -> tuple[Fit, Image]:
-        """Fit and stretched image, the learned colours taken to the light of now where that is better supported."""
+    def prepared(self, raw: Image, stamp_ns: int, clock: StageClock) -> Frame:
+        """A frame, stretched and smoothed as it needs, with the pose that is expected."""
+        dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
+        with clock.stage("denoise"):
+            if self.ok_ns is None:
+                self.stretch = Stretch.needed(raw, self.config.preprocessing)
+            stretched = self.stretch.of(raw)
+            image = smoothed(stretched, self.config.preprocessing)
+            self.fitter.begin(stamp_ns, image is stretched)
+        with clock.stage("predict"):
+            expected = Motion(*self.motion.predict(dt_s, self.range_m, self.config.motion))
+        return Frame(raw, image, expected, dt_s)
+
+    def in_other_light(self, frame: Frame, fit: Fit, clock: StageClock) -> tuple[Fit, Frame]:
+        """Fit and frame, the learned colours taken to the light of now where that is better supported."""
+        config = self.config.preprocessing
+        if self.ok_ns is None or fit.support >= self.usual_or_good():
+            return fit, frame
         if self.ok_rows is None or self.seen_rows is None or self.ok_rows.shape != self.seen_rows.shape:
-            return fit, image
-        stretch, ratio = Stretch.needed(raw), light_change(self.seen_rows, self.ok_rows)
-        stretch = stretch if stretch.differs(self.stretch) else self.stretch
+            return fit, frame
+        stretch, ratio = Stretch.needed(frame.raw, config), light_change(self.seen_rows, self.ok_rows, config)
+        stretch = stretch if stretch.differs(self.stretch, config.min_gain) else self.stretch
         if stretch == self.stretch and (ratio == 1).all():
-            return fit, image
-        colours, other_image = self.fitter.appearance, smoothed(stretch.of(raw))
+            return fit, frame
+        colours, image = self.fitter.appearance, smoothed(stretch.of(frame.raw), config)
         self.fitter.appearance = relit(colours, *self.stretch.towards(stretch, ratio))
-        other = self.fitter.fit(other_image, predicted, covariance, clock)
+        other = self.fitter.fit(image, frame.expected.cam_from_world, frame.expected.covariance, clock)
         if other.finite and other.support > fit.support:
             self.stretch = stretch
-            return other, other_image
+            return other, frame._replace(image=image)
         self.fitter.appearance = colours
-        return fit, image
+        return fit, frame
+
+    def kept_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+        """The fit at hand; at the first frame one that stays there, and where it is doubtful the best that is found."""
+        self.until_search -= 1
+        first = self.ok_ns is None
+        kept = self.kept(frame, fit, clock) if first else None
+        if kept is not None:
+            self.held_first = True
+            return kept
+        if not (first or self.search_is_due(frame, fit) or not fit.finite):
+            return fit
+        with clock.stage("recover"):
+            better = self.recover(frame, fit)
+        self.was_wrong |= first and better is not fit
+        self.until_search = 0 if better is not fit else self.config.loss.search_every
+        return better
+
+    def search_is_due(self, frame: Frame, fit: Fit) -> bool:
+        """Whether a fit has too little support not to search for another pose."""
+        loss, slow = self.config.loss, self.is_slow(frame)
+        doubted = self.was_wrong and self.frames_ok < self.config.initialization.young_frames
+        wanted = self.usual_or_good() if slow else self.config.relocalization.good_support
+        if fit.support >= (self.config.initialization.doubted_support if doubted else wanted):
+            return False
+        return doubted or slow or self.until_search < 0 or not fit.support >= loss.min_support
+
+    def usual_or_good(self) -> float:
+        """Support that a fit has mostly, or a good one at least."""
+        return max(self.config.relocalization.good_support, self.config.loss.slow_part * self.usual_support)
+
+    def is_slow(self, frame: Frame) -> bool:
+        """Whether a frame is so long after the one before that it may be fitted to a neighbouring edge."""
+        return frame.dt_s >= self.config.loss.slow_s
+
+    def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:
+        """Take up what the fit of a frame says."""
+        self.fitter.learn(frame.image, fit, frame.dt_s)
+        smoothing, rate = self.config.motion.velocity_smoothing, self.config.loss.usual_rate
+        self.motion = self.motion.update(fit.cam_from_world, fit.covariance, frame.dt_s, smoothing)
+        self.usual_support += max(rate, 1 / (1 + self.frames_ok)) * (fit.support - self.usual_support)
+        self.ok_rows = self.seen_rows
+        self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
 
     def enough(self, fit: Fit, expected: Motion) -> float:
         """Support that a fit needs: far from where the camera is expected nearly as much as usual."""
+        loss = self.config.loss
         if self.ok_ns is not None:
-            far = not fit.support >= self.usual_support and expected.misfit(fit.cam_from_world) > GIVEN_MISFIT
-            part = FAR_PART if far else FOUND_PART if self.is_lost else 0.0
-            return max(ENOUGH_SUPPORT, part * self.usual_support)
-        return GIVEN_SUPPORT if self.motion.misfit(fit.cam_from_world) < GIVEN_MISFIT else FIRST_SUPPORT
+            far = not fit.support >= self.usual_support and expected.misfit(fit.cam_from_world) > loss.far_chi2
+            part = loss.far_part if far else loss.found_part if self.is_lost else 0.0
+            return max(loss.min_support, part * self.usual_support)
+        initial = self.config.initialization
+        return initial.kept_support if self.motion.misfit(fit.cam_from_world) < loss.far_chi2 else initial.min_support
 
-    def held(self, image: Image, fit: Fit, clock: StageClock) -> Fit | None:
-        """The fit that stays where the first pose was given; None where another one has clearly more support."""
-        for narrow in (sigmas(sigma, self.range_m) for sigma in HELD_SIGMAS):
-            held = self.fitter.fit(image, self.motion.cam_from_world, narrow, clock, HELD_HALF_PX)
-            if held.finite and held.support >= max(GIVEN_SUPPORT, fit.support - HELD_ADVANTAGE):
+    def kept(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
+        """The fit that stays at the initial pose; None where another one has clearly more support."""
+        initial = self.config.initialization
+        least = max(initial.kept_support, fit.support - initial.kept_advantage)
+        for narrow in (sigmas(sigma, self.range_m) for sigma in (initial.tight_sigma, initial.loose_sigma)):
+            kept = self.fitter.fit(frame.image, self.motion.cam_from_world, narrow, clock, initial.half_px)
+            if kept.finite and kept.support >= least:
                 break
         else:
             return None
-        right = inverse6(sigmas(RIGHT_SIGMA, self.range_m))
-        information = inverse6(held.covariance) - inverse6(narrow) + right
-        evidence = held.evidence and replace(held.evidence, prior=right)
-        sure = max(SURE_SUPPORT, held.edge_support)  # patches are taken there at once
-        return replace(held, covariance=inverse6(information), edge_support=sure, evidence=evidence)
+        right = inverse6(sigmas(initial.kept_sigma, self.range_m))
+        information = inverse6(kept.covariance) - inverse6(narrow) + right
+        evidence = kept.evidence and replace(kept.evidence, prior=right)
+        sure = max(self.config.patches.take_support, kept.edge_support)  # patches are taken there at once
+        return replace(kept, covariance=inverse6(information), edge_support=sure, evidence=evidence)
 
-    def recover(self, image: Image, predicted: Pose, covariance: Array, fit: Fit, slow: bool = False) -> Fit:
+    def recover(self, frame: Frame, fit: Fit) -> Fit:
         """The best fit around the prediction and the last pose, if it is better than the fit at hand."""
-        if self.frames_ok < YOUNG_FRAMES and not self.held_first:
-            covariance = covariance + sigmas(AWAY_SIGMA, self.range_m)
+        loss, predicted, covariance = self.config.loss, frame.expected.cam_from_world, frame.expected.covariance
+        if self.frames_ok < self.config.initialization.young_frames and not self.held_first:
+            covariance = covariance + sigmas(self.config.relocalization.guess_sigma, self.range_m)
         guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
-        best, advantage = self.relocator.best(image, guesses, covariance, self.range_m, fit)
-        fits_given = self.ok_ns is None and self.motion.misfit(fit.cam_from_world) < GIVEN_MISFIT
-        holds = fits_given or (self.ok_ns is not None and fit.support >= ENOUGH_SUPPORT)
-        return best if advantage > (ADVANTAGE if holds and not slow else 0.0) else fit
+        best, advantage = self.relocator.best(frame.image, guesses, covariance, self.range_m, fit)
+        fits_given = self.ok_ns is None and self.motion.misfit(fit.cam_from_world) < loss.far_chi2
+        holds = fits_given or (self.ok_ns is not None and fit.support >= loss.min_support)
+        return best if advantage > (loss.advantage if holds and not self.is_slow(frame) else 0.0) else fit
 
-    def without_patches(self, image: Image, fit: Fit, clock: StageClock) -> Fit:
-        """The fit of the edges alone, all patches forgotten, where they are clearly better supported then."""
-        kept, self.fitter.texture = self.fitter.texture, Texture(self.fitter.map, self.camera)
-        self.fitter.texture.now_s = kept.now_s
-        alone = self.fitter.fit(image, fit.cam_from_world, sigmas(FITTED_SIGMA, self.range_m), clock, REFIT_HALF_PX)
-        if alone.finite and alone.support >= max(ENOUGH_SUPPORT, fit.edge_support + ADVANTAGE):
-            return alone
-        self.fitter.texture = kept
-        return fit
+    def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+        """The fit; that of the edges alone where they contradict the patches and are clearly better supported then."""
+        loss, relocalization = self.config.loss, self.config.relocalization
+        contradict = fit.edge_support < min(loss.contradicted_support, fit.support)
+        if not (contradict and fit.control_points >= loss.contradicting_points):
+            return fit
+        with clock.stage("recover"):
+            kept, self.fitter.texture = self.fitter.texture, Texture(self.fitter.map, self.camera, self.config.patches)
+            self.fitter.texture.now_s = kept.now_s
+            narrow = sigmas(relocalization.fitted_sigma, self.range_m)
+            alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock, relocalization.refit_half_px)
+            if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + loss.advantage):
+                return alone
+            self.fitter.texture = kept
+            return fit
 
     def comes_after(self, stamp_ns: int) -> bool:
         """Whether a frame is later than those before it; remembers its stamp."""

@@ -35,7 +35,7 @@ def argument_types(text: str, tuples: Mapping[str, Any]) -> tuple[tuple[Any, ...
 def named_tuple(cls: type, text: str) -> Any:
     """Numba's type of a named tuple, by the types of its fields."""
     ((*fields,),) = argument_types(text, {})
-    return types.NamedTuple(fields, cls)
+    return types.BaseTuple.from_types(fields, cls)
 
 
 def _form(text: str, tuples: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -11,9 +11,6 @@ from uavbench.tracker.robust.edges.hidden_line_kernels import tree_arrays
 from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.pose import Array
 
-SMOOTH_DEG = 35.0
-"""Faces that turn by less are taken for parts of one rounded surface: a column of 12 sides and more, a pipe."""
-
 Indices = NDArray[np.int64]
 
 
@@ -43,9 +40,9 @@ class EdgeMap:
     rounded: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, structure: Structure) -> "EdgeMap":
-        """Edge map of a structure."""
-        structure = with_silhouettes(structure)
+    def of(cls, structure: Structure, rounded_deg: float) -> "EdgeMap":
+        """Edge map of a structure; faces that turn by less than rounded_deg are parts of one rounded surface."""
+        structure = with_silhouettes(structure, rounded_deg)
         corners = structure.vertices[structure.triangles]
         _, first = np.unique(structure.triangle_face, return_index=True)
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
@@ -62,35 +59,35 @@ class EdgeMap:
             nodes,
             np.array(list(product(*structure.bounds.T))),
             (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + 1e-6).all(axis=1),
-            _smooth(structure),
-            _rounded(structure),
+            _smooth(structure, rounded_deg),
+            _rounded(structure, rounded_deg),
         )
 
 
-def with_silhouettes(structure: Structure) -> Structure:
+def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:
     """The structure with the edges between the faces of rounded surfaces, too, whose outlines are seen."""
     every = Structure.from_mesh(structure.vertices, structure.triangles, COPLANAR_ANGLE_DEG)
     if not np.array_equal(every.triangle_face, structure.triangle_face):
         return structure
     known = {(a, b) for a, b in np.sort(structure.edge_faces, axis=1).tolist()}
     faces = np.sort(every.edge_faces, axis=1)
-    new = _smooth(every) & np.array([(a, b) not in known for a, b in faces.tolist()], dtype=np.bool_)
+    new = _smooth(every, rounded_deg) & np.array([(a, b) not in known for a, b in faces.tolist()], dtype=np.bool_)
     if not new.any():
         return structure
     edges = np.concatenate([structure.edges, every.edges[new]])
     return replace(structure, edges=edges, edge_faces=np.concatenate([structure.edge_faces, every.edge_faces[new]]))
 
 
-def _smooth(structure: Structure) -> NDArray[np.bool_]:
-    """Whether the two faces beside each edge (e,) turn by less than SMOOTH_DEG."""
+def _smooth(structure: Structure, rounded_deg: float) -> NDArray[np.bool_]:
+    """Whether the two faces beside each edge (e,) turn by less than rounded_deg."""
     one, two = structure.edge_faces.T
     turn = np.einsum("ij,ij->i", structure.face_normals[one], structure.face_normals[two])
-    return np.asarray((one >= 0) & (two >= 0) & (turn > np.cos(np.radians(SMOOTH_DEG))))
+    return np.asarray((one >= 0) & (two >= 0) & (turn > np.cos(np.radians(rounded_deg))))
 
 
-def _rounded(structure: Structure) -> NDArray[np.bool_]:
+def _rounded(structure: Structure, rounded_deg: float) -> NDArray[np.bool_]:
     """Whether each edge (e,) lies beside a face that goes over into another one smoothly."""
-    faces = np.unique(structure.edge_faces[_smooth(structure)])
+    faces = np.unique(structure.edge_faces[_smooth(structure, rounded_deg)])
     return np.asarray(np.isin(structure.edge_faces, faces[faces >= 0]).any(axis=1))
 
 

@@ -9,29 +9,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.edges.columns import (
+    MEAN_SQUARE,
+    OUTSIDE,
+    SILHOUETTE_NEGATIVE,
+    SILHOUETTE_POSITIVE,
+    TIMES_SEEN,
+)
+from uavbench.tracker.robust.edges.config import AppearanceConfig, SearchConfig
+from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-CANDIDATES = 4
 BESIDE = 3
 """The colours beside an edge are those 2 and 3 px away."""
 REACH = 4
 """Px beyond the search range that a profile takes in, for the filter and the colours beside a candidate."""
 MAX_HALF_PX = 48
+"""Longest half length of a search line: profiles have room for it."""
 GREY = (0.114, 0.587, 0.299)
 """Weights of b, g, r in grey (ITU-R BT.601)."""
-FAR_PX = 1.5
-"""Residuals are learned up to this size."""
-FIRST_ERROR = 15.0
-"""Error in px of an edge times its step in grey levels, before any was seen."""
-SURE_PX = 0.7
-"""Colours are learned of control points found no farther than this from the pose's edge."""
-SLOWEST = 0.05
-"""Share of the newest residual in the mean square that is learned."""
-MIN_CONTRAST = 7.0
-"""Weakest step of a candidate, grey levels, where nothing is learned."""
-APPEARANCE_SIGMA = 14.0
-"""Spread of the colour beside an edge from frame to frame, grey levels."""
+SEARCH, APPEARANCE = kernel_type(SearchConfig), kernel_type(AppearanceConfig)
 
 Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
@@ -82,27 +80,27 @@ def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> floa
     return max(-1.0, min(1.0, 0.5 * (slope[0] - slope[2]) / bend)) if bend < 0.0 else 0.0
 
 
-@compiled("u3 f2 i1 i1 f2 f1")
+@compiled("u3 f2 i1 i1 f2 f1 search", search=SEARCH)
 def search(
-    image: Image, lines: Array, side: Indices, rows: Indices, appearance: Array, half: Array
+    image: Image, lines: Array, side: Indices, rows: Indices, appearance: Array, half: Array, config: SearchConfig
 ) -> tuple[Array, Array, Array]:
-    """Candidates of each control point: distance, penalty and contrast, each (n, CANDIDATES), inf where none.
+    """Candidates of each control point: distance, penalty and contrast, each (n, candidates), inf where none.
 
     rows (n,) are those of `appearance`; half (n,) the half lengths of the search lines in px. The penalty grows with
     the squared distance between the colours beside a candidate and those learned. Contrast is signed along the learned
     step, in grey levels; where nothing is learned it is that of the grey image, without sign.
     """
-    n = len(lines)
-    distance = np.full((n, CANDIDATES), np.inf)
-    penalty = np.full((n, CANDIDATES), np.inf)
-    contrast = np.zeros((n, CANDIDATES))
+    n, candidates = len(lines), config.candidates
+    distance = np.full((n, candidates), np.inf)
+    penalty = np.full((n, candidates), np.inf)
+    contrast = np.zeros((n, candidates))
     colours = np.zeros((2 * (MAX_HALF_PX + REACH) + 1, 3))
     grey = image.shape[2] == 1
     f = np.empty(len(colours))
     g = np.empty(len(colours))
-    rank = np.empty(CANDIDATES)
+    rank = np.empty(candidates)
     for p in range(n):
-        if side[p] == 9:
+        if side[p] == OUTSIDE:
             continue
         m = min(MAX_HALF_PX, int(half[p] + 1.0)) + REACH
         while not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], m, colours):
@@ -111,7 +109,7 @@ def search(
                 break
         if m <= REACH:
             continue
-        learned = appearance[rows[p], 6] > 0.0
+        learned = appearance[rows[p], TIMES_SEEN] > 0.0
         w0, w1, w2, step = GREY[0], GREY[1], GREY[2], 0.0
         if grey:
             w0, w1, w2 = 1.0, 0.0, 0.0
@@ -120,11 +118,13 @@ def search(
             d1 = appearance[rows[p], 4] - appearance[rows[p], 1]
             d2 = appearance[rows[p], 5] - appearance[rows[p], 2]
             step = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-            if step > 4.0:
+            if step > config.min_learned_step_grey:
                 w0, w1, w2 = d0 / step, d1 / step, d2 / step
             else:
                 learned = False
-        least = max(MIN_CONTRAST * 0.7, 0.2 * step) if learned else MIN_CONTRAST
+        least = config.min_contrast_grey
+        if learned:
+            least = max(config.min_contrast_grey * config.learned_contrast_part, config.learned_step_part * step)
         for k in range(2 * m + 1):
             f[k] = w0 * colours[k, 0] + w1 * colours[k, 1] + w2 * colours[k, 2]
         for k in range(2, 2 * m - 1):
@@ -144,14 +144,15 @@ def search(
                     after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
                     low += (before - appearance[rows[p], c]) ** 2
                     high += (after - appearance[rows[p], 3 + c]) ** 2
-                if side[p] == 1:  # the background beside a silhouette edge changes: it counts for a quarter
-                    low *= 0.25
-                elif side[p] == -1:
-                    high *= 0.25
-                cost = min(9.0, 0.5 * (low + high) / (APPEARANCE_SIGMA * APPEARANCE_SIGMA))
-            value = g[k] / (step + 10.0) - 0.5 * cost
+                if side[p] == SILHOUETTE_POSITIVE:  # the background beside a silhouette edge changes
+                    low *= config.background_weight
+                elif side[p] == SILHOUETTE_NEGATIVE:
+                    high *= config.background_weight
+                cost = 0.5 * (low + high) / (config.colour_sigma_grey * config.colour_sigma_grey)
+                cost = min(config.max_penalty, cost)
+            value = g[k] / (step + config.rank_step_grey) - config.rank_penalty * cost
             slot = 0
-            for s in range(1, CANDIDATES):
+            for s in range(1, candidates):
                 if rank[s] < rank[slot]:
                     slot = s
             if value > rank[slot]:
@@ -160,7 +161,7 @@ def search(
     return distance, penalty, contrast
 
 
-@compiled("u3 f2 i1 i1 f1 f1 f2! f0")
+@compiled("u3 f2 i1 i1 f1 f1 f2! appearance", appearance=APPEARANCE)
 def learn(
     image: Image,
     lines: Array,
@@ -169,7 +170,7 @@ def learn(
     found: Array,
     residual: Array,
     appearance: Array,
-    rate: float,
+    config: AppearanceConfig,
 ) -> None:
     """Take up the colours beside each control point that was found (n,) > 0 near its edge into `appearance`, in place.
 
@@ -178,16 +179,16 @@ def learn(
     colours = np.zeros((2 * BESIDE + 1, 3))
     for p in range(len(lines)):
         r = rows[p]
-        if side[p] == 9 or not abs(residual[p]) < FAR_PX:
+        if side[p] == OUTSIDE or not abs(residual[p]) < config.max_residual_px:
             continue
-        if appearance[r, 6] > 0.0:
-            gain = max(SLOWEST, 1.0 / (2.0 + appearance[r, 6]))
-            appearance[r, 7] += gain * (residual[p] * residual[p] - appearance[r, 7])
-        if not found[p] > 0.0 or abs(residual[p]) > SURE_PX:
+        if appearance[r, TIMES_SEEN] > 0.0:
+            gain = max(config.min_residual_rate, 1.0 / (2.0 + appearance[r, TIMES_SEEN]))
+            appearance[r, MEAN_SQUARE] += gain * (residual[p] * residual[p] - appearance[r, MEAN_SQUARE])
+        if not found[p] > 0.0 or abs(residual[p]) > config.max_colour_residual_px:
             continue
         if not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], BESIDE, colours):
             continue
-        gain = max(rate, 1.0 / (1.0 + appearance[r, 6]))
+        gain = max(config.min_colour_rate, 1.0 / (1.0 + appearance[r, TIMES_SEEN]))
         step = 0.0
         for c in range(3):
             before = 0.5 * (colours[BESIDE - 2, c] + colours[BESIDE - 3, c])
@@ -195,25 +196,25 @@ def learn(
             step += (after - before) ** 2
             appearance[r, c] += gain * (before - appearance[r, c])
             appearance[r, 3 + c] += gain * (after - appearance[r, 3 + c])
-        if appearance[r, 6] == 0.0:
-            appearance[r, 7] = first_square(math.sqrt(step))
-        appearance[r, 6] += 1.0
+        if appearance[r, TIMES_SEEN] == 0.0:
+            appearance[r, MEAN_SQUARE] = first_square(math.sqrt(step), config.initial_error_px_grey)
+        appearance[r, TIMES_SEEN] += 1.0
 
 
-@compiled("f0")
-def first_square(step: float) -> float:
+@compiled("f0 f0")
+def first_square(step: float, initial_error: float) -> float:
     """Mean square error in px^2 to expect of an edge with a step in grey levels, before any was seen."""
-    return min(1.0, 0.01 + (FIRST_ERROR / max(step, 1.0)) ** 2)
+    return min(1.0, 0.01 + (initial_error / max(step, 1.0)) ** 2)
 
 
-@compiled("f2 f2 f0 f0")
-def search_range(J: Array, P: Array, least: float, most: float) -> Array:
-    """Half length (n,) of each search line: three standard deviations of the predicted point along its normal."""
+@compiled("f2 f2 f0 search", search=SEARCH)
+def search_range(J: Array, P: Array, most: float, config: SearchConfig) -> Array:
+    """Half length (n,) of each search line: some standard deviations of the predicted point along its normal."""
     out = np.empty(len(J))
     for p in range(len(J)):
         s = 0.0
         for i in range(6):
             for j in range(6):
                 s += J[p, i] * P[i, j] * J[p, j]
-        out[p] = min(most, max(least, 3.0 * math.sqrt(s) + 1.0))
+        out[p] = min(most, max(config.min_half_px, config.prediction_sigmas * math.sqrt(s) + 1.0))
     return out

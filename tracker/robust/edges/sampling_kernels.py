@@ -6,22 +6,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import clip_segment, normal_row, project
+from uavbench.tracker.robust.edges.columns import (
+    BOTH_FACES,
+    CREASE,
+    EDGE,
+    FACES,
+    OUTSIDE,
+    PART,
+    SILHOUETTE_NEGATIVE,
+    SILHOUETTE_POSITIVE,
+)
+from uavbench.tracker.robust.edges.config import SamplingConfig
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
+from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 BINS = 8
 """Parts of an edge, each with an appearance of its own."""
-MARGIN_PX = 3.0
-"""Control points nearer to the image's border than this are left out."""
 NEAR_M = 0.02
-SAMPLINGS = 3
-"""Times that control points are sampled, ever closer while hidden lines leave too few."""
+"""Edges are clipped at this depth."""
+SAMPLING = kernel_type(SamplingConfig)
 
 Indices = NDArray[np.int64]
 
 
-@compiled("f3 i2 b1 b1 f2 f3 i1 f3 i2 f2 f1 f1 f1 f1 f0 i0")
+@compiled("f3 i2 b1 b1 f2 f3 i1 f3 i2 f2 f1 f1 f1 f1 sampling", sampling=SAMPLING)
 def sample_edges(
     ends: Array,
     faces: Indices,
@@ -37,13 +47,12 @@ def sample_edges(
     cam: Array,
     size: Array,
     bounds: Array,
-    spacing_px: float,
-    most: int,
+    config: SamplingConfig,
 ) -> tuple[Array, Indices]:
     """Visible control points: points_m (n, 3) and keys (n, 3): edge, which faces are visible (1, 2 or 3), bin.
 
-    About one for spacing_px of projected length, wider where that would make many more than `most`. size is width and
-    height; bounds the smallest and largest undistorted pixel.
+    About one for `spacing_px` of projected length, wider where that would make many more than `max_points`. size is
+    width and height; bounds the smallest and largest undistorted pixel.
     """
     eye = np.zeros(3)
     for i in range(3):
@@ -74,7 +83,7 @@ def sample_edges(
                 towards = planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] - planes[f, 3]
                 if towards > 0.0:
                     state |= 1 << side
-        if state == 0 or (state == 3 and smooth[e]):
+        if state == 0 or (state == BOTH_FACES and smooth[e]):
             continue
         for i in range(3):
             a[i], b[i] = t[i], t[i]
@@ -91,12 +100,13 @@ def sample_edges(
         part[e, 0], part[e, 1], depth[e, 0], depth[e, 1] = low, high, z0, z1
         length[e] = math.sqrt(fx * fx * du * du + fy * fy * dv * dv)
         total += length[e]
+    spacing_px, most, margin_px = config.spacing_px, config.max_points, config.margin_px
     spacing = max(spacing_px, total / most)
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
     q, c = np.empty(3), np.empty(3)
-    for _ in range(SAMPLINGS):
+    for _ in range(config.samplings):
         n, left_over = 0, 0.5
         for e in range(n_edges):
             count = int(length[e] / spacing + 0.5)
@@ -113,16 +123,16 @@ def sample_edges(
                 for i in range(3):
                     c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
                 u, v = project(c[0], c[1], c[2], cam)
-                if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+                if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
                     continue
                 if n == len(points) or hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
-                keys[n, 0], keys[n, 1], keys[n, 2] = e, visible[e], min(BINS - 1, int(s * BINS))
+                keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
                 n += 1
-        if n > 0.7 * most or spacing <= spacing_px:
+        if n > config.enough_part * most or spacing <= spacing_px:
             break
-        spacing = max(spacing_px, spacing * max(n, 0.2 * most) / most)
+        spacing = max(spacing_px, spacing * max(n, config.min_shrink * most) / most)
     return points[:n].copy(), keys[:n].copy()
 
 
@@ -133,28 +143,36 @@ def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
     rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
     e = 0
     for p in range(n):
-        rows[p] = (keys[p, 0] * 3 + keys[p, 1] - 1) * BINS + keys[p, 2]
-        if p == 0 or keys[p, 0] != keys[p - 1, 0]:
+        rows[p] = (keys[p, EDGE] * 3 + keys[p, FACES] - 1) * BINS + keys[p, PART]
+        if p == 0 or keys[p, EDGE] != keys[p - 1, EDGE]:
             first[e] = p
             e += 1
     first[e] = n
     return rows, first[: e + 1].copy()
 
 
-@compiled("f2 i2 f3 f3 f2 f1 f1 f1")
+@compiled("f2 i2 f3 f3 f2 f1 f1 f1 f0")
 def place(
-    points: Array, keys: Indices, ends: Array, inward: Array, R: Array, t: Array, cam: Array, size: Array
+    points: Array,
+    keys: Indices,
+    ends: Array,
+    inward: Array,
+    R: Array,
+    t: Array,
+    cam: Array,
+    size: Array,
+    margin_px: float,
 ) -> tuple[Array, Array, Indices]:
     """Control points at a pose: lines (n, 4) of pixel and unit normal, J (n, 6), side (n,).
 
     side is +1 where the only visible face lies on the positive side of the normal, -1 where on the other, 0 where both
-    faces are visible, and 9 where the point is not in the image.
+    faces are visible, and OUTSIDE where the point is not in the image.
     """
     n = len(points)
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
     c, d, w = np.empty(3), np.empty(3), np.empty(3)
     for k in range(n):
-        e = keys[k, 0]
+        e = keys[k, EDGE]
         length = 0.0
         for i in range(3):
             d[i] = ends[e, 1, i] - ends[e, 0, i]
@@ -163,11 +181,11 @@ def place(
         for i in range(3):
             c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
             w[i] = (R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]) * h
-        side[k] = 9
+        side[k] = OUTSIDE
         if c[2] <= NEAR_M:
             continue
         u, v = project(c[0], c[1], c[2], cam)
-        if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
+        if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
             continue
         step = c[2]  # a thousandth of the depth along the edge
         u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], cam)
@@ -178,12 +196,12 @@ def place(
         nu, nv = -tv / norm, tu / norm
         lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3] = u, v, nu, nv
         normal_row(c[0], c[1], c[2], nu, nv, cam, J[k])
-        side[k] = 0
-        if keys[k, 1] != 3:
-            s = keys[k, 1] - 1
+        side[k] = CREASE
+        if keys[k, FACES] != BOTH_FACES:
+            s = keys[k, FACES] - 1
             for i in range(3):
                 w[i] = R[i, 0] * inward[e, s, 0] + R[i, 1] * inward[e, s, 1] + R[i, 2] * inward[e, s, 2]
             u1 = cam[0] * (w[0] - c[0] / c[2] * w[2])
             v1 = cam[1] * (w[1] - c[1] / c[2] * w[2])
-            side[k] = 1 if u1 * nu + v1 * nv > 0 else -1
+            side[k] = SILHOUETTE_POSITIVE if u1 * nu + v1 * nv > 0 else SILHOUETTE_NEGATIVE
     return lines, J, side

@@ -9,7 +9,10 @@ import math
 import numpy as np
 
 from uavbench.tracker.order_kernels import insert
+from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, OUTSIDE, TIMES_SEEN
+from uavbench.tracker.robust.edges.config import SubpixelConfig
 from uavbench.tracker.robust.edges.profile_kernels import Image, Indices
+from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -18,28 +21,17 @@ LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2
 """Linear light of sRGB codes (IEC 61966-2-1): pixels mix light, not codes."""
 BLUR_PX = 0.5
 """Standard deviation of H': 0.29 px of a pixel's area, whatever its direction, and 0.4 px of a sharp lens."""
-REACH_PX, LEAST_REACH_PX = 3, 2
-"""Pixels to either side of the edge on each scan line, and how many are too few."""
-ALONG_PX = 2
-"""Scan lines to either side of a control point: they meet those of the next one."""
-CLEAR_PX = 1.5
-"""Reach of the blur of a neighbouring edge."""
-FARTHEST_PX = 0.5
-"""The fit is linear in the shift, and so right only near where it begins."""
-LEAST_STEP = 0.2
-"""Part of the learned step of light that must be seen."""
-MOST_NOISE = 6.0
-"""Variance of the light over the median of an edge's control points, above which there is a corner or an occluder."""
-OWN_FINE = 0.02**2
-"""Variance in px^2 of a fitted step beside that of its noise and what was learned of its part of the edge."""
-TABLE_PX, STEPS_PER_PX = REACH_PX + 1, 64
+MAX_REACH_PX = 3
+"""Most pixels to either side of the edge on a scan line: the tables below have room for them."""
+TABLE_PX, STEPS_PER_PX = MAX_REACH_PX + 1, 64
 AT = np.arange(-TABLE_PX * STEPS_PER_PX, TABLE_PX * STEPS_PER_PX + 1) / STEPS_PER_PX
 STEP = np.array([0.5 * (1 + math.erf(s / (math.sqrt(2) * BLUR_PX))) for s in AT])
 SLOPE = np.exp(-0.5 * np.square(AT / BLUR_PX)) / (math.sqrt(2 * math.pi) * BLUR_PX)
 """H and H' at AT."""
+SUBPIXEL = kernel_type(SubpixelConfig)
 
 
-@compiled("u3 f2 i1 i1 i1 f2 f1 f1 f1 f1")
+@compiled("u3 f2 i1 i1 i1 f2 f1 f1 f1 f1 subpixel", subpixel=SUBPIXEL)
 def sharpen(
     image: Image,
     lines: Array,
@@ -51,6 +43,7 @@ def sharpen(
     residual: Array,
     weights: Array,
     own: Array,
+    config: SubpixelConfig,
 ) -> tuple[Array, Array]:
     """Distance (n, 1) of each control point's edge from its line (n, 4), and its variance (n,) in px^2.
 
@@ -70,17 +63,19 @@ def sharpen(
         for p in range(first[g], first[g + 1]):
             found[p, 2] = np.inf
             step = learned_light(appearance[rows[p]], image.shape[2], colour)
-            reach = min(REACH_PX, int(gap[p] - CLEAR_PX))
-            if weights[p] > 0.0 and side[p] != 9 and step > 0.0 and reach >= LEAST_REACH_PX:
-                place, spread, noise = fit_step(image, lines[p], start, reach, colour, LEAST_STEP * step)
+            reach = min(config.reach_px, int(gap[p] - config.clearance_px))
+            if weights[p] > 0.0 and side[p] != OUTSIDE and step > 0.0 and reach >= config.min_reach_px:
+                least = config.min_step_part * step
+                place, spread, noise = fit_step(image, lines[p], start, reach, config.along_px, colour, least)
                 found[p, 0], found[p, 1], found[p, 2] = place, spread, noise
                 if found[p, 2] < np.inf:
                     insert(noises, count, found[p, 2])
                     count += 1
-        most = MOST_NOISE * noises[count // 2] if count > 0 else 0.0
+        most = config.max_noise_ratio * noises[count // 2] if count > 0 else 0.0
         for p in range(first[g], first[g + 1]):
-            if found[p, 2] <= most and abs(found[p, 0] - start) < FARTHEST_PX:
-                distance[p, 0], variance[p] = found[p, 0], OWN_FINE + found[p, 1] + appearance[rows[p], 7]
+            if found[p, 2] <= most and abs(found[p, 0] - start) < config.max_shift_px:
+                distance[p, 0] = found[p, 0]
+                variance[p] = config.variance_px2 + found[p, 1] + appearance[rows[p], MEAN_SQUARE]
             elif weights[p] > 0.0:
                 distance[p, 0] = residual[p]
     return distance, variance
@@ -90,7 +85,7 @@ def sharpen(
 def learned_light(row: Array, channels: int, colour: Array) -> float:
     """Learned step of light of an edge, 0 where nothing is learned; its direction in the channels' space in colour."""
     colour[:] = 0.0
-    if not row[6] > 0.0:
+    if not row[TIMES_SEEN] > 0.0:
         return 0.0
     square = 0.0
     for c in range(channels):
@@ -103,13 +98,14 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled("u3 f1 f0 i0 f1 f0")
+@compiled("u3 f1 f0 i0 i0 f1 f0")
 def fit_step(
-    image: Image, line: Array, start: float, reach: int, colour: Array, least: float
+    image: Image, line: Array, start: float, reach: int, along: int, colour: Array, least: float
 ) -> tuple[float, float, float]:
     """Distance in px from a line (u, v, nu, nv) along its normal, its variance, and that of the light; inf if no step.
 
-    Pixels of the rows, or columns, that cross the edge most steeply, about the place at distance `start`.
+    Pixels of `along` rows, or columns, to either side that cross the edge most steeply, about the place at distance
+    `start`, `reach` of each to either side of the edge.
     """
     h, w, channels = image.shape
     u, v = line[0] + start * line[2], line[1] + start * line[3]
@@ -120,7 +116,7 @@ def fit_step(
         x0, y0, nx, ny, width, height = v, u, line[3], line[2], h, w
     middle = int(y0 + 0.5)
     n, s01, s02, s11, s12, s22, t0, t1, t2, tt = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for y in range(max(0, middle - ALONG_PX), min(height, middle + ALONG_PX + 1)):
+    for y in range(max(0, middle - along), min(height, middle + along + 1)):
         x = x0 - (y - y0) * ny / nx
         low = int(x + 0.5) - reach
         if low < 0 or low + 2 * reach >= width:

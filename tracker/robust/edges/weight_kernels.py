@@ -3,44 +3,32 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.edges.profile_kernels import FIRST_ERROR
+from uavbench.tracker.robust.edges.columns import CREASE, EDGE, MEAN_SQUARE, OUTSIDE, TIMES_SEEN
+from uavbench.tracker.robust.edges.config import WeightConfig
+from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-CROWD_PX, TOUCHING_PX = 8.0, 2.0
-"""Edges farther apart than the one do not disturb each other, nearer than the other they cannot be told apart."""
-WEAK_STEP = 15.0
-"""Grey levels: an edge with this contrast weighs half of one with much."""
-MISSED_TRUST = 0.5
-"""A patch that is not found counts for less than one that is: noise alone hides many."""
-OWN_VARIANCE = 0.08**2
-SILHOUETTE_VARIANCE, CREASE_VARIANCE, CONTACT_VARIANCE = 0.05**2, 0.25**2, 0.2**2
-COMMON_PART = 0.05
-"""Variance of a control point in px^2: its own, and that of the offset which all points of its edge share.
-
-The latter takes a part of what was learned of the edge too. Measured at true poses, on average over an edge:
-silhouettes lie 0.01 to 0.1 px from the model's edge; creases 0.1 to 0.9 px, by worn borders and by what is set into a
-face; an edge that stands on the ground 0.05 to 0.4 px, by its shadow.
-"""
+WEIGHTS = kernel_type(WeightConfig)
 
 Indices = NDArray[np.int64]
 
 
-@compiled("f2 i2 i1")
-def crowding(lines: Array, keys: Indices, side: Indices) -> Array:
+@compiled("f2 i2 i1 weights", weights=WEIGHTS)
+def crowding(lines: Array, keys: Indices, side: Indices, config: WeightConfig) -> Array:
     """Distance in px (n,) along each normal to the nearest control point of another, nearly parallel edge."""
     n = len(lines)
-    gap = np.full(n, CROWD_PX)
+    gap = np.full(n, config.separate_px)
     for p in range(n):
-        if side[p] == 9:
+        if side[p] == OUTSIDE:
             continue
         for q in range(p + 1, n):
-            if keys[q, 0] == keys[p, 0] or side[q] == 9:
+            if keys[q, EDGE] == keys[p, EDGE] or side[q] == OUTSIDE:
                 continue
             du, dv = lines[q, 0] - lines[p, 0], lines[q, 1] - lines[p, 1]
-            if abs(du) > CROWD_PX or abs(dv) > CROWD_PX:
+            if abs(du) > config.separate_px or abs(dv) > config.separate_px:
                 continue
-            if abs(lines[p, 2] * lines[q, 2] + lines[p, 3] * lines[q, 3]) < 0.85:
+            if abs(lines[p, 2] * lines[q, 2] + lines[p, 3] * lines[q, 3]) < config.parallel_cosine:
                 continue
             across = abs(du * lines[p, 2] + dv * lines[p, 3])
             gap[p] = min(gap[p], across)
@@ -48,25 +36,29 @@ def crowding(lines: Array, keys: Indices, side: Indices) -> Array:
     return gap
 
 
-@compiled("f1 i1 f2")
-def trust(gap: Array, rows: Indices, appearance: Array) -> Array:
+@compiled("f1 i1 f2 weights", weights=WEIGHTS)
+def trust(gap: Array, rows: Indices, appearance: Array, config: WeightConfig) -> Array:
     """Weight (n,) of each control point: less where edges crowd, contrast is low or appearance is not learned yet.
 
     gap (n,) is the distance in px to another edge, as of `crowding`.
     """
     out = gap.copy()
+    touching_px, least = config.touching_px, config.min_spacing_weight
     for p in range(len(out)):
         r = rows[p]
-        apart = min(1.0, max(0.02, (out[p] - TOUCHING_PX) / (CROWD_PX - TOUCHING_PX)))
-        known = min(1.0, appearance[r, 6] / 3.0)
+        apart = min(1.0, max(least, (out[p] - touching_px) / (config.separate_px - touching_px)))
+        known = min(1.0, appearance[r, TIMES_SEEN] / config.known_frames)
         step = 0.0
         for c in range(3):
             step += (appearance[r, 3 + c] - appearance[r, c]) ** 2
-        out[p] = apart * (0.25 * (1.0 - known) + known * step / (step + WEAK_STEP * WEAK_STEP))
+        out[p] = apart * (
+            config.unknown_weight * (1.0 - known)
+            + known * step / (step + config.weak_step_grey * config.weak_step_grey)
+        )
     return out
 
 
-@compiled("i2 i1 i1 i1 b1 f2 f2 f1 f2")
+@compiled("i2 i1 i1 i1 b1 f2 f2 f1 f2 weights f0", weights=WEIGHTS)
 def variances(
     keys: Indices,
     side: Indices,
@@ -77,32 +69,37 @@ def variances(
     contrast: Array,
     trusted: Array,
     appearance: Array,
+    config: WeightConfig,
+    initial_error: float,
 ) -> tuple[Array, Array]:
     """Variance in px^2 of each control point by itself (n,), and of the offset that all those of an edge share (g,).
 
     distance, contrast (n, k) are of the candidates, inf where nothing was found; the control points of an edge, keys
     (n, 3), start at rows first (g + 1,). An edge that is trusted (n,) less may lie farther off.
+    initial_error is the error in px of an edge not seen yet times its step in grey levels.
     """
     own, shared = np.empty(len(keys)), np.empty(len(first) - 1)
     for g in range(len(shared)):
         p = first[g]
-        shared[g] = CREASE_VARIANCE if side[p] == 0 else SILHOUETTE_VARIANCE
-        if stands[keys[p, 0]]:
-            shared[g] = CONTACT_VARIANCE
+        shared[g] = config.crease_variance_px2 if side[p] == CREASE else config.silhouette_variance_px2
+        if stands[keys[p, EDGE]]:
+            shared[g] = config.contact_variance_px2
         mean, weight, found = 0.0, 0.0, 0
         for p in range(first[g], first[g + 1]):
-            if appearance[rows[p], 6] > 0.0:
-                own[p] = OWN_VARIANCE + appearance[rows[p], 7]
+            if appearance[rows[p], TIMES_SEEN] > 0.0:
+                own[p] = config.point_variance_px2 + appearance[rows[p], MEAN_SQUARE]
             else:
-                own[p] = OWN_VARIANCE + (FIRST_ERROR / max(FIRST_ERROR, contrast[p].max())) ** 2
+                own[p] = config.point_variance_px2 + (initial_error / max(initial_error, contrast[p].max())) ** 2
             if distance[p, 0] < np.inf:
                 mean, weight, found = mean + own[p], weight + trusted[p], found + 1
         if found > 0:
-            shared[g] = (shared[g] + COMMON_PART * mean / found) * found / max(weight, 0.02 * found)
+            shared[g] = (
+                (shared[g] + config.shared_part * mean / found) * found / max(weight, config.min_spacing_weight * found)
+            )
     return own, shared
 
 
-@compiled("f1 f1 i1 f2 f2 f1 f1 f0")
+@compiled("f1 f1 i1 f2 f2 f1 f1 weights", weights=WEIGHTS)
 def support(
     weights: Array,
     trusted: Array,
@@ -111,25 +108,25 @@ def support(
     contrast: Array,
     patches: Array,
     tried: Array,
-    patch_trust: float,
+    config: WeightConfig,
 ) -> tuple[float, float]:
     """Weighted share of control points and patches that were found, and that of the control points alone.
 
     weights, trusted (n,) are of the control points; patches (m,) > 0 where a patch took part, tried (m,) < 0 where it
     was not looked for.
     """
-    have, want = 0.0, 0.0
+    have, want, patch_weight = 0.0, 0.0, config.patch_weight
     for p in range(len(weights)):
         want += trusted[p]
-        if appearance[rows[p], 6] > 0.0:
+        if appearance[rows[p], TIMES_SEEN] > 0.0:
             have += weights[p]
         else:  # an edge not known yet that is found by a weak step may be anything
             step = contrast[p].max()
-            have += weights[p] * step * step / (step * step + WEAK_STEP * WEAK_STEP)
+            have += weights[p] * step * step / (step * step + config.weak_step_grey * config.weak_step_grey)
     edges = have / max(1.0, want)
     for p in range(len(patches)):
         if patches[p] > 0.0:
-            have, want = have + patch_trust, want + patch_trust
+            have, want = have + patch_weight, want + patch_weight
         elif tried[p] >= 0.0:
-            want += MISSED_TRUST * patch_trust
+            want += config.missed_weight * patch_weight
     return have / max(1.0, want), edges

@@ -12,31 +12,26 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import normal_row, project
 from uavbench.tracker.order_kernels import sort_falling
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
+from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.patches.config import AlignmentConfig
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 SIDE = 9
 HALF = (SIDE - 1) / 2
-STEPS = 6
-"""Most Gauss-Newton steps of an alignment."""
-SETTLED = 0.02
-"""An alignment ends with a step below this, in texels."""
-REACH_TEXELS = 6
-"""Half width of the coarse search when the first alignment fails."""
-MOST_COARSE = 6
-"""Patches in a frame for which a coarse search is made."""
-PATCH_VARIANCE = 0.1**2
-"""Variance of a patch along either axis in px^2, beside the common error of all and what noise makes of it."""
-AGREES = 0.85
-"""Least correlation of a patch that counts as found."""
+NEAR_M = 0.02
+"""Points nearer to the camera's plane than this are not projected."""
+ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 f0 f0 f2 f0 f0 f2!")
-def sample_patch(image: Image, u: float, v: float, A: Array, da: float, db: float, out: Array) -> bool:
-    """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or without contrast.
+@compiled("u3 f0 f0 f2 f0 f0 f2! f0")
+def sample_patch(
+    image: Image, u: float, v: float, A: Array, da: float, db: float, out: Array, least_grey: float
+) -> bool:
+    """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or with less contrast.
 
     (u, v) is the pixel of its middle, A (2, 2) the px of a texel step along either axis. Green is taken of colours.
     """
@@ -67,7 +62,7 @@ def sample_patch(image: Image, u: float, v: float, A: Array, da: float, db: floa
         for j in range(SIDE):
             out[i, j] -= mean
             power += out[i, j] * out[i, j]
-    if power < 9.0 * SIDE * SIDE:  # less than 3 grey levels of contrast is mostly noise
+    if power < least_grey * least_grey * SIDE * SIDE:
         return False
     scale = 1.0 / math.sqrt(power)
     for i in range(SIDE):
@@ -86,13 +81,15 @@ def correlation(a: Array, b: Array) -> float:
     return total
 
 
-@compiled("f1 f2 f2 f1 f1 f2!")
-def warp(middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array) -> tuple[float, float, bool]:
+@compiled("f1 f2 f2 f1 f1 f2! alignment", alignment=ALIGNMENT)
+def warp(
+    middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array, config: AlignmentConfig
+) -> tuple[float, float, bool]:
     """Pixel of a patch's middle, its texel steps in px into A (2, 2), and whether it is seen like when it was taken."""
     x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
     y = R[1, 0] * middle[0] + R[1, 1] * middle[1] + R[1, 2] * middle[2] + t[1]
     z = R[2, 0] * middle[0] + R[2, 1] * middle[1] + R[2, 2] * middle[2] + t[2]
-    if z < 0.02:
+    if z < NEAR_M:
         return 0.0, 0.0, False
     u, v = project(x, y, z, cam)
     for k in range(2):
@@ -103,10 +100,10 @@ def warp(middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array) -
         A[0, k], A[1, k] = u1 - u, v1 - v
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
     largest = max(abs(A[0, 0]), abs(A[0, 1]), abs(A[1, 0]), abs(A[1, 1]))
-    return u, v, 0.35 < area < 3.0 and largest < 2.0
+    return u, v, config.min_area < area < config.max_area and largest < config.max_stretch
 
 
-@compiled("i0 f2 i1 i1 f2 f3 i1 f3 i2 f2 f1 f1 f1 i0")
+@compiled("i0 f2 i1 i1 f2 f3 i1 f3 i2 f2 f1 f1 f1 i0 f0")
 def choose(
     count: int,
     middles: Array,
@@ -122,6 +119,7 @@ def choose(
     cam: Array,
     size: Array,
     most: int,
+    border: float,
 ) -> Indices:
     """Rows of at most `most` patches that a pose shows, those found most often first taken, in order."""
     eye = np.zeros(3)
@@ -135,12 +133,12 @@ def choose(
         if planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] <= planes[f, 3]:
             continue
         z = R[2, 0] * middles[p, 0] + R[2, 1] * middles[p, 1] + R[2, 2] * middles[p, 2] + t[2]
-        if z < 0.02:
+        if z < NEAR_M:
             continue
         x = R[0, 0] * middles[p, 0] + R[0, 1] * middles[p, 1] + R[0, 2] * middles[p, 2] + t[0]
         y = R[1, 0] * middles[p, 0] + R[1, 1] * middles[p, 1] + R[1, 2] * middles[p, 2] + t[1]
         u, v = project(x, y, z, cam)
-        if not (6.0 < u < size[0] - 6.0 and 6.0 < v < size[1] - 6.0):
+        if not (border < u < size[0] - border and border < v < size[1] - border):
             continue
         rows[n] = p
         n += 1
@@ -158,9 +156,17 @@ def choose(
     return np.flatnonzero(shown)
 
 
-@compiled("u3 f2 f3 f3 i1 f2 f1 f1")
+@compiled("u3 f2 f3 f3 i1 f2 f1 f1 alignment", alignment=ALIGNMENT)
 def align(
-    image: Image, middles: Array, axes: Array, texels: Array, chosen: Indices, R: Array, t: Array, cam: Array
+    image: Image,
+    middles: Array,
+    axes: Array,
+    texels: Array,
+    chosen: Indices,
+    R: Array,
+    t: Array,
+    cam: Array,
+    config: AlignmentConfig,
 ) -> tuple[Array, Array, Array]:
     """Pixels (n, 2) at which the chosen patches are found near where a pose puts them, with correlation and variance.
 
@@ -168,32 +174,33 @@ def align(
     The variance (n,) in px^2 is that of a place along either axis, by how much of a patch is not as it was.
     """
     n = len(chosen)
-    observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.full(n, PATCH_VARIANCE)
+    observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.full(n, config.variance_px2)
+    reach, least = config.reach_texels, config.min_contrast_grey
     A = np.empty((2, 2))
     now = np.empty((SIDE, SIDE))
     coarse = 0
     for k in range(n):
         p = chosen[k]
-        u, v, alike = warp(middles[p], axes[p], R, t, cam, A)
+        u, v, alike = warp(middles[p], axes[p], R, t, cam, A, config)
         if not alike:
             score[k] = -1.0
             continue
         ref = texels[p]
-        da, db, best, spread = _refine(image, u, v, A, 0.0, 0.0, ref, now)
-        if best < AGREES and coarse < MOST_COARSE:
+        da, db, best, spread = _refine(image, u, v, A, 0.0, 0.0, ref, now, config)
+        if best < config.min_correlation and coarse < config.max_coarse:
             coarse += 1
             top, ta, tb = -1.0, 0, 0
-            for i in range(-REACH_TEXELS, REACH_TEXELS + 1, 2):
-                for j in range(-REACH_TEXELS, REACH_TEXELS + 1, 2):
-                    if sample_patch(image, u, v, A, float(j), float(i), now):
+            for i in range(-reach, reach + 1, 2):
+                for j in range(-reach, reach + 1, 2):
+                    if sample_patch(image, u, v, A, float(j), float(i), now, least):
                         value = correlation(now, ref)
                         if value > top:
                             top, ta, tb = value, j, i
-            if top > 0.4:
-                ca, cb, value, _ = _refine(image, u, v, A, float(ta), float(tb), ref, now)
+            if top > config.coarse_correlation:
+                ca, cb, value, _ = _refine(image, u, v, A, float(ta), float(tb), ref, now, config)
                 if value > best:
                     da, db, best = ca, cb, value
-        if best >= AGREES:
+        if best >= config.min_correlation:
             score[k] = best
             observed[k, 0] = u + A[0, 0] * da + A[0, 1] * db
             observed[k, 1] = v + A[1, 0] * da + A[1, 1] * db
@@ -202,9 +209,17 @@ def align(
     return observed, score, variance
 
 
-@compiled("u3 f0 f0 f2 f0 f0 f2 f2!")
+@compiled("u3 f0 f0 f2 f0 f0 f2 f2! alignment", alignment=ALIGNMENT)
 def _refine(
-    image: Image, u: float, v: float, A: Array, da: float, db: float, ref: Array, now: Array
+    image: Image,
+    u: float,
+    v: float,
+    A: Array,
+    da: float,
+    db: float,
+    ref: Array,
+    now: Array,
+    config: AlignmentConfig,
 ) -> tuple[float, float, float, float]:
     """Shift (da, db) in texels that aligns a patch with its reference, their correlation there, and its spread.
 
@@ -220,9 +235,10 @@ def _refine(
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
         return da, db, -1.0, 0.0
+    reach, longest, least = config.reach_texels, config.max_step_texels, config.min_contrast_grey
     begin_a, begin_b = da, db
-    for _ in range(STEPS):
-        if not sample_patch(image, u, v, A, da, db, now):
+    for _ in range(config.max_steps):
+        if not sample_patch(image, u, v, A, da, db, now, least):
             return da, db, -1.0, 0.0
         ea, eb = 0.0, 0.0
         for i in range(1, SIDE - 1):
@@ -231,11 +247,11 @@ def _refine(
                 ea += 0.5 * (ref[i, j + 1] - ref[i, j - 1]) * e
                 eb += 0.5 * (ref[i + 1, j] - ref[i - 1, j]) * e
         step_a, step_b = (h11 * ea - h01 * eb) / det, (h00 * eb - h01 * ea) / det
-        da -= max(-1.5, min(1.5, step_a))
-        db -= max(-1.5, min(1.5, step_b))
-        if abs(da - begin_a) > REACH_TEXELS or abs(db - begin_b) > REACH_TEXELS:
+        da -= max(-longest, min(longest, step_a))
+        db -= max(-longest, min(longest, step_b))
+        if abs(da - begin_a) > reach or abs(db - begin_b) > reach:
             return da, db, -1.0, 0.0
-        if abs(step_a) + abs(step_b) < SETTLED:
+        if abs(step_a) + abs(step_b) < config.settled_texels:
             break
     return da, db, correlation(now, ref), 0.5 * (h00 + h11) / det
 
@@ -258,19 +274,28 @@ def count_hits(
     return n, tired
 
 
-@compiled("i0 f2! f3 f1 f2 f1 f1")
-def shift_places(count: int, middles: Array, axes: Array, twist: Array, R: Array, t: Array, cam: Array) -> None:
+@compiled("i0 f2! f3 f1 f2 f1 f1 alignment", alignment=ALIGNMENT)
+def shift_places(
+    count: int,
+    middles: Array,
+    axes: Array,
+    twist: Array,
+    R: Array,
+    t: Array,
+    cam: Array,
+    config: AlignmentConfig,
+) -> None:
     """Move the patches on their planes so that a pose moved by -twist (6,) sees them where it saw them."""
     A = np.empty((2, 2))
     row, c = np.empty(6), np.empty(3)
     for p in range(count):
-        warp(middles[p], axes[p], R, t, cam, A)
+        warp(middles[p], axes[p], R, t, cam, A, config)
         det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
         if abs(det) < 0.05:
             continue
         for i in range(3):
             c[i] = R[i, 0] * middles[p, 0] + R[i, 1] * middles[p, 1] + R[i, 2] * middles[p, 2] + t[i]
-        if c[2] < 0.02:
+        if c[2] < NEAR_M:
             continue
         du, dv = 0.0, 0.0
         normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, row)

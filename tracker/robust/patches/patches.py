@@ -15,31 +15,16 @@ from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import camera_array
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.kernel_values import kernel_values
+from uavbench.tracker.robust.patches.config import PatchesConfig
 from uavbench.tracker.robust.patches.corner_kernels import first_hit, strong_pixels
 from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE, align, choose, count_hits, shift_places
 from uavbench.trajectories.pose import Array, Pose
 
 MOST_PATCHES = 600
-MOST_USED = 32
-"""Patches looked for in a frame."""
-ENOUGH_FOUND = 24
-"""New patches are taken when fewer than this are found."""
-SPOTS, FIRST_SPOTS = 32, 400
-"""Places in a frame where new patches are looked for, and while there are none."""
-APART_PX = 9.0
-EDGE_MARGIN_PX = 8.0
-"""Patches are taken no nearer to each other, and to the edges, than this."""
-CORNER_PX = HALF + 3.0
-AROUND = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], *product((-CORNER_PX, CORNER_PX), repeat=2)])
-"""Pixels about a patch's middle that must lie on the same face, the first three on the axes of its texels."""
-LEAST_CORNER = 8.0
-"""Least strength of a corner, (grey levels per px)^2."""
-LEAST_HIT = 2
-"""With fewer patches found than this, new ones begin a new common error."""
-YOUNG_S, NEW_S = 1.0, 0.05
-"""Age at which a patch's variance is but twice that of an old one, and the least age: it may lie on what walks by."""
-MISSES = 6
-"""A patch that should be seen and is not found for so many frames is dropped."""
+"""Patches that are remembered; where there is no room for new ones, three quarters are kept."""
+NEAR_M = 0.02
+"""Points nearer to the camera's plane than this are not projected."""
 
 Indices = NDArray[np.int64]
 
@@ -47,7 +32,8 @@ Indices = NDArray[np.int64]
 class Texture:
     """The patches of a structure that were taken so far; rows from len(self) on are free."""
 
-    def __init__(self, edges: EdgeMap, camera: Camera) -> None:
+    def __init__(self, edges: EdgeMap, camera: Camera, config: PatchesConfig) -> None:
+        self.config, self.alignment = config, kernel_values(config.alignment)
         self.edges, self.camera, self.cam = edges, camera, camera_array(camera)
         self.size = np.array([camera.width, camera.height], dtype=np.float64)
         self.count = 0
@@ -70,7 +56,7 @@ class Texture:
         e = self.edges
         self.chosen = choose(
             self.count, self.middles, self.face, self.found, e.planes, e.corners, e.owner, e.boxes, e.nodes,
-            R, t, self.cam, self.size, MOST_USED,
+            R, t, self.cam, self.size, self.config.max_used, self.config.alignment.border_px,
         )  # fmt: skip
 
     def align(self, image: Image, R: Array, t: Array) -> tuple[Array, Array, Array]:
@@ -78,9 +64,11 @@ class Texture:
 
         With their correlations (n,) and the variance (n,) of the pixels in px^2.
         """
-        observed, score, variance = align(image, self.middles, self.axes, self.texels, self.chosen, R, t, self.cam)
-        age_s = np.maximum(self.now_s - self.taken_s[self.chosen], NEW_S)
-        return observed, score, variance * (1 + YOUNG_S / age_s)
+        observed, score, variance = align(
+            image, self.middles, self.axes, self.texels, self.chosen, R, t, self.cam, self.alignment
+        )
+        age_s = np.maximum(self.now_s - self.taken_s[self.chosen], self.config.min_age_s)
+        return observed, score, variance * (1 + self.config.young_s / age_s)
 
     def places(self) -> Array:
         """Middles (n, 3) of the chosen patches in the world."""
@@ -91,26 +79,35 @@ class Texture:
 
         weights (n,) > 0 are the patches that took part, found (n,) < 0 those that were not tried.
         """
-        hits, tired = count_hits(chosen, weights, found, self.found, self.missed, MISSES)
+        hits, tired = count_hits(chosen, weights, found, self.found, self.missed, self.config.max_misses)
         if tired:
-            self._keep(self.missed[: self.count] <= MISSES)
+            self._keep(self.missed[: self.count] <= self.config.max_misses)
         return hits
 
     def shift(self, twist: Array, pose: Pose) -> None:
         """Move the patches on their planes so that what was seen at a pose is now seen at one moved by a twist (6,)."""
-        shift_places(self.count, self.middles, self.axes, twist, pose.rotation, pose.translation, self.cam)
+        R, t = pose.rotation, pose.translation
+        shift_places(self.count, self.middles, self.axes, twist, R, t, self.cam, self.alignment)
 
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
         """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2)."""
-        if self.count > MOST_PATCHES - SPOTS:
+        c = self.config
+        if self.count > MOST_PATCHES - c.spots:
             order = np.argsort(-self.found[: self.count], kind="stable")
             self._keep(np.argsort(order, kind="stable") < MOST_PATCHES * 3 // 4)
         spots = self._spots(pose)
         if not len(spots):
             return
-        most = min(MOST_PATCHES - self.count, 64 if self.count == 0 else 6)
+        most = min(MOST_PATCHES - self.count, c.initial_new if self.count == 0 else c.new)
         pixels = strong_pixels(
-            image, spots, edge_pixels, EDGE_MARGIN_PX, self._known_pixels(pose), APART_PX, LEAST_CORNER, most
+            image,
+            spots,
+            edge_pixels,
+            c.edge_margin_px,
+            self._known_pixels(pose),
+            c.spacing_px,
+            c.min_corner_grey2,
+            most,
         )
         if len(pixels):
             self._append(image, pixels, pose)
@@ -118,8 +115,9 @@ class Texture:
     def _append(self, image: Image, pixels: Array, pose: Pose) -> None:
         """Add patches at pixels (n, 2) on the structure."""
         eye = pose.inverse().translation
-        grid = pixels[:, None] + AROUND
-        rays = (self.camera.rays(grid.reshape(-1, 2)) @ pose.rotation).reshape(-1, len(AROUND), 3)
+        around = self._around()
+        grid = pixels[:, None] + around
+        rays = (self.camera.rays(grid.reshape(-1, 2)) @ pose.rotation).reshape(-1, len(around), 3)
         e, reach, channel = self.edges, int(HALF), 1 if image.shape[2] > 1 else 0
         for (x, y), ray in zip(pixels.astype(int).tolist(), rays, strict=True):
             hit = {first_hit(eye, r, e.corners, e.owner, e.boxes, e.nodes) for r in ray}
@@ -127,7 +125,7 @@ class Texture:
             texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
             norm = float(np.linalg.norm(texels))
-            if face < 0 or norm < 4.0 * SIDE:
+            if face < 0 or norm < self.config.min_contrast_grey * SIDE:
                 continue
             plane = e.planes[face]
             points = eye + ray[:3] * ((plane[3] - plane[:3] @ eye) / (ray[:3] @ plane[:3]))[:, None]
@@ -137,14 +135,19 @@ class Texture:
             self.taken_s[row] = self.now_s
             self.count += 1
 
+    def _around(self) -> Array:
+        """Pixels (n, 2) about a patch's middle that must lie on the same face, the first three on its texels' axes."""
+        corner = HALF + self.config.flat_margin_px
+        return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], *product((-corner, corner), repeat=2)])
+
     def _spots(self, pose: Pose) -> Indices:
         """Pixels (n, 2) spread over the box around the structure's projection, others in every frame (Roberts 2018)."""
         low, high = np.zeros(2), self.size.copy()
         cam = pose.transform(self.edges.extent)
-        if (cam[:, 2] > 0.02).all():
+        if (cam[:, 2] > NEAR_M).all():
             px = self.camera.project(cam)
             low, high = np.maximum(px.min(axis=0), 0), np.minimum(px.max(axis=0), high)
-        n = FIRST_SPOTS if self.count == 0 else SPOTS
+        n = self.config.initial_spots if self.count == 0 else self.config.spots
         k = np.arange(self.turn, self.turn + n)
         self.turn += n
         spread = np.column_stack([k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0])
@@ -152,7 +155,7 @@ class Texture:
 
     def _known_pixels(self, pose: Pose) -> Array:
         cam = pose.transform(self.middles[self.chosen])
-        cam = cam[cam[:, 2] > 0.02]
+        cam = cam[cam[:, 2] > NEAR_M]
         return self.camera.project(cam) if len(cam) else np.zeros((0, 2))
 
     def _keep(self, rows: NDArray[np.bool_]) -> None:

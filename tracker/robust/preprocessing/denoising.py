@@ -6,24 +6,22 @@ import cv2
 import numpy as np
 
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
 from uavbench.trajectories.kernels.compiled import compiled
 
-ALLOWED = 3.5
-"""Noise that is left as it is, one standard deviation in grey levels."""
-WIDEST_PX = 4.0
-"""Widest smoothing: structure of this size is not lost."""
 ROWS_APART = 32
 """Every such row of a frame is measured."""
 MEDIAN_TO_SIGMA = 1.0 / 0.6745
 """Standard deviation of normal noise for a median absolute value of one."""
 
 
-def smoothed(image: Image) -> Image:
-    """Image (h, w) or (h, w, c) whose noise is at most `ALLOWED`, or that itself."""
-    sigma_px = noise_level(image.reshape(*image.shape[:2], -1)) / (2 * math.sqrt(math.pi) * ALLOWED)
+def smoothed(image: Image, config: PreprocessingConfig) -> Image:
+    """Image (h, w) or (h, w, c) with no more noise than the config allows, or that itself."""
+    noise_grey = noise_level(image.reshape(*image.shape[:2], -1))
+    sigma_px = noise_grey / (2 * math.sqrt(math.pi) * config.max_noise_grey)
     if sigma_px <= 1 / (2 * math.sqrt(math.pi)):
         return image
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), min(WIDEST_PX, sigma_px)), dtype=np.uint8)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), min(config.max_smoothing_px, sigma_px)), dtype=np.uint8)
 
 
 @compiled("u3")

@@ -7,22 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
 from uavbench.trajectories.pose import Array
 
 APART_PX = 16
 """Every such column of every such row of a frame speaks for its light."""
-DIM, BRIGHT = 8, 247
-"""Grey levels between which a pixel follows the light."""
-USUAL_RANGE = 45.0
-"""Grey levels from the darkest to the brightest twentieth of an image; for such contrast the thresholds were chosen.
-
-Measured on frames of 30 rendered flights and two real ones: 42 to 223.
-"""
-LEAST_GAIN, MOST_GAIN = 1.5, 8.0
-"""Images are stretched where they need that much, and no more than this: their noise is stretched with them."""
-LEAST_CHANGE = 0.03
-"""Change of the logarithm of the light that is followed."""
 MIDDLE = 128.0
+"""Grey level to which the middle of a stretched image is brought: that of the code's range."""
+USABLE = 8
+"""At least one pixel in so many must follow the light for their median to tell it."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +26,11 @@ class Stretch:
     middle: float = MIDDLE
 
     @classmethod
-    def needed(cls, image: Image) -> "Stretch":
+    def needed(cls, image: Image, config: PreprocessingConfig) -> "Stretch":
         """The stretch that an image needs; none where it has enough contrast."""
         low, middle, high = np.percentile(image[::APART_PX, ::APART_PX], (5, 50, 95))
-        gain = min(MOST_GAIN, USUAL_RANGE / max(float(high - low), 1.0))
-        return cls(gain, float(middle)) if gain > LEAST_GAIN else cls()
+        gain = min(config.max_gain, config.usual_range_grey / max(float(high - low), 1.0))
+        return cls(gain, float(middle)) if gain > config.min_gain else cls()
 
     def of(self, image: Image) -> Image:
         """The image as it should be looked at."""
@@ -47,9 +40,9 @@ class Stretch:
         """What each grey level (256,) becomes."""
         return np.clip(np.round(MIDDLE + self.gain * (np.arange(256.0) - self.middle)), 0, 255).astype(np.uint8)
 
-    def differs(self, other: "Stretch") -> bool:
-        """Whether another stretch is another one by more than the smallest that is made."""
-        return not 1 / LEAST_GAIN < self.gain / other.gain < LEAST_GAIN
+    def differs(self, other: "Stretch", min_gain: float) -> bool:
+        """Whether another stretch is another one by more than the smallest gain that is applied."""
+        return not 1 / min_gain < self.gain / other.gain < min_gain
 
     def towards(self, other: "Stretch", ratio: Array) -> tuple[Array, Array]:
         """Factor and offset (c,) that take colours to another stretch, the light brighter by a ratio (c,)."""
@@ -57,7 +50,7 @@ class Stretch:
         return factor, MIDDLE + other.gain * (self.middle * ratio - other.middle) - MIDDLE * factor
 
 
-def light_change(now: Image, then: Image) -> Array:
+def light_change(now: Image, then: Image, config: PreprocessingConfig) -> Array:
     """Ratio (c,) by which most pixels are brighter than in an image before; 1 where nothing tells.
 
     now and then are some rows (h, w) or (h, w, c) of either, h and w the same.
@@ -65,10 +58,11 @@ def light_change(now: Image, then: Image) -> Array:
     a, b = (rows[:, ::APART_PX].reshape(len(rows), -1, rows.shape[2] if rows.ndim == 3 else 1) for rows in (now, then))
     out = np.ones(a.shape[2])
     for c in range(len(out)):
-        usable = (a[..., c] > DIM) & (a[..., c] < BRIGHT) & (b[..., c] > DIM) & (b[..., c] < BRIGHT)
-        if np.count_nonzero(usable) > usable.size // 8:
+        low, high = np.minimum(a[..., c], b[..., c]), np.maximum(a[..., c], b[..., c])
+        usable = (low > config.dark_grey) & (high < config.bright_grey)
+        if np.count_nonzero(usable) > usable.size // USABLE:
             out[c] = np.median(a[usable, c].astype(np.float64) / b[usable, c])
-    return np.ones(len(out)) if np.abs(np.log(out)).max() < LEAST_CHANGE else out
+    return np.ones(len(out)) if np.abs(np.log(out)).max() < config.min_light_change_log else out
 
 
 def relit(appearance: Array, factor: Array, offset: Array) -> Array:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.kernel_values import kernel_values
+from uavbench.tracker.robust.relocalization.config import PoseSearchConfig
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     edge_channels,
     score_poses,
@@ -25,17 +27,8 @@ from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
 SMALL_WIDTH = 160
 """Width of the small image, px."""
-EDGE_POINTS = 140
-REACH_PX = 5.0
-"""Distance in px of the small image at which an edge point counts as missed."""
-SHIFT_STEP_PX = 5
-MIN_GRADIENT = 14.0
-"""Weakest edge pixel of the small image, grey levels over two px."""
-LEAST_POINTS = 12
-NEAR_SHIFT_PX, NEAR_TURN_RAD = 3.0, 0.06
-"""Steps of the search near a guess: px of the small image; roll in rad and range as a part."""
-NEAR_VIEWS_RAD = (-0.09, 0.09)
-"""Changes of the viewing direction with which what was found is tried again."""
+NEAR_M = 0.02
+"""Points nearer to the camera's plane than this are not projected."""
 
 
 @dataclass(frozen=True)
@@ -56,27 +49,15 @@ def grid(half: float, step: float) -> tuple[float, ...]:
     return tuple(float(v) for v in np.linspace(-half, half, 2 * n + 1)) if n else (0.0,)
 
 
-def spread(view_rad: float, roll_rad: float, range_part: float, shift_part: float) -> Spread:
-    """Spread of half widths: change of the viewing direction, roll, range as a part, shift as a part of the width."""
-    ratios = tuple(float(np.exp(v)) for v in grid(float(np.log1p(range_part)), 0.11))
-    return Spread(
-        grid(view_rad, 0.16),
-        grid(view_rad / 2, 0.16),
-        grid(roll_rad, 0.12),
-        ratios,
-        shift_part * SMALL_WIDTH,
-        shift_part * SMALL_WIDTH * 0.75,
-    )
-
-
 class PoseSearch:
     """Edge points of a structure and the small camera, ready to search images."""
 
-    def __init__(self, edges: EdgeMap, camera: Camera) -> None:
-        self.planes = edges.planes
+    def __init__(self, edges: EdgeMap, camera: Camera, config: PoseSearchConfig) -> None:
+        self.planes, self.config, self.values = edges.planes, config, kernel_values(config)
+        count = config.edge_points
         lengths = np.linalg.norm(edges.ends[:, 1] - edges.ends[:, 0], axis=1)
-        spread_out = np.argsort(np.arange(EDGE_POINTS) * 0.6180339887498949 % 1.0)  # any first few lie all over
-        at = (spread_out + 0.5) / EDGE_POINTS * lengths.sum()
+        spread_out = np.argsort(np.arange(count) * 0.6180339887498949 % 1.0)  # any first few lie all over
+        at = (spread_out + 0.5) / count * lengths.sum()
         edge = np.minimum(np.searchsorted(np.cumsum(lengths), at), len(lengths) - 1)
         part = (at - (np.cumsum(lengths) - lengths)[edge]) / lengths[edge]
         along = edges.ends[edge, 1] - edges.ends[edge, 0]
@@ -89,24 +70,36 @@ class PoseSearch:
         self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
 
+    def spread(self, view_rad: float, roll_rad: float, range_part: float, shift_part: float) -> Spread:
+        """Spread of half widths: change of viewing direction, roll, range as a part, shift as a part of the width."""
+        c = self.config
+        ratios = tuple(float(np.exp(v)) for v in grid(float(np.log1p(range_part)), c.range_step_log))
+        return Spread(
+            grid(view_rad, c.view_step_rad),
+            grid(view_rad / 2, c.view_step_rad),
+            grid(roll_rad, c.roll_step_rad),
+            ratios,
+            shift_part * SMALL_WIDTH,
+            shift_part * SMALL_WIDTH * 0.75,
+        )
+
     def edge_distance(self, image: Image) -> NDArray[np.float32]:
-        """Distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, in units of REACH_PX, cut at 1."""
+        """Distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, as a part of the truncation."""
         small = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
         if self.maps is not None:
             small = cv2.remap(small, self.maps[0], self.maps[1], cv2.INTER_LINEAR)
         small = small[..., None] if small.ndim == 2 else small
-        channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), MIN_GRADIENT)
+        channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.config.min_gradient_grey)
         far = [cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels]
-        return np.asarray(np.minimum(np.array(far) / REACH_PX, 1.0), dtype=np.float32)
+        return np.asarray(np.minimum(np.array(far) / self.config.truncation_px, 1.0), dtype=np.float32)
 
     def best_poses(self, image: Image, guesses: list[Pose], around: Spread, most: int) -> list[tuple[float, Pose]]:
         """The best poses around the guesses with their scores in [0, 1], best first."""
         poses = [pose for guess in guesses for pose in self._around(guess, around)]
         if not poses:
             return []
-        shifts = np.array(
-            list(product(grid(around.shift_x, SHIFT_STEP_PX), grid(around.shift_y, SHIFT_STEP_PX))), dtype=np.float64
-        )
+        step = self.config.shift_step_px
+        shifts = np.array(list(product(grid(around.shift_x, step), grid(around.shift_y, step))), dtype=np.float64)
         scores, best = score_poses(
             self.points,
             self.direction,
@@ -117,7 +110,7 @@ class PoseSearch:
             self.f,
             self.edge_distance(image),
             shifts,
-            LEAST_POINTS,
+            self.values,
         )
         order = np.argsort(-scores, kind="stable")[:most]
         return [(float(scores[k]), self._shifted(poses[k], shifts[best[k]])) for k in order if scores[k] > 0]
@@ -129,17 +122,19 @@ class PoseSearch:
 
         points (n, 3) with their edges' directions (n, 3) are what the guess sees.
         """
-        if len(points) < LEAST_POINTS:
+        c = self.config
+        if len(points) < c.min_points:
             return []
         focus = guess.transform(points).mean(axis=0)
-        shift = grid(shift_rad, NEAR_SHIFT_PX / self.f[0])
-        turn, ratio = grid(reach_rad, NEAR_TURN_RAD), grid(reach_rad, NEAR_TURN_RAD)
+        shift = grid(shift_rad, c.near_shift_px / self.f[0])
+        turn, ratio = grid(reach_rad, c.near_turn_rad), grid(reach_rad, c.near_turn_rad)
         changes = np.array(list(product((0.0,), (0.0,), turn, ratio, shift, shift)))
-        steps = np.array([0.06, 0.06, NEAR_TURN_RAD, NEAR_TURN_RAD, *[NEAR_SHIFT_PX / self.f[0]] * 2])
+        steps = np.array([c.near_turn_rad] * 4 + [c.near_shift_px / self.f[0]] * 2)
         given = (points, direction, guess.rotation, guess.translation, focus, self.f, self.edge_distance(image))
-        found, _ = search_about(*given, changes, steps, most // 2)
-        beside = np.array([[a, b, 0, 0, 0, 0] for a, b in ((0, 0), *product(NEAR_VIEWS_RAD, NEAR_VIEWS_RAD))])
-        found, scores = search_about(*given, (found[:, None] + beside).reshape(-1, 6), steps, most)
+        found, _ = search_about(*given, changes, steps, most // 2, self.values)
+        views = product((-c.near_view_rad, c.near_view_rad), repeat=2)
+        beside = np.array([[a, b, 0, 0, 0, 0] for a, b in ((0, 0), *views)])
+        found, scores = search_about(*given, (found[:, None] + beside).reshape(-1, 6), steps, most, self.values)
         order = np.argsort(-scores, kind="stable")
         return [
             (float(scores[k]), Pose(*turned_about(guess.rotation, guess.translation, focus, found[k]))) for k in order
@@ -150,9 +145,9 @@ class PoseSearch:
         cam = guess.transform(self.points)
         u = self.f[0] * cam[:, 0] / cam[:, 2] + self.f[2]
         v = self.f[1] * cam[:, 1] / cam[:, 2] + self.f[3]
-        inside = (cam[:, 2] > 0.02) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
-        if np.count_nonzero(inside) < LEAST_POINTS:
-            inside = cam[:, 2] > 0.02
+        inside = (cam[:, 2] > NEAR_M) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
+        if np.count_nonzero(inside) < self.config.min_points:
+            inside = cam[:, 2] > NEAR_M
         if not inside.any():
             return []
         focus = self.points[inside].mean(axis=0)

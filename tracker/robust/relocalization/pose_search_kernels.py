@@ -7,14 +7,18 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import move
 from uavbench.tracker.order_kernels import falling
+from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.relocalization.config import PoseSearchConfig
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 ORIENTATIONS = 8
 """Edge pixels are kept apart by their direction, in so many bins of half a turn."""
-WORSE = 0.12
-PATTERN_LEVELS, PATTERN_SWEEPS = 4, 3
-"""Halvings of the steps of a pattern search (Hooke & Jeeves 1961), and most sweeps with each."""
+NEAR_M = 0.02
+"""Points nearer to the camera's plane than this are not projected."""
+DIAGONAL = 2.4
+"""Ratio of a gradient's components above which it lies along an axis of the pixels: tan(67.5 degrees)."""
+SEARCH = kernel_type(PoseSearchConfig)
 
 Indices = NDArray[np.int64]
 
@@ -41,9 +45,9 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
             p = power[i, j]
             if p < least * least:
                 continue
-            if abs(gx[i, j]) > 2.4 * abs(gy[i, j]):
+            if abs(gx[i, j]) > DIAGONAL * abs(gy[i, j]):
                 di, dj = 0, 1
-            elif abs(gy[i, j]) > 2.4 * abs(gx[i, j]):
+            elif abs(gy[i, j]) > DIAGONAL * abs(gx[i, j]):
                 di, dj = 1, 0
             elif gx[i, j] * gy[i, j] > 0:
                 di, dj = 1, 1
@@ -86,7 +90,7 @@ def seen_points(
         for i in range(3):
             c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
             d[i] = R[i, 0] * direction[k, 0] + R[i, 1] * direction[k, 1] + R[i, 2] * direction[k, 2]
-        if c[2] <= 0.02:
+        if c[2] <= NEAR_M:
             continue
         u, v = f[0] * c[0] / c[2] + f[2], f[1] * c[1] / c[2] + f[3]
         reach = size[0] / 3
@@ -100,7 +104,7 @@ def seen_points(
     return pixel, bins, n
 
 
-@compiled("f2 f2 i2 f2 f3 f2 f1 s3 f2 i0")
+@compiled("f2 f2 i2 f2 f3 f2 f1 s3 f2 search", search=SEARCH)
 def score_poses(
     points: Array,
     direction: Array,
@@ -111,13 +115,13 @@ def score_poses(
     f: Array,
     distance: NDArray[np.float32],
     shifts: Array,
-    least_points: int,
+    config: PoseSearchConfig,
 ) -> tuple[Array, Indices]:
     """Best score (h,) of each pose over all shifts (s, 2) in px of the small image, and that shift (h,).
 
     The score is the mean over the edge points of 1 - distance, with distance (ORIENTATIONS, h, w) to the nearest edge
-    pixel of that direction, cut at 1; a point out of the image counts 0.3. Poses worse by WORSE than the best so far
-    may score less than they would.
+    pixel of that direction, cut at 1; a point out of the image counts `outside_score`. Poses worse by
+    `hopeless_score` than the best so far may score less than they would.
     """
     h, w = distance.shape[1], distance.shape[2]
     size = np.array([float(w), float(h)])
@@ -126,14 +130,14 @@ def score_poses(
     best = np.zeros(len(rotations), np.int64)
     for k in range(len(rotations)):
         pixel, bins, n = seen_points(points, direction, faces, planes, rotations[k], translations[k], f, size)
-        if n < least_points:
+        if n < config.min_points:
             continue
         for s in range(len(shifts)):
             total = 0.0
-            needed = max(scores[k], top - WORSE) * n
+            needed = max(scores[k], top - config.hopeless_score) * n
             for p in range(n):
                 j, i = int(pixel[p, 0] + shifts[s, 0] + 0.5), int(pixel[p, 1] + shifts[s, 1] + 0.5)
-                total += 1.0 - distance[bins[p], i, j] if 0 <= i < h and 0 <= j < w else 0.3
+                total += 1.0 - distance[bins[p], i, j] if 0 <= i < h and 0 <= j < w else config.outside_score
                 if total + (n - 1 - p) < needed:
                     break
             if total > scores[k] * n:
@@ -160,9 +164,11 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Arr
     return move(R1, t1, shift)
 
 
-@compiled("f2 f2 f2 f1 f1 s3")
-def chamfer(points: Array, direction: Array, R: Array, t: Array, f: Array, distance: NDArray[np.float32]) -> float:
-    """Mean over edge points (n, 3) of 1 - distance to the nearest edge pixel of their direction; 0.3 out of view."""
+@compiled("f2 f2 f2 f1 f1 s3 f0")
+def chamfer(
+    points: Array, direction: Array, R: Array, t: Array, f: Array, distance: NDArray[np.float32], outside: float
+) -> float:
+    """Mean over points (n, 3) of 1 - distance to the nearest edge pixel of their direction; `outside` out of view."""
     h, w = distance.shape[1], distance.shape[2]
     total = 0.0
     for k in range(len(points)):
@@ -175,8 +181,8 @@ def chamfer(points: Array, direction: Array, R: Array, t: Array, f: Array, dista
             dx += R[0, i] * direction[k, i]
             dy += R[1, i] * direction[k, i]
             dz += R[2, i] * direction[k, i]
-        value = 0.3
-        if z > 0.02:
+        value = outside
+        if z > NEAR_M:
             a, b = x / z, y / z
             u, v = f[0] * a + f[2], f[1] * b + f[3]
             if -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5:
@@ -186,7 +192,7 @@ def chamfer(points: Array, direction: Array, R: Array, t: Array, f: Array, dista
     return total / max(1, len(points))
 
 
-@compiled("f2 f2 f2 f1 f1 f1 s3 f2 f1 i0")
+@compiled("f2 f2 f2 f1 f1 f1 s3 f2 f1 i0 search", search=SEARCH)
 def search_about(
     points: Array,
     direction: Array,
@@ -198,6 +204,7 @@ def search_about(
     changes: Array,
     steps: Array,
     most: int,
+    config: PoseSearchConfig,
 ) -> tuple[Array, Array]:
     """The best changes (most, 6) of a pose, made better by a pattern search from `steps` (6,) down, and their scores.
 
@@ -206,7 +213,7 @@ def search_about(
     first = np.empty(len(changes))
     for k in range(len(changes)):
         R1, t1 = turned_about(R, t, focus, changes[k])
-        first[k] = chamfer(points, direction, R1, t1, f, distance)
+        first[k] = chamfer(points, direction, R1, t1, f, distance, config.outside_score)
     order = falling(first)
     out, scores = np.zeros((most, 6)), np.full(most, -1.0)
     n = 0
@@ -223,14 +230,14 @@ def search_about(
             continue
         a, best = changes[k].copy(), first[k]
         step = steps.copy()
-        for _ in range(PATTERN_LEVELS):
-            for _ in range(PATTERN_SWEEPS):
+        for _ in range(config.pattern_levels):
+            for _ in range(config.pattern_sweeps):
                 moved = False
                 for i in range(6):
                     for sign in (-1.0, 1.0):
                         a[i] += sign * step[i]
                         R1, t1 = turned_about(R, t, focus, a)
-                        value = chamfer(points, direction, R1, t1, f, distance)
+                        value = chamfer(points, direction, R1, t1, f, distance, config.outside_score)
                         if value > best:
                             best, moved = value, True
                             break

@@ -4,17 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import solve6
+from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.solver.config import HypothesesConfig
 from uavbench.tracker.robust.solver.solve_kernels import add_row
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-HYPOTHESIS_INFORMATION = 1.0 / 0.7**2
-"""Information of a candidate in a hypothesis, 1/px^2."""
+HYPOTHESES = kernel_type(HypothesesConfig)
 
 Indices = NDArray[np.int64]
 
 
-@compiled("f2 f2 f2 f1 i1 f2 f2 f0")
+@compiled("f2 f2 f2 f1 i1 f2 f2 hypotheses", hypotheses=HYPOTHESES)
 def hypotheses(
     J: Array,
     distance: Array,
@@ -23,7 +24,7 @@ def hypotheses(
     first: Indices,
     prior: Array,
     draws: Array,
-    inlier_px: float,
+    config: HypothesesConfig,
 ) -> tuple[Array, float]:
     """The best of many camera motions (6,), and its mean cost per control point in [0, 1].
 
@@ -36,7 +37,8 @@ def hypotheses(
     best, best_cost = np.zeros(6), np.inf
     x = np.zeros(6)
     A, b = np.empty((6, 6)), np.empty(6)
-    stride = max(1, n // 96)
+    stride = max(1, n // config.scored_points)
+    information = 1.0 / (config.candidate_sigma_px * config.candidate_sigma_px)
     counts = np.zeros(n, np.int64)
     for p in range(n):
         for c in range(k):
@@ -67,13 +69,13 @@ def hypotheses(
                             d = distance[p, c]
                             break
                         pick -= 1
-                add_row(A, b, J[p], d, HYPOTHESIS_INFORMATION)
+                add_row(A, b, J[p], d, information)
                 near = np.inf
                 for c in range(k):
                     if abs(distance[q, c] - d) < abs(near - d):
                         near = distance[q, c]
                 if q != p and near < np.inf:
-                    add_row(A, b, J[q], near, HYPOTHESIS_INFORMATION)
+                    add_row(A, b, J[q], near, information)
             if not solve6(A, b, x):
                 continue
         cost = 0.0
@@ -86,8 +88,8 @@ def hypotheses(
                 moved += J[p, i] * x[i]
             least = 1.0
             for c in range(k):
-                r = (distance[p, c] - moved) / inlier_px
-                least = min(least, r * r + 0.1 * penalty[p, c])
+                r = (distance[p, c] - moved) / config.inlier_px
+                least = min(least, r * r + config.colour_cost * penalty[p, c])
             cost += trust[p] * least
             if cost > best_cost:
                 break

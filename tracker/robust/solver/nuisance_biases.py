@@ -19,12 +19,8 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     take_up,
     turned,
 )
+from uavbench.tracker.robust.solver.config import BiasConfig
 from uavbench.trajectories.pose import Array, Pose
-
-ALIKE_S = 1.0
-"""Time over which the edges of frames err alike beside their offsets."""
-FORGET = 0.6
-"""Part of what is known that is forgotten in that time: other patches are found by then, which err in another way."""
 
 Indices = NDArray[np.int64]
 
@@ -32,7 +28,8 @@ Indices = NDArray[np.int64]
 class CommonErrors:
     """Information on the patches' common error and on the offsets of edges."""
 
-    def __init__(self, edges: int) -> None:
+    def __init__(self, edges: int, config: BiasConfig) -> None:
+        self.config = config
         self.tie, self.seen, self.moment = np.zeros((edges, 6)), np.zeros(edges), np.zeros(edges)
         self.least = np.ones(edges)
         self.whole, self.vector, self.known = np.eye(6), np.zeros(6), np.eye(6)
@@ -57,9 +54,9 @@ class CommonErrors:
         dt_s is the time since the frame before.
         """
         R, t = pose.rotation, pose.translation
-        new = min(1.0, dt_s / ALIKE_S)
+        new = min(1.0, dt_s / self.config.correlation_s)
         for array in (self.whole, self.vector, self.tie, self.seen, self.moment):
-            array *= 1.0 - FORGET * new
+            array *= 1.0 - self.config.forgotten_part * new
         take_up(*self._all, edges, spread, sums, aside, R, t, new * pinned(sums[3], sums[5]))
         twist, self.known = centre(*self._all, R, t)
         return twist

@@ -4,12 +4,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import eliminate, move, normal_row, project, solve6, twist_between
+from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.solver.bias_kernels import Sums
+from uavbench.tracker.robust.solver.config import EstimatorConfig
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-PATCHES_HELD = 0.01
-"""Share of all that is known which holds the pose of the patches alone."""
+NEAR_M = 0.02
+"""Points nearer to the camera's plane than this are not projected."""
+ESTIMATOR = kernel_type(EstimatorConfig)
 
 Indices = NDArray[np.int64]
 
@@ -24,7 +27,7 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
             A[i, j] += wi * row[j]
 
 
-@compiled("f2 f2 f2 f2 f1 f1 i1 f2 f2 f1 f1 (f2 f1 f2 f1 f1) f2 f2 f1 f2 f1 f1 f1")
+@compiled("f2 f2 f2 f2 f1 f1 i1 f2 f2 f1 f1 (f2 f1 f2 f1 f1) f2 f2 f1 f2 f1 f1 f1 estimator", estimator=ESTIMATOR)
 def refine(
     points: Array,
     lines: Array,
@@ -45,6 +48,7 @@ def refine(
     t: Array,
     cam: Array,
     scales: Array,
+    config: EstimatorConfig,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Sums, Array, Array, float]:
     """The pose that brings control points onto their best candidates and patches to where they were observed.
 
@@ -76,7 +80,7 @@ def refine(
                     continue
                 for i in range(3):
                     c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
-                if c[2] < 0.02:
+                if c[2] < NEAR_M:
                     continue
                 u, v = project(c[0], c[1], c[2], cam)
                 moved = (u - lines[p, 0]) * lines[p, 2] + (v - lines[p, 1]) * lines[p, 3]
@@ -84,7 +88,7 @@ def refine(
                 best, r_best = np.inf, np.inf
                 for candidate in range(k):
                     r = distance[p, candidate] - moved
-                    cost = r * r / (scale * scale) + 0.1 * penalty[p, candidate]
+                    cost = r * r / (scale * scale) + config.colour_cost * penalty[p, candidate]
                     if cost < best:
                         best, r_best = cost, r
                 residual[p] = r_best
@@ -103,7 +107,7 @@ def refine(
                 continue
             for i in range(3):
                 c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
-            if c[2] < 0.02:
+            if c[2] < NEAR_M:
                 continue
             u, v = project(c[0], c[1], c[2], cam)
             ru, rv = observed[p, 0] - u, observed[p, 1] - v
@@ -137,10 +141,10 @@ def refine(
                     A[i, j] -= s[g, i] * s[g, j] * scale_g
                     M[i, j] -= ties[g, i] * ties[g, j] * scale_g
                     mixed[i, j] -= s[g, i] * ties[g, j] * scale_g
-        # where the patches alone put the pose, held by a little of the rest
+        part = config.patches_prior_part  # of the rest holds the pose where the patches alone put it
         for i in range(6):
-            row[i] = q[i] + PATCHES_HELD * b[i]
-        if not solve6(P + PATCHES_HELD * A, row, x_patch):
+            row[i] = q[i] + part * b[i]
+        if not solve6(P + part * A, row, x_patch):
             break
         for i in range(6):
             for j in range(6):

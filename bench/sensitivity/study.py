@@ -1,0 +1,148 @@
+"""The study: runs of every variant of a tracker over a suite, and the table of what changes.
+
+DIR/sequences, DIR/results      as of every suite, so that the study goes on where it was ended
+DIR/sensitivity.md, .csv        the table
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+from uavbench.bench.config.suite import Suite, load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.runner.commands import tell
+from uavbench.bench.runner.executors import local_pool
+from uavbench.bench.runner.graph import run_graph
+from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.output_folder import resolved, suite_folder
+from uavbench.bench.runner.tasks import Score as ScoreTask
+from uavbench.bench.sensitivity.variants import Number, Value, changed, values_of
+from uavbench.reports.scoring.score import Score
+from uavbench.reports.style import write_csv
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
+
+FACTORS = (0.5, 2.0)
+DEFAULT = "default"
+COLUMNS = ("value", "default", "factor", "set_to", "runs", "runs_changed", "success_change", "median_error_ratio")
+HEADS = ("value", "default", "set to", "runs changed", "success (points)", "median error (%)")
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A value of a tracker's config and what it is set to."""
+
+    value: Value
+    factor: float
+    set_to: Number
+
+    @property
+    def label(self) -> str:
+        """Name of its runs."""
+        return f"{self.value.path}-x{self.factor:g}".replace("_", "-").lower()
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a variant changes, run by run against the default.
+
+    runs: those compared, failed ones among them; runs_changed: those whose poses differ; success: mean change of the
+    share of frames within 5 cm and 5 deg; error_ratio: geometric mean of the ratios of median position errors, NaN
+    where no run has both.
+    """
+
+    variant: Variant
+    runs: int
+    runs_changed: int
+    success: float
+    error_ratio: float
+
+
+def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers: int) -> int:
+    """Run what is missing of a study of the tracker `label`, and write its table; the exit code.
+
+    paths are the values to study, or tables of them; all where none is given. UserError where there is none such.
+    """
+    suite = load_suite(suite_file(suite_name))
+    variants = variants_of(suite, label, paths)
+    trackers = {DEFAULT: suite.trackers[label]}
+    trackers |= {v.label: changed(suite.trackers[label], v.value.path, v.set_to) for v in variants}
+    suite = replace(suite, name=f"{suite.name}-sensitivity", trackers=trackers, protocols=())
+    folder = resolved(out)
+    jobs = plan(suite, folder, last="score")
+    with suite_folder(folder, suite), local_pool(workers) as (executor, progress):
+        outcome = run_graph(jobs, executor, progress)
+        tell(outcome, folder)
+        done = {job.work.results for job in jobs if isinstance(job.work, ScoreTask) and job.name not in outcome.failed}
+        changes = [change(suite, variant, folder, done) for variant in variants]
+        write(changes, folder)
+    return 2 if outcome.users_mistake else 1 if outcome.failed else 0
+
+
+def variants_of(suite: Suite, label: str, paths: Sequence[str]) -> list[Variant]:
+    """Each value halved and doubled, where its bounds allow it."""
+    if label not in suite.trackers:
+        raise UserError(f"the suite {suite.name} has no tracker {label!r}; it has: {', '.join(suite.trackers)}")
+    values = list(values_of(suite.trackers[label]))
+    for path in paths:
+        if not any(_below(value, path) for value in values):
+            known = ", ".join(value.path for value in values) or "none"
+            raise UserError(f"the tracker {label} has no value {path!r}; its values: {known}")
+    chosen = [value for value in values if not paths or any(_below(value, path) for path in paths)]
+    if not chosen:
+        raise UserError(f"the tracker {label} has no numbers to vary; name another with --tracker")
+    scaled = [(value, factor, value.scaled(factor)) for value in chosen for factor in FACTORS]
+    return [Variant(value, factor, set_to) for value, factor, set_to in scaled if set_to is not None]
+
+
+def _below(value: Value, path: str) -> bool:
+    return value.path == path or value.path.startswith(f"{path}.")
+
+
+def change(suite: Suite, variant: Variant, folder: Path, done: set[Path]) -> Change:
+    """What a variant changes over all runs whose default was scored; a run of it that failed located no frame."""
+    success, ratios, differ, runs = [], [], 0, 0
+    for spec in suite.sequences:
+        for rate in suite.rates_hz:
+            there, here = (folder / "results" / spec.name / f"{name}@{rate:g}hz" for name in (DEFAULT, variant.label))
+            if there not in done:
+                continue
+            runs += 1
+            before = Score.load(there / "score.json")
+            after = Score.load(here / "score.json") if here in done else None
+            differ += after is None or (here / "frames.csv").read_bytes() != (there / "frames.csv").read_bytes()
+            success.append((after.tracking.success if after else 0.0) - before.tracking.success)
+            errors = [score.ate["none"].translation_m if score else None for score in (before, after)]
+            medians = [error.median for error in errors if error is not None and error.median > 0.0]
+            if len(medians) == len(errors):
+                ratios.append(medians[1] / medians[0])
+    ratio = float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
+    return Change(variant, runs, differ, float(np.mean(success)) if success else float("nan"), ratio)
+
+
+def write(changes: list[Change], folder: Path) -> None:
+    """The table as CSV, a row for each variant, and as Markdown, those that change most first."""
+    rows = [
+        (c.variant.value.path, c.variant.value.default, c.variant.factor, c.variant.set_to, c.runs, c.runs_changed,
+         c.success, c.error_ratio)
+        for c in changes
+    ]  # fmt: skip
+    write_csv(folder / "sensitivity.csv", COLUMNS, rows)
+    still = sorted({c.variant.value.path for c in changes} - {c.variant.value.path for c in changes if c.runs_changed})
+    lines = ["| " + " | ".join(HEADS) + " |", "|---|---:|---:|---:|---:|---:|"]
+    lines += [
+        f"| `{c.variant.value.path}` | {c.variant.value.default} | {c.variant.set_to} | {c.runs_changed} of {c.runs} | "
+        f"{100 * c.success:+.1f} | {100 * (c.error_ratio - 1):+.1f} |"
+        for c in sorted(changes, key=_most)
+    ]
+    lines += ["", f"No run responds to: {', '.join(f'`{path}`' for path in still) or 'none of them'}.", ""]
+    write_text(folder / "sensitivity.md", "\n".join(lines))
+    click.echo(f"{len(changes)} variants: {folder / 'sensitivity.md'}")
+
+
+def _most(c: Change) -> tuple[float, float, str]:
+    error = abs(np.log(c.error_ratio)) if np.isfinite(c.error_ratio) else 0.0
+    return -abs(c.success), -float(error), c.variant.label

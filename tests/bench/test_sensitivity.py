@@ -1,0 +1,87 @@
+"""Numbers of a tracker's config are set from a suite, and varied one at a time."""
+
+import csv
+
+import pytest
+from click.testing import CliRunner
+
+from tests.bench.small_suites import small_suite
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.sensitivity.variants import changed, values_of
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.trajectories.errors import UserError
+
+MINE = '[trackers.mine]\nkind = "robust"\n'
+
+
+def test_a_suite_sets_one_value_and_the_rest_stays(tmp_path):
+    more = f"{MINE}[trackers.mine.config.solver.estimator]\nrepeat_px = 2\nlast_widths_px = [2.0]\n"
+    mine = load_suite(small_suite(tmp_path, more)).trackers["mine"]
+    assert mine.config.solver.estimator.repeat_px == 2.0
+    assert mine == changed(
+        changed(Robust(), "config.solver.estimator.repeat_px", 2.0), "config.solver.estimator.last_widths_px", (2.0,)
+    )
+    assert content_hash(mine) != content_hash(Robust())
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "told"),
+    [
+        ("motion", "memory = 2.0", r"trackers.mine.config.motion.memory: unknown key; did you mean 'memory_s'"),
+        ("motion", "memory_s = 0.0", r"trackers.mine.config.motion.memory_s: input should be greater than 0, got 0"),
+        ("edge", "x = 1", r"trackers.mine.config.edge: unknown key; did you mean 'edges'"),
+        ("edges.search", "candidates = 2.5", r"edges.search.candidates: input should be a valid integer"),
+        ("solver.estimator", "last_widths_px = [2.0, -1.0]", r"last_widths_px\[1\]: input should be greater than 0"),
+    ],
+)
+def test_a_mistake_in_a_value_names_its_key(tmp_path, table, line, told):
+    with pytest.raises(UserError, match=told):
+        load_suite(small_suite(tmp_path, f"{MINE}[trackers.mine.config.{table}]\n{line}\n"))
+
+
+def test_every_value_of_robust_is_varied_within_its_bounds(tmp_path):
+    values = list(values_of(Robust()))
+    assert len({value.path for value in values}) == len(values) > 150
+    for value in values:
+        made = [value.scaled(factor) for factor in (0.5, 2.0)]
+        assert any(m is not None for m in made), value.path
+        for m in made:
+            if m is not None:
+                table, _, key = value.path.rpartition(".")
+                text = f"{MINE}[trackers.mine.{table}]\n{key} = {list(m) if isinstance(m, tuple) else m}\n"
+                assert load_suite(small_suite(tmp_path, text)).trackers["mine"] == changed(Robust(), value.path, m)
+
+
+def test_a_study_tables_what_changes_and_goes_on_where_it_was_ended(tmp_path):
+    suite, out = small_suite(tmp_path, MINE), tmp_path / "out"
+    suite.write_text(suite.read_text().replace("seeds = [0, 1]", "seeds = [0]"))
+    values = ("config.edges.sampling.spacing_px", "config.loss.slow_s")
+    command = ["sensitivity", str(suite), "--tracker", "mine", "--out", str(out), "--jobs", "1"]
+    command += [word for value in values for word in ("--value", value)]
+    first = CliRunner().invoke(main, command)
+    assert first.exit_code == 0, first.output
+    rows = list(csv.DictReader((out / "sensitivity.csv").open()))
+    assert [(row["value"], row["factor"]) for row in rows] == [(v, f) for v in values for f in ("0.5", "2")]
+    assert all(row["runs"] == "1" for row in rows)
+    assert rows[0]["runs_changed"] == "1", "twice as many control points give another pose"
+    assert [row["runs_changed"] for row in rows[2:]] == ["0", "0"], "frames of 15 Hz are never slow"
+    assert "No run responds to: `config.loss.slow_s`." in (out / "sensitivity.md").read_text()
+    again = CliRunner().invoke(main, command)
+    assert "0 jobs done" in again.output + (again.stderr if again.stderr_bytes else "")
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--tracker", "mien"), "has no tracker 'mien'"),
+        (("--tracker", "hold"), "has no numbers to vary"),
+        (("--tracker", "mine", "--value", "config.edge"), "has no value 'config.edge'"),
+    ],
+)
+def test_what_is_not_there_cannot_be_studied(tmp_path, options, told):
+    suite = small_suite(tmp_path, MINE)
+    result = CliRunner().invoke(main, ["sensitivity", str(suite), "--out", str(tmp_path / "out"), *options])
+    assert result.exit_code == 2
+    assert told in result.output + (result.stderr if result.stderr_bytes else "")
