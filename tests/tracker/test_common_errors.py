@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.solver.bias_kernels import adjoint, pinned
-from uavbench.tracker.robust.solver.config import BiasConfig
 from uavbench.tracker.robust.solver.nuisance_biases import CommonErrors
 from uavbench.trajectories.pose import Pose
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown, pose_error
-from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
+from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
 from uavbench.tracker.robust.preprocessing.gain_offset import Stretch, light_change
 from uavbench.tracker.robust.tracker import Robust
 

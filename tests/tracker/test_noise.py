@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
+from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
 from uavbench.tracker.robust.preprocessing.denoising import noise_level, smoothed
 
 CONFIG = PreprocessingConfig()

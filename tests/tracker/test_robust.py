@@ -8,7 +8,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
 from uavbench.tracker.protocol import ImageError
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edges.config import SamplingConfig
+from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.weight_kernels import support

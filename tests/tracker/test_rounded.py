@@ -6,8 +6,8 @@ import pytest
 from tests.tracker.synthetic import CAMERA, box, look_at
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.edges.config import SamplingConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 
 

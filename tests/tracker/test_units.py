@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
-from uavbench.tracker.robust.config import MotionConfig
+from uavbench.tracker.robust.config.robust import MotionConfig
 from uavbench.tracker.robust.motion_model import Motion
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.trajectories.pose import Pose

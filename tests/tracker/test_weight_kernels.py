@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.edges.config import WeightConfig
+from uavbench.tracker.robust.config.edges import WeightConfig
 from uavbench.tracker.robust.edges.weight_kernels import variances
 from uavbench.tracker.robust.kernel_values import kernel_values
 

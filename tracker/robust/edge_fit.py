@@ -10,14 +10,15 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import camera_array, inverse6, move
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edges.columns import EDGE, OUTSIDE
-from uavbench.tracker.robust.edges.config import (
+from uavbench.tracker.robust.config.edges import (
     AppearanceConfig,
     SamplingConfig,
     SearchConfig,
     SubpixelConfig,
     WeightConfig,
 )
+from uavbench.tracker.robust.config.solver import EstimatorConfig, HypothesesConfig
+from uavbench.tracker.robust.edges.columns import EDGE, OUTSIDE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.profile_kernels import learn, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import BINS, edge_rows, place, sample_edges
@@ -27,7 +28,6 @@ from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Evidence, Fit
 from uavbench.tracker.robust.solver.bias_kernels import surprise
-from uavbench.tracker.robust.solver.config import EstimatorConfig, HypothesesConfig
 from uavbench.tracker.robust.solver.hypothesis_kernels import hypotheses
 from uavbench.tracker.robust.solver.nuisance_biases import CommonErrors
 from uavbench.tracker.robust.solver.solve_kernels import refine

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavbench.tracker.geometry_kernels import move, twist_between
-from uavbench.tracker.robust.config import MotionConfig
+from uavbench.tracker.robust.config.robust import MotionConfig
 from uavbench.trajectories.pose import Array, Pose
 
 MOVES, TURNS = slice(0, 21, 7), slice(21, 36, 7)

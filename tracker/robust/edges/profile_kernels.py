@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.config.edges import AppearanceConfig, SearchConfig
 from uavbench.tracker.robust.edges.columns import (
     MEAN_SQUARE,
     OUTSIDE,
@@ -16,7 +17,6 @@ from uavbench.tracker.robust.edges.columns import (
     SILHOUETTE_POSITIVE,
     TIMES_SEEN,
 )
-from uavbench.tracker.robust.edges.config import AppearanceConfig, SearchConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import clip_segment, normal_row, project
+from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edges.columns import (
     BOTH_FACES,
     CREASE,
@@ -16,7 +17,6 @@ from uavbench.tracker.robust.edges.columns import (
     SILHOUETTE_NEGATIVE,
     SILHOUETTE_POSITIVE,
 )
-from uavbench.tracker.robust.edges.config import SamplingConfig
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled

@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from uavbench.tracker.order_kernels import insert
+from uavbench.tracker.robust.config.edges import SubpixelConfig
 from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, OUTSIDE, TIMES_SEEN
-from uavbench.tracker.robust.edges.config import SubpixelConfig
 from uavbench.tracker.robust.edges.profile_kernels import Image, Indices
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.config.edges import WeightConfig
 from uavbench.tracker.robust.edges.columns import CREASE, EDGE, MEAN_SQUARE, OUTSIDE, TIMES_SEEN
-from uavbench.tracker.robust.edges.config import WeightConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array

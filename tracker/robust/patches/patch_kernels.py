@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import normal_row, project
 from uavbench.tracker.order_kernels import sort_falling
+from uavbench.tracker.robust.config.patches import AlignmentConfig
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
 from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.tracker.robust.patches.config import AlignmentConfig
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import camera_array
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.config.patches import PatchesConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
-from uavbench.tracker.robust.patches.config import PatchesConfig
 from uavbench.tracker.robust.patches.corner_kernels import first_hit, strong_pixels
 from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE, align, choose, count_hits, shift_places
 from uavbench.trajectories.pose import Array, Pose

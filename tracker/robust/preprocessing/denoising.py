@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
+from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
 from uavbench.trajectories.kernels.compiled import compiled
 
 ROWS_APART = 32

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
+from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
 from uavbench.trajectories.pose import Array
 
 APART_PX = 16

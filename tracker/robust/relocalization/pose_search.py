@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
-from uavbench.tracker.robust.relocalization.config import PoseSearchConfig
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     edge_channels,
     score_poses,

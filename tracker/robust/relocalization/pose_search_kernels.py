@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import move
 from uavbench.tracker.order_kernels import falling
+from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.tracker.robust.relocalization.config import PoseSearchConfig
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.pose_fit import Fit
-from uavbench.tracker.robust.relocalization.config import RelocalizationConfig
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, Spread
 from uavbench.tracker.robust.relocalization.pose_search_kernels import turned_about
 from uavbench.tracker.stage_clock import StageClock

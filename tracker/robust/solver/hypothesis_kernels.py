@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import solve6
+from uavbench.tracker.robust.config.solver import HypothesesConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.tracker.robust.solver.config import HypothesesConfig
 from uavbench.tracker.robust.solver.solve_kernels import add_row
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array

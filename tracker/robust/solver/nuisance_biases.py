@@ -9,6 +9,7 @@ unknowns, and viewpoints that differ tell them apart.
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.tracker.robust.config.solver import BiasConfig
 from uavbench.tracker.robust.solver.bias_kernels import (
     Sums,
     adjoint,
@@ -19,7 +20,6 @@ from uavbench.tracker.robust.solver.bias_kernels import (
     take_up,
     turned,
 )
-from uavbench.tracker.robust.solver.config import BiasConfig
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import eliminate, move, normal_row, project, solve6, twist_between
+from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.solver.bias_kernels import Sums
-from uavbench.tracker.robust.solver.config import EstimatorConfig
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 

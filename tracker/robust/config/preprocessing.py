@@ -5,7 +5,7 @@ from typing import Annotated
 
 from annotated_types import Gt, Interval
 
-from uavbench.tracker.robust.bounds import Positive
+from uavbench.tracker.robust.config.bounds import Positive
 
 GreyLevel = Annotated[int, Interval(ge=0, le=255)]
 

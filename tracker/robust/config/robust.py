@@ -9,12 +9,12 @@ from typing import Annotated
 
 from annotated_types import Ge
 
-from uavbench.tracker.robust.bounds import Count, NotNegative, Part, Positive
-from uavbench.tracker.robust.edges.config import EdgesConfig
-from uavbench.tracker.robust.patches.config import PatchesConfig
-from uavbench.tracker.robust.preprocessing.config import PreprocessingConfig
-from uavbench.tracker.robust.relocalization.config import RelocalizationConfig
-from uavbench.tracker.robust.solver.config import SolverConfig
+from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.edges import EdgesConfig
+from uavbench.tracker.robust.config.patches import PatchesConfig
+from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
+from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
+from uavbench.tracker.robust.config.solver import SolverConfig
 
 
 @dataclass(frozen=True)

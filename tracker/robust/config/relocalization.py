@@ -5,7 +5,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Gt
 
-from uavbench.tracker.robust.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
 
 
 @dataclass(frozen=True)

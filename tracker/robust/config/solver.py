@@ -5,7 +5,7 @@ from typing import Annotated
 
 from annotated_types import Interval, MinLen
 
-from uavbench.tracker.robust.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
 
 Widths = Annotated[tuple[Positive, ...], MinLen(1)]
 
