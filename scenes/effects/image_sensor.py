@@ -82,10 +82,11 @@ class Noise:
         """CameraSimulator whose images have independent noise in every pixel, channel and frame."""
 
         def image(stamp_ns: int) -> Radiance | None:
-            clean = source.image(stamp_ns)
+            light = source.image(stamp_ns)
             key = np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
-            if clean is None:
+            if light is None:
                 return None
+            clean = np.ascontiguousarray(light, dtype=np.float32)
             out = np.empty_like(clean)
             floor = (self.read_noise_e / self.full_well_e) ** 2
             add_noise(clean.reshape(-1), 1 / self.full_well_e, floor, key, QUANTILES, out.reshape(-1))

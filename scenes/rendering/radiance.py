@@ -30,7 +30,7 @@ LIGHT = _linear(np.arange(256) / 255).astype(np.float32)
 def encode(radiance: Radiance) -> NDArray[np.uint8]:
     """Finished image (h, w, 3): sRGB codes; light beyond 0..1 is clipped."""
     out = np.empty(radiance.shape, dtype=np.uint8)
-    code(np.ascontiguousarray(radiance).reshape(-1), CODES, out.reshape(-1))
+    code(np.ascontiguousarray(radiance, dtype=np.float32).reshape(-1), CODES, out.reshape(-1))
     return out
 
 
