@@ -41,8 +41,9 @@ WORSE = "return TrackResult(status='ok', cam_from_world=Pose.exp([0.5, 0.0, 0.0,
 @pytest.fixture(scope="module")
 def repository(tmp_path_factory):
     folder = tmp_path_factory.mktemp("repository")
-    for package in ("bench", "reports", "scenes", "tracker", "trajectories"):
-        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for package in ("bench", "reports", "scenes", "tracker", "trajectories", "src"):
+        without = shutil.ignore_patterns("__pycache__", "*.egg-info")
+        shutil.copytree(ROOT / package, folder / package, symlinks=True, ignore=without)
     shutil.copy(ROOT / "pyproject.toml", folder)
 
     def git(*arguments):
@@ -53,7 +54,7 @@ def repository(tmp_path_factory):
     git("add", "-A")
     git("commit", "-qm", "base")
     git("tag", "base")
-    hold = folder / "tracker" / "hold.py"
+    hold = folder / "tracker" / "baselines" / "hold.py"
     text = hold.read_text()
     line = 'return TrackResult(status="ok", cam_from_world=self.cam_from_world)'
     assert line in text

@@ -55,6 +55,8 @@ def inputs(tmp_path_factory):
     """What the commands read."""
     folder = tmp_path_factory.mktemp("inputs")
     small_suite(folder)
+    (folder / "studied").mkdir()
+    small_suite(folder / "studied", 'rapid = { kind = "rapid" }\n')
     (folder / "images").mkdir()
     shutil.copytree(TRIAL, folder / "trial")
     (folder / "report").mkdir()
@@ -106,6 +108,9 @@ def calls(inputs, target):
         ],
         "compare": [["compare", "HEAD", "HEAD", "--suite", suite, "--out", target]],
         "speed": [["speed", "--only", "none", "--save", target]],
+        "sensitivity": [
+            ["sensitivity", inputs / "studied" / "small.toml", "--tracker", "rapid", "--jobs", 1, "--out", target]
+        ],
         "peers setup": [["peers", "setup", "visp"], ["peers", "setup", "opencv-rapid"]],
     }
 

@@ -9,10 +9,10 @@ import pytest
 
 CODE = """
 import sys
-from uavbench.scenes import gl
+from uavbench.scenes.rendering import context
 from uavbench.trajectories.errors import UserError
 try:
-    gl.context()
+    context.context()
 except UserError as error:
     print(error)
     sys.exit(2)
