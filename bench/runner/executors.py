@@ -93,6 +93,12 @@ class SpawnPool(Executor):
     def _fill(self) -> None:
         """Start what may run now: suspects alone, else as many as there are workers."""
         with self._lock:
+            broken = self._pool if self._broken and not self._running else None
+        if broken is not None:
+            broken.shutdown(wait=True)  # or a call would be tried again while its first worker still cleans up
+            with self._lock:
+                self._pool, self._broken = self._new_pool(), False
+        with self._lock:
             self._start_some()
 
     def _start_some(self) -> None:
@@ -105,8 +111,9 @@ class SpawnPool(Executor):
                 future = self._pool.submit(task.call)
             except BrokenProcessPool:
                 source.appendleft(task)
-                self._mend()
-                continue
+                self._broken = True
+                self._fill_soon()
+                return
             except Exception as error:  # no process can be started
                 task.future.set_exception(error)
                 continue
@@ -122,8 +129,7 @@ class SpawnPool(Executor):
             if again:
                 task.suspect = True
                 self._suspects.append(task)
-            if died:
-                self._mend()
+            self._broken |= died
             self._fill_soon()
         if again:
             return
@@ -133,13 +139,6 @@ class SpawnPool(Executor):
             task.future.set_exception(error)
         else:
             task.future.set_result(future.result())
-
-    def _mend(self) -> None:
-        """A new pool once nothing is left of the broken one."""
-        self._broken = bool(self._running)
-        if not self._running and not self._closed:
-            self._pool.shutdown(wait=False)
-            self._pool = self._new_pool()
 
 
 @contextmanager
