@@ -59,10 +59,15 @@ def copy_tree(to: Path) -> Path:
     """A copy of what git knows or would take in, without what it ignores."""
     listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     for name in subprocess.run(listed, cwd=ROOT, capture_output=True, check=True).stdout.decode().split("\0"):
-        if name and (ROOT / name).is_file():
+        if name and (ROOT / name).exists():
             (to / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, to / name)
+            shutil.copy2(ROOT / name, to / name, follow_symlinks=False)
     return to
+
+
+def own_paths(tree: Path) -> list[str]:
+    """Where Python finds a tree's package and its tests."""
+    return [str(tree / "src"), str(tree)]
 
 
 def begin(target: Target, mutant: Mutant | None, tree: Path, limit_s: float) -> Trial:
@@ -88,10 +93,11 @@ def _tested(target: Target, tree: Path) -> int:
     os.dup2(out, 2)
     os.chdir(tree)
     sys.dont_write_bytecode = True
-    sys.path[:] = [str(tree), *(path for path in sys.path if not (Path(path) / "trajectories").is_dir())]
+    own = own_paths(tree)
+    sys.path[:] = [*own, *(path for path in sys.path if not (Path(path) / "uavbench").is_dir() and path != str(ROOT))]
     for name in [name for name in sys.modules if name.split(".")[0] == "tests"]:
         del sys.modules[name]
-    os.environ["PYTHONPATH"] = str(tree)
+    os.environ["PYTHONPATH"] = os.pathsep.join(own)
     import hypothesis
     import numba
     import pytest

@@ -1,11 +1,14 @@
 """The mutation tester's own parts: what it changes, what it leaves, and that its lists are of files that exist."""
 
 import ast
+import os
+import subprocess
+import sys
 
 import pytest
 
 from tests.mutation.mutants import mutants, sample
-from tests.mutation.run import ROOT, accepted
+from tests.mutation.run import ROOT, accepted, copy_tree, own_paths
 from tests.mutation.targets import GROUPS
 
 SOURCE = '''"""Words."""
@@ -64,3 +67,17 @@ def test_targets_and_accepted_survivors_are_of_files_that_exist():
     for (file, before, after), reason in accepted().items():
         assert file in {target.file for target in targets}
         assert before != after and reason
+
+
+def test_a_copy_of_the_tree_is_tested_by_itself(tmp_path):
+    tree = copy_tree(tmp_path / "tree")
+    ask = (
+        "import tests.mutation.run as t, uavbench.bench.inputs.content_hash as c; print(t.__file__); print(c.__file__)"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(own_paths(tree))}
+    done = subprocess.run(
+        [sys.executable, "-c", ask], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert all(line.startswith(str(tree)) for line in done.stdout.splitlines()), done.stdout
+    found = os.path.realpath(done.stdout.splitlines()[1])
+    assert found == str((tree / "bench" / "inputs" / "content_hash.py").resolve())
