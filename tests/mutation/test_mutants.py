@@ -71,13 +71,11 @@ def test_targets_and_accepted_survivors_are_of_files_that_exist():
 
 def test_a_copy_of_the_tree_is_tested_by_itself(tmp_path):
     tree = copy_tree(tmp_path / "tree")
-    ask = (
-        "import tests.mutation.run as t, uavbench.bench.inputs.content_hash as c; print(t.__file__); print(c.__file__)"
-    )
+    ask = "import tests.mutation.run as t, uavbench.bench.inputs.content_hash as c; print(t.__file__, c.__file__)"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(own_paths(tree))}
     done = subprocess.run(
         [sys.executable, "-c", ask], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
     )
-    assert all(line.startswith(str(tree)) for line in done.stdout.splitlines()), done.stdout
-    found = os.path.realpath(done.stdout.splitlines()[1])
+    assert all(line.startswith(str(tree)) for line in done.stdout.split()), done.stdout
+    found = os.path.realpath(done.stdout.split()[1])
     assert found == str((tree / "bench" / "inputs" / "content_hash.py").resolve())
