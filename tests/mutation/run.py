@@ -56,7 +56,9 @@ def accepted() -> dict[tuple[str, str, str], str]:
 
 
 def copy_tree(to: Path) -> Path:
-    """A copy of what git knows or would take in, without what it ignores."""
+    """A copy of what git knows or would take in; of an unpacked archive, of all but hidden folders and results."""
+    if not (ROOT / ".git").exists():
+        return shutil.copytree(ROOT, to, symlinks=True, ignore=shutil.ignore_patterns(".*", "out", "__pycache__"))
     listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     for name in subprocess.run(listed, cwd=ROOT, capture_output=True, check=True).stdout.decode().split("\0"):
         if name and (ROOT / name).exists():
