@@ -33,8 +33,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("bench/gate/baseline.py", "bench/test_gate_baseline"),
     ),
     "exports": (
-        _target("scenes/exports/registry.py", "scenes/test_exports"),
-        _target("scenes/exports/bop.py", "scenes/test_exports"),
+        *(
+            _target(f"scenes/exports/{name}.py", "scenes/test_exports", "scenes/test_exports_by_own_readers")
+            for name in ("registry", "euroc", "bop", "notes")
+        ),
     ),
     "sensors": (
         _target("trajectories/sensors/imu.py", "trajectories/test_inertial", "trajectories/test_sensors"),
@@ -51,7 +53,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("trajectories/wind/dryden.py", "trajectories/test_wind"),
     ),
     "hidden lines": (
-        _target("tracker/visible_edges.py", "tracker/test_visible_edges"),
+        _target("tracker/visible_edges.py", "tracker/test_visible_edges", "scenes/test_hidden_lines"),
         _target("tracker/robust/edges/hidden_line_kernels.py", "tracker/test_occlusion", uncompiled=True),
     ),
     "hashing": (_target("bench/inputs/content_hash.py", "bench/test_content"),),
