@@ -67,6 +67,29 @@ def test_gusts_rise_and_fall_as_cosines() -> None:
     assert speed[2300:].max() == pytest.approx(1.0)
 
 
+def test_each_axis_of_the_turbulence_has_its_own_scale_length() -> None:
+    """Its correlation over a lag is exp(-1) along the wind, and exp(-1) (1 - 1/2) across it and upwards."""
+    wind, step_s = Dryden(w20_m_s=6.0, height_m=30.0, flight_speed_m_s=400.0), 0.002
+    turbulence = wind.start(1_000_000, step_s, np.random.default_rng(0)).turbulence_m_s
+    lags = wind.lengths_m / np.hypot(wind.mean_m_s, 400.0)
+    assert lags[1] > 1.3 * lags[2]
+    for axis, expected in enumerate([np.exp(-1), np.exp(-1) / 2, np.exp(-1) / 2]):
+        steps = round(lags[axis] / step_s)
+        values = turbulence[:, axis] / wind.sigmas_m_s[axis]
+        assert np.mean(values[:-steps] * values[steps:]) == pytest.approx(expected, abs=0.03), axis
+
+
+def test_gusts_come_early_as_often_as_late() -> None:
+    gust = Gust(first_s=4.0, every_s=100.0, jitter_s=2.0)
+    begins = []
+    for seed in range(60):
+        speed = gust.start(5000, 0.002, np.random.default_rng(seed)).mean_m_s[:, 0]
+        begins.append(0.002 * np.flatnonzero(np.abs(speed) > 1.0 + 1e-6)[0])
+    assert 2.0 <= min(begins) < 2.5
+    assert 5.5 < max(begins) <= 6.1
+    assert np.mean(begins) == pytest.approx(4.0, abs=0.5)
+
+
 def test_turbulence_grows_near_the_structure() -> None:
     air = Dryden(near_gain=2.0, near_m=0.5).start(100, 0.002, np.random.default_rng(0))
     near, far = (air.at(0, 100, np.array([x, 0.0, 0.15]), BOX) - air.mean_m_s for x in (0.7, 50.0))
