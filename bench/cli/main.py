@@ -14,6 +14,7 @@ from uavbench.bench.cli import gate as cli_gate
 from uavbench.bench.cli import plugins as cli_plugins
 from uavbench.bench.cli import suite as cli_suite
 from uavbench.trajectories.errors import DISK_ERRORS, UserError, disk_error_message
+from uavbench.trajectories.lost_signals import lost_signals_raised_again
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -52,7 +53,7 @@ class Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
         try:
-            with interrupts():
+            with lost_signals_raised_again(), interrupts():
                 return super().invoke(ctx)
         except UserError as error:
             click.echo(f"uavbench: {error}", err=True)

@@ -13,6 +13,7 @@ from typing import Any
 
 from uavbench.bench.inputs.content_hash import code_hash
 from uavbench.bench.runner.graph import start_worker
+from uavbench.bench.runner.processes import start_resource_tracker
 from uavbench.trajectories.errors import UserError
 
 WAIT_FOR_WORKERS_S = 60
@@ -51,6 +52,7 @@ class SpawnPool(Executor):
     def __init__(self, workers: int) -> None:
         self._max_workers = workers
         self._context = multiprocessing.get_context("spawn")
+        start_resource_tracker()
         self.progress = self._context.Queue()
         self._lock = threading.RLock()
         self._waiting: deque[Task] = deque()

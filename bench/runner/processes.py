@@ -4,10 +4,11 @@ import multiprocessing
 import os
 import signal
 import threading
-from multiprocessing import connection
+from multiprocessing import connection, resource_tracker
 
 from uavbench.bench.external.guard_process import die_with
 from uavbench.trajectories.errors import Terminated
+from uavbench.trajectories.lost_signals import raise_lost_signals_again
 
 
 def end_with_parent() -> None:
@@ -26,6 +27,22 @@ def end_when_told() -> None:
     """Have this worker clean up what is half-written and end at SIGTERM; an interrupt is its parent's to handle."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
+    raise_lost_signals_again()
+
+
+def start_resource_tracker() -> None:
+    """Start the process in which multiprocessing keeps account of semaphores, so that a hang-up does not end it.
+
+    It ignores interrupts and terminations by itself. One that was ended is started anew without its account, and prints
+    a traceback for each name that it does not know.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
+    handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # inherited through exec
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        signal.signal(signal.SIGHUP, handler)
 
 
 def _end(number: int, _: object) -> None:

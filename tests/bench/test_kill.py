@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.bench.process_trees import wait_until, with_mark
 from tests.bench.small_suites import small_suite
 
 pytestmark = pytest.mark.slow
@@ -37,12 +38,16 @@ def final(folder):
 
 
 def start(suite, out):
+    """The command, its temporary files in a folder beside `out`."""
+    temporary = out.parent / "temporary"
+    temporary.mkdir(exist_ok=True)
     command = [sys.executable, "-m", "uavbench.bench.cli.main", "run", str(suite), "--out", str(out), "--jobs", "2"]
     return subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a background job ignores it
     )
 
@@ -64,6 +69,12 @@ def end(process, how, whom, rng):
             os.kill(int(rng.choice(some)), how)
 
 
+def expect_nothing_left(temporary):
+    """No process that was started with these temporary files, and none of them."""
+    assert wait_until(lambda: not with_mark(f"TMPDIR={temporary}")), with_mark(f"TMPDIR={temporary}")
+    assert wait_until(lambda: not list(temporary.iterdir())), list(temporary.rglob("*"))
+
+
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kill")
@@ -83,11 +94,13 @@ def test_killed_and_resumed_is_as_undisturbed(undisturbed, tmp_path, moment):
     time.sleep(float(rng.uniform(0.05, 1.0)) * took_s)
     end(process, how, whom, rng)
     text, _ = process.communicate()
+    expect_nothing_left(tmp_path / "temporary")
     if how != signal.SIGKILL and whom != "a worker":
         assert b"Traceback" not in text, text.decode()
     again = start(suite, tmp_path / "out")
     text, _ = again.communicate()
     assert again.returncode == 0, text.decode()
+    expect_nothing_left(tmp_path / "temporary")
     got, want = final(tmp_path / "out"), final(expected)
     assert got.keys() == want.keys()
     assert [name for name in want if got[name] != want[name]] == []

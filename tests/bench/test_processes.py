@@ -96,3 +96,51 @@ def test_what_nohup_ignores_stays_ignored(rendered, tmp_path):
         main.wait()
     assert wait_until(lambda: not with_mark(mark))
     assert wait_until(lambda: not [pid for pid in noted(note) if is_alive(pid)])
+
+
+IN_A_CALLBACK = """
+import ctypes, os, signal, time
+
+def callback():
+    os.kill(os.getpid(), signal.{signal})
+    time.sleep(0)
+
+def come_and_wait():
+    ctypes.CFUNCTYPE(None)(callback)()  # what is raised in there is heard by nobody
+    time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "main", "code"),
+    [
+        ("SIGTERM", "from uavbench.bench.runner.processes import end_when_told as f\nf()\ncome_and_wait()\n", 143),
+        (
+            "SIGHUP",
+            "import click\nfrom uavbench.bench.cli.main import Group\n"
+            "Group('g', [click.command(name='c')(come_and_wait)])(['c'])\n",
+            130,
+        ),
+    ],
+)
+def test_a_signal_that_comes_in_a_callback_of_c_ends_the_process(number, main, code):
+    script = IN_A_CALLBACK.format(signal=number) + main
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "ignored" not in done.stderr
+
+
+def test_a_hang_up_of_all_leaves_the_account_of_semaphores():
+    script = """
+import multiprocessing, os, signal, time
+from pathlib import Path
+from uavbench.bench.runner.executors import SpawnPool
+pool = SpawnPool(1)
+for child in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split():
+    os.kill(int(child), signal.SIGHUP)
+assert pool.submit(int, "7").result() == 7
+pool.shutdown()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
