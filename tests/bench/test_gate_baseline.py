@@ -1,6 +1,7 @@
 """A baseline in one file: made by the command, never by hand, of the same flights, on frames rendered anew."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -46,6 +47,26 @@ def test_it_holds_what_the_folder_holds(tmp_path, baseline):
 def test_made_again_it_is_the_same_to_the_byte(tmp_path, baseline):
     write_baseline(read_side(tmp_path / "base"), tmp_path / "again.json")
     assert (tmp_path / "again.json").read_bytes() == baseline.read_bytes()
+
+
+def test_it_is_made_anew_over_its_own_file_and_over_no_other(tmp_path, baseline):
+    write(tmp_path / "base", drawn(np.random.default_rng(3)))
+    before = baseline.read_bytes()
+    write_baseline(read_side(tmp_path / "base"), baseline)
+    assert baseline.read_bytes() != before
+    edited = json.dumps({**json.loads(before), "how": {"mine": 1}}).encode()
+    for foreign in (edited, b"{}", b"[]", b"", b"my notes", b'{"sha256": null}', b"\xff"):
+        baseline.write_bytes(foreign)
+        with pytest.raises(UserError, match=re.escape(str(baseline))):
+            write_baseline(read_side(tmp_path / "base"), baseline)
+        assert baseline.read_bytes() == foreign
+
+
+def test_a_sequence_without_a_seed_in_its_name_has_the_seed_0(tmp_path):
+    about = {"sequences": ["house"], "trackers": ["lsd"], "rates_hz": [15.0], "flights": "these"}
+    (tmp_path / "suite.json").write_text(json.dumps(about))
+    make_score("house", 7, 0.01).save(tmp_path / "results" / "house" / "lsd@15hz" / "score.json")
+    assert list(read_side(tmp_path).runs) == [("lsd@15hz", "house", 0)]
 
 
 def test_an_edited_file_is_refused(tmp_path, baseline):

@@ -105,6 +105,7 @@ def test_errors_of_zero_on_both_sides_are_no_change():
     paired = PairedValues(dict.fromkeys(KEYS, 0.0), dict.fromkeys(KEYS, 0.0))
     assert decided(paired).change == pytest.approx(0.0, abs=1e-9)
     assert decided(paired).verdict == "pass"
+    assert (decided(paired).baseline, decided(paired).value) == pytest.approx((0.0, 0.0), abs=1e-15)
 
 
 @pytest.mark.parametrize(("seeds", "verdict"), [(4, "inconclusive"), (5, "fail")])
@@ -152,6 +153,15 @@ def test_a_baseline_without_any_score_is_refused(tmp_path):
     head = write(tmp_path / "head", drawn(np.random.default_rng(0)))
     with pytest.raises(UserError, match="no scores in it"):
         gate(head, write(tmp_path / "base", []))
+
+
+def test_a_tracker_that_the_baseline_lacks_is_told_and_judged_on_nothing():
+    new = {("other@15hz", *key): measured() for key in KEYS}
+    both = Side(dict(side().runs) | new)
+    found = [f for f in compare_sides(side(), both, {}, Margins()) if f.run == "other@15hz"]
+    assert [f.verdict for f in found] == ["inconclusive"]
+    assert (found[0].sequences, found[0].seeds) == (0, 0)
+    assert "baseline has no such" in found[0].reason
 
 
 def test_fail_goes_before_inconclusive_and_nothing_at_all_fails():
