@@ -29,19 +29,25 @@ class MadeOf:
 
 
 def sources(module: str) -> frozenset[Path]:
-    """Files of a module and of all that it imports, but for those of the interpreter and of installed libraries."""
-    return made_of([module]).files
+    """Files of a module and of all that it imports, but for those of the interpreter and of installed libraries.
+
+    What it imports for type checkers alone (`if TYPE_CHECKING`) is never run, and left out.
+    """
+    return made_of([module], hints=False).files
 
 
-def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | None = None) -> MadeOf:
+def made_of(
+    modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | None = None, *, hints: bool = True
+) -> MadeOf:
     """What modules, and scripts by their file, are made of.
 
-    Imports are read from the source, those within functions too; a module that cannot be found is left out.
+    Imports are read from the source, those within functions too; a module that cannot be found is left out. hints:
+    with those for type checkers, as a package that imports lazily names there what it gives.
     """
     find = find or source_file
     found = set(scripts)
     others: set[str] = set()
-    waiting = [*modules, *(name for path in found for name in imports(path, "__main__"))]
+    waiting = [*modules, *(name for path in found for name in imports(path, "__main__", hints))]
     seen: set[str] = set()
     while waiting:
         name = waiting.pop()
@@ -53,7 +59,7 @@ def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | N
             others.add(name.partition(".")[0])
         else:
             found.add(path)
-            waiting += imports(path, name)
+            waiting += imports(path, name, hints)
         waiting += parents(name)
     return MadeOf(frozenset(found), frozenset(others - sys.stdlib_module_names))
 
@@ -108,9 +114,9 @@ def editable(path: Path) -> bool:
     return is_ours(path) or not any(folder in INSTALLED or folder.name in LIBRARIES for folder in folders)
 
 
-def imports(path: Path, name: str) -> tuple[str, ...]:
-    """Names of all modules that the source file of the module `name` imports, or may."""
-    return _imports(path, stamp(path), name)
+def imports(path: Path, name: str, hints: bool = True) -> tuple[str, ...]:
+    """Names of all modules that the source file of the module `name` imports, or may; hints: type checkers' too."""
+    return _imports(path, stamp(path), name, hints)
 
 
 def texts(path: Path) -> frozenset[str]:
@@ -159,8 +165,9 @@ def _spec(name: str) -> ModuleSpec | None:
 
 
 @lru_cache(maxsize=10_000)
-def _imports(path: Path, _: tuple[int, ...], name: str) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(_imported(parsed(path), name, path.name == "__init__.py")))
+def _imports(path: Path, _: tuple[int, ...], name: str, hints: bool) -> tuple[str, ...]:
+    tree = parsed(path) if hints else _run(parsed(path))
+    return tuple(dict.fromkeys(_imported(tree, name, path.name == "__init__.py")))
 
 
 @lru_cache(maxsize=10_000)
@@ -180,6 +187,18 @@ def _content(path: Path) -> str:
 def _digest(path: Path, _: tuple[int, ...]) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _run(tree: ast.Module) -> ast.AST:
+    """The syntax tree without what stands under `if TYPE_CHECKING`."""
+
+    class Hints(ast.NodeTransformer):
+        def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:  # noqa: N802, named by ast
+            """The `else` alone of a test for type checkers."""
+            self.generic_visit(node)
+            return node.orelse if ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING") else node
+
+    return Hints().visit(tree)  # type: ignore[no-any-return]
 
 
 def _imported(tree: ast.AST, name: str, is_package: bool) -> Iterator[str]:
