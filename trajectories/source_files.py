@@ -193,7 +193,7 @@ def _run(tree: ast.Module) -> ast.AST:
     """The syntax tree without what stands under `if TYPE_CHECKING`."""
 
     class Hints(ast.NodeTransformer):
-        def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:  # noqa: N802, named by ast
+        def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
             """The `else` alone of a test for type checkers."""
             self.generic_visit(node)
             return node.orelse if ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING") else node

@@ -4,14 +4,17 @@ import csv
 import hashlib
 import json
 import re
+import shutil
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.progress import Steps
+from uavbench.reports.report import ReportEntry, beside, write_report
 from uavbench.reports.style import COLOURS, PNG_DPI
 from uavbench.trajectories.errors import UserError
 
@@ -166,3 +169,24 @@ def _inflated(stream: bytes) -> bytes:
         return zlib.decompress(stream)
     except zlib.error:
         return stream
+
+
+def test_an_image_that_cannot_be_read_is_told_whoever_reads_it(entries: list[ReportEntry], tmp_path: Path) -> None:
+    folder = tmp_path / "sequence"
+    shutil.copytree(entries[0].sequence, folder)
+    image = sorted((folder / "frames").iterdir())[20]
+    image.write_bytes(image.read_bytes()[:200])
+    with pytest.raises(UserError, match=rf"{image.name}.*truncated"):
+        write_report(tmp_path / "report", "x", [replace(entries[0], sequence=folder)])
+    assert not list((tmp_path / "report").iterdir())
+
+
+def test_work_beside_the_figures_ends_with_them() -> None:
+    steps = Steps(None, 1)
+
+    def endless() -> None:
+        while True:
+            steps()
+
+    with pytest.raises(KeyboardInterrupt), beside(endless, steps):
+        raise KeyboardInterrupt

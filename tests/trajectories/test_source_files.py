@@ -28,7 +28,8 @@ def test_imports_for_type_checkers_are_not_what_a_module_runs(tmp_path, monkeypa
     (tmp_path / "hinted_of_test.py").write_text("A = 1\n")
     (tmp_path / "run_of_test.py").write_text("B = 1\n")
     (tmp_path / "lazy_of_test.py").write_text(
-        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import hinted_of_test\nelse:\n    import run_of_test\n"
+        "from typing import TYPE_CHECKING\n"
+        "if TYPE_CHECKING:\n    import hinted_of_test\nelse:\n    import run_of_test\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     assert sources("lazy_of_test") == {tmp_path / "lazy_of_test.py", tmp_path / "run_of_test.py"}
