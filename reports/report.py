@@ -35,11 +35,13 @@ from uavbench.reports.page.pages import FigureOnPage, SequenceOnPage, Told, Undr
 from uavbench.reports.progress import OnStep, Steps
 from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
 from uavbench.reports.restarts import COLUMNS as RESTARTS
-from uavbench.reports.restarts import RestartedRun, numbers_of, open_restarts
+from uavbench.reports.restarts import RestartedRun, open_restarts, with_restarts
 from uavbench.reports.scoring.runs import ScoredRun, open_runs
 from uavbench.reports.scoring.score import Score
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import house_style
-from uavbench.reports.tables.summary_table import DETAILS, Table, details, summary_table
+from uavbench.reports.tables.columns import DETAILS
+from uavbench.reports.tables.summary_table import Table, summary_table
 from uavbench.reports.tables.writers import write_summary, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -117,13 +119,13 @@ def write_all_tables(
     folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun], absent: tuple[str, ...]
 ) -> list[tuple[str, Table]]:
     """Write the tables in three forms; their names and what they hold."""
-    scores = [run.score for run in runs]
-    summary, more = summary_table(scores), summary_table(scores, DETAILS, details)
+    frame = score_frame(run.score.to_json() for run in runs)
+    summary, more = summary_table(frame), summary_table(frame, DETAILS)
     write_summary(replace(summary, absent=absent), folder / "tables" / "summary")
     write_tables(more, folder / "tables" / "details")
     tables = [("summary", replace(summary, absent=absent)), ("details", more)]
     if restarted:
-        tables.append(("protocols", summary_table(scores, RESTARTS, numbers_of(restarted))))
+        tables.append(("protocols", summary_table(with_restarts(frame, restarted), RESTARTS)))
         write_tables(tables[-1][1], folder / "tables" / "protocols")
     return tables
 
