@@ -80,7 +80,7 @@ def _mistaken(results: Results, sequence: Sequence) -> str:
 
 
 def _astray(results: Results, sequence: Sequence) -> str:
-    """How far the pose of the first frame lies from the one that the tracker was given for it, "" where that is possible."""
+    """How far the first frame's pose lies from the one that the tracker was given for it, "" where that may be."""
     row = results.rows[0] if len(results) and results.frames[0] == 0 else None
     if row is None or row.cam_from_world is None:
         return ""

@@ -13,9 +13,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.reports.drawn import track
+from uavbench.reports.figures.space import SHARES, draw_error_against_distance
 from uavbench.reports.progress import Steps
 from uavbench.reports.report import ReportEntry, beside, write_report
-from uavbench.reports.style import COLOURS, PNG_DPI
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.score import score
+from uavbench.reports.style import COLOURS, PNG_DPI, new_figure
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
 
 
@@ -42,6 +47,18 @@ def test_no_panel_is_empty_where_a_rate_has_no_sub_trajectories(report: Path) ->
         over = [row for row in csv.DictReader(pdf.with_suffix(".csv").open()) if row["what"].startswith("over")]
         width_pt = float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", pdf.read_bytes())[1])
         assert (width_pt > 300) == bool(over), pdf.name
+
+
+def test_lengths_that_a_rate_has_no_sub_trajectories_of_have_no_place(sequence: Sequence) -> None:
+    results = track(sequence, "hold", 5)
+    run = ScoredRun(sequence, results, score(sequence, results), 0)
+    figure = new_figure(2.4)
+    drawn = draw_error_against_distance([run], figure)
+    over = {row[1] for row in drawn.rows if row[1] != "along"}
+    assert 0 < len(over) < len(SHARES)
+    assert [f"over {float(tick.get_text()):.2g} m" for tick in figure.axes[1].get_xticklabels()] == [
+        f"over {float(what.split()[1]):.2g} m" for what in sorted(over)
+    ]
 
 
 def test_fonts_are_truetype_and_embedded(report: Path) -> None:
