@@ -192,6 +192,10 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     run = uavbench("run", path, "--out", out)
     assert run.returncode == 2
     assert f"report: {out / 'index.html'}" in run.stdout
+    causes = [line.split(":")[0] for line in run.stderr.splitlines() if line.startswith("FAILED")]
+    assert causes[0] == "FAILED render away-s0"
+    assert not any("away" in cause for cause in causes[1:])
+    assert "jobs that need what failed" in run.stderr
     told = json.loads((out / "scores.json").read_text())
     assert set(told["unrendered"]) == {"away-s0"}
     statuses = {(s["label"], s["status"]) for s in told["scores"]}
