@@ -5,6 +5,7 @@ import hashlib
 import importlib.util
 import sys
 import sysconfig
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -15,6 +16,8 @@ OURS = (Path(__file__).parents[1],)
 INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 LIBRARIES = ("site-packages", "dist-packages")
 """Folders of libraries, of this environment or of another one that is on the path."""
+NEVER = {"TYPE_CHECKING", "typing.TYPE_CHECKING"}
+"""Conditions that hold for type checkers alone."""
 
 Find = Callable[[str], Path | None]
 """From the name of a module to the file of its source, None where that is nobody's to edit or not there."""
@@ -184,7 +187,7 @@ def _digest(path: Path, _: tuple[int, ...]) -> str:
 
 def _imported(tree: ast.AST, name: str, is_package: bool) -> Iterator[str]:
     package = name.split(".") if is_package else name.split(".")[:-1]
-    for node in ast.walk(tree):
+    for node in _that_run(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -192,3 +195,15 @@ def _imported(tree: ast.AST, name: str, is_package: bool) -> Iterator[str]:
             base = ".".join([*above, *([node.module] if node.module else [])])
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _that_run(tree: ast.AST) -> Iterator[ast.AST]:
+    """Nodes of a tree, without those that only type checkers read: their imports never happen."""
+    waiting: deque[ast.AST] = deque([tree])
+    while waiting:
+        node = waiting.popleft()
+        yield node
+        if isinstance(node, ast.If) and ast.unparse(node.test) in NEVER:
+            waiting.extend(node.orelse)
+        else:
+            waiting.extend(ast.iter_child_nodes(node))
