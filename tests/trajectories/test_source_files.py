@@ -52,3 +52,9 @@ def test_what_a_package_gives_on_demand_counts_where_the_package_itself_is_impor
 def test_a_kernel_does_not_depend_on_the_whole_project():
     rooms = {path.parts[path.parts.index("uavbench") + 1] for path in sources("uavbench.tracker.robust.edge_fit")}
     assert rooms <= {"__init__.py", "tracker", "scenes", "trajectories"}
+
+
+def test_a_tracker_is_not_made_of_what_draws_renders_or_schedules():
+    names = {path.name for path in sources("uavbench.tracker.robust.tracker")}
+    assert "solve_kernels.py" in names
+    assert not {"render_suite.py", "figures_on_axes.py", "obstacles.py", "seen_edges.py"} & names

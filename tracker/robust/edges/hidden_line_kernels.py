@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.trajectories.geometry.bvh import Tree
-from uavbench.trajectories.geometry.rays import ray_triangle
+from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -23,7 +23,7 @@ def tree_arrays(tree: Tree) -> tuple[Array, NDArray[np.int64]]:
     return np.stack([tree.low, tree.high], axis=1), np.where(tree.counts[:, None] > 0, leaf, inner)
 
 
-@compiled("f1 f1 f3 i1 f3 i2 i0 i0")
+@compiled("f1 f1 f3 i1 f3 i2 i0 i0", inner=True)
 def hidden(
     eye: Array,
     point: Array,

@@ -35,7 +35,7 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 f0 f0 f0 f0 i0 f2!")
+@compiled("u3 f0 f0 f0 f0 i0 f2!", inner=True)
 def sample_profile(image: Image, u: float, v: float, nu: float, nv: float, m: int, out: Array) -> bool:
     """Colours (2 m + 1, 3) at steps of 1 px along the normal, bilinear; False when it leaves the image.
 
@@ -61,7 +61,7 @@ def sample_profile(image: Image, u: float, v: float, nu: float, nv: float, m: in
     return True
 
 
-@compiled("f2 i0 f0 f0 f0")
+@compiled("f2 i0 f0 f0 f0", inner=True)
 def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
     """Where the step is steepest, in px from row k of a profile: the top of a parabola through three slopes.
 
@@ -201,7 +201,7 @@ def learn(
         appearance[r, TIMES_SEEN] += 1.0
 
 
-@compiled("f0 f0")
+@compiled("f0 f0", inner=True)
 def first_square(step: float, initial_error: float) -> float:
     """Mean square error in px^2 to expect of an edge with a step in grey levels, before any was seen."""
     return min(1.0, 0.01 + (initial_error / max(step, 1.0)) ** 2)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.order_kernels import falling
 from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE
-from uavbench.trajectories.geometry.rays import ray_triangle
+from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -17,7 +17,7 @@ CLIMB = 6
 """Farthest that a corner is from its spot along either axis, px."""
 
 
-@compiled("u3 i0 i0")
+@compiled("u3 i0 i0", inner=True)
 def corner_strength(image: Image, x: int, y: int) -> float:
     """Smaller eigenvalue of the gradients' second moments over a patch, per texel (Shi & Tomasi 1994)."""
     channel = 1 if image.shape[2] > 1 else 0
@@ -75,7 +75,7 @@ def strong_pixels(
     return out[:n].copy()
 
 
-@compiled("f0 f0 f2 i0 f0")
+@compiled("f0 f0 f2 i0 f0", inner=True)
 def far_from(x: float, y: float, others: Array, count: int, distance: float) -> bool:
     """Whether a pixel is at least so far from the first `count` of others (k, 2)."""
     for k in range(count):

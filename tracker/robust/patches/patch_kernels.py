@@ -27,7 +27,7 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 f0 f0 f2 f0 f0 f2! f0")
+@compiled("u3 f0 f0 f2 f0 f0 f2! f0", inner=True)
 def sample_patch(
     image: Image, u: float, v: float, A: Array, da: float, db: float, out: Array, least_grey: float
 ) -> bool:
@@ -71,7 +71,7 @@ def sample_patch(
     return True
 
 
-@compiled("f2 f2")
+@compiled("f2 f2", inner=True)
 def correlation(a: Array, b: Array) -> float:
     """Sum of products of two patches."""
     total = 0.0
@@ -81,7 +81,7 @@ def correlation(a: Array, b: Array) -> float:
     return total
 
 
-@compiled("f1 f2 f2 f1 f1 f2! alignment", alignment=ALIGNMENT)
+@compiled("f1 f2 f2 f1 f1 f2! alignment", inner=True, alignment=ALIGNMENT)
 def warp(
     middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array, config: AlignmentConfig
 ) -> tuple[float, float, bool]:
@@ -209,7 +209,7 @@ def align(
     return observed, score, variance
 
 
-@compiled("u3 f0 f0 f2 f0 f0 f2 f2! alignment", alignment=ALIGNMENT)
+@compiled("u3 f0 f0 f2 f0 f0 f2 f2! alignment", inner=True, alignment=ALIGNMENT)
 def _refine(
     image: Image,
     u: float,

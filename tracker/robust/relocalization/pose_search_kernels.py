@@ -63,7 +63,7 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     return out
 
 
-@compiled("f2 f2 i2 f2 f2 f1 f1 f1")
+@compiled("f2 f2 i2 f2 f2 f1 f1 f1", inner=True)
 def seen_points(
     points: Array, direction: Array, faces: Indices, planes: Array, R: Array, t: Array, f: Array, size: Array
 ) -> tuple[Array, Indices, int]:
@@ -164,7 +164,7 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Arr
     return move(R1, t1, shift)
 
 
-@compiled("f2 f2 f2 f1 f1 s3 f0")
+@compiled("f2 f2 f2 f1 f1 s3 f0", inner=True)
 def chamfer(
     points: Array, direction: Array, R: Array, t: Array, f: Array, distance: NDArray[np.float32], outside: float
 ) -> float:

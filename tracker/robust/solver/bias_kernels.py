@@ -22,7 +22,7 @@ patches.
 """
 
 
-@compiled("f2~ f1")
+@compiled("f2 f1")
 def adjoint(R: Array, t: Array) -> Array:
     """X (6, 6) that makes a twist of the camera of one in the world, for cam_from_world (R, t)."""
     X = np.zeros((6, 6))
@@ -36,7 +36,7 @@ def adjoint(R: Array, t: Array) -> Array:
     return X
 
 
-@compiled("f2~ f1~")
+@compiled("f2 f1", inner=True)
 def times(X: Array, v: Array) -> Array:
     """X v of a square matrix."""
     out = np.zeros(len(v))
@@ -46,7 +46,17 @@ def times(X: Array, v: Array) -> Array:
     return out
 
 
-@compiled("f2~ f2")
+@compiled("f2", inner=True)
+def transposed(X: Array) -> Array:
+    """X^T of a square matrix."""
+    out = np.empty(X.shape)
+    for i in range(len(X)):
+        for j in range(len(X)):
+            out[i, j] = X[j, i]
+    return out
+
+
+@compiled("f2 f2")
 def turned(X: Array, C: Array) -> Array:
     """X C X^T of matrices (6, 6)."""
     half, out = np.zeros((6, 6)), np.zeros((6, 6))
@@ -105,13 +115,20 @@ def shared_at(
         for i in range(6):
             ties[g, i] = tie[k, i]
     A, v = explained(ties, information, vector, lower)
-    X = adjoint(R.T, -times(R.T, t)).T
+    back = transposed(R)
+    centre = times(back, t)
+    for i in range(3):
+        centre[i] = -centre[i]
+    X = transposed(adjoint(back, centre))
+    for i in range(6):
+        for j in range(6):
+            A[i, j] += known[i, j]
     for g in range(n):
         row = times(X, ties[g])
         information[g] += 1.0 / spread[g]
         for i in range(6):
             ties[g, i] = row[i]
-    return turned(X, known + A), times(X, v), ties, information, vector
+    return turned(X, A), times(X, v), ties, information, vector
 
 
 @compiled("f2! f1! f2! f1! f1! f1! i1 f1 (f1 f2 f1 f2 f1 f2) f1 f2 f1 f0")
@@ -136,9 +153,15 @@ def take_up(
     sums to that which the patches tell.
     """
     S, s, d, E, e, _ = sums
-    X = adjoint(R, t).T
-    whole += part * turned(X, E)
-    vector += part * times(X, e - times(E, aside))
+    X = transposed(adjoint(R, t))
+    by_edges, rest = turned(X, E), times(E, aside)
+    for i in range(6):
+        rest[i] = e[i] - rest[i]
+    rest = times(X, rest)
+    for i in range(6):
+        vector[i] += part * rest[i]
+        for j in range(6):
+            whole[i, j] += part * by_edges[i, j]
     for g in range(len(edges)):
         k, left = edges[g], d[g]
         for i in range(6):
@@ -160,16 +183,21 @@ def centre(
     Offsets are taken out; the twist is taken off vector and moment, in place.
     """
     A, v = explained(tie, seen, moment, least)
-    known = whole - A
-    D = np.empty((6, 1))
+    known, used_up, column, D = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 1)), np.empty(6)
     for i in range(6):
-        D[i, 0] = vector[i] - v[i]
-    eliminate(known.copy(), D)
-    vector -= times(whole, D[:, 0])
+        column[i, 0] = vector[i] - v[i]
+        for j in range(6):
+            known[i, j] = used_up[i, j] = whole[i, j] - A[i, j]
+    eliminate(used_up, column)
+    for i in range(6):
+        D[i] = column[i, 0]
+    taken = times(whole, D)
+    for i in range(6):
+        vector[i] -= taken[i]
     for e in range(len(seen)):
         for i in range(6):
-            moment[e] -= tie[e, i] * D[i, 0]
-    return times(adjoint(R, t), D[:, 0]), known
+            moment[e] -= tie[e, i] * D[i]
+    return times(adjoint(R, t), D), known
 
 
 @compiled("f2 f2")
@@ -178,8 +206,11 @@ def pinned(E: Array, P: Array) -> float:
 
     The mean of the parts that the patches have in each direction of a twist.
     """
-    N = P.copy()
-    eliminate(E + P, N)
+    M, N = np.empty((6, 6)), np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            M[i, j], N[i, j] = E[i, j] + P[i, j], P[i, j]
+    eliminate(M, N)
     return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
 
 

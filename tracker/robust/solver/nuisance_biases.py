@@ -44,7 +44,7 @@ class CommonErrors:
         self.tie[:], self.seen[:], self.moment[:] = 0.0, 0.0, 0.0
         self.whole[:], self.vector[:] = 0.0, 0.0
         take_up(*self._all, edges, spread, sums, aside, R, t, 1.0)
-        self.whole += turned(adjoint(R, t).T, prior)
+        self.whole += turned(np.ascontiguousarray(adjoint(R, t).T), prior)
         spared, self.vector[:] = explained(self.tie, self.seen, self.moment, self.least)
         self.known = self.whole - spared
 

@@ -17,7 +17,7 @@ ESTIMATOR = kernel_type(EstimatorConfig)
 Indices = NDArray[np.int64]
 
 
-@compiled("f2! f1! f1 f0 f0")
+@compiled("f2! f1! f1 f0 f0", inner=True)
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
     """Add the equation row . x = d of weight w to the normal equations (lower half of A)."""
     for i in range(6):
@@ -69,10 +69,13 @@ def refine(
     E, e, P, q, A, b = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)
     S, s, d = np.zeros(edges), np.zeros((edges, 6)), np.zeros(edges)
     known, known_vector, ties, offset_information, offset_vector = shared
-    M, N, mixed, farthest = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6)), 0.0
+    M, N, mixed, held, farthest = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6)), np.empty((6, 6)), 0.0
     for scale in scales:
-        E[:], e[:], P[:], q[:], farthest = 0.0, 0.0, 0.0, 0.0, 0.0
-        S[:], s[:], d[:] = 0.0, 0.0, 0.0
+        farthest = 0.0
+        for matrix in (E, P, s):
+            matrix.fill(0.0)
+        for column in (e, q, S, d):
+            column.fill(0.0)
         for g in range(edges):
             for p in range(first[g], first[g + 1]):
                 weights[p], residual[p] = 0.0, np.inf
@@ -144,7 +147,9 @@ def refine(
         part = config.patches_prior_part  # of the rest holds the pose where the patches alone put it
         for i in range(6):
             row[i] = q[i] + part * b[i]
-        if not solve6(P + part * A, row, x_patch):
+            for j in range(6):
+                held[i, j] = P[i, j] + part * A[i, j]
+        if not solve6(held, row, x_patch):
             break
         for i in range(6):
             for j in range(6):
@@ -161,7 +166,7 @@ def refine(
     return R, t, A, residual, weights, patch_weights, (S, s, d, E, e, P), x_patch, step, farthest
 
 
-@compiled("f2!")
+@compiled("f2!", inner=True)
 def mirror(A: Array) -> None:
     """Copy the lower half of a matrix (6, 6) to the upper one."""
     for i in range(6):
