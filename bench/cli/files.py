@@ -10,6 +10,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import refuse_foreign_file
 
 FILE = click.Path(path_type=Path)
+EXPORTS = ["euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2"]
 
 
 @click.command("verify")
@@ -33,15 +34,22 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 
 @click.command("export")
 @click.argument("sequence", type=FILE)
-@click.option("--format", "form", type=click.Choice(["euroc", "tum", "kitti", "bop", "video"]), required=True)
+@click.option("--format", "form", type=click.Choice(EXPORTS), required=True)
 @click.option("--out", type=FILE, required=True, help="Folder that is made.")
 @click.option("--undistort", is_flag=True, help="Take the lens's distortion out of the images.")
-def export_command(sequence: Path, form: str, out: Path, undistort: bool) -> None:
+@click.option("--images", type=click.Choice(["both", "raw", "compressed"]), help="Messages of a bag; default: both.")
+@click.option("--datum", metavar="LAT,LON,HEIGHT", help="Where on Earth a bag's world lies, deg and m.")
+def export_command(
+    sequence: Path, form: str, out: Path, undistort: bool, images: str | None, datum: str | None
+) -> None:
     """Write the folder SEQUENCE in the form of another tool, and tell what that form has no place for."""
     from uavbench.scenes.dataset.sequence import Sequence
+    from uavbench.scenes.exports.geodetic import Datum
     from uavbench.scenes.exports.registry import export
 
-    for line in export(Sequence.load(sequence), form, out, undistort=undistort):
+    given: dict[str, Any] = {"images": images, "datum": Datum.parse(datum) if datum else None}
+    settings = {name: value for name, value in given.items() if value is not None}
+    for line in export(Sequence.load(sequence), form, out, undistort=undistort, **settings):
         click.echo(f"not held: {line}", err=True)
     click.echo(out)
 
@@ -92,7 +100,7 @@ def pick_command(
 ALIGNMENTS = ["none", "se3", "sim3", "yaw", "scale", "origin", "origin-scale"]
 UNITS = ["frames", "m", "deg", "rad", "s"]
 ASSOCIATIONS = ["one-to-one", "evo", "evo-interpolated"]
-FORMATS = ["tum", "euroc", "kitti", "uavbench"]
+FORMATS = ["tum", "euroc", "kitti", "uavbench", "bag"]
 MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 
 
@@ -111,12 +119,14 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.option("--reference-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
 @click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
 @click.option("--mount", type=FILE, help="Sequence folder by whose mount camera and body poses are converted.")
+@click.option("--ignore-frames", is_flag=True, help="Compare although the files call their frames differently.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate_command(reference: Path, estimate: Path, as_json: bool, **options: Any) -> None:
     """Score the trajectory ESTIMATE against REFERENCE: ATE, RPE and coverage.
 
-    Each is a file of TUM, EuRoC, KITTI or uavbench's own form, or a folder of a sequence, an export or results.
+    Each is a file of TUM, EuRoC, KITTI or uavbench's own form, a topic of a ROS 2 bag as bag.mcap:/odom or
+    bag.mcap:/tf:world.base_link, or a folder of a sequence, an export or results.
     """
     import json
 

@@ -59,14 +59,18 @@ def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option
 @suite_options
 @click.option("--images", type=FILE, help="Folder of images to run the tracker WHAT on, in the order of their names.")
 @click.option("--video", type=FILE, help="Video to run the tracker WHAT on.")
-@click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with --images or --video).")
-@click.option("--camera", type=FILE, help="camera.toml (with --images or --video).")
+@click.option("--bag", type=FILE, help="ROS 2 bag (.mcap, .db3, or a folder with metadata.yaml) to run WHAT on.")
+@click.option("--image-topic", metavar="TOPIC", help="Topic of --bag with Image or CompressedImage messages.")
+@click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with real images).")
+@click.option("--camera", type=FILE, help="camera.toml (with real images).")
 @click.option("--init", type=FILE, help="init.toml: first pose, or points to solve it from.")
 @click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
 def track_command(
     what: str,
     images: Path | None,
     video: Path | None,
+    bag: Path | None,
+    image_topic: str | None,
     model: Path | None,
     camera: Path | None,
     init: Path | None,
@@ -74,16 +78,20 @@ def track_command(
     **options: Any,
 ) -> None:
     """Run the trackers of the suite WHAT, rendering what is missing; or the tracker WHAT on real images."""
-    source = images or video
+    source = images or video or bag
     if source is None:
         sys.exit(bring_up_to("track", what, **options))
-    if images and video:
-        raise UserError("give --images or --video, not both")
+    if sum(each is not None for each in (images, video, bag)) > 1:
+        raise UserError("give one of --images, --video and --bag")
+    if (bag is None) != (image_topic is None):
+        raise UserError("--bag FILE and --image-topic TOPIC go together")
     if model is None or camera is None or init is None or options["out"] is None:
         raise UserError("tracking real images needs --model, --camera, --init and --out")
     from uavbench.bench.runner.commands import track_real
+    from uavbench.trajectories.bags.reading import BagTopic
 
-    track_real(what, source, model, camera, init, options["out"], rate_hz)
+    images_of = BagTopic(bag, image_topic) if bag and image_topic else source
+    track_real(what, images_of, model, camera, init, options["out"], rate_hz)
 
 
 @click.command("tables")

@@ -24,6 +24,7 @@ from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures, Render
 from uavbench.bench.third_party.registry import absent
+from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.seals import is_sealed
 from uavbench.trajectories.files.writing import write_text
@@ -132,8 +133,10 @@ def told_at_most(path: Path) -> Iterator[None]:
         click.echo(f"not written: {path}: {error.strerror or error}", err=True)
 
 
-def track_real(kind: str, source: Path, model: Path, camera: Path, init: Path, out: Path, rate_hz: float) -> None:
-    """Run a tracker on the images of a folder or a video, and say where the estimates are."""
+def track_real(
+    kind: str, source: Path | BagTopic, model: Path, camera: Path, init: Path, out: Path, rate_hz: float
+) -> None:
+    """Run a tracker on the images of a folder, a video or a topic of a bag, and say where the estimates are."""
     from uavbench.tracker.images.track_images import track_images
     from uavbench.tracker.registry import TRACKERS
     from uavbench.tracker.run import all_failed

@@ -19,6 +19,7 @@ from uavbench.reports.metrics.rpe import Stretch, Unit, motion_error_sizes, stre
 from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.tracker.versions import versions
+from uavbench.trajectories.bags.poses import UNSAID
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -146,14 +147,16 @@ def evaluate_files(
     reference_format: str | None = None,
     estimate_format: str | None = None,
     mount: Path | None = None,
+    ignore_frames: bool = False,
     plot: Path | None = None,
 ) -> Evaluation:
     """Evaluation of two trajectories: files of TUM, KITTI, EuRoC or uavbench itself, folders that hold one, or `Given`.
 
-    t_offset_s is added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `mount` is a
-    sequence folder whose mount turns the estimate into the frame that the reference says. `plot`: a figure of paths
-    and errors is written there (.pdf or .png). UserError for a user's mistake, and for two files that say different
-    frames.
+    A topic of a ROS 2 bag is named as `bag.mcap:/odom`, a transform as `bag.mcap:/tf:world.base_link`. t_offset_s is
+    added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `mount` is a sequence
+    folder whose mount turns the estimate into the frame that the reference says. `plot`: a figure of paths and errors
+    is written there (.pdf or .png). UserError for a user's mistake, and for two files that say different frames,
+    unless ignore_frames: the names differ, and the frames do not.
     """
     if mode not in MODES:
         raise unknown_name("mode", mode, list(MODES))
@@ -180,7 +183,7 @@ def evaluate_files(
     with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
         formats = (reference_format, estimate_format)
         first, second = pool.map(found_in, (reference, estimate), ("reference", "estimate"), formats)
-    second = _in_one_frame(first, second, mount)
+    second = second if ignore_frames else _in_one_frame(first, second, mount, options.align)
     p, q = first.trajectory, second.trajectory
     if not (first.stamped and second.stamped):
         p, q = paired_by_row(p, q, name_of(reference, "reference"), name_of(estimate, "estimate"))
@@ -272,17 +275,36 @@ def paired_by_row(p: Trajectory, q: Trajectory, reference: str, estimate: str) -
     return p, Trajectory(p.stamps_ns, q.positions_m, q.quaternions_wxyz)
 
 
-def _in_one_frame(reference: Found, estimate: Found, mount: Path | None) -> Found:
-    """The estimate in the frame of the reference; UserError where both say one and they differ, without a mount."""
-    if reference.frame is None or estimate.frame is None or reference.frame == estimate.frame:
+def _in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: Alignment) -> Found:
+    """The estimate in the frame of the reference; UserError where both say one and they differ.
+
+    What moves may differ where a mount is given, and what stands still where the estimate is aligned.
+    """
+    if reference.frame is None or estimate.frame is None:
         return estimate
-    if mount is None or not {reference.frame, estimate.frame} <= {"world_from_body", "world_from_cam"}:
+    (fixed, moving), (other_fixed, other_moving) = _ends(reference.frame), _ends(estimate.frame)
+    if fixed != other_fixed and UNSAID not in (fixed, other_fixed) and align in ("none", "scale"):
+        raise UserError(
+            f"{reference.file} says that it holds poses in {fixed}, and {estimate.file} in {other_fixed}: two frames "
+            "that stand still, which cannot be compared as they are. Give --align, such as se3 or yaw; or "
+            "--ignore-frames where both names mean one frame"
+        )
+    if moving == other_moving or UNSAID in (moving, other_moving):
+        return estimate
+    if mount is None or not {moving, other_moving} <= {"body", "cam"}:
         raise UserError(
             f"{reference.file} says that it holds {reference.frame}, and {estimate.file} {estimate.frame}: poses of "
             "different frames, which cannot be compared. Give files of one frame, or --mount SEQUENCE, the folder of "
-            "the sequence, by whose cam_from_body the estimate is converted"
+            "the sequence, by whose cam_from_body the estimate is converted; or --ignore-frames where both names mean "
+            "one frame"
         )
-    return estimate.seen_as(reference.frame, mount_of(mount))
+    return estimate.seen_as(f"{other_fixed}_from_{moving}", mount_of(mount))
+
+
+def _ends(frame: str) -> tuple[str, str]:
+    """What stands still and what moves, of `world_from_body`."""
+    fixed, _, moving = frame.partition("_from_")
+    return fixed, moving
 
 
 def _about(found: Found) -> dict[str, Any]:

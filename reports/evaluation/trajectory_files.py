@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
+from uavbench.trajectories.bags.poses import read_poses
+from uavbench.trajectories.bags.reading import BagTopic, bag_topic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TRAJECTORY
 from uavbench.trajectories.files.reading import read_header, read_text
@@ -26,6 +28,8 @@ IN_FOLDERS = (
     "poses.txt",
 )
 """The trajectory of a folder: of a sequence, a tracker's results, or an export to EuRoC, TUM or KITTI."""
+BAGS = ("bag.mcap", "bag")
+"""The bag of a folder that is an export to MCAP or rosbag2."""
 EXPORT = "export.json"
 """Beside an export: what its files hold, for those formats that have no place to say it."""
 LEVELS = 4
@@ -34,7 +38,10 @@ LEVELS = 4
 
 @dataclass(frozen=True)
 class Found:
-    """A trajectory, where it was, its format, and its frame, None where nothing says it; stamped: not by row number."""
+    """A trajectory, where it was, its format, and its frame, None where nothing says it; stamped: not by row number.
+
+    In the frame of a bag's poses, as `odom_from_body`, ? stands for what its messages do not say.
+    """
 
     trajectory: Trajectory
     file: Path
@@ -46,16 +53,21 @@ class Found:
         """The same motion of the body or the camera, as `frame` says."""
         if self.frame == frame:
             return self
-        right = cam_from_body if frame == "world_from_body" else cam_from_body.inverse()
+        right = cam_from_body if frame.endswith("_from_body") else cam_from_body.inverse()
         poses = [self.trajectory.pose(i) @ right for i in range(len(self.trajectory))]
         return replace(self, trajectory=Trajectory.from_poses(self.trajectory.stamps_ns.tolist(), poses), frame=frame)
 
 
 def find_trajectory(path: Path, format: str | None = None) -> Found:
-    """Trajectory of a file, or of a folder that holds one, its format guessed unless given.
+    """Trajectory of a file, of a topic of a bag (`bag.mcap:/odom`), or of a folder that holds one.
+
+    The format is guessed unless it is given.
 
     UserError naming the file and what is wrong with it, or that there is no trajectory.
     """
+    if format in (None, "bag") and (bag := _bag(path)) is not None:
+        poses = read_poses(bag)
+        return Found(poses.trajectory, Path(str(poses.source)), "bag", poses.frame)
     file = _in_folder(path) if path.is_dir() else path
     if format == "uavbench" or (format is None and _is_table(file)):
         return _of_table(file)
@@ -79,6 +91,12 @@ def mount_of(folder: Path) -> Pose:
         return Pose.from_matrix(read_json(file)["cam_from_body"])
     except (KeyError, ValueError, TypeError) as error:
         raise UserError(f"{file}: cam_from_body: {error}") from None
+
+
+def _bag(path: Path) -> BagTopic | None:
+    """The bag that a path names, or that is in the folder of an export."""
+    exported = [path / name for name in BAGS if path.is_dir() and (path / name).exists()]
+    return next((bag for place in (path, *exported) if (bag := bag_topic(place)) is not None), None)
 
 
 def _in_folder(folder: Path) -> Path:

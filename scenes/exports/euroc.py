@@ -85,6 +85,14 @@ def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(heads[name])}
 
 
+def body_from_imu(readings: Path, imu: dict[str, Any]) -> Pose:
+    """Where an IMU sits on the body, along its axes; UserError naming the file that says it wrongly."""
+    try:
+        return Pose(np.eye(3), np.array(imu.get("offset_m", (0.0, 0.0, 0.0)), dtype=np.float64))
+    except (ValueError, TypeError) as error:
+        raise UserError(f"{readings.parent / 'sequence.json'}: offset_m of {readings.name}: {error}") from None
+
+
 def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
     folder.mkdir()
     head = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1]"
@@ -92,11 +100,7 @@ def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
     stamps = read_integers(readings, ["stamp_ns"])[:, 0].tolist()
     rows = zip(stamps, read_numbers(readings, READINGS).tolist(), strict=True)
     write_text(folder / "data.csv", "\n".join([head, *(f"{ns},{','.join(map(repr, row))}" for ns, row in rows)]) + "\n")
-    try:
-        body_from_imu = Pose(np.eye(3), np.array(imu.get("offset_m", (0.0, 0.0, 0.0)), dtype=np.float64))
-    except (ValueError, TypeError) as error:
-        raise UserError(f"{readings.parent / 'sequence.json'}: offset_m of {readings.name}: {error}") from None
-    text = f"sensor_type: imu\ncomment: simulated {imu.get('kind', 'IMU')}\n{_t_bs(body_from_imu)}"
+    text = f"sensor_type: imu\ncomment: simulated {imu.get('kind', 'IMU')}\n{_t_bs(body_from_imu(readings, imu))}"
     if "rate_hz" in imu:
         text += f"rate_hz: {float(imu['rate_hz'])!r}\n"
     for key, (name, unit) in NOISE.items():

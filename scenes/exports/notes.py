@@ -17,7 +17,8 @@ class Held:
     """What an exporter wrote.
 
     files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
-    it took over; truth: of depth, mask and edges those that it took over; limits: what it had to leave out or change.
+    it took over; truth: of depth, mask and edges those that it took over; limits: what it had to leave out or change;
+    angular_rates: whether it took over those of the body.
     """
 
     files: dict[str, str]
@@ -25,6 +26,7 @@ class Held:
     sensors: tuple[str, ...] = ()
     truth: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
+    angular_rates: bool = False
     readme: str = "README.md"
 
 
@@ -63,7 +65,8 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
     if (sequence.folder / "crlb.csv").is_file():
         lines.append("Bounds: the Cramer-Rao bounds of `crlb.csv` are not held.")
     if (sequence.folder / "flight.csv").is_file():
-        lines.append("Flight: accelerations, angular rates, thrusts and wind of `flight.csv` are not held.")
+        rates = "" if held.angular_rates else "angular rates, "
+        lines.append(f"Flight: accelerations, {rates}thrusts and wind of `flight.csv` are not held.")
     if any(value for value in info.get("deviation", {}).values()):
         lines.append("Model: the images show the structure as it was built; the model is the one that was designed.")
     return lines

@@ -1,8 +1,9 @@
-"""Sequences in the formats of others: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video."""
+"""Sequences in the formats of others: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video, MCAP, rosbag2."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.exports.bag import BagExport
 from uavbench.scenes.exports.bop import export_bop
 from uavbench.scenes.exports.euroc import export_euroc, holds_lens
 from uavbench.scenes.exports.notes import Held, write_notes
@@ -20,6 +22,7 @@ from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import seconds, write_kitti, write_tum
 
 OnFrame = Callable[[int, int], None]
+Write = Callable[[Shown, Path, OnFrame], Held]
 TUM_UNITS_PER_M = 5000.0
 """Of TUM's 16-bit depth images; its tools take nothing else."""
 LARGEST = 65535
@@ -30,22 +33,28 @@ LARGEST = 65535
 class Format:
     """How a format is written, and which lenses it has a place for."""
 
-    write: Callable[[Shown, Path, OnFrame], Held]
+    write: Write
     holds_lens: Callable[[Camera], bool]
 
 
 def export(
-    sequence: Sequence, format: str, folder: Path, on_frame: OnFrame | None = None, undistort: bool = False
+    sequence: Sequence,
+    format: str,
+    folder: Path,
+    on_frame: OnFrame | None = None,
+    undistort: bool = False,
+    **settings: Any,
 ) -> tuple[str, ...]:
     """Write a sequence into `folder` in one of EXPORTS, whole or not at all; what the format does not hold.
 
-    UserError for an unknown format, and for a lens that the format has no place for unless `undistort` takes its
-    distortion out of the images.
+    settings: fields of BagExport, for a bag. UserError for settings of another format, for an unknown format, and for a
+    lens that the format has no place for unless `undistort` takes its distortion out of the images.
     """
     if format not in EXPORTS:
         raise unknown_name("export format", format, list(EXPORTS))
     if folder.is_dir() and any(folder.iterdir()):
         raise UserError(f"{folder}: is not empty; name a new folder to export to")
+    write = _with_settings(format, settings)
     camera = sequence.camera
     if not undistort and not EXPORTS[format].holds_lens(camera):
         raise UserError(
@@ -53,8 +62,19 @@ def export(
             f"for which the form {format} has no place; give --undistort to export undistorted images"
         )
     with disk_errors(folder), new_folder(folder) as new:
-        held = EXPORTS[format].write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
+        held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
         return write_notes(sequence, format, new, held, undistort)
+
+
+def _with_settings(format: str, settings: dict[str, Any]) -> Write:
+    """How a format is written with these settings; UserError where it has none of them."""
+    write = EXPORTS[format].write
+    if isinstance(write, BagExport):
+        return replace(write, **settings)
+    if settings:
+        bags = [name for name, each in EXPORTS.items() if isinstance(each.write, BagExport)]
+        raise UserError(f"{' and '.join(settings)} are for bags ({', '.join(bags)}); the form {format} has none")
+    return write
 
 
 def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
@@ -167,4 +187,6 @@ EXPORTS: dict[str, Format] = {
     "kitti": Format(export_kitti, pinhole_only),
     "bop": Format(export_bop, pinhole_only),
     "video": Format(export_video, lambda camera: True),
+    "mcap": Format(BagExport("mcap"), lambda camera: True),
+    "rosbag2": Format(BagExport("sqlite3"), lambda camera: True),
 }

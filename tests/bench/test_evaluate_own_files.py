@@ -37,8 +37,10 @@ BODIES = (
     "euroc/mav0",
     "euroc/mav0/state_groundtruth_estimate0",
     "euroc/mav0/state_groundtruth_estimate0/data.csv",
+    "mcap/bag.mcap:/odom",
+    "rosbag2",
 )
-CAMERAS = ("tum", "tum/groundtruth.txt", "kitti", "kitti/poses.txt")
+CAMERAS = ("tum", "tum/groundtruth.txt", "kitti", "kitti/poses.txt", "mcap/bag.mcap:/tf:world.camera_optical_frame")
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +50,7 @@ def made(tmp_path_factory):
     (spec,) = load_suite(folder / "few.toml").sequences
     Render(spec, folder / "sequence")("abc", lambda done, total: None)
     Track("hold", Hold(), 15.0, 0, folder / "sequence", folder / "results")("def", lambda done, total: None)
-    for format in ("euroc", "tum", "kitti", "bop"):
+    for format in ("euroc", "tum", "kitti", "bop", "mcap", "rosbag2"):
         export(Sequence.load(folder / "sequence"), format, folder / format)
     return folder
 

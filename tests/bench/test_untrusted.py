@@ -156,7 +156,7 @@ def use(folder):
     job = folder.parent / "job"
     job.mkdir()
     write_frames(job, sequence, [0])
-    for name in ("euroc", "tum", "kitti", "bop"):
+    for name in ("euroc", "tum", "kitti", "bop", "mcap"):
         export(sequence, name, folder.parent / name)
     return images, sequence.truth, (job / "imu.csv").read_text().splitlines()
 

@@ -86,7 +86,8 @@ def calls(inputs, target):
             ["track", "hold", *real, "--init", inputs / "init.toml", "--out", target],
         ],
         "export": [
-            ["export", trial, "--format", form, "--out", target] for form in ("euroc", "tum", "kitti", "bop", "video")
+            ["export", trial, "--format", form, "--out", target]
+            for form in ("euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2")
         ],
         "calibrate": [["calibrate", inputs / "board.png", "--out", target]],
         "pick": [["pick", *real, "--no-browser", "--out", target]],

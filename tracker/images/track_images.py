@@ -1,4 +1,7 @@
-"""Real images: a folder or a video, a model, a camera and a first pose in; results and an overlay video out."""
+"""Real images, a model, a camera and a first pose in; results and an overlay video out.
+
+Images come from a folder, a video or a topic of a ROS 2 bag.
+"""
 
 import re
 from collections.abc import Iterator
@@ -12,12 +15,14 @@ from uavbench.scenes.dataset.body import Body
 from uavbench.scenes.dataset.sequence import file_hash, read_image
 from uavbench.scenes.image_files import open_video
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.bag_images import bag_frames, bag_rate_hz
 from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.protocol import Image, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import MARKER, Results
 from uavbench.tracker.run import record_of, started, track_frame
+from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign
 from uavbench.trajectories.pose import Pose
@@ -30,7 +35,7 @@ UNKNOWN_BODY = Body(Pose.identity(), {})
 
 def track_images(
     tracker: Tracker,
-    source: Path,
+    source: Path | BagTopic,
     *,
     model: Path,
     camera: Path,
@@ -39,11 +44,12 @@ def track_images(
     rate_hz: float = 30.0,
     seed: int = 0,
 ) -> Results:
-    """Track the images of a folder (in the order of their names, 9.png before 10.png) or of a video, and write `out`.
+    """Track the images of a folder, of a video or of a topic of a ROS 2 bag, and write `out`.
 
     `out` gets frames.csv, times.csv, estimate_world_from_cam.tum (world: the model's frame), record.json and
     overlay.mp4.
-    A folder's frames are taken to be 1 / rate_hz apart; a video has its own rate. UserError naming the file at fault.
+    A folder's frames are taken in the order of their names, 9.png before 10.png, and to be 1 / rate_hz apart; a video
+    has its own rate, a bag the stamps of its headers. UserError naming the file at fault.
     """
     refuse_foreign(out, MARKER)
     lens = Camera.load(camera)
@@ -51,6 +57,7 @@ def track_images(
     first = read_init(init, lens)
     rng = stream(seed, "tracker", tracker_kind(tracker))
     run = started(tracker, structure, lens, first, rng, UNKNOWN_BODY)
+    rate_hz = rate_of(source, rate_hz)
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
@@ -58,7 +65,7 @@ def track_images(
         writer = cv2.VideoWriter(
             str(new / "overlay.mp4"),
             cv2.VideoWriter.fourcc(*"mp4v"),
-            video_rate(source, rate_hz),
+            rate_hz,
             (lens.width, lens.height),
         )
         for frame, (stamp_ns, image) in enumerate(frames(source, lens, rate_hz)):
@@ -71,7 +78,8 @@ def track_images(
         writer.release()
         if not rows:
             raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
-        inputs = {"sequence": {"name": source.name, "model": file_hash(model), "camera": file_hash(camera)}}
+        name = str(source) if isinstance(source, BagTopic) else source.name
+        inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=seed, errors=errors)
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
@@ -87,14 +95,16 @@ def load_model(path: Path) -> Structure:
     return MeshFile(path=str(path), keep_origin=True, allow_open=True).build(stream(0, "model")).structure
 
 
-def frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[tuple[int, Image]]:
-    """Stamps in ns and BGR images of a folder or a video."""
+def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[tuple[int, Image]]:
+    """Stamps in ns and BGR images of a folder, a video at its rate, or a topic of a bag."""
+    if isinstance(source, BagTopic):
+        yield from bag_frames(source, camera)
+        return
     if source.is_dir():
         for frame, path in enumerate(in_order(source)):
             yield round(frame * 1e9 / rate_hz), read_image(path, camera)
         return
     video = open_video(source)
-    rate = video_rate(source, rate_hz)
     frame = 0
     while True:
         good, image = video.read()
@@ -105,7 +115,7 @@ def frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[tuple[int, 
                 f"{source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
                 f"the camera {camera.width} x {camera.height} px"
             )
-        yield round(frame * 1e9 / rate), np.asarray(image, dtype=np.uint8)
+        yield round(frame * 1e9 / rate_hz), np.asarray(image, dtype=np.uint8)
         frame += 1
     if not frame:
         raise UserError(f"{source}: not a readable video")
@@ -117,9 +127,12 @@ def in_order(folder: Path) -> list[Path]:
     return sorted(images, key=lambda path: [int(n) if n.isdigit() else n for n in re.split(r"([0-9]+)", path.name)])
 
 
-def video_rate(source: Path, rate_hz: float) -> float:
-    """Frames per second of a video; rate_hz for a folder."""
-    if source.is_dir():
+def rate_of(source: Path | BagTopic, rate_hz: float) -> float:
+    """Frames per second of a video or a topic of a bag; rate_hz for a folder, and where none is known."""
+    if isinstance(source, BagTopic):
+        rate = bag_rate_hz(source)
+    elif source.is_dir():
         return rate_hz
-    rate = float(open_video(source).get(cv2.CAP_PROP_FPS))
+    else:
+        rate = float(open_video(source).get(cv2.CAP_PROP_FPS))
     return rate if rate > 0 else rate_hz

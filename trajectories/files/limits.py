@@ -31,11 +31,15 @@ IMAGE = FileLimit("image", 512 * MB, "scale the image down")
 """MOST_PIXELS uncompressed, 3 bytes each."""
 VIDEO = FileLimit("video", 65_536 * MB, "cut the video into shorter ones")
 """Read image by image: an hour of 4K."""
+BAG = FileLimit("bag", 65_536 * MB, "cut the bag into shorter ones")
+"""Read message by message, as a video; `ros2 bag record` splits where it is told."""
 ANY = FileLimit("file", 1_048_576 * MB, "is it the file that was meant?")
 """Of which only a digest is taken."""
 
 MOST_PIXELS = 160_000_000
 """Of one image, and of all textures of a model together: the largest aerial cameras have 151 million."""
+MOST_CHUNK_BYTES = 1024 * MB
+"""Of a compressed chunk of an MCAP file, inflated: writers close one after 1 to 16 MB, or one image."""
 MOST_POSES = 8_000_000
 """Of one trajectory: eleven hours at 200 Hz, half a gigabyte as arrays."""
 MOST_ROWS = 2_000_000

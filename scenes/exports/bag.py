@@ -1,0 +1,212 @@
+"""Sequences as ROS 2 bags: MCAP, or rosbag2 in SQLite, by the library rosbags (the extra `uavbench[bags]`)."""
+
+import heapq
+import json
+import sqlite3
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from uavbench.scenes.exports import bag_messages as messages
+from uavbench.scenes.exports.bag_messages import Stamped, link_of, ros_name
+from uavbench.scenes.exports.euroc import body_from_imu, imus_of
+from uavbench.scenes.exports.geodetic import Datum
+from uavbench.scenes.exports.notes import Held, sensors_of
+from uavbench.scenes.exports.shown_images import Shown
+from uavbench.trajectories.bags.library import rosbags, typestore
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import TABLE
+from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.pose import Pose
+
+VERSION = 8
+"""Of rosbag2's metadata: that of ROS 2 Jazzy, which later ones read."""
+FILES = {"mcap": "bag.mcap", "sqlite3": "bag/bag.db3"}
+"""Where the messages are, by the kind of storage."""
+INFO = "/camera/camera_info"
+
+Images = Literal["both", "raw", "compressed"]
+
+
+@dataclass(frozen=True)
+class BagExport:
+    """Writes a bag.
+
+    images: as `sensor_msgs/Image`, as `CompressedImage` (PNG), or both. datum: where on Earth the world's origin lies,
+    for `NavSatFix`; None: at the latitude of the receiver's sky, 0 degrees east, height 0.
+    """
+
+    storage: Literal["mcap", "sqlite3"]
+    images: Images = "both"
+    datum: Datum | None = None
+
+    def __call__(self, shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
+        """Write `bag.mcap` or `bag/`: images, camera, IMUs, GNSS fixes, and the true odometry and transforms."""
+        content = Content(shown, self.images, self.datum)
+        topics = list(content.topics())
+        try:
+            _write(topics, folder / "bag", self.storage, self._about(shown), lambda n: on_frame(n, len(shown.sequence)))
+        except sqlite3.Error as error:
+            raise UserError(
+                f"{folder.parent}: SQLite cannot write the bag: {error}; free space, or name another place"
+            ) from None
+        if self.storage == "mcap":
+            (folder / "bag" / "bag.mcap").rename(folder / "bag.mcap")
+            (folder / "bag" / "metadata.yaml").unlink()
+            (folder / "bag").rmdir()
+        name = FILES[self.storage]
+        files = {name: "ROS 2 messages: " + "; ".join(f"`{each.name}` {each.type}, {each.about}" for each in topics)}
+        if self.storage == "sqlite3":
+            files["bag/metadata.yaml"] = "topics and times, as `ros2 bag` has them"
+        return Held(
+            files=files,
+            frames={} if shown.sequence.recorded else {name: "world_from_body"},
+            sensors=(*content.imus, *content.receivers),
+            limits=tuple(content.limits()),
+            angular_rates=True,
+        )
+
+    def _about(self, shown: Shown) -> dict[str, str]:
+        """What the bag's own metadata say."""
+        sequence = shown.sequence
+        return {"uavbench": json.dumps({"sequence": sequence.name, "content_hash": sequence.content_hash})}
+
+
+@dataclass(frozen=True, eq=False)
+class BagTopic:
+    """A topic, its type such as `sensor_msgs/Image`, what it is, and its messages in the order of their stamps."""
+
+    name: str
+    type: str
+    about: str
+    messages: Iterator[Stamped]
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What a bag of a sequence holds."""
+
+    shown: Shown
+    images: Images
+    datum: Datum | None
+
+    @cached_property
+    def imus(self) -> dict[str, dict[str, Any]]:
+        """Parameters of the IMUs by their files."""
+        return imus_of(self.shown.sequence)
+
+    @cached_property
+    def receivers(self) -> dict[str, dict[str, Any]]:
+        """Parameters of the GNSS receivers by their files."""
+        sequence = self.shown.sequence
+        heads = {
+            name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in sensors_of(sequence)
+        }
+        return {
+            name: each for name, each in sensors_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])
+        }
+
+    def place(self, receiver: dict[str, Any]) -> Datum:
+        """Where on Earth the world of a receiver lies."""
+        return self.datum or Datum(float(receiver.get("latitude_deg", 0.0)), 0.0, 0.0)
+
+    def topics(self) -> Iterator[BagTopic]:
+        """Every topic; where stamps are equal their messages are recorded in this order."""
+        shown, sequence = self.shown, self.shown.sequence
+        if not sequence.recorded:
+            yield from self._ground_truth()
+        stamps = sequence.stamps_ns.tolist()
+        infos = messages.camera_infos(shown.camera, stamps, INFO)
+        yield BagTopic(INFO, "sensor_msgs/CameraInfo", "intrinsics and distortion", infos)
+        changed = shown.undistorted and sequence.camera.distortion_model != "none"
+        image = "/camera/image_rect" if changed else "/camera/image_raw"
+        if self.images != "compressed":
+            yield BagTopic(image, "sensor_msgs/Image", "bgr8", messages.raw_images(shown, image))
+        if self.images != "raw":
+            name = f"{image}/compressed"
+            yield BagTopic(name, "sensor_msgs/CompressedImage", "PNG", messages.compressed_images(shown, name))
+        for file, imu in self.imus.items():
+            name, about = f"/{ros_name(file)}/data_raw", f"rates and specific forces of `{file}`"
+            found = messages.imu_readings(shown, file, imu, name)
+            yield BagTopic(name, "sensor_msgs/Imu", about, found)
+        for file, gnss in self.receivers.items():
+            name, about = f"/{ros_name(file)}/fix", f"fixes of `{file}`, the world's origin at {self.place(gnss)}"
+            found = messages.fixes(shown, file, gnss, self.place(gnss), name)
+            yield BagTopic(name, "sensor_msgs/NavSatFix", about, found)
+
+    def _ground_truth(self) -> Iterator[BagTopic]:
+        sequence, state = self.shown.sequence, messages.true_state(self.shown)
+        sensors = {messages.CAMERA: sequence.cam_from_body.inverse()}
+        sensors |= {link_of(name): body_from_imu(sequence.folder / name, imu) for name, imu in self.imus.items()}
+        sensors |= {link_of(name): Pose.identity() for name in self.receivers}
+        still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
+        yield BagTopic("/tf_static", "tf2_msgs/TFMessage", "where the sensors sit on `base_link`", still)
+        yield BagTopic("/tf", "tf2_msgs/TFMessage", "ground truth: `base_link` in `world`", messages.transforms(state))
+        about = "ground truth: pose in `world`, twist in `base_link`; 100 a second and one at each image"
+        yield BagTopic("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
+
+    def limits(self) -> Iterator[str]:
+        """What the messages have no place for, or hold in a way of their own."""
+        yield (
+            "Stamps: they count from the beginning of the record, as in the sequence, and not from 1970; messages were "
+            "recorded when their headers say."
+        )
+        if self.shown.sequence.recorded:
+            yield "Ground truth: a recording has none, and no mount is known: there is no /odom, /tf and /tf_static."
+        else:
+            yield "Covariances: those of /odom are zero, for it is the truth."
+        for name, imu in self.imus.items():
+            if not imu:
+                yield f"Parameters: `{name}` is not described in sequence.json; its covariances are zero, unknown."
+            yield f"Biases: the true biases of `{name}`, and its random walks, are not held."
+        for name, gnss in self.receivers.items():
+            yield (
+                f"Earth: a world has no place on it; for `{name}` its origin lies at latitude, longitude and height "
+                f"{self.place(gnss)} (WGS 84, --datum), its y axis {gnss.get('north_deg', 0.0):g} degrees "
+                f"counter-clockwise from north. The sky is that over {gnss.get('latitude_deg', 0.0):g} degrees north."
+            )
+            yield f"Fixes: velocities and numbers of satellites of `{name}` are not held; its variances are PDOP's."
+
+
+def _write(
+    topics: list[BagTopic], path: Path, storage: str, about: dict[str, str], on_frame: Callable[[int], None]
+) -> None:
+    """Write the messages of all topics in the order of their stamps."""
+    library = rosbags("rosbag2")
+    plugin = {"mcap": library.StoragePlugin.MCAP, "sqlite3": library.StoragePlugin.SQLITE3}[storage]
+    types, frame = typestore(), 0
+    with library.Writer(path, version=VERSION, storage_plugin=plugin) as writer:
+        for key, value in about.items():
+            writer.set_custom_data(key, value)
+        connections = {}
+        for topic in topics:
+            kind = topic.type.replace("/", "/msg/")
+            quality = [_kept()] if topic.name == "/tf_static" else []
+            connections[topic.name] = writer.add_connection(
+                topic.name, kind, typestore=types, offered_qos_profiles=quality
+            )
+        for each in heapq.merge(*(topic.messages for topic in topics), key=lambda each: each.stamp_ns):
+            connection = connections[each.topic]
+            writer.write(connection, each.stamp_ns, types.serialize_cdr(each.message, connection.msgtype))
+            if each.topic == INFO:
+                frame += 1
+                on_frame(frame)
+
+
+def _kept() -> Any:
+    """Quality of service of /tf_static: the last message is kept for those who subscribe later."""
+    kinds = rosbags("interfaces")
+    for_ever = kinds.QosTime(0, 0)
+    return kinds.Qos(
+        history=kinds.QosHistory.KEEP_LAST,
+        depth=1,
+        reliability=kinds.QosReliability.RELIABLE,
+        durability=kinds.QosDurability.TRANSIENT_LOCAL,
+        deadline=for_ever,
+        lifespan=for_ever,
+        liveliness=kinds.QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=for_ever,
+        avoid_ros_namespace_conventions=False,
+    )

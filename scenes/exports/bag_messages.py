@@ -1,0 +1,241 @@
+"""What a sequence holds as ROS 2 messages, each with its topic and time.
+
+Frames are those of REP-103, 105 and 145: `world`, `base_link` (the body), `camera_optical_frame`, `imu_link` and
+`gnss_link`. Time is that of the sequence, in ns, in headers and as the time of recording.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.table_files import read_integers, read_numbers, read_table
+from uavbench.scenes.exports.euroc import READINGS, STATE
+from uavbench.scenes.exports.geodetic import Datum
+from uavbench.scenes.exports.shown_images import Shown
+from uavbench.trajectories.bags.library import typestore
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion
+
+WORLD, BODY, CAMERA = "world", "base_link", "camera_optical_frame"
+RATES = ["wx_rad_s", "wy_rad_s", "wz_rad_s"]
+FIX = ["px_m", "py_m", "pz_m"]
+MODELS = {"none": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "equidistant": ("equidistant", 4)}
+"""Distortion models of CameraInfo, and how many coefficients they have: k1 k2 p1 p2 k3, or k1 k2 k3 k4."""
+NS, LAST_NS = 10**9, 2**31 * 10**9
+"""A header has whole seconds in 31 bits."""
+NO_FIX, GPS, APPROXIMATED = -1, 1, 1
+"""Of NavSatStatus and NavSatFix."""
+
+
+@dataclass(frozen=True)
+class Stamped:
+    """A message of a topic and its time."""
+
+    topic: str
+    stamp_ns: int
+    message: Any
+
+
+def message(kind: str, **fields: Any) -> Any:
+    """A message such as `sensor_msgs/Image`."""
+    package, _, name = kind.partition("/")
+    return typestore().types[f"{package}/msg/{name}"](**fields)
+
+
+def header(stamp_ns: int, frame: str) -> Any:
+    """Header of a message; UserError for a time that it cannot hold."""
+    if not 0 <= stamp_ns < LAST_NS:
+        raise UserError(f"the stamp {stamp_ns} ns does not fit into a message of ROS, which counts from 0 to 2^31 s")
+    time = message("builtin_interfaces/Time", sec=stamp_ns // NS, nanosec=stamp_ns % NS)
+    return message("std_msgs/Header", stamp=time, frame_id=frame)
+
+
+def raw_images(shown: Shown, topic: str) -> Iterator[Stamped]:
+    """Images as `bgr8`."""
+    for frame, stamp in enumerate(shown.sequence.stamps_ns.tolist()):
+        image = cv2.imdecode(np.frombuffer(shown.png(frame), dtype=np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise UserError(f"{shown.sequence.folder / shown.sequence.files[frame]}: not a readable image")
+        height, width = image.shape[:2]
+        size = {"height": height, "width": width, "step": 3 * width}
+        data = {"encoding": "bgr8", "is_bigendian": 0, "data": image.reshape(-1)}
+        yield Stamped(topic, stamp, message("sensor_msgs/Image", header=header(stamp, CAMERA), **size, **data))
+
+
+def compressed_images(shown: Shown, topic: str) -> Iterator[Stamped]:
+    """Images as PNG files: those of the sequence, byte by byte, unless they are undistorted."""
+    for frame, stamp in enumerate(shown.sequence.stamps_ns.tolist()):
+        data = np.frombuffer(shown.png(frame), dtype=np.uint8)
+        fields = {"header": header(stamp, CAMERA), "format": "png", "data": data}
+        yield Stamped(topic, stamp, message("sensor_msgs/CompressedImage", **fields))
+
+
+def camera_infos(camera: Camera, stamps_ns: Iterable[int], topic: str) -> Iterator[Stamped]:
+    """Intrinsics and distortion at each image; P is that of undistorted images with the same matrix K."""
+    model, count = MODELS[camera.distortion_model]
+    region = message("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    fields = {
+        "height": camera.height,
+        "width": camera.width,
+        "distortion_model": model,
+        "d": np.array((*camera.distortion, *[0.0] * count)[:count]),
+        "k": camera.K.reshape(-1),
+        "r": np.eye(3).reshape(-1),
+        "p": np.column_stack([camera.K, np.zeros(3)]).reshape(-1),
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": region,
+    }
+    for stamp in stamps_ns:
+        yield Stamped(topic, stamp, message("sensor_msgs/CameraInfo", header=header(stamp, CAMERA), **fields))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """True motion of the body: stamps (n,); position, quaternion w x y z, velocity in the world, rates in the body."""
+
+    stamps_ns: NDArray[np.int64]
+    values: Array
+
+
+def true_state(shown: Shown) -> State:
+    """State at the rows of flight.csv and at the images, in order."""
+    sequence = shown.sequence
+    stamps, values = sequence.stamps_ns, sequence.truth_table[:, 2:15]
+    path = sequence.folder / "flight.csv"
+    if path.is_file():
+        stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
+        values = np.concatenate([values, read_numbers(path, [*STATE, *RATES])])
+        stamps, first = np.unique(stamps, return_index=True)
+        values = values[first]
+    return State(stamps, values)
+
+
+def odometry(state: State, topic: str) -> Iterator[Stamped]:
+    """Pose of the body in the world, and its twist in the body's own axes; covariances of zero."""
+    axes = rotation_from_quaternion(state.values[:, 3:7])
+    velocity = np.einsum("nji,nj->ni", axes, state.values[:, 7:10])
+    twists = np.column_stack([velocity, state.values[:, 10:]])
+    zeros = np.zeros(36)
+    for stamp, pose, twist in _rows(state.stamps_ns, state.values[:, :7], twists):
+        place = message("geometry_msgs/Pose", position=_xyz("Point", pose), orientation=_quaternion(pose[3:]))
+        moves = message("geometry_msgs/Twist", linear=_xyz("Vector3", twist), angular=_xyz("Vector3", twist[3:]))
+        fields = {
+            "header": header(stamp, WORLD),
+            "child_frame_id": BODY,
+            "pose": message("geometry_msgs/PoseWithCovariance", pose=place, covariance=zeros),
+            "twist": message("geometry_msgs/TwistWithCovariance", twist=moves, covariance=zeros),
+        }
+        yield Stamped(topic, stamp, message("nav_msgs/Odometry", **fields))
+
+
+def transforms(state: State) -> Iterator[Stamped]:
+    """`base_link` in `world`, on /tf."""
+    for stamp, pose in _rows(state.stamps_ns, state.values[:, :7]):
+        yield Stamped("/tf", stamp, message("tf2_msgs/TFMessage", transforms=[_transform(stamp, WORLD, BODY, pose)]))
+
+
+def extrinsics(body_from_sensor: dict[str, Pose], stamp_ns: int) -> Iterator[Stamped]:
+    """Where the sensors sit on the body, by their frames, on /tf_static."""
+    rows = {
+        name: [*pose.translation.tolist(), *pose.quaternion_wxyz.tolist()] for name, pose in body_from_sensor.items()
+    }
+    found = [_transform(stamp_ns, BODY, name, row) for name, row in rows.items()]
+    yield Stamped("/tf_static", stamp_ns, message("tf2_msgs/TFMessage", transforms=found))
+
+
+def imu_readings(shown: Shown, name: str, imu: dict[str, Any], topic: str) -> Iterator[Stamped]:
+    """Rates and specific forces of a file of readings, with the variances of their white noise (REP-145).
+
+    There is no orientation, which the first element of its covariance, -1, says.
+    """
+    path = shown.sequence.folder / name
+    none = np.array([-1.0, *[0.0] * 8])
+    gyro, accel = (_noise(imu, key) for key in ("gyro_noise_rad_s_sqrt_hz", "accel_noise_m_s2_sqrt_hz"))
+    for stamp, row in _rows(read_integers(path, ["stamp_ns"])[:, 0], read_numbers(path, READINGS)):
+        fields = {
+            "header": header(stamp, link_of(name)),
+            "orientation": _quaternion([1.0, 0.0, 0.0, 0.0]),
+            "orientation_covariance": none,
+            "angular_velocity": _xyz("Vector3", row),
+            "angular_velocity_covariance": gyro,
+            "linear_acceleration": _xyz("Vector3", row[3:]),
+            "linear_acceleration_covariance": accel,
+        }
+        yield Stamped(topic, stamp, message("sensor_msgs/Imu", **fields))
+
+
+def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: str) -> Iterator[Stamped]:
+    """Fixes of a GNSS receiver on Earth; where there is none, not-a-number and the status that says so.
+
+    Variances are a third each of PDOP^2 times that of one range, which is their sum.
+    """
+    path = shown.sequence.folder / name
+    rows = read_table(path, [*FIX, "pdop"])
+    try:
+        values = np.array([[float(row[key] or "nan") for key in (*FIX, "pdop")] for row in rows]).reshape(-1, 4)
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from None
+    turn = np.radians(float(gnss.get("north_deg", 0.0)))
+    c, s = np.cos(turn), np.sin(turn)
+    east_north_up = values[:, :3] @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    range_m2 = float(gnss.get("slow_m", 0.0)) ** 2 + float(gnss.get("white_m", 0.0)) ** 2
+    places = np.column_stack([datum.geodetic(east_north_up), range_m2 * values[:, 3] ** 2 / 3])
+    for stamp, (latitude, longitude, height, variance) in _rows(read_integers(path, ["stamp_ns"])[:, 0], places):
+        fixed = np.isfinite(latitude)
+        known = bool(fixed and variance > 0)
+        yield Stamped(
+            topic,
+            stamp,
+            message(
+                "sensor_msgs/NavSatFix",
+                header=header(stamp, link_of(name)),
+                status=message("sensor_msgs/NavSatStatus", status=0 if fixed else NO_FIX, service=GPS),
+                latitude=latitude,
+                longitude=longitude,
+                altitude=height,
+                position_covariance=(variance if known else 0.0) * np.eye(3).reshape(-1),
+                position_covariance_type=APPROXIMATED if known else 0,
+            ),
+        )
+
+
+def ros_name(file: str) -> str:
+    """A file's name as ROS writes names: letters, digits and underscores."""
+    return re.sub(r"[^a-z0-9_]", "_", Path(file).stem.lower())
+
+
+def link_of(file: str) -> str:
+    """Frame of the sensor of a file of readings."""
+    return f"{ros_name(file)}_link"
+
+
+def _rows(stamps_ns: NDArray[np.int64], *tables: Array) -> Iterator[tuple[Any, ...]]:
+    return zip(stamps_ns.tolist(), *(table.tolist() for table in tables), strict=True)
+
+
+def _noise(imu: dict[str, Any], key: str) -> Array:
+    """Covariance (9,) of white noise of a density at the IMU's rate; zeros, which is unknown, where it is not told."""
+    variance = float(imu.get(key, 0.0)) ** 2 * float(imu.get("rate_hz", 0.0))
+    return variance * np.eye(3).reshape(-1)
+
+
+def _transform(stamp_ns: int, parent: str, child: str, pose: list[float]) -> Any:
+    moved = message("geometry_msgs/Transform", translation=_xyz("Vector3", pose), rotation=_quaternion(pose[3:]))
+    head = header(stamp_ns, parent)
+    return message("geometry_msgs/TransformStamped", header=head, child_frame_id=child, transform=moved)
+
+
+def _xyz(kind: str, row: list[float]) -> Any:
+    return message(f"geometry_msgs/{kind}", x=row[0], y=row[1], z=row[2])
+
+
+def _quaternion(wxyz: list[float]) -> Any:
+    return message("geometry_msgs/Quaternion", x=wxyz[1], y=wxyz[2], z=wxyz[3], w=wxyz[0])

@@ -1,0 +1,90 @@
+"""Images of a topic of a ROS 2 bag, raw or compressed, with the stamps of their headers."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.image_files import check_pixels, decoded
+from uavbench.tracker.protocol import Image
+from uavbench.trajectories.bags.reading import BagTopic, opened_bag, stamp_ns
+from uavbench.trajectories.errors import UserError
+
+RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+ENCODINGS: dict[str, tuple[int, int | None]] = {
+    "bgr8": (3, None),
+    "8UC3": (3, None),
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "bgra8": (4, cv2.COLOR_BGRA2BGR),
+    "rgba8": (4, cv2.COLOR_RGBA2BGR),
+    "mono8": (1, cv2.COLOR_GRAY2BGR),
+    "8UC1": (1, cv2.COLOR_GRAY2BGR),
+    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2BGR),
+    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2BGR),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2BGR),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
+}
+"""Bytes a pixel of each encoding of sensor_msgs/image_encodings.hpp that is read, and how it becomes BGR."""
+
+
+def bag_frames(source: BagTopic, camera: Camera) -> Iterator[tuple[int, Image]]:
+    """Stamps in ns and BGR images of a topic; UserError naming a message that is wrong or of another size."""
+    before = None
+    with opened_bag(source.bag) as bag:
+        kind = bag.topics[source.topic].type if source.topic in bag.topics else ""
+        for number, message in enumerate(bag.messages(source.topic, (RAW, COMPRESSED))):
+            name = Path(f"{source}, message {number}")
+            image = _raw(name, message) if kind == RAW else _compressed(name, message)
+            height, width = image.shape[:2]
+            if (width, height) != (camera.width, camera.height):
+                raise UserError(f"{name}: is {width} x {height} px, the camera {camera.width} x {camera.height} px")
+            stamp = stamp_ns(message.header)
+            if before is not None and stamp <= before:
+                raise UserError(
+                    f"{name}: its header's stamp, {stamp} ns, does not come after the one before, {before} ns"
+                )
+            before = stamp
+            yield stamp, image
+
+
+def bag_rate_hz(source: BagTopic) -> float:
+    """Images a second of a topic, over the time in which they were recorded; 0 for a single one."""
+    with opened_bag(source.bag) as bag:
+        bag.check(source.topic, (RAW, COMPRESSED))
+        count = bag.topics[source.topic].messages
+        span_s = float(bag.reader.duration) / 1e9
+        return (count - 1) / span_s if count > 1 and span_s > 0 else 0.0
+
+
+def _raw(name: Path, message: Any) -> Image:
+    """BGR image of an Image, whose rows may be padded."""
+    if message.encoding not in ENCODINGS:
+        raise UserError(
+            f"{name}: its encoding {message.encoding!r} is not read ({', '.join(ENCODINGS)} are); convert the topic, "
+            "as with image_proc or cv_bridge"
+        )
+    channels, convert = ENCODINGS[message.encoding]
+    height, width, step = message.height, message.width, message.step
+    check_pixels(name, width, height)
+    if not (width and height) or step < channels * width or message.data.size != step * height:
+        raise UserError(
+            f"{name}: {message.data.size} bytes are no {width} x {height} px of {message.encoding} in rows of {step} "
+            "bytes"
+        )
+    rows = message.data.reshape(height, step)[:, : channels * width]
+    pixels = np.ascontiguousarray(rows.reshape((height, width) if channels == 1 else (height, width, channels)))
+    return np.asarray(pixels if convert is None else cv2.cvtColor(pixels, convert), dtype=np.uint8)
+
+
+def _compressed(name: Path, message: Any) -> Image:
+    """BGR image of a CompressedImage: PNG, JPEG, and what else images are read from."""
+    try:
+        return decoded(name, message.data.tobytes())
+    except UserError:
+        raise UserError(
+            f"{name}: its data, of the format {message.format!r}, are no image that is read (PNG, JPEG); convert the "
+            "topic, as with image_transport's republish"
+        ) from None

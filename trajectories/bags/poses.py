@@ -1,0 +1,222 @@
+"""Trajectories in bags: odometry, stamped poses and transforms, and a path through the tree of /tf.
+
+A topic of poses is `/odom`; of transforms `/tf:world.base_link`, the pose of base_link in world, as evo writes it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from uavbench.trajectories.bags.reading import Bag, BagTopic, opened_bag, stamp_ns
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, MOST_POSES, TRAJECTORY
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.trajectory import Trajectory
+
+TF = "tf2_msgs/msg/TFMessage"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+COVARIANT_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+POSES = (ODOMETRY, POSE, COVARIANT_POSE, TRANSFORM)
+"""Types of messages that hold a pose."""
+WORLD = ("world", "map")
+"""Names of the frame that stands still (REP-105), which is the world."""
+BODY = ("base_link", "body")
+OPTICAL = ("_optical_frame", "_optical")
+"""How names of camera frames with x right, y down and z forward end (REP-103)."""
+UNSAID = "?"
+"""In place of a frame that a message does not name."""
+
+
+@dataclass(frozen=True, eq=False)
+class BagPoses:
+    """Trajectory of a topic, and what it is, `world_from_body`; ? stands for what its messages do not say."""
+
+    trajectory: Trajectory
+    source: BagTopic
+    frame: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Stamps and poses (position, quaternion w x y z) of one frame in another, as they were recorded."""
+
+    parent: str
+    child: str
+    stamps_ns: list[int]
+    poses: list[tuple[float, ...]]
+
+
+def read_poses(source: BagTopic) -> BagPoses:
+    """Trajectory of a topic of a bag, of the only one with poses where none is named.
+
+    Stamps are those of the headers, in their order. UserError naming the bag, the topic or the message that is wrong.
+    """
+    with opened_bag(source.bag) as bag:
+        topic, _, ends = (source.topic or _only(bag)).partition(":")
+        named = BagTopic(source.bag, f"{topic}:{ends}" if ends else topic)
+        if topic in bag.topics and bag.topics[topic].type == TF:
+            parent, _, child = ends.partition(".")
+            trajectory = _through_tree(bag, named, parent, child)
+        else:
+            rows = _of_topic(bag, topic)
+            parent, child, trajectory = rows.parent, rows.child, _trajectory(named, rows)
+        return BagPoses(trajectory, named, f"{_fixed(parent)}_from_{_moving(child)}")
+
+
+def _only(bag: Bag) -> str:
+    """The one topic of a bag that has poses."""
+    found = bag.of_types(POSES)
+    if len(found) == 1:
+        return found[0]
+    many = f"holds {len(found)} topics with poses, {', '.join(found)}" if found else "holds no topic with poses"
+    raise UserError(
+        f"{bag.path}: {many}; name one as {bag.path}:/topic, or {bag.path}:/tf:world.base_link; " + bag.listed()
+    )
+
+
+def _of_topic(bag: Bag, topic: str) -> _Rows:
+    kind = bag.topics[topic].type if topic in bag.topics else ""
+    ends: tuple[str, str] | None = None
+    stamps: list[int] = []
+    poses: list[tuple[float, ...]] = []
+    for number, message in enumerate(bag.messages(topic, POSES)):
+        now = (message.header.frame_id, getattr(message, "child_frame_id", ""))
+        ends = ends or now
+        if now != ends:
+            raise UserError(
+                f"{bag.path}: message {number} of {topic} is of {_pair(*now)}, those before of {_pair(*ends)}; a "
+                "trajectory has one frame"
+            )
+        stamps.append(stamp_ns(message.header))
+        poses.append(_numbers(message.transform) if kind == TRANSFORM else _numbers(_pose(message)))
+        _count(bag, topic, len(stamps))
+    parent, child = ends or ("", "")
+    return _Rows(parent, child, stamps, poses)
+
+
+def _through_tree(bag: Bag, source: BagTopic, parent: str, child: str) -> Trajectory:
+    """Poses of a frame in one of those above it, through one transform that moves and any that do not."""
+    topic = source.topic.partition(":")[0]
+    tree = _tree(bag, topic)
+    known = f"the bag's transforms: {', '.join(sorted(f'{rows.parent}.{rows.child}' for rows in tree.values()))}"
+    if not (parent and child):
+        raise UserError(f"{bag.path}: name two frames of {topic}, as {bag.path}:{topic}:world.base_link; {known}")
+    chain: list[_Rows] = []
+    here = child
+    while here != parent:
+        if here not in tree or len(chain) > len(tree):
+            raise UserError(f"{bag.path}: {topic} leads from {child!r} to no {parent!r} above it; {known}")
+        chain.insert(0, tree[here])
+        here = tree[here].parent
+    moving = [k for k, rows in enumerate(chain) if len(rows.stamps_ns) > 1]
+    if len(moving) != 1:
+        names = " and ".join(f"{chain[k].parent}.{chain[k].child}" for k in moving) or "nothing"
+        raise UserError(
+            f"{bag.path}: between {parent!r} and {child!r} moves {names}; name two frames with one transform between "
+            f"them that moves; {known}"
+        )
+    parts = [_trajectory(source, rows) for rows in chain]
+    moved = parts[moving[0]]
+    if len(chain) == 1:
+        return moved
+    left, right = (_product(some) for some in (parts[: moving[0]], parts[moving[0] + 1 :]))
+    return Trajectory.from_poses(moved.stamps_ns.tolist(), [left @ moved.pose(k) @ right for k in range(len(moved))])
+
+
+def _product(still: list[Trajectory]) -> Pose:
+    return reduce(lambda a, b: a @ b, (each.pose(0) for each in still), Pose.identity())
+
+
+def _tree(bag: Bag, topic: str) -> dict[str, _Rows]:
+    """Transforms of a topic and of the static ones beside it, by the frame that they place."""
+    tree: dict[str, _Rows] = {}
+    static = f"{topic.removesuffix('_static')}_static"
+    for name in dict.fromkeys((topic, static)):
+        if name != topic and not (name in bag.topics and bag.topics[name].messages):
+            continue
+        for transform in _transforms(bag, name):
+            parent, child = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
+            rows = tree.setdefault(child, _Rows(parent, child, [], []))
+            if rows.parent != parent:
+                raise UserError(f"{bag.path}: {child!r} is placed in {rows.parent!r} and in {parent!r} by {topic}")
+            if name == static:
+                rows.stamps_ns.clear()  # the last one holds
+                rows.poses.clear()
+            rows.stamps_ns.append(stamp_ns(transform.header))
+            rows.poses.append(_numbers(transform.transform))
+            _count(bag, topic, len(rows.stamps_ns))
+    return tree
+
+
+def _transforms(bag: Bag, topic: str) -> Iterator[Any]:
+    for message in bag.messages(topic, (TF,)):
+        yield from message.transforms
+
+
+def _trajectory(source: BagTopic, rows: _Rows) -> Trajectory:
+    """Trajectory in the order of the headers' stamps, repeated rows taken once; UserError naming what is wrong."""
+    table = np.array(rows.poses, dtype=np.float64).reshape(-1, 7)
+    stamps = np.array(rows.stamps_ns, dtype=np.int64)
+    order = np.argsort(stamps, kind="stable")
+    stamps, table = stamps[order], table[order]
+    again = np.concatenate([[False], (stamps[1:] == stamps[:-1]) & (table[1:] == table[:-1]).all(axis=1)])
+    stamps, table, order = stamps[~again], table[~again], order[~again]
+    positions, quaternions = table[:, :3], table[:, 3:]
+    for what, bad in _faults(stamps, positions, quaternions):
+        if bad.any():
+            raise UserError(f"{source}: message {order[int(np.argmax(bad))]}: {what}")
+    return Trajectory(stamps, positions, quaternions)
+
+
+def _faults(stamps: np.ndarray, positions: Array, quaternions: Array) -> Iterator[tuple[str, Any]]:
+    with np.errstate(invalid="ignore", over="ignore"):
+        yield (
+            f"its position is not finite, or beyond {LARGEST_COORDINATE_M:g} m",
+            ~(np.abs(positions) <= LARGEST_COORDINATE_M).all(axis=1),
+        )
+        yield (
+            "its quaternion is not of unit norm (1e-3)",
+            ~(np.abs(np.linalg.norm(quaternions, axis=1) - 1) < 1e-3),
+        )
+    yield (
+        "another pose has the same stamp; do its headers have stamps?",
+        np.concatenate([[False], np.diff(stamps) <= 0]),
+    )
+
+
+def _pose(message: Any) -> Any:
+    """The pose of a message, without the covariance that may be around it."""
+    return getattr(message.pose, "pose", message.pose)
+
+
+def _numbers(pose: Any) -> tuple[float, ...]:
+    """Position and quaternion, w first, of a pose or a transform."""
+    p = pose.position if hasattr(pose, "position") else pose.translation
+    q = pose.orientation if hasattr(pose, "orientation") else pose.rotation
+    return p.x, p.y, p.z, q.w, q.x, q.y, q.z
+
+
+def _count(bag: Bag, topic: str, count: int) -> None:
+    if count > MOST_POSES:
+        raise UserError(f"{bag.path}: {topic} has more than {MOST_POSES:,} poses; {TRAJECTORY.remedy}")
+
+
+def _pair(parent: str, child: str) -> str:
+    return f"{child or UNSAID} in {parent or UNSAID}"
+
+
+def _fixed(name: str) -> str:
+    plain = name.lstrip("/")
+    return "world" if plain in WORLD else plain or UNSAID
+
+
+def _moving(name: str) -> str:
+    plain = name.lstrip("/")
+    if plain in BODY:
+        return "body"
+    return "cam" if plain.endswith(OPTICAL) else plain or UNSAID

@@ -1,0 +1,167 @@
+"""Guarded reading of ROS 2 bags: files are checked before they are opened, and every fault of one has a name."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from uavbench.trajectories.bags.library import reader, typestore
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import BAG, SETTINGS
+from uavbench.trajectories.files.reading import opened
+
+METADATA = "metadata.yaml"
+"""What makes a folder a rosbag2 bag."""
+STORAGES = (".mcap", ".db3")
+COMPRESSED = (".zst", ".zstd", ".gz", ".lz4", ".bz2")
+SHOWN_TOPICS = 30
+"""Topics of a bag that an error lists."""
+NS = 10**9
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """A bag and the name of a topic in it, "" where none is named; written `FILE:/topic`."""
+
+    bag: Path
+    topic: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.bag}:{self.topic}" if self.topic else str(self.bag)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Type and number of the messages of a topic."""
+
+    type: str
+    messages: int
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """A bag that is open: its topics by name, and their messages in the order in which they were recorded."""
+
+    path: Path
+    topics: dict[str, Topic]
+    reader: Any
+
+    def of_types(self, types: tuple[str, ...]) -> list[str]:
+        """Names of the topics that hold messages of one of these types."""
+        return [name for name, topic in self.topics.items() if topic.type in types and topic.messages]
+
+    def messages(self, topic: str, types: tuple[str, ...]) -> Iterator[Any]:
+        """Messages of a topic that holds one of these types; UserError naming its topics, or the damaged message."""
+        self.check(topic, types)
+        connections = [each for each in self.reader.connections if each.topic == topic]
+        number = 0
+        try:
+            for _, _, data in self.reader.messages(connections=connections):
+                yield typestore().deserialize_cdr(data, self.topics[topic].type)
+                number += 1
+        except UserError:
+            raise
+        except Exception as error:  # a message can be broken in as many ways as there are fields
+            raise UserError(f"{self.path}: message {number} of {topic} is damaged: {_why(error)}") from None
+
+    def check(self, topic: str, types: tuple[str, ...]) -> None:
+        """UserError listing the bag's topics unless `topic` is one that holds messages of one of these types."""
+        if topic not in self.topics:
+            raise UserError(f"{self.path}: has no topic {topic!r}; {self.listed()}")
+        found = self.topics[topic]
+        if found.type not in types:
+            fitting = ", ".join(self.of_types(types)) or "none"
+            raise UserError(
+                f"{self.path}: {topic} holds {found.type or 'messages of several types'}, not {' or '.join(types)}; "
+                f"topics of such types: {fitting}; {self.listed()}"
+            )
+        if not found.messages:
+            raise UserError(f"{self.path}: {topic} holds no messages; {self.listed()}")
+
+    def listed(self) -> str:
+        """What the bag holds, for errors."""
+        shown = list(self.topics.items())[:SHOWN_TOPICS]
+        lines = [f"{name} ({topic.type or 'several types'}, {topic.messages})" for name, topic in shown]
+        more = f" and {len(self.topics) - len(shown)} more" if len(self.topics) > len(shown) else ""
+        return f"the bag's topics: {', '.join(lines) or 'none'}{more}"
+
+
+def bag_topic(given: Path) -> BagTopic | None:
+    """Bag and topic of `FILE` or `FILE:/topic`, where FILE is a bag by its name or its metadata.yaml; None else."""
+    text = str(given)
+    if is_bag(given):
+        return BagTopic(given)
+    for place in (k for k, letter in enumerate(text) if letter == ":"):
+        bag = Path(text[:place])
+        if not given.exists() and is_bag(bag):
+            topic = text[place + 1 :]
+            return BagTopic(bag, topic if topic.startswith("/") else f"/{topic}")
+    return None
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file is called as bags are, or a folder holds a metadata.yaml."""
+    suffixes = path.suffixes[-2:]
+    if path.is_dir():
+        return (path / METADATA).is_file()
+    return path.suffix in (*STORAGES, ".bag") or (len(suffixes) == 2 and suffixes[0] in STORAGES)
+
+
+@contextmanager
+def opened_bag(path: Path) -> Iterator[Bag]:
+    """A bag, open for reading; UserError naming the file when it is none, truncated, too large, or compressed."""
+    _check_files(path)
+    bag = reader()(path)
+    try:
+        bag.open()
+    except Exception as error:  # broken indices raise what unpacking them raises
+        raise UserError(
+            f"{path}: not a readable bag: {_why(error)}; if its recording was cut short, `ros2 bag reindex` or `mcap "
+            "recover` may mend it"
+        ) from None
+    try:
+        yield Bag(path, _topics(path, bag), bag)
+    finally:
+        bag.close()
+
+
+def stamp_ns(header: Any) -> int:
+    """Time of a message's header, in whole ns."""
+    return int(header.stamp.sec) * NS + int(header.stamp.nanosec)
+
+
+def _topics(path: Path, bag: Any) -> dict[str, Topic]:
+    if bag.compression_mode:
+        raise UserError(
+            f"{path}: its messages or files are compressed ({bag.compression_format} by {bag.compression_mode}), which "
+            "is not read; write it anew without: `ros2 bag convert`, or as .mcap, whose own compression is read"
+        )
+    for each in bag.connections:
+        if each.ext.serialization_format != "cdr":
+            raise UserError(
+                f"{path}: {each.topic} holds messages in the form of {each.ext.serialization_format!r}, and only CDR, "
+                "that of ROS 2, is read"
+            )
+    return {name: Topic(topic.msgtype or "", topic.msgcount) for name, topic in bag.topics.items()}
+
+
+def _check_files(path: Path) -> None:
+    """UserError unless every file of a bag is a regular one, in its folder, and not too large."""
+    if path.suffix == ".bag":
+        raise UserError(f"{path}: is a bag of ROS 1; convert it: rosbags-convert --src {path} --dst {path.stem}")
+    if path.suffix in COMPRESSED:
+        raise UserError(f"{path}: is compressed as a whole, which is not read; unpack it first, as with `zstd -d`")
+    if not path.is_dir():
+        with opened(path, BAG):
+            return
+    with opened(path / METADATA, SETTINGS, inside=path):
+        pass
+    for file in path.iterdir():
+        if PurePath(file.name).suffix in STORAGES:
+            with opened(file, BAG, inside=path):
+                pass
+
+
+def _why(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
