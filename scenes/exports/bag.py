@@ -75,7 +75,7 @@ class BagExport:
 
 
 @dataclass(frozen=True, eq=False)
-class BagTopic:
+class Channel:
     """A topic, its type such as `sensor_msgs/Image`, what it is, and its messages in the order of their stamps."""
 
     name: str
@@ -112,40 +112,40 @@ class Content:
         """Where on Earth the world of a receiver lies."""
         return self.datum or Datum(float(receiver.get("latitude_deg", 0.0)), 0.0, 0.0)
 
-    def topics(self) -> Iterator[BagTopic]:
+    def topics(self) -> Iterator[Channel]:
         """Every topic; where stamps are equal their messages are recorded in this order."""
         shown, sequence = self.shown, self.shown.sequence
         if not sequence.recorded:
             yield from self._ground_truth()
         stamps = sequence.stamps_ns.tolist()
         infos = messages.camera_infos(shown.camera, stamps, INFO)
-        yield BagTopic(INFO, "sensor_msgs/CameraInfo", "intrinsics and distortion", infos)
+        yield Channel(INFO, "sensor_msgs/CameraInfo", "intrinsics and distortion", infos)
         changed = shown.undistorted and sequence.camera.distortion_model != "none"
         image = "/camera/image_rect" if changed else "/camera/image_raw"
         if self.images != "compressed":
-            yield BagTopic(image, "sensor_msgs/Image", "bgr8", messages.raw_images(shown, image))
+            yield Channel(image, "sensor_msgs/Image", "bgr8", messages.raw_images(shown, image))
         if self.images != "raw":
             name = f"{image}/compressed"
-            yield BagTopic(name, "sensor_msgs/CompressedImage", "PNG", messages.compressed_images(shown, name))
+            yield Channel(name, "sensor_msgs/CompressedImage", "PNG", messages.compressed_images(shown, name))
         for file, imu in self.imus.items():
             name, about = f"/{ros_name(file)}/data_raw", f"rates and specific forces of `{file}`"
             found = messages.imu_readings(shown, file, imu, name)
-            yield BagTopic(name, "sensor_msgs/Imu", about, found)
+            yield Channel(name, "sensor_msgs/Imu", about, found)
         for file, gnss in self.receivers.items():
             name, about = f"/{ros_name(file)}/fix", f"fixes of `{file}`, the world's origin at {self.place(gnss)}"
             found = messages.fixes(shown, file, gnss, self.place(gnss), name)
-            yield BagTopic(name, "sensor_msgs/NavSatFix", about, found)
+            yield Channel(name, "sensor_msgs/NavSatFix", about, found)
 
-    def _ground_truth(self) -> Iterator[BagTopic]:
+    def _ground_truth(self) -> Iterator[Channel]:
         sequence, state = self.shown.sequence, messages.true_state(self.shown)
         sensors = {messages.CAMERA: sequence.cam_from_body.inverse()}
         sensors |= {link_of(name): body_from_imu(sequence.folder / name, imu) for name, imu in self.imus.items()}
         sensors |= {link_of(name): Pose.identity() for name in self.receivers}
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
-        yield BagTopic("/tf_static", "tf2_msgs/TFMessage", "where the sensors sit on `base_link`", still)
-        yield BagTopic("/tf", "tf2_msgs/TFMessage", "ground truth: `base_link` in `world`", messages.transforms(state))
+        yield Channel("/tf_static", "tf2_msgs/TFMessage", "where the sensors sit on `base_link`", still)
+        yield Channel("/tf", "tf2_msgs/TFMessage", "ground truth: `base_link` in `world`", messages.transforms(state))
         about = "ground truth: pose in `world`, twist in `base_link`; 100 a second and one at each image"
-        yield BagTopic("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
+        yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
 
     def limits(self) -> Iterator[str]:
         """What the messages have no place for, or hold in a way of their own."""
@@ -171,7 +171,7 @@ class Content:
 
 
 def _write(
-    topics: list[BagTopic], path: Path, storage: str, about: dict[str, str], on_frame: Callable[[int], None]
+    topics: list[Channel], path: Path, storage: str, about: dict[str, str], on_frame: Callable[[int], None]
 ) -> None:
     """Write the messages of all topics in the order of their stamps."""
     library = rosbags("rosbag2")

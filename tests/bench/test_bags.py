@@ -1,0 +1,431 @@
+"""Bags of others and of ours read: evaluated against files, tracked, and refused with a reason.
+
+They are written by mcap-ros2-support or rosbags, and evo is the oracle of what their trajectories are.
+"""
+
+import json
+import os
+import shutil
+import struct
+
+import cv2
+import numpy as np
+import pytest
+import zstandard
+from click.testing import CliRunner
+from evo.core import metrics, sync
+from evo.tools import file_interface
+from mcap_ros2.writer import Writer as OtherWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from uavbench.bench.cli.main import main
+from uavbench.scenes.camera import Camera
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import write_tum
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+T = TYPES.types
+STEP_NS = 50_000_000
+ROWS = 40
+
+
+def poses(seed):
+    rng = np.random.default_rng(seed)
+    positions = np.cumsum(rng.normal(0, 0.1, (ROWS, 3)), axis=0)
+    return positions, Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.02, (ROWS, 3)), axis=0)).as_quat()
+
+
+def make(name, **fields):
+    return T[name.replace("/", "/msg/")](**fields)
+
+
+def header(stamp_ns, frame):
+    return make(
+        "std_msgs/Header",
+        stamp=make("builtin_interfaces/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9),
+        frame_id=frame,
+    )
+
+
+def pose(p, q):
+    place = make("geometry_msgs/Point", x=p[0], y=p[1], z=p[2])
+    return make(
+        "geometry_msgs/Pose",
+        position=place,
+        orientation=make("geometry_msgs/Quaternion", x=q[0], y=q[1], z=q[2], w=q[3]),
+    )
+
+
+def odometry(stamp_ns, p, q, frame="world", child="base_link"):
+    zero = make("geometry_msgs/Vector3", x=0.0, y=0.0, z=0.0)
+    twist = make("geometry_msgs/Twist", linear=zero, angular=zero)
+    return make(
+        "nav_msgs/Odometry",
+        header=header(stamp_ns, frame),
+        child_frame_id=child,
+        pose=make("geometry_msgs/PoseWithCovariance", pose=pose(p, q), covariance=np.zeros(36)),
+        twist=make("geometry_msgs/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+    )
+
+
+def written(path, topics, storage=StoragePlugin.MCAP, compression=CompressionMode.NONE):
+    """A rosbag2 folder with the messages (stamp, message) of each topic."""
+    with_mode = Writer(path, version=8, storage_plugin=storage)
+    with_mode.set_compression(compression, CompressionFormat.ZSTD)
+    with with_mode as writer:
+        for name, messages in topics.items():
+            kind = messages[0][1].__msgtype__
+            connection = writer.add_connection(name, kind, typestore=TYPES)
+            for stamp, message in messages:
+                writer.write(connection, stamp, TYPES.serialize_cdr(message, kind))
+    return path
+
+
+def rows(seed=1, **ends):
+    return [
+        (k * STEP_NS, odometry(k * STEP_NS, p, q, **ends)) for k, (p, q) in enumerate(zip(*poses(seed), strict=True))
+    ]
+
+
+def stamped(seed=1):
+    found = zip(*poses(seed), strict=True)
+    return [
+        (k * STEP_NS, make("geometry_msgs/PoseStamped", header=header(k * STEP_NS, "world"), pose=pose(p, q)))
+        for k, (p, q) in enumerate(found)
+    ]
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    topics = {
+        "/odom": rows(),
+        "/pose": stamped(2),
+        "/vio": rows(3, frame="odom", child="imu"),
+        "/cam": rows(4, child="cam_optical_frame"),
+    }
+    return written(tmp_path_factory.mktemp("bag") / "bag", topics)
+
+
+@pytest.fixture(scope="module")
+def tum(tmp_path_factory):
+    path = tmp_path_factory.mktemp("tum") / "estimate.tum"
+    p, q = poses(5)
+    write_tum(Trajectory(np.arange(ROWS) * STEP_NS, p, q[:, [3, 0, 1, 2]]), path, "world_from_body")
+    return path
+
+
+def call(*arguments):
+    return CliRunner().invoke(main, [str(each) for each in arguments])
+
+
+def evaluated(*arguments):
+    done = call("evaluate", *arguments, "--json")
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def refused(*arguments):
+    done = call(*arguments)
+    assert done.exit_code == 2 and "Traceback" not in done.output, done.output
+    return done.output
+
+
+@pytest.mark.parametrize("topic", ["/odom", "/pose"])
+def test_evo_has_the_same_error_from_the_bag(bag, tum, topic):
+    with Reader(bag / "bag.mcap") as reader:
+        reference = file_interface.read_bag_trajectory(reader, topic)
+    pair = sync.associate_trajectories(reference, file_interface.read_tum_trajectory_file(tum))
+    for relation, name, unit in (
+        (metrics.PoseRelation.translation_part, "translation_m", 1),
+        (metrics.PoseRelation.rotation_angle_deg, "rotation_deg", 1),
+    ):
+        ape = metrics.APE(relation)
+        ape.process_data(pair)
+        ours = evaluated(f"{bag / 'bag.mcap'}:{topic}", tum)["ate"][name]
+        assert ours["rmse"] * unit == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse), abs=1e-9)
+        assert ours["n"] == ROWS
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_folder_and_its_file_are_the_same_bag(tmp_path, tum, storage):
+    folder = written(tmp_path / "bag", {"/odom": rows()}, storage)
+    (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+    results = [evaluated(given, tum)["ate"] for given in (folder, f"{folder}:/odom", file, f"{file}:odom")]
+    assert all(result == results[0] for result in results)
+    exact = evaluated(folder, folder)
+    assert exact["ate"]["translation_m"]["max"] == 0
+
+
+def test_a_bag_of_another_writer_is_read(tmp_path, tum, bag):
+    """With chunks of zstd, as mcap's own writer has them."""
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as handle:
+        writer = OtherWriter(handle)
+        definition, _ = TYPES.generate_msgdef("nav_msgs/msg/Odometry", ros_version=2)
+        schema = writer.register_msgdef("nav_msgs/msg/Odometry", definition)
+        for stamp, said in rows():
+            p, q = said.pose.pose.position, said.pose.pose.orientation
+            place = {"position": {a: getattr(p, a) for a in "xyz"}, "orientation": {a: getattr(q, a) for a in "xyzw"}}
+            message = {
+                "header": {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": "world"},
+                "child_frame_id": "base_link",
+                "pose": {"pose": place, "covariance": [0.0] * 36},
+                "twist": {
+                    "twist": {"linear": dict.fromkeys("xyz", 0.0), "angular": dict.fromkeys("xyz", 0.0)},
+                    "covariance": [0.0] * 36,
+                },
+            }
+            writer.write_message("/odom", schema, message, log_time=stamp, publish_time=stamp)
+        writer.finish()
+    assert b"zstd" in path.read_bytes()
+    assert evaluated(path, tum)["ate"] == evaluated(f"{bag}:/odom", tum)["ate"]
+
+
+def test_poses_of_different_frames_are_refused(bag, tum):
+    told = refused("evaluate", f"{bag}:/cam", tum)
+    assert "world_from_cam" in told and "world_from_body" in told
+    told = refused("evaluate", tum, f"{bag}:/vio")
+    assert "poses in world" in told and "in odom" in told and "--align" in told
+    assert "odom_from_imu" in refused("evaluate", tum, f"{bag}:/vio", "--align", "se3")
+    assert evaluated(tum, f"{bag}:/vio", "--align", "se3", "--ignore-frames")["record"]["pairs"] == ROWS
+    assert evaluated(tum, f"{bag}:/pose")["record"]["estimate"]["frame"] == "world_from_?"
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("", "holds 4 topics with poses, /cam, /odom, /pose, /vio"),
+        (":/nowhere", "has no topic '/nowhere'; the bag's topics: /cam (nav_msgs/msg/Odometry, 40)"),
+        (":/tf:world.base_link", "has no topic '/tf'"),
+    ],
+)
+def test_a_topic_that_is_not_there_is_told_with_those_that_are(bag, tum, given, told):
+    assert told in refused("evaluate", f"{bag}{given}", tum)
+
+
+def transforms(ends, moving=True):
+    out = []
+    for k, (p, q) in enumerate(zip(*poses(1), strict=True)):
+        where = make("geometry_msgs/Vector3", x=p[0], y=p[1], z=p[2])
+        turn = make("geometry_msgs/Quaternion", x=q[0], y=q[1], z=q[2], w=q[3])
+        move = make("geometry_msgs/Transform", translation=where, rotation=turn)
+        head = header(k * STEP_NS, ends[0])
+        each = make("geometry_msgs/TransformStamped", header=head, child_frame_id=ends[1], transform=move)
+        out.append((k * STEP_NS, make("tf2_msgs/TFMessage", transforms=[each])))
+    return out if moving else out[7:8]
+
+
+def test_a_path_through_the_tree_is_the_product_of_its_transforms(tmp_path, tum):
+    topics = {"/tf": transforms(("odom", "base_link")), "/tf_static": transforms(("base_link", "cam0"), moving=False)}
+    folder = written(tmp_path / "bag", topics)
+    p, q = poses(1)
+    body_from_cam = np.eye(4)
+    body_from_cam[:3, :3], body_from_cam[:3, 3] = Rotation.from_quat(q[7]).as_matrix(), p[7]
+    expected = p + Rotation.from_quat(q).apply(p[7])
+    reference = Trajectory(
+        np.arange(ROWS) * STEP_NS,
+        expected,
+        (Rotation.from_quat(q) * Rotation.from_quat(q[7])).as_quat()[:, [3, 0, 1, 2]],
+    )
+    write_tum(reference, tmp_path / "expected.tum")
+    found = evaluated(tmp_path / "expected.tum", f"{folder}:/tf:odom.cam0")
+    assert found["ate"]["translation_m"]["max"] < 1e-12 and found["ate"]["rotation_deg"]["max"] < 1e-10
+    for given, told in (
+        ("/tf", "name two frames of /tf"),
+        ("/tf:odom.cam9", "leads from 'cam9' to no 'odom'"),
+        ("/tf:base_link.cam0", "moves nothing"),
+    ):
+        assert told in refused("evaluate", tum, f"{folder}:{given}")
+    assert "base_link.cam0" in refused("evaluate", tum, f"{folder}:/tf:odom.cam9")
+
+
+def crooked(change):
+    found = rows()
+    change([message for _, message in found])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda m: setattr(m[3].pose.pose.position, "x", float("nan")), "message 3: its position is not finite"),
+        (lambda m: setattr(m[4].pose.pose.orientation, "w", 9.0), "message 4: its quaternion is not of unit norm"),
+        (lambda m: setattr(m[5].header.stamp, "nanosec", 0), "another pose has the same stamp"),
+        (lambda m: setattr(m[6], "child_frame_id", "imu"), "message 6 of /odom is of imu in world"),
+    ],
+)
+def test_a_message_that_is_wrong_is_named(tmp_path, tum, change, told):
+    folder = written(tmp_path / "bag", {"/odom": crooked(change)})
+    assert told in refused("evaluate", folder, tum)
+
+
+def test_bags_that_cannot_be_read_say_why(bag, tum, tmp_path):
+    whole = (bag / "bag.mcap").read_bytes()
+    path = tmp_path / "bad.mcap"
+    for data in (b"", b"x", whole[:8], whole[: len(whole) // 2], whole[:-1], whole[: len(whole) // 3] + whole[-37:]):
+        path.write_bytes(data)
+        assert "bad.mcap" in refused("evaluate", path, tum)
+    for place in range(9, len(whole) - 8, len(whole) // 60):
+        path.write_bytes(whole[:place] + b"\xff" * 8 + whole[place + 8 :])
+        done = call("evaluate", f"{path}:/odom", tum)
+        assert done.exit_code in (0, 2) and not isinstance(done.exception, Exception), (place, done.output)
+    path.unlink()
+    assert "no such file" in refused("evaluate", path, tum)
+    os.mkfifo(path)
+    assert "no regular file" in refused("evaluate", path, tum)
+    (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
+    assert "rosbags-convert" in refused("evaluate", tmp_path / "old.bag", tum)
+    (tmp_path / "small.mcap.zst").write_bytes(b"")
+    assert "unpack it first" in refused("evaluate", tmp_path / "small.mcap.zst", tum)
+    (tmp_path / "bad.db3").write_bytes(b"SQLite format 3\0" + bytes(100))
+    assert "not a readable bag" in refused("evaluate", tmp_path / "bad.db3", tum)
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.MESSAGE, CompressionMode.FILE])
+def test_a_compressed_rosbag2_says_what_to_do(tmp_path, tum, mode):
+    folder = written(tmp_path / "bag", {"/odom": rows()}, StoragePlugin.SQLITE3, mode)
+    told = refused("evaluate", folder, tum)
+    assert "compressed" in told and "ros2 bag convert" in told
+
+
+def test_a_bag_whose_files_lie_elsewhere_is_refused(bag, tum, tmp_path):
+    shutil.copytree(bag, tmp_path / "bag")
+    (tmp_path / "bag" / "bag.mcap").unlink()
+    (tmp_path / "bag" / "bag.mcap").symlink_to(bag / "bag.mcap")
+    assert "leads out of the folder" in refused("evaluate", f"{tmp_path / 'bag'}:/odom", tum)
+
+
+def test_a_chunk_is_not_inflated_beyond_what_it_claims(tmp_path, tum):
+    """A small chunk that would inflate to 4 GB, and claims 100 bytes, or all of it."""
+    squeezed = zstandard.ZstdCompressor().compress(bytes(1 << 20)) * 4096
+    for claimed in (100, 1 << 32):
+        chunk = struct.pack("<QQQI", 0, 1, claimed, 0) + struct.pack("<I", 4) + b"zstd"
+        chunk += struct.pack("<Q", len(squeezed)) + squeezed
+        head = struct.pack("<I", 4) + b"ros2" + struct.pack("<I", 0)
+        magic = b"\x89MCAP0\r\n"
+        records = b"".join(
+            bytes([op]) + struct.pack("<Q", len(body)) + body for op, body in ((1, head), (6, chunk), (2, bytes(20)))
+        )
+        (tmp_path / "bomb.mcap").write_bytes(magic + records + magic)
+        assert "not a readable bag" in refused("evaluate", tmp_path / "bomb.mcap", tum)
+
+
+# Tracking
+
+
+def box():
+    lines = [f"v {x} {y} {z}" for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (0.0, 0.4)]
+    faces = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+    return "\n".join([*lines, *(f"f {face}" for face in faces)]) + "\n"
+
+
+@pytest.fixture
+def real(tmp_path):
+    (tmp_path / "box.obj").write_text(box())
+    Camera.from_field_of_view(64, 48, 60).save(tmp_path / "camera.toml")
+    at = [[1, 0, 0, 0], [0, 0, -1, 0.2], [0, 1, 0, 2], [0, 0, 0, 1]]
+    (tmp_path / "init.toml").write_text(f"cam_from_model = {at}\n")
+    return ["--model", tmp_path / "box.obj", "--camera", tmp_path / "camera.toml", "--init", tmp_path / "init.toml"]
+
+
+STAMPS = (1_000_000_001, 1_033_333_334, 1_100_000_007)
+PICTURE = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+
+
+def raw(stamp, encoding, pixels, pad=0):
+    flat = pixels.reshape(len(pixels), -1)
+    data = np.pad(flat, ((0, 0), (0, pad)))
+    size = {"height": len(pixels), "width": pixels.shape[1], "step": data.shape[1]}
+    return make(
+        "sensor_msgs/Image",
+        header=header(stamp, "cam"),
+        encoding=encoding,
+        is_bigendian=0,
+        data=data.reshape(-1),
+        **size,
+    )
+
+
+def packed(stamp, form, data):
+    return make(
+        "sensor_msgs/CompressedImage", header=header(stamp, "cam"), format=form, data=np.frombuffer(data, np.uint8)
+    )
+
+
+def images_of(path, topic, camera):
+    from uavbench.tracker.images.bag_images import bag_frames
+    from uavbench.trajectories.bags.reading import BagTopic
+
+    return list(bag_frames(BagTopic(path, topic), camera))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "pixels"),
+    [
+        ("bgr8", PICTURE),
+        ("rgb8", PICTURE[..., ::-1]),
+        ("bgra8", np.dstack([PICTURE, PICTURE[..., :1]])),
+        ("rgba8", np.dstack([PICTURE[..., ::-1], PICTURE[..., :1]])),
+        ("mono8", PICTURE[..., 0]),
+    ],
+)
+def test_encodings_become_the_same_picture(tmp_path, encoding, pixels):
+    topics = {"/image": [(s, raw(s, encoding, np.ascontiguousarray(pixels), pad=5)) for s in STAMPS]}
+    found = images_of(written(tmp_path / "bag", topics), "/image", Camera.from_field_of_view(64, 48, 60))
+    assert tuple(stamp for stamp, _ in found) == STAMPS
+    expected = np.repeat(PICTURE[..., :1], 3, axis=2) if encoding == "mono8" else PICTURE
+    assert all((image == expected).all() for _, image in found)
+
+
+def test_a_bayer_mosaic_has_its_colours_in_their_places(tmp_path):
+    """Of one colour everywhere: red 200, green 100, blue 50."""
+    mosaic = np.full((48, 64), 100, np.uint8)
+    mosaic[::2, ::2], mosaic[1::2, 1::2] = 200, 50
+    topics = {"/image": [(s, raw(s, "bayer_rggb8", mosaic)) for s in STAMPS]}
+    (_, image), *_ = images_of(written(tmp_path / "bag", topics), "/image", Camera.from_field_of_view(64, 48, 60))
+    assert (image == (50, 100, 200)).all()
+
+
+def test_a_tracker_runs_on_the_images_of_a_bag(tmp_path, real):
+    png = cv2.imencode(".png", PICTURE)[1].tobytes()
+    topics = {
+        "/raw": [(s, raw(s, "bgr8", PICTURE)) for s in STAMPS],
+        "/raw/compressed": [(s, packed(s, "png", png)) for s in STAMPS],
+        "/odom": rows(),
+    }
+    bag = written(tmp_path / "bag", topics)
+    for topic in ("/raw", "/raw/compressed"):
+        out = tmp_path / topic.replace("/", "-")
+        done = call("track", "hold", "--bag", bag, "--image-topic", topic, *real, "--out", out)
+        assert done.exit_code == 0, done.output
+        assert "3 of 3 frames with a pose" in done.output
+        lines = [line for line in (out / "estimate_world_from_cam.tum").read_text().splitlines() if line[0] != "#"]
+        assert [line.split()[0] for line in lines] == ["1.000000001", "1.033333334", "1.100000007"]
+    for topic, told in (
+        ("/none", "has no topic '/none'; the bag's topics: /odom"),
+        ("/odom", "topics of such types: /raw"),
+    ):
+        given = ("--bag", bag, "--image-topic", topic)
+        assert told in refused("track", "hold", *given, *real, "--out", tmp_path / "x")
+    assert "go together" in refused("track", "hold", "--bag", bag, *real, "--out", tmp_path / "x")
+    assert "one of" in refused("track", "hold", "--bag", bag, "--images", tmp_path, "--image-topic", "/raw")
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("make_message", "told"),
+    [
+        (lambda s: raw(s, "16UC1", PICTURE), "encoding '16UC1' is not read"),
+        (lambda s: raw(s, "bgr8", PICTURE[:20]), "the camera 64 x 48 px"),
+        (lambda s: raw(s, "rgba8", PICTURE), "are no 64 x 48 px of rgba8"),
+        (lambda s: packed(s, "h264", b"\0\0\1\x67"), "format 'h264'"),
+        (lambda s: raw(5, "bgr8", PICTURE), "does not come after the one before"),
+    ],
+)
+def test_images_that_cannot_be_read_say_why(tmp_path, real, make_message, told):
+    bag = written(tmp_path / "bag", {"/image": [(s, make_message(s)) for s in STAMPS]})
+    out = tmp_path / "out"
+    assert told in refused("track", "hold", "--bag", bag, "--image-topic", "/image", *real, "--out", out)
+    assert not out.exists()
