@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from uavbench.bench.trial.render_trial import TRIAL
+from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence
 from uavbench.scenes.exports.registry import export
@@ -25,6 +25,7 @@ def synthetic(folder: Path) -> Sequence:
     """The trial's sequence with 1,000 frames of noisy gradients: their PNG files have 0.2 MB, as rendered ones do."""
     shutil.copytree(TRIAL, folder)
     rng = np.random.default_rng(0)
+    (folder / "camera.toml").unlink()
     Camera.from_field_of_view(640, 480, 60).save(folder / "camera.toml")
     across = np.linspace(0, 200, 640)[None, :, None] + np.linspace(0, 40, 480)[:, None, None]
     names = []

@@ -8,6 +8,7 @@ import hashlib
 import json
 import sqlite3
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -49,6 +50,13 @@ def bag(request, plain, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param) / "out"
     export(Sequence.load(plain), request.param, folder)
     return folder
+
+
+@pytest.fixture(scope="module")
+def lens(tmp_path_factory):
+    text = LENS.replace("MODEL", "radtan").replace("COEFFICIENTS", "[-0.2, 0.05, 0.001, -0.002]")
+    text = text.replace("turns = 0.02", "turns = 0.005")
+    return Sequence.load(rendered(tmp_path_factory.mktemp("lens"), text))
 
 
 @pytest.fixture(scope="module")
@@ -258,15 +266,13 @@ def test_a_datum_that_is_none_is_refused(text):
         ("equidistant", [0.01, 0.02, -0.01, 0.001], ("equidistant", [0.01, 0.02, -0.01, 0.001])),
     ],
 )
-def test_a_lens_is_held_or_taken_out(tmp_path, model, coefficients, said):
-    text = (
-        LENS.replace("MODEL", model).replace("COEFFICIENTS", str(coefficients)).replace("turns = 0.02", "turns = 0.005")
-    )
-    folder = rendered(tmp_path, text)
-    export(Sequence.load(folder), "mcap", tmp_path / "held")
+def test_a_lens_is_held_or_taken_out(lens, tmp_path, model, coefficients, said):
+    camera = replace(lens.camera, distortion_model=model, distortion=tuple(coefficients))
+    sequence = replace(lens, camera=camera)
+    export(sequence, "mcap", tmp_path / "held")
     for _, info in of_mcap(tmp_path / "held" / "bag.mcap")["/camera/camera_info"]:
         assert (info.distortion_model, list(info.d)) == said
-    export(Sequence.load(folder), "mcap", tmp_path / "flat", undistort=True)
+    export(sequence, "mcap", tmp_path / "flat", undistort=True)
     flat = of_mcap(tmp_path / "flat" / "bag.mcap")
     assert {"/camera/image_rect", "/camera/image_rect/compressed"} <= set(flat)
     assert not any(info.distortion_model != "plumb_bob" or any(info.d) for _, info in flat["/camera/camera_info"])
