@@ -5,7 +5,9 @@ Frames are those of REP-103, 105 and 145: `world`, `base_link` (the body), `came
 """
 
 import re
+from collections import deque
 from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,8 @@ MODELS = {"none": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "equidistant": (
 """Distortion models of CameraInfo, and how many coefficients they have: k1 k2 p1 p2 k3, or k1 k2 k3 k4."""
 NS, LAST_NS = 10**9, 2**31 * 10**9
 """A header has whole seconds in 31 bits."""
+DECODERS, AHEAD = 2, 4
+"""Threads that decode images, and how many images are held: 4 are 2 GB of the largest cameras."""
 NO_FIX, GPS, APPROXIMATED = -1, 1, 1
 """Of NavSatStatus and NavSatFix."""
 
@@ -58,15 +62,26 @@ def header(stamp_ns: int, frame: str) -> Any:
 
 
 def raw_images(shown: Shown, topic: str) -> Iterator[Stamped]:
-    """Images as `bgr8`."""
-    for frame, stamp in enumerate(shown.sequence.stamps_ns.tolist()):
-        image = cv2.imdecode(np.frombuffer(shown.png(frame), dtype=np.uint8), cv2.IMREAD_COLOR)
-        if image is None:
-            raise UserError(f"{shown.sequence.folder / shown.sequence.files[frame]}: not a readable image")
-        height, width = image.shape[:2]
-        size = {"height": height, "width": width, "step": 3 * width}
-        data = {"encoding": "bgr8", "is_bigendian": 0, "data": image.reshape(-1)}
-        yield Stamped(topic, stamp, message("sensor_msgs/Image", header=header(stamp, CAMERA), **size, **data))
+    """Images as `bgr8`; a few are decoded ahead, while those before are written."""
+    stamps = shown.sequence.stamps_ns.tolist()
+    with ThreadPoolExecutor(DECODERS) as pool:
+        waiting: deque[Future[NDArray[Any]]] = deque()
+        for frame, stamp in enumerate(stamps):
+            for ahead in range(frame + len(waiting), min(frame + AHEAD, len(stamps))):
+                waiting.append(pool.submit(_pixels, shown, ahead))
+            image = waiting.popleft().result()
+            height, width = image.shape[:2]
+            size = {"height": height, "width": width, "step": 3 * width}
+            data = {"encoding": "bgr8", "is_bigendian": 0, "data": image.reshape(-1)}
+            yield Stamped(topic, stamp, message("sensor_msgs/Image", header=header(stamp, CAMERA), **size, **data))
+
+
+def _pixels(shown: Shown, frame: int) -> NDArray[Any]:
+    """BGR image (h, w, 3) of a frame as it is shown."""
+    image = cv2.imdecode(np.frombuffer(shown.png(frame), dtype=np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise UserError(f"{shown.sequence.folder / shown.sequence.files[frame]}: not a readable image")
+    return image
 
 
 def compressed_images(shown: Shown, topic: str) -> Iterator[Stamped]:
