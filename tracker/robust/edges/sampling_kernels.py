@@ -55,7 +55,7 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     """Parts of the edges beside visible faces that lie in the image (Liang & Barsky 1984); hidden lines are not
     removed.
     """
-    ends, planes, R, t = edges.ends, edges.planes, view.R, view.t
+    ends, faces, smooth, planes, R, t = edges.ends, edges.faces, edges.smooth, edges.planes, view.R, view.t
     eye = camera_centre(R, t)
     fx, fy, cx, cy = view.lens[0], view.lens[1], view.lens[2], view.lens[3]
     bounds = view.bounds_px
@@ -77,12 +77,12 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     for e in range(n_edges):
         state = 0
         for side in range(2):
-            f = edges.faces[e, side]
+            f = faces[e, side]
             if f >= 0:
                 towards = planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] - planes[f, 3]
                 if towards > 0.0:
                     state |= 1 << side
-        if state == 0 or (state == BOTH_FACES and edges.smooth[e]):
+        if state == 0 or (state == BOTH_FACES and smooth[e]):
             continue
         for i in range(3):
             a[i], b[i] = t[i], t[i]
@@ -101,56 +101,6 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     return VisibleParts(visible, part, depth, length)
 
 
-@compiled("edges view sampling", edges=EDGE_MAP, view=VIEW, sampling=SAMPLING)
-def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlPoints:
-    """Control points on the visible edges, hidden ones removed.
-
-    About one for `spacing_px` of projected length, wider where that would make many more than `max_points`.
-    """
-    ends, size, R, t = edges.ends, view.size_px, view.R, view.t
-    eye = camera_centre(R, t)
-    seen = visible_parts(edges, view)
-    part, depth, length = seen.part, seen.depth, seen.length_px
-    n_edges = len(ends)
-    total = 0.0
-    for e in range(n_edges):
-        total += length[e]
-    spacing_px, most, margin_px = config.spacing_px, config.max_points, config.margin_px
-    spacing = max(spacing_px, total / most)
-    points = np.empty((2 * most, 3))
-    keys = np.empty((2 * most, 3), np.int64)
-    n = 0
-    q, c = np.empty(3), np.empty(3)
-    for _ in range(config.samplings):
-        n, left_over = 0, 0.5
-        for e in range(n_edges):
-            count = int(length[e] / spacing + 0.5)
-            if count == 0 and edges.rounded[e]:  # the short edges of a round outline share their points
-                left_over += length[e] / spacing
-                count = int(left_over)
-                left_over -= count
-            for k in range(count):
-                s = (k + 0.5) / count
-                near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
-                s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
-                for i in range(3):
-                    q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
-                for i in range(3):
-                    c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
-                u, v = project(c[0], c[1], c[2], view.lens)
-                if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
-                    continue
-                if n == len(points) or hidden(eye, q, edges.triangles, edges.faces[e, 0], edges.faces[e, 1]):
-                    continue
-                points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
-                keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, seen.faces[e], min(BINS - 1, int(s * BINS))
-                n += 1
-        if n > config.enough_part * most or spacing <= spacing_px:
-            break
-        spacing = max(spacing_px, spacing * max(n, config.min_shrink * most) / most)
-    return by_edge(points[:n].copy(), keys[:n].copy())
-
-
 @compiled("f2! i2!")
 def by_edge(points: Array, keys: Indices) -> ControlPoints:
     """Control points with their rows of appearance, and the rows at which each edge starts."""
@@ -166,11 +116,61 @@ def by_edge(points: Array, keys: Indices) -> ControlPoints:
     return ControlPoints(points, keys, rows, first[: e + 1].copy())
 
 
+@compiled("edges view sampling", edges=EDGE_MAP, view=VIEW, sampling=SAMPLING)
+def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlPoints:
+    """Control points on the visible edges, hidden ones removed.
+
+    About one for `spacing_px` of projected length, wider where that would make many more than `max_points`.
+    """
+    ends, faces, size, R, t, lens = edges.ends, edges.faces, view.size_px, view.R, view.t, view.lens
+    eye, triangles, rounded = camera_centre(R, t), edges.triangles, edges.rounded
+    seen = visible_parts(edges, view)
+    visible, part, depth, length = seen.faces, seen.part, seen.depth, seen.length_px
+    n_edges = len(ends)
+    total = 0.0
+    for e in range(n_edges):
+        total += length[e]
+    spacing_px, most, margin_px = config.spacing_px, config.max_points, config.margin_px
+    spacing = max(spacing_px, total / most)
+    points = np.empty((2 * most, 3))
+    keys = np.empty((2 * most, 3), np.int64)
+    n = 0
+    q, c = np.empty(3), np.empty(3)
+    for _ in range(config.samplings):
+        n, left_over = 0, 0.5
+        for e in range(n_edges):
+            count = int(length[e] / spacing + 0.5)
+            if count == 0 and rounded[e]:  # the short edges of a round outline share their points
+                left_over += length[e] / spacing
+                count = int(left_over)
+                left_over -= count
+            for k in range(count):
+                s = (k + 0.5) / count
+                near, far = s / depth[e, 1], (1.0 - s) / depth[e, 0]
+                s = part[e, 0] + (part[e, 1] - part[e, 0]) * near / (near + far)
+                for i in range(3):
+                    q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
+                for i in range(3):
+                    c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
+                u, v = project(c[0], c[1], c[2], lens)
+                if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
+                    continue
+                if n == len(points) or hidden(eye, q, triangles, faces[e, 0], faces[e, 1]):
+                    continue
+                points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
+                keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
+                n += 1
+        if n > config.enough_part * most or spacing <= spacing_px:
+            break
+        spacing = max(spacing_px, spacing * max(n, config.min_shrink * most) / most)
+    return by_edge(points[:n].copy(), keys[:n].copy())
+
+
 @compiled("points edges view f0", points=CONTROL_POINTS, edges=EDGE_MAP, view=VIEW)
 def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: float) -> SearchLines:
     """Search lines of control points at a pose; outside where nearer than margin_px to the image's border."""
-    n, keys = len(points.points), points.keys
-    ends, R, t, lens, size = edges.ends, view.R, view.t, view.lens, view.size_px
+    places, keys, ends, inward = points.points, points.keys, edges.ends, edges.inward
+    n, R, t, lens, size, near_m = len(places), view.R, view.t, view.lens, view.size_px, view.near_m
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
     c, d, w = np.empty(3), np.empty(3), np.empty(3)
     for k in range(n):
@@ -180,12 +180,11 @@ def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: f
             d[i] = ends[e, 1, i] - ends[e, 0, i]
             length += d[i] * d[i]
         h = 1e-3 / math.sqrt(length)
-        q = points.points[k]
         for i in range(3):
-            c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
+            c[i] = R[i, 0] * places[k, 0] + R[i, 1] * places[k, 1] + R[i, 2] * places[k, 2] + t[i]
             w[i] = (R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]) * h
         side[k] = OUTSIDE
-        if c[2] <= view.near_m:
+        if c[2] <= near_m:
             continue
         u, v = project(c[0], c[1], c[2], lens)
         if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
@@ -201,9 +200,9 @@ def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: f
         normal_row(c[0], c[1], c[2], nu, nv, lens, J[k])
         side[k] = CREASE
         if keys[k, FACES] != BOTH_FACES:
-            into = edges.inward[e, keys[k, FACES] - 1]
+            f = keys[k, FACES] - 1
             for i in range(3):
-                w[i] = R[i, 0] * into[0] + R[i, 1] * into[1] + R[i, 2] * into[2]
+                w[i] = R[i, 0] * inward[e, f, 0] + R[i, 1] * inward[e, f, 1] + R[i, 2] * inward[e, f, 2]
             u1 = lens[0] * (w[0] - c[0] / c[2] * w[2])
             v1 = lens[1] * (w[1] - c[1] / c[2] * w[2])
             side[k] = SILHOUETTE_POSITIVE if u1 * nu + v1 * nv > 0 else SILHOUETTE_NEGATIVE

@@ -20,40 +20,6 @@ DRAWS_PER_EDGE = 4
 Indices = NDArray[np.int64]
 
 
-@compiled("measured f2 f2 hypotheses", measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
-def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, config: HypothesesConfig) -> Array:
-    """The twist (6,) of the camera that candidates agree on best, of many that are tried.
-
-    draws (h, 12) are uniform numbers: each hypothesis takes two candidates on each of three edges. prior (6, 6) is the
-    information of the predicted pose. The first hypothesis is no motion.
-    """
-    distance = measured.candidates.distance
-    n, k = distance.shape
-    best, best_cost = np.zeros(6), np.inf
-    x = np.zeros(6)
-    A, b = np.empty((6, 6)), np.empty(6)
-    counts = np.zeros(n, np.int64)
-    for p in range(n):
-        for c in range(k):
-            if distance[p, c] < np.inf:
-                counts[p] += 1
-    for h in range(len(draws) + 1 if n > 0 else 0):
-        if h > 0:
-            for i in range(6):
-                b[i] = 0.0
-                for j in range(6):
-                    A[i, j] = prior[i, j]
-            add_drawn(measured, counts, draws[h - 1], config, A, b)
-            if not solve6(A, b, x):
-                continue
-        cost = motion_cost(measured, x, prior, best_cost, config)
-        if cost < best_cost:
-            best_cost = cost
-            for i in range(6):
-                best[i] = x[i]
-    return best
-
-
 @compiled("measured i1 f1 hypotheses f2! f1!", measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
 def add_drawn(
     measured: EdgeMeasurements, counts: Indices, draws: Array, config: HypothesesConfig, A: Array, b: Array
@@ -100,7 +66,7 @@ def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float,
     Control points are thinned to `scored_points`.
     """
     distance, penalty = measured.candidates.distance, measured.candidates.penalty
-    J = measured.lines.jacobian
+    J, weight = measured.lines.jacobian, measured.weight
     n, k = distance.shape
     stride = max(1, n // config.scored_points)
     cost = 0.0
@@ -115,7 +81,41 @@ def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float,
         for c in range(k):
             r = (distance[p, c] - moved) / config.inlier_px
             least = min(least, r * r + config.colour_cost * penalty[p, c])
-        cost += measured.weight[p] * least
+        cost += weight[p] * least
         if cost > most:
             break
     return cost
+
+
+@compiled("measured f2 f2 hypotheses", measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
+def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, config: HypothesesConfig) -> Array:
+    """The twist (6,) of the camera that candidates agree on best, of many that are tried.
+
+    draws (h, 12) are uniform numbers: each hypothesis takes two candidates on each of three edges. prior (6, 6) is the
+    information of the predicted pose. The first hypothesis is no motion.
+    """
+    distance = measured.candidates.distance
+    n, k = distance.shape
+    best, best_cost = np.zeros(6), np.inf
+    x = np.zeros(6)
+    A, b = np.empty((6, 6)), np.empty(6)
+    counts = np.zeros(n, np.int64)
+    for p in range(n):
+        for c in range(k):
+            if distance[p, c] < np.inf:
+                counts[p] += 1
+    for h in range(len(draws) + 1 if n > 0 else 0):
+        if h > 0:
+            for i in range(6):
+                b[i] = 0.0
+                for j in range(6):
+                    A[i, j] = prior[i, j]
+            add_drawn(measured, counts, draws[h - 1], config, A, b)
+            if not solve6(A, b, x):
+                continue
+        cost = motion_cost(measured, x, prior, best_cost, config)
+        if cost < best_cost:
+            best_cost = cost
+            for i in range(6):
+                best[i] = x[i]
+    return best

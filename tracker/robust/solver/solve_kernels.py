@@ -80,6 +80,163 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
             A[i, j] += wi * row[j]
 
 
+@compiled("f2!")
+def mirror(A: Array) -> None:
+    """Copy the lower half of a matrix (6, 6) to the upper one."""
+    for i in range(6):
+        for j in range(i):
+            A[j, i] = A[i, j]
+
+
+@compiled(
+    "measured view f0 weighting sums estimator",
+    measured=EDGE_MEASUREMENTS,
+    view=VIEW,
+    weighting=WEIGHTING,
+    sums=FRAME_SUMS,
+    estimator=ESTIMATOR,
+)
+def add_points(
+    measured: EdgeMeasurements,
+    view: View,
+    width_px: float,
+    weighting: Weighting,
+    sums: FrameSums,
+    config: EstimatorConfig,
+) -> float:
+    """Weigh the control points at a pose and make the sums over the edges anew, in place.
+
+    Returns how far in px the control points are along their lines at most.
+    """
+    points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
+    distance, penalty = measured.candidates.distance, measured.candidates.penalty
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    E, e, R, t, lens = sums.edge_information, sums.edge_vector, view.R, view.t, view.lens
+    weight, variance_px2 = measured.weight, measured.variance_px2
+    weights, residual = weighting.weight, weighting.residual
+    S[:], s[:], d[:], E[:], e[:] = 0.0, 0.0, 0.0, 0.0, 0.0
+    row, c, farthest = np.empty(6), np.empty(3), 0.0
+    for g in range(len(first) - 1):
+        for p in range(first[g], first[g + 1]):
+            weights[p], residual[p] = 0.0, np.inf
+            if weight[p] <= 0.0:
+                continue
+            for i in range(3):
+                c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
+            if c[2] < view.near_m:
+                continue
+            u, v = project(c[0], c[1], c[2], lens)
+            nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
+            moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
+            farthest = max(farthest, abs(moved))
+            best, r_best = np.inf, np.inf
+            for candidate in range(distance.shape[1]):
+                r = distance[p, candidate] - moved
+                cost = r * r / (width_px * width_px) + config.colour_cost * penalty[p, candidate]
+                if cost < best:
+                    best, r_best = cost, r
+            residual[p] = r_best
+            if best < 1.0:
+                weights[p] = weight[p] * (1.0 - best) * (1.0 - best)
+                normal_row(c[0], c[1], c[2], nu, nv, lens, row)
+                w = weights[p] / variance_px2[p]
+                add_row(E, e, row, r_best, w)
+                S[g] += w
+                d[g] += w * r_best
+                for i in range(6):
+                    s[g, i] += w * row[i]
+    mirror(E)
+    return farthest
+
+
+@compiled("matches view f0 weighting sums", matches=PATCH_MATCHES, view=VIEW, weighting=WEIGHTING, sums=FRAME_SUMS)
+def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
+    """Weigh the patches at a pose and make the sums over them anew, in place."""
+    places, R, t, lens = matches.places, view.R, view.t, view.lens
+    P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
+    correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
+    P[:], q[:] = 0.0, 0.0
+    row, c = np.empty(6), np.empty(3)
+    for p in range(len(places)):
+        weights[p] = 0.0
+        if correlation[p] <= 0.0:
+            continue
+        for i in range(3):
+            c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
+        if c[2] < view.near_m:
+            continue
+        u, v = project(c[0], c[1], c[2], lens)
+        ru, rv = observed[p, 0] - u, observed[p, 1] - v
+        cost = (ru * ru + rv * rv) / (width_px * width_px)
+        if cost < 1.0:
+            w = (1.0 - cost) * (1.0 - cost)
+            weights[p] = w
+            normal_row(c[0], c[1], c[2], 1.0, 0.0, lens, row)
+            add_row(P, q, row, ru, w / variance_px2[p])
+            normal_row(c[0], c[1], c[2], 0.0, 1.0, lens, row)
+            add_row(P, q, row, rv, w / variance_px2[p])
+    mirror(P)
+
+
+@compiled(
+    "sums biases prior view step estimator",
+    sums=FRAME_SUMS,
+    biases=LOCAL_BIASES,
+    prior=POSE_PRIOR,
+    view=VIEW,
+    step=STEP,
+    estimator=ESTIMATOR,
+)
+def solve_step(
+    sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View, step: Step, config: EstimatorConfig
+) -> bool:
+    """Solve the normal equations of pose and biases, the biases marginalized, into `step`; False where singular.
+
+    (A, b) are those of the pose, (M, last column of N) those of the patches' pose error, `mixed` is between them.
+    """
+    E, e, P, q = sums.edge_information, sums.edge_vector, sums.patch_information, sums.patch_vector
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    A, b, row = step.information, np.empty(6), np.empty(6)
+    M, N, mixed = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6))
+    to_prior = se3_log_left(view.R, view.t, prior.R, prior.t)
+    information, known, known_vector = prior.information, biases.information, biases.vector
+    offset_information, offset_vector = biases.offset_information, biases.offset_vector
+    for i in range(6):
+        b[i], N[i, 6] = e[i] + q[i], known_vector[i] - q[i]
+        for j in range(6):
+            b[i] += information[i, j] * to_prior[j]
+            A[i, j] = E[i, j] + P[i, j] + information[i, j]
+            M[i, j], mixed[i, j] = P[i, j] + known[i, j], -P[i, j]
+    cross = biases.cross
+    for g in range(len(S)):  # each edge's offset is marginalized (Schur complement)
+        if S[g] <= 0.0 and cross[g, 0] == 0.0:
+            continue
+        scale = 1.0 / (offset_information[g] + S[g])
+        f = (offset_vector[g] + d[g]) * scale
+        for i in range(6):
+            b[i] -= s[g, i] * f
+            N[i, 6] -= cross[g, i] * f
+            for j in range(6):
+                A[i, j] -= s[g, i] * s[g, j] * scale
+                M[i, j] -= cross[g, i] * cross[g, j] * scale
+                mixed[i, j] -= s[g, i] * cross[g, j] * scale
+    part = config.patches_prior_part  # of the rest constrains the pose that the patches alone tell
+    for i in range(6):
+        row[i] = q[i] + part * b[i]
+    if not solve6(P + part * A, row, step.to_patches):
+        return False
+    for i in range(6):
+        for j in range(6):
+            N[i, j] = mixed[j, i]
+    eliminate(M, N)
+    for i in range(6):
+        for h in range(6):
+            b[i] -= mixed[i, h] * N[h, 6]
+            for j in range(6):
+                A[i, j] -= mixed[i, h] * N[h, j]
+    return solve6(A, b, step.to_fit)
+
+
 @compiled(
     "measured matches biases prior view f1 estimator",
     measured=EDGE_MEASUREMENTS,
@@ -107,9 +264,10 @@ def refine(
     R, t, farthest = view.R.copy(), view.t.copy(), 0.0
     weighting = Weighting(np.zeros(n), np.zeros(n), np.zeros(m))
     step = Step(np.zeros((6, 6)), np.zeros(6), np.zeros(6))
-    offsets = np.zeros(edges), np.zeros((edges, 6)), np.zeros(edges)
-    poses = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)
-    sums = FrameSums(offsets[0], offsets[1], offsets[2], poses[0], poses[1], poses[2], poses[3])
+    sums = FrameSums(
+        *(np.zeros(edges), np.zeros((edges, 6)), np.zeros(edges)),
+        *(np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)),
+    )
     for width_px in widths_px:
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near_m)
         farthest = add_points(measured, now, width_px, weighting, sums, config)
@@ -119,155 +277,3 @@ def refine(
         moved = se3_exp_left(R, t, step.to_fit)
         R, t = moved.R, moved.t
     return Estimate(R, t, step, sums, weighting, farthest)
-
-
-@compiled(
-    "measured view f0 weighting sums estimator",
-    measured=EDGE_MEASUREMENTS,
-    view=VIEW,
-    weighting=WEIGHTING,
-    sums=FRAME_SUMS,
-    estimator=ESTIMATOR,
-)
-def add_points(
-    measured: EdgeMeasurements,
-    view: View,
-    width_px: float,
-    weighting: Weighting,
-    sums: FrameSums,
-    config: EstimatorConfig,
-) -> float:
-    """Weigh the control points at a pose and make the sums over the edges anew, in place.
-
-    Returns how far in px the control points are along their lines at most.
-    """
-    points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
-    distance, penalty = measured.candidates.distance, measured.candidates.penalty
-    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
-    E, e, R, t = sums.edge_information, sums.edge_vector, view.R, view.t
-    S[:], s[:], d[:], E[:], e[:] = 0.0, 0.0, 0.0, 0.0, 0.0
-    row, c, farthest = np.empty(6), np.empty(3), 0.0
-    for g in range(len(first) - 1):
-        for p in range(first[g], first[g + 1]):
-            weighting.weight[p], weighting.residual[p] = 0.0, np.inf
-            if measured.weight[p] <= 0.0:
-                continue
-            for i in range(3):
-                c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
-            if c[2] < view.near_m:
-                continue
-            u, v = project(c[0], c[1], c[2], view.lens)
-            nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
-            moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
-            farthest = max(farthest, abs(moved))
-            best, r_best = np.inf, np.inf
-            for candidate in range(distance.shape[1]):
-                r = distance[p, candidate] - moved
-                cost = r * r / (width_px * width_px) + config.colour_cost * penalty[p, candidate]
-                if cost < best:
-                    best, r_best = cost, r
-            weighting.residual[p] = r_best
-            if best < 1.0:
-                weighting.weight[p] = measured.weight[p] * (1.0 - best) * (1.0 - best)
-                normal_row(c[0], c[1], c[2], nu, nv, view.lens, row)
-                w = weighting.weight[p] / measured.variance_px2[p]
-                add_row(E, e, row, r_best, w)
-                S[g] += w
-                d[g] += w * r_best
-                for i in range(6):
-                    s[g, i] += w * row[i]
-    mirror(E)
-    return farthest
-
-
-@compiled("matches view f0 weighting sums", matches=PATCH_MATCHES, view=VIEW, weighting=WEIGHTING, sums=FRAME_SUMS)
-def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
-    """Weigh the patches at a pose and make the sums over them anew, in place."""
-    places, R, t, lens = matches.places, view.R, view.t, view.lens
-    P, q = sums.patch_information, sums.patch_vector
-    P[:], q[:] = 0.0, 0.0
-    row, c = np.empty(6), np.empty(3)
-    for p in range(len(places)):
-        weighting.patch_weight[p] = 0.0
-        if matches.correlation[p] <= 0.0:
-            continue
-        for i in range(3):
-            c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
-        if c[2] < view.near_m:
-            continue
-        u, v = project(c[0], c[1], c[2], lens)
-        ru, rv = matches.observed[p, 0] - u, matches.observed[p, 1] - v
-        cost = (ru * ru + rv * rv) / (width_px * width_px)
-        if cost < 1.0:
-            w = (1.0 - cost) * (1.0 - cost)
-            weighting.patch_weight[p] = w
-            normal_row(c[0], c[1], c[2], 1.0, 0.0, lens, row)
-            add_row(P, q, row, ru, w / matches.variance_px2[p])
-            normal_row(c[0], c[1], c[2], 0.0, 1.0, lens, row)
-            add_row(P, q, row, rv, w / matches.variance_px2[p])
-    mirror(P)
-
-
-@compiled(
-    "sums biases prior view step estimator",
-    sums=FRAME_SUMS,
-    biases=LOCAL_BIASES,
-    prior=POSE_PRIOR,
-    view=VIEW,
-    step=STEP,
-    estimator=ESTIMATOR,
-)
-def solve_step(
-    sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View, step: Step, config: EstimatorConfig
-) -> bool:
-    """Solve the normal equations of pose and biases, the biases marginalized, into `step`; False where singular.
-
-    (A, b) are those of the pose, (M, last column of N) those of the patches' pose error, `mixed` is between them.
-    """
-    E, e, P, q = sums.edge_information, sums.edge_vector, sums.patch_information, sums.patch_vector
-    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
-    A, b, row = step.information, np.empty(6), np.empty(6)
-    M, N, mixed = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6))
-    to_prior = se3_log_left(view.R, view.t, prior.R, prior.t)
-    for i in range(6):
-        b[i], N[i, 6] = e[i] + q[i], biases.vector[i] - q[i]
-        for j in range(6):
-            b[i] += prior.information[i, j] * to_prior[j]
-            A[i, j] = E[i, j] + P[i, j] + prior.information[i, j]
-            M[i, j], mixed[i, j] = P[i, j] + biases.information[i, j], -P[i, j]
-    cross = biases.cross
-    for g in range(len(S)):  # each edge's offset is marginalized (Schur complement)
-        if S[g] <= 0.0 and cross[g, 0] == 0.0:
-            continue
-        scale = 1.0 / (biases.offset_information[g] + S[g])
-        f = (biases.offset_vector[g] + d[g]) * scale
-        for i in range(6):
-            b[i] -= s[g, i] * f
-            N[i, 6] -= cross[g, i] * f
-            for j in range(6):
-                A[i, j] -= s[g, i] * s[g, j] * scale
-                M[i, j] -= cross[g, i] * cross[g, j] * scale
-                mixed[i, j] -= s[g, i] * cross[g, j] * scale
-    part = config.patches_prior_part  # of the rest constrains the pose that the patches alone tell
-    for i in range(6):
-        row[i] = q[i] + part * b[i]
-    if not solve6(P + part * A, row, step.to_patches):
-        return False
-    for i in range(6):
-        for j in range(6):
-            N[i, j] = mixed[j, i]
-    eliminate(M, N)
-    for i in range(6):
-        for h in range(6):
-            b[i] -= mixed[i, h] * N[h, 6]
-            for j in range(6):
-                A[i, j] -= mixed[i, h] * N[h, j]
-    return solve6(A, b, step.to_fit)
-
-
-@compiled("f2!")
-def mirror(A: Array) -> None:
-    """Copy the lower half of a matrix (6, 6) to the upper one."""
-    for i in range(6):
-        for j in range(i):
-            A[j, i] = A[i, j]
