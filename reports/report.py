@@ -153,10 +153,10 @@ def write_sequence(
         sequence.name,
         f"pages/{slug}.html",
         moving.relative_to(folder).as_posix(),
-        f"{main.title}: the model at the latest estimate in green, at the truth in white.",
+        f"{main.title}: the model at the latest estimate in green, at the ground truth in white.",
         f"{len(sequence)} frames, {main.errors.seconds[-1]:.1f} s.",
         f"The overlay shows {main.title}: the model at the "
-        "latest estimate in green, at the truth in white. Its page goes through all runs frame by frame.",
+        "latest estimate in green, at the ground truth in white. Its page goes through all runs frame by frame.",
     )
     write_sequence_page(folder, title, shown, runs, [replace(figure, up="../") for figure in figures])
     return shown
@@ -176,7 +176,8 @@ def drawings_of(runs: ListOf[ScoredRun], *, always: bool) -> list[Drawing]:
         first = always and rate == rates[0]
         made += [
             Drawing(f"errors_{slug}_{rate:g}hz", f"Errors over time, {name}, {rate:g} Hz",
-                    "Against the truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}; strips: off target, "
+                    "Against the ground truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}; "
+                    "strips: off target, "
                     "beyond either or without a pose.", partial(figures_time.errors_over_time, some), first),
             Drawing(f"path_{slug}_{rate:g}hz", f"Paths, {name}, {rate:g} Hz",
                     "True and estimated paths around the structure, in 3-D and from above.",
@@ -188,7 +189,7 @@ def drawings_of(runs: ListOf[ScoredRun], *, always: bool) -> list[Drawing]:
     for run in runs:
         if run.score.label == main.score.label and len(run.results):
             made += pictures_of(run)
-        caption = "Six components of the body's pose in the structure's frame, estimate against truth."
+        caption = "Six components of the body's pose in the structure's frame, estimate against ground truth."
         draw = partial(figures_time.pose_components, run)
         made.append(Drawing(f"pose_{run.slug}", f"Pose components, {name}, {run.title}", caption, draw, False))
     return made
@@ -205,7 +206,7 @@ def pictures_of(run: ScoredRun) -> list[Drawing]:
                 "Visible model edges at the estimated pose (green) on the detected edges (white).",
                 partial(figures_pictures.edge_pictures, run), False),
         Drawing(f"next_{run.slug}", f"Projection on the next frame, {where}",
-                "Model at the pose of one tracked frame (green), drawn on the next; the truth there in white.",
+                "Model at the pose of one tracked frame (green), drawn on the next; the ground truth there in white.",
                 partial(figures_pictures.next_frame_pictures, run), False),
         Drawing(f"counts_{run.slug}", f"Counts, {where}",
                 "Segments, control points and inliers in each frame; shaded: off target.",

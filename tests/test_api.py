@@ -226,7 +226,7 @@ def test_a_dict_is_rendered_and_its_frames_have_their_truth(tmp_path, monkeypatc
     flight = {"path": {"kind": "hand-pilot", "duration_s": 0.2}}
     box = {
         "structure": {"kind": "box"}, "environment": {"kind": "indoor"}, "flight": flight, "rate_hz": 15.0,
-        "camera": {"width": 160, "height": 120, "horizontal_fov_deg": 65.0}, "truth": ["depth", "mask", "edges"],
+        "camera": {"width": 160, "height": 120, "horizontal_fov_deg": 65.0}, "annotations": ["depth", "mask", "edges"],
     }  # fmt: skip
     (sequence,) = ub.render({"sequences": {"box": box}})
     assert sequence.folder == tmp_path / "out" / "suite" / "sequences" / "box-s0"

@@ -68,7 +68,7 @@ def refuse_seen(program: str, files: Iterable[Path], hidden: Path) -> None:
     for path in visible(unwrapped(program), files):
         if hidden.is_relative_to(path.resolve()) or path.resolve().is_relative_to(hidden):
             raise UserError(
-                f"isolate: {path} would be seen, and the truth of {hidden} with it; put one of them elsewhere"
+                f"isolate: {path} would be seen, and the ground truth of {hidden} with it; put one of them elsewhere"
             )
 
 

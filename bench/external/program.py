@@ -1,4 +1,4 @@
-"""External trackers: a program in any language, given a folder or a stream of frames, never the truth.
+"""External trackers: a program in any language, given a folder or a stream of frames, never the ground truth.
 
 In the folder form the program gets all frames at once and writes `estimates.csv`. In the stream form it gets one frame
 at a time on standard input, says `ready` once and then one line for each frame, so that its latency is measured here

@@ -98,7 +98,9 @@ def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
     pixels = spec.camera.width * spec.camera.height
     noisy = any(type(effect).__name__ in NOISY for effect in spec.effects)
     each = pixels * (NOISY_IMAGE_BYTES_PER_PX if noisy else IMAGE_BYTES_PER_PX)
-    each += pixels * (DEPTH_BYTES_PER_PX * ("depth" in spec.truth) + MASK_BYTES_PER_PX * ("mask" in spec.truth))
-    each += EDGES_BYTES * ("edges" in spec.truth)
+    each += pixels * (
+        DEPTH_BYTES_PER_PX * ("depth" in spec.annotations) + MASK_BYTES_PER_PX * ("mask" in spec.annotations)
+    )
+    each += EDGES_BYTES * ("edges" in spec.annotations)
     rows = sum(float(getattr(sensor, "rate_hz", 0.0)) for sensor in spec.sensors) * duration_s
     return FIXED_BYTES + frames * each + ROW_BYTES * rows + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ * duration_s

@@ -103,12 +103,12 @@ class Restart:
 
 def groundtruth(sequence: Sequence, results: Results) -> Trajectory | None:
     """True `world_from_body` at the frames of results, None where nobody knows it."""
-    return None if sequence.recorded else sequence.truth.select(results.frames)
+    return None if sequence.recorded else sequence.ground_truth.select(results.frames)
 
 
 @dataclass(frozen=True)
 class Score:
-    """Score one result against its sequence's truth."""
+    """Score one result against its sequence's ground truth."""
 
     sequence: Path
     results: Path

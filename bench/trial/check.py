@@ -85,7 +85,7 @@ def _pairs(results: Results, sequence: Sequence) -> list[tuple[Pose, Pose]]:
 
 def _median_error(pairs: list[tuple[Pose, Pose]], reading: "Reading", sequence: Sequence) -> tuple[float, float]:
     """Median distance in m and median angle in degrees of poses that are read in a way."""
-    errors = [_error(reading.of(estimate, sequence.cam_from_body), truth) for estimate, truth in pairs]
+    errors = [_error(reading.of(estimate, sequence.cam_from_body), ground_truth) for estimate, ground_truth in pairs]
     metres, degrees = np.median(errors, axis=0).tolist()
     return metres, degrees
 
@@ -94,10 +94,10 @@ def _is_close(metres: float, degrees: float) -> bool:
     return metres <= CLOSE_M and degrees <= CLOSE_DEG
 
 
-def _error(estimate: Pose, truth: Pose) -> tuple[float, float]:
+def _error(estimate: Pose, ground_truth: Pose) -> tuple[float, float]:
     """Distance of the camera centres in m and angle in degrees."""
-    metres = np.linalg.norm(estimate.inverse().translation - truth.inverse().translation)
-    return float(metres), float(np.degrees(np.linalg.norm((estimate @ truth.inverse()).log()[3:])))
+    metres = np.linalg.norm(estimate.inverse().translation - ground_truth.inverse().translation)
+    return float(metres), float(np.degrees(np.linalg.norm((estimate @ ground_truth.inverse()).log()[3:])))
 
 
 def _same(a: Pose | None, b: Pose | None) -> bool:

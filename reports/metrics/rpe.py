@@ -96,7 +96,7 @@ def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelat
     """Errors (k,) of the stretches i -> j.
 
     The point distances compare straight-line distances: in m, and in percent of the true one
-    (stretches in which the truth stands still have none and are left out).
+    (stretches in which the ground truth stands still have none and are left out).
     """
     if relation in ("point_distance_m", "point_distance_percent"):
         true = norm(pairs.reference_m[j] - pairs.reference_m[i])

@@ -204,7 +204,7 @@ def scrubber_data(runs: ListOf[ScoredRun], shown: SequenceOnPage) -> dict[str, A
         "frames": frames,
         "seconds": np.round(seconds, 4).tolist(),
         "step_ms": round(1e3 * float(np.diff(seconds).mean())) if len(frames) > 1 else 100,
-        "truth": [flat(view.projected(sequence.true_cam_from_world(frame))) for frame in frames],
+        "ground_truth": [flat(view.projected(sequence.true_cam_from_world(frame))) for frame in frames],
         "runs": [_scrubbed_run(run, view, frames) for run in runs],
     }
 

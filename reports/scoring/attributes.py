@@ -41,7 +41,7 @@ class Part:
 
 def speed_m_s(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Speed of the body (n,)."""
-    return norm(sequence.truth_table[list(frames), 9:12])
+    return norm(sequence.ground_truth_table[list(frames), 9:12])
 
 
 def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
@@ -73,8 +73,8 @@ def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
 def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Share (n,) in percent of the length in px of the visible model edges that something else hides.
 
-    The structure's own edges at the true pose against those that the renderer saw; NaN where the dataset has no truth
-    of edges (`truth = ["edges"]`).
+    The structure's own edges at the true pose against those that the renderer saw; NaN where there are no annotations
+    of edges (`annotations = ["edges"]`).
     """
     out = np.full(len(frames), np.nan)
     for k, frame in enumerate(frames):

@@ -49,11 +49,11 @@ def edge_bounds(sequence: Sequence, frames: ListOf[int], sigma_px: float = SIGMA
     out = np.full(len(frames), np.inf)
     camera, mount = sequence.camera, sequence.cam_from_body
     for k, frame in enumerate(frames):
-        truth = sequence.true_cam_from_world(frame)
-        points = control_points(visible_edges(sequence.structure, camera, truth))
+        ground_truth = sequence.true_cam_from_world(frame)
+        points = control_points(visible_edges(sequence.structure, camera, ground_truth))
         if len(points) < 6:
             continue
-        at = truth.transform(points.points_m)
+        at = ground_truth.transform(points.points_m)
         x, y, z = at.T
         toward = np.zeros((len(at), 3))  # n^T du/dX
         toward[:, 0] = points.normals[:, 0] * camera.fx / z

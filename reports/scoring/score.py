@@ -116,7 +116,7 @@ _versions = lru_cache(versions)
 
 
 def score(sequence: Sequence, results: Results) -> Score:
-    """Score of results against the truth of their sequence; UserError when they do not belong together."""
+    """Score of results against the ground truth of their sequence; UserError when they do not belong together."""
     results, unsound = sound(results)
     errors = frame_errors(sequence, results)
     record = results.record
@@ -183,7 +183,7 @@ def summary(errors: Any) -> ErrorSummary | None:
 def how(sequence: Sequence, results: Results) -> dict[str, Any]:
     """Record of how the numbers came about; scores whose records differ in it are not to be compared."""
     return {
-        "compared": "world_from_body with truth.csv",
+        "compared": "world_from_body with groundtruth.csv",
         "association": "by frame; every frame at the tracker's rate is expected",
         "rpe_pairs": "all pairs",
         "success": {"translation_m": SUCCESS_M, "rotation_deg": SUCCESS_DEG},

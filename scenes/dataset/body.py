@@ -25,7 +25,7 @@ from uavbench.trajectories.sensors.registry import SENSORS
 
 CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init)  # type: ignore[arg-type]
 """Parameters that may be known of a sensor: rates, noise, ranges and places, as the sensors here have them."""
-RESERVED = frozenset({"flight", "truth", "frames", "crlb", "edges", "estimates"})
+RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates"})
 """Names of tables that are no sensors."""
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 

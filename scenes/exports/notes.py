@@ -17,13 +17,13 @@ class Held:
     """What an exporter wrote.
 
     files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
-    it took over; truth: of depth, mask and edges those that it took over; limits: what it had to leave out or change.
+    it took over; annotations: depth, mask and edges if it took them over; limits: what it had to leave out or change.
     """
 
     files: dict[str, str]
     frames: dict[str, str]
     sensors: tuple[str, ...] = ()
-    truth: tuple[str, ...] = ()
+    annotations: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     readme: str = "README.md"
 
@@ -58,7 +58,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
         )
     lines += _link(sequence)
     for name in ("depth", "mask", "edges"):
-        if name not in held.truth and (sequence.folder / name).is_dir():
+        if name not in held.annotations and (sequence.folder / name).is_dir():
             lines.append(f"Truth of each frame: `{name}/` is not held.")
     if (sequence.folder / "crlb.csv").is_file():
         lines.append("Bounds: the Cramer-Rao bounds of `crlb.csv` are not held.")

@@ -1,4 +1,4 @@
-"""Recordings of real images: no truth is made up, and none is needed for the rest of the job."""
+"""Recordings of real images: no ground truth is made up, and none is needed for the rest of the job."""
 
 import json
 import shutil
@@ -67,7 +67,7 @@ def test_a_recording_is_a_sequence_without_truth(sequence):
     assert np.array_equal(sequence.image(3), trial.image(3))
     assert np.allclose(np.diff(sequence.stamps_ns), 1e9 / 15, atol=1)
     assert np.allclose(sequence.first_cam_from_world.matrix, trial.true_cam_from_world(0).matrix)
-    with pytest.raises(UserError, match="no truth"):
+    with pytest.raises(UserError, match="no ground truth"):
         sequence.true_cam_from_world(0)
 
 
@@ -114,10 +114,10 @@ def test_the_report_of_a_recording_has_no_error_in_it(own, tmp_path):
     assert done.returncode == 0, done.stderr
     scores = json.loads((tmp_path / "out" / "scores.json").read_text())
     assert {score["label"] for score in scores["scores"]} == {"hold", "lsd"}
-    assert scores["truth"] is None
+    assert scores["ground_truth"] is None
     assert not any({"ate", "rpe", "tracking"} & set(score) for score in scores["scores"])
     page = (tmp_path / "out" / "index.html").read_text()
-    assert "no truth" in page
+    assert "no ground truth" in page
     for name in ("lsd", "hold"):
         assert (tmp_path / "out" / "figures" / f"overlay_own-s0_{name}@15hz.webp").stat().st_size > 1000
     again = uavbench("run", own / "own.toml", "--out", tmp_path / "out", "--jobs", "1")

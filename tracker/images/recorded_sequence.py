@@ -1,6 +1,6 @@
-"""Recorded sequences: real images of a structure whose model and first pose are known, and no truth.
+"""Recorded sequences: real images of a structure whose model and first pose are known, and no ground truth.
 
-`record` makes a sequence folder of them, without truth.csv; `sequence.json` says `first_cam_from_world` instead.
+`record` makes a sequence folder of them, without groundtruth.csv; `sequence.json` says `first_cam_from_world` instead.
 """
 
 import json
