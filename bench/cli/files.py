@@ -100,7 +100,7 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.argument("reference", type=click.Path(path_type=Path))
 @click.argument("estimate", type=click.Path(path_type=Path))
 @click.option("--align", type=click.Choice(ALIGNMENTS), help="Alignment of the estimate; default: none.")
-@click.option("--delta", type=float, help="Length of the stretches of the RPE; default: 1.")
+@click.option("--delta", type=float, help="Pair interval of the RPE; default: 1.")
 @click.option("--unit", type=click.Choice(UNITS), help="Unit of --delta; default: frames.")
 @click.option("--all-pairs/--consecutive", default=None, help="Stretches of the RPE; default: consecutive.")
 @click.option("--pairs-from", type=click.Choice(["reference", "estimate"]), help="Whose deltas choose them.")

@@ -31,7 +31,7 @@ def evaluate(
     frame, `world_from_body` or `world_from_cam`; where files say different ones, `mount` names a sequence's folder.
     align: `none`, `yaw`, `se3` or `sim3`. mode: defaults that repeat a known tool, `uavbench`, `evo`, `tum`, `kitti` or
     `rpg`; what is given here goes before them. t_offset_s is added to the stamps of the estimate; poses are paired
-    when at most max_difference_s apart. delta and unit (`frames`, `s`, `m`, ...): the stretch of the RPE.
+    when at most max_difference_s apart. delta and unit (`frames`, `s`, `m`, ...): the pair interval of the RPE.
 
     Result: `.ate["translation_m"].rmse`, `.ate["rotation_deg"].median`, `.rpe` likewise (None where the trajectory is
     too short), `.coverage`, `.frames()` a DataFrame, `.plot(axes)`. UserError when the two cannot be compared.

@@ -15,7 +15,7 @@ from uavbench.reports.evaluation.trajectory_files import Found, mount_of
 from uavbench.reports.metrics.align import Alignment, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes
 from uavbench.reports.metrics.association import NS, Association, PosePairs, associate
-from uavbench.reports.metrics.rpe import Stretch, Unit, motion_error_sizes, stretches
+from uavbench.reports.metrics.rpe import PairInterval, Unit, interval_pairs, motion_error_sizes
 from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.tracker.versions import versions
@@ -40,14 +40,14 @@ class Options:
     association: Association = "one-to-one"
     max_difference_s: float = 0.01
     offset_s: float = 0.0
-    stretch: Stretch = field(default_factory=Stretch)
+    interval: PairInterval = field(default_factory=PairInterval)
     segments: Literal["none", "kitti", "rpg"] = "none"
 
 
 MODES: dict[str, Options] = {
     "uavbench": Options(),
-    "evo": Options(association="evo", stretch=Stretch(pairs_from="estimate")),
-    "tum": Options(align="se3", max_difference_s=0.02, stretch=Stretch(1.0, "s", all_pairs=True)),
+    "evo": Options(association="evo", interval=PairInterval(pairs_from="estimate")),
+    "tum": Options(align="se3", max_difference_s=0.02, interval=PairInterval(1.0, "s", all_pairs=True)),
     "kitti": Options(segments="kitti"),
     "rpg": Options(align="yaw", association="evo", max_difference_s=0.02, segments="rpg"),
 }
@@ -56,7 +56,7 @@ MODES: dict[str, Options] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one stretch.
+    """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one pair interval.
 
     coverage: poses matched over the poses that the sparser of the two files would have over the reference's time span.
     """
@@ -114,8 +114,8 @@ class Evaluation:
             "",
             f"{'':<28}" + "".join(f"{name:>12}" for name in names) + f"{'n':>9}",
         ]
-        stretch = f"{record['delta']:g} {record['unit']}"
-        tables = {"ATE": self.ate, f"RPE {stretch}": self.rpe or {}}
+        interval = f"{record['delta']:g} {record['unit']}"
+        tables = {"ATE": self.ate, f"RPE {interval}": self.rpe or {}}
         for title, summaries in tables.items():
             for name, summary in summaries.items():
                 values = "".join(f"{getattr(summary, key):>12.6g}" for key in names)
@@ -126,7 +126,7 @@ class Evaluation:
                 f"{each.rotation_deg_per_m.mean:.4g} deg/m (means of {each.translation_m.n})"
             )
         if self.rpe is None:
-            lines.append(f"RPE: the trajectory is too short for a stretch of {stretch}")
+            lines.append(f"RPE: the trajectory is too short for a pair interval of {interval}")
         return "\n".join(lines) + "\n"
 
 
@@ -169,11 +169,11 @@ def evaluate_files(
         association=_given(association, preset.association),
         max_difference_s=_given(max_difference_s, preset.max_difference_s),
         offset_s=t_offset_s,
-        stretch=Stretch(
-            _given(delta, preset.stretch.delta),
-            _given(unit, preset.stretch.unit),
-            _given(all_pairs, preset.stretch.all_pairs),
-            _given(pairs_from, preset.stretch.pairs_from),
+        interval=PairInterval(
+            _given(delta, preset.interval.delta),
+            _given(unit, preset.interval.unit),
+            _given(all_pairs, preset.interval.all_pairs),
+            _given(pairs_from, preset.interval.pairs_from),
         ),
         segments=preset.segments,
     )
@@ -206,8 +206,8 @@ def evaluate(
     found = alignment(pairs, options.align)
     if options.align != "none":
         pairs = found.apply(pairs)
-    stretch = options.stretch
-    i, j = stretches(pairs, stretch)
+    interval = options.interval
+    i, j = interval_pairs(pairs, interval)
     position_m, rotation_rad = pose_error_sizes(pairs)
     motion_m, turn_rad = motion_error_sizes(pairs, i, j)
     lengths: tuple[float, ...] = ()
@@ -239,10 +239,10 @@ def evaluate(
                 "rotation": found.rotation.tolist(),
                 "translation_m": found.translation.tolist(),
             },
-            "delta": stretch.delta,
-            "unit": stretch.unit,
-            "all_pairs": stretch.all_pairs,
-            "pairs_from": stretch.pairs_from,
+            "delta": interval.delta,
+            "unit": interval.unit,
+            "all_pairs": interval.all_pairs,
+            "pairs_from": interval.pairs_from,
             "std_ddof": 0,
             "coverage": "matched / poses of the sparser file over the reference's span",
             "versions": versions(),

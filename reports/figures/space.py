@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.figures.time import finite, nice_log
-from uavbench.reports.metrics.rpe import Stretch, relative_errors, stretches
+from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors
 from uavbench.reports.metrics.sub_trajectories import distance_along
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.style import GROUND_TRUTH, colour, line, panel_letter
@@ -149,7 +149,7 @@ def _over(run: ScoredRun, length_m: float) -> Array:
     if length_m <= 0:
         return np.empty(0)
     pairs, ok = run.errors.pairs, run.errors.ok
-    i, j = stretches(pairs, Stretch(length_m, "m", all_pairs=True))
+    i, j = interval_pairs(pairs, PairInterval(length_m, "m", all_pairs=True))
     both = ok[i] & ok[j]
     return relative_errors(pairs, i[both], j[both], "translation_m")
 

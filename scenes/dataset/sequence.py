@@ -51,7 +51,7 @@ GROUND_TRUTH_COLUMNS = [
 DEPTH_M_PER_UNIT = 0.001
 """Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
 EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
-"""Of `edges/NNNNNN.csv`: a visible stretch of a model's edge, its ends, its share of the edge, its contrast."""
+"""Of `edges/NNNNNN.csv`: a visible part of a model's edge, its ends, its share of the edge, its contrast."""
 UPPER = np.triu_indices(6)
 BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
 """A covariance in `crlb.csv`: its upper triangle by rows."""
@@ -246,7 +246,7 @@ class Frame:
 
     @property
     def edges(self) -> Array | None:
-        """Visible stretches (n, 7) of the model's edges, columns as EDGE_COLUMNS; None where there are none."""
+        """Visible parts (n, 7) of the model's edges, columns as EDGE_COLUMNS; None where there are none."""
         path = self._file("edges", "csv")
         return None if path is None else read_numbers(path, EDGE_COLUMNS)
 
