@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from uavbench.bench.external.program import External, track_external
-from uavbench.bench.third_party.peer import Peer
+from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import Results
@@ -30,7 +30,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
     first = _run(tracker, sequence, rate_hz, kept_folder)
     faults = list(first.record["errors"])
     yield from faults
-    if faults and isinstance(tracker, External | Peer):
+    if faults and isinstance(tracker, External | ThirdPartyTracker):
         yield f"its job folder: {kept_folder}"
     yield f"frames with a pose: {int(first.ok.sum())} of {len(first)}"
     yield from _accuracy(first, sequence)
@@ -51,7 +51,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
 
 
 def _run(tracker: Tracker, sequence: Sequence, rate_hz: float, kept_folder: Path) -> Results:
-    if isinstance(tracker, Peer):
+    if isinstance(tracker, ThirdPartyTracker):
         return _run(tracker.present(), sequence, rate_hz, kept_folder)
     if isinstance(tracker, External):
         return track_external(tracker, sequence, rate_hz=rate_hz, seed=0, kept_folder=kept_folder)
