@@ -28,7 +28,14 @@ from uavbench.reports.figures import space as figures_space
 from uavbench.reports.figures import time as figures_time
 from uavbench.reports.page.failures import own_runs
 from uavbench.reports.page.overlay_animation import scrubbed, write_frames
-from uavbench.reports.page.pages import FigureOnPage, SequenceOnPage, Told, Undrawn, write_index, write_sequence_page
+from uavbench.reports.page.pages import (
+    FigureOnPage,
+    ReportNotes,
+    SequenceOnPage,
+    Undrawn,
+    write_index,
+    write_sequence_page,
+)
 from uavbench.reports.progress import OnStep, Steps
 from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
 from uavbench.reports.restarts import COLUMNS as RESTARTS
@@ -98,7 +105,7 @@ def write_report(
     tables = write_all_tables(folder, runs, restarted, tuple(absent or {}))
     write_scores(folder, title, [run.score for run in runs], unrendered or {}, absent or {})
     undrawn = Undrawn(easel.left_out, tuple(name for name in groups if name not in shown))
-    about = Told(title, unrendered or {}, absent or {}, undrawn)
+    about = ReportNotes(title, unrendered or {}, absent or {}, undrawn)
     index = write_index(folder, about, runs, tables, on_index, pages)
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")

@@ -29,7 +29,7 @@ class ResultError(Exception):
     """What `track` returned cannot be taken: the fault's name, and what is wrong."""
 
 
-def told(error: BaseException, method: Any) -> str:
+def fault_message(error: BaseException, method: Any) -> str:
     """One line that says what was raised in a tracker's method and where in the tracker's own code.
 
     An error of uavbench's own, meant for people, is given as it is.

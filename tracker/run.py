@@ -14,7 +14,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples, body_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.faults import checked, is_ours, told
+from uavbench.tracker.faults import checked, fault_message, is_ours
 from uavbench.tracker.initialization import Initialization, Known
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
@@ -41,8 +41,8 @@ def track_sequence(
     """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the first pose of `start`.
 
     `on_frame(frame, result)` is called after each frame. A frame at which the tracker raised, or returned what is no
-    result, is `lost` and told under `errors` in the record. Images are read outside the timed part. UserError when the
-    tracker cannot be started, rate_hz is out of range or an image cannot be read.
+    result, is `lost` and reported under `errors` in the record. Images are read outside the timed part. UserError when
+    the tracker cannot be started, rate_hz is out of range or an image cannot be read.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
     first = first_pose(start, sequence, 0, seed)
@@ -87,7 +87,7 @@ def started(
     except (Exception, SystemExit) as error:
         if isinstance(error, UserError | Terminated) or is_ours(tracker):
             raise
-        raise UserError(f"{tracker_kind(tracker)} cannot be started: {told(error, tracker.start)}") from error
+        raise UserError(f"{tracker_kind(tracker)} cannot be started: {fault_message(error, tracker.start)}") from error
     if not callable(getattr(run, "track", None)):
         what = one_line(repr(run))[:60]
         raise UserError(f"{tracker_kind(tracker)}: start returned {what}, which has no method `track`")
@@ -140,7 +140,7 @@ def track_frame(
         raise
     except (Exception, SystemExit) as exception:  # a tracker may be anyone's: its crash is a loss, not the run's end
         total_ms = (time.perf_counter() - begin) * 1e3
-        result, error = TrackResult(status="lost"), told(exception, method)
+        result, error = TrackResult(status="lost"), fault_message(exception, method)
     if result.cam_from_world is not None and not within_reach(result.cam_from_world):
         result = TrackResult(status="lost", stage_ms=result.stage_ms)
         error = f"its pose is not finite or beyond {LARGEST_COORDINATE_M:g} m"

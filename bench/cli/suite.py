@@ -49,9 +49,9 @@ def figures_option(command: Any) -> Any:
 
 def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
     """Bring a suite up to one verb; the exit code."""
-    from uavbench.bench.runner.commands import Where, bring_up_to
+    from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 
-    return bring_up_to(verb, suite, out, Where(workers=jobs, slurm_options=slurm_option, **where))
+    return bring_up_to(verb, suite, out, ExecutionOptions(workers=jobs, slurm_options=slurm_option, **where))
 
 
 @click.command("track")

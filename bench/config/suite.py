@@ -1,4 +1,4 @@
-"""A suite: one TOML file in, checked specs out; all its mistakes are told at once."""
+"""A suite: one TOML file in, checked specs out; all its mistakes are reported at once."""
 
 import difflib
 import json
@@ -71,7 +71,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     ]
     errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
     if errors:
-        raise UserError(_told(path, list(dict.fromkeys(errors))))
+        raise UserError(_message(path, list(dict.fromkeys(errors))))
     flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
     return Suite(
         path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, tuple(checked.protocols), flights
@@ -97,14 +97,14 @@ def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initializat
 
 
 def _one(protocol: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
-    """The one plug-in that a table says, told in errors by a key."""
+    """The one plug-in that a table says, named in errors by a key."""
     kind: Any = choice(protocol, extra)
     fields: Any = {key: (kind, ...)}
     table = _check(path, create_model("File", __config__=STRICT, **fields), {key: data})
     errors: list[str] = []
     plugin = build(getattr(table, key), key, errors)
     if errors:
-        raise UserError(_told(path, errors))
+        raise UserError(_message(path, errors))
     return plugin
 
 
@@ -180,11 +180,11 @@ def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Seque
     except ValidationError as error:
         mistakes += [_explain(model, e) for e in error.errors()]
     if mistakes:
-        raise UserError(_told(path, mistakes))
+        raise UserError(_message(path, mistakes))
     return checked
 
 
-def _told(path: Path, messages: list[str]) -> str:
+def _message(path: Path, messages: list[str]) -> str:
     count = f"{len(messages)} mistakes" if len(messages) > 1 else "1 mistake"
     return f"{path}: {count}\n" + "\n".join(f"  {message}" for message in messages)
 

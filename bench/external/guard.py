@@ -82,7 +82,7 @@ class Guard:
         line = json.dumps({**asked, "memory_mb": memory_mb, "file_mb": file_mb}).encode() + b"\n"
         rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", files))]
         self._socket.settimeout(START_S)
-        with suppress(OSError):  # a guard that is gone is told of by `wait`
+        with suppress(OSError):  # a guard that is gone is reported by `wait`
             sent = self._socket.sendmsg([line], rights)
             self._socket.sendall(line[sent:])
 

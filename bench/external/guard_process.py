@@ -52,7 +52,7 @@ class Guarding:
 
     def __init__(self, owner: socket.socket) -> None:
         self.owner, self.owner_pid = owner, os.getppid()
-        self.program, self.memory_mb, self.told = 0, 0, False
+        self.program, self.memory_mb, self.reported = 0, 0, False
         self.codes: dict[int, int] = {}
         self.received, self.files = b"", list[int]()
         woken, wake = os.pipe()
@@ -121,12 +121,12 @@ class Guarding:
     def look_after(self) -> None:
         """Take in who has ended; end all when the program has, or when all together have too much memory."""
         self.codes.update(reap())
-        if not self.program or self.told:
+        if not self.program or self.reported:
             return
         used_mb = 0.0 if self.program in self.codes else used_memory_mb(self.memory_mb)
         if used_mb or self.program in self.codes:
             self.codes.update(end_descendants())
-            self.told = True
+            self.reported = True
             self.tell({"code": self.codes.get(self.program, -signal.SIGKILL), "used_mb": used_mb})
 
     def tell(self, what: dict[str, Any]) -> None:

@@ -35,7 +35,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
 OnFrame = Callable[[int, TrackResult], None]
-MAX_FAULTS_TOLD = 20
+MAX_FAULTS_REPORTED = 20
 LONGEST_S = 86_400.0
 """A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
 MOST_MB = 1 << 27
@@ -196,8 +196,8 @@ def track_external(
 ) -> Results:
     """Results of a program on every k-th frame of a sequence, from the first pose of `start`.
 
-    What breaks the protocol makes frames lost and is told under `errors` in the record; the job folder is then kept at
-    `kept_folder`. TrackerFault when the program cannot be started at all, UserError when it is to be isolated and that
+    What breaks the protocol makes frames lost and is reported under `errors` in the record; the job folder is then kept
+    at `kept_folder`. TrackerFault when the program cannot be started at all, UserError when it is to be isolated and that
     cannot be done.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
@@ -216,10 +216,10 @@ def track_external(
             keep(folder, kept_folder, faults)
     if faults and faults[0].name == "cannot-start":
         raise TrackerFault(faults[0].name, faults[0].where, faults[0].what)
-    told = [str(fault) for fault in faults[:MAX_FAULTS_TOLD]]
-    if len(faults) > MAX_FAULTS_TOLD:
-        told.append(f"and {len(faults) - MAX_FAULTS_TOLD} more faults")
-    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=told, start=start)
+    messages = [str(fault) for fault in faults[:MAX_FAULTS_REPORTED]]
+    if len(faults) > MAX_FAULTS_REPORTED:
+        messages.append(f"and {len(faults) - MAX_FAULTS_REPORTED} more faults")
+    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=messages, start=start)
     record["tracker"]["kind"] = "external"
     return Results(record, np.array(frames), sequence.stamps_ns[frames], tuple(rows))
 

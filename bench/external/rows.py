@@ -122,8 +122,8 @@ def read_estimates(path: Path, stamps_ns: Sequence[int]) -> tuple[list[TrackResu
         with opened(path, limit, inside=path.parent) as handle:
             return _read(path, io.TextIOWrapper(handle, encoding="utf-8"), stamps_ns)
     except (OSError, UnicodeDecodeError, UserError) as error:
-        told = str(error).removeprefix(f"{path}: ")
-        return _lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {told}")]
+        reason = str(error).removeprefix(f"{path}: ")
+        return _lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {reason}")]
 
 
 def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> tuple[list[TrackResult], list[Fault]]:

@@ -17,7 +17,7 @@ from uavbench.bench.gate.versions import Version, placed
 from uavbench.trajectories.errors import UserError, plain
 
 MOST_TOLD = 8
-"""Names told of what is not in git; the rest is counted."""
+"""Names reported of what is not in git; the rest is counted."""
 
 
 @dataclass(frozen=True)

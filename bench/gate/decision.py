@@ -36,7 +36,7 @@ ALPHA = 0.05
 MIN_SEEDS = 5
 TINY = 1e-12
 TYPICAL = 2.0
-"""How much a run counts in a typical change, in units of what must be told apart: enough to carry any change that is
+"""How much a run counts in a typical change, in units of what must be distinguished: enough to carry any change that is
 in all runs, too little for a run that breaks by chance to hide it."""
 ROUNDS = 5
 """Draws of the bootstrap, so that its smallest p stands a correction over many metrics."""

@@ -64,8 +64,8 @@ def table_of_extents(renders: Iterable[Render]) -> str:
     total_mb = sum(each.seeds * each.bytes for each in found) / 1e6
     lines.append(f"{'all sequences':<36} {seeds:>7} {frames:>7} {total_s:>10.1f} {'':>8} {total_mb:>9.1f}")
     for each in found:
-        if told := each.problem or (each.summary.shortfall() if each.summary else ""):
-            lines.append(f"{each.name}: {told}")
+        if reason := each.problem or (each.summary.shortfall() if each.summary else ""):
+            lines.append(f"{each.name}: {reason}")
     return "\n".join(lines)
 
 

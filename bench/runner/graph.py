@@ -242,7 +242,7 @@ class Bar:
         self.bar.close()
 
     def drain(self, progress: Any) -> None:
-        """Take in what the workers have told."""
+        """Take in the workers' messages."""
         while progress is not None:
             try:
                 name, share = progress.get_nowait()

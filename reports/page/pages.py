@@ -94,7 +94,7 @@ class Undrawn:
 
 
 @dataclass(frozen=True)
-class Told:
+class ReportNotes:
     """What an index says beside its runs: sequences that could not be made, trackers not here, and why; the undrawn."""
 
     title: str
@@ -105,7 +105,7 @@ class Told:
 
 def write_index(
     folder: Path,
-    told: Told,
+    notes: ReportNotes,
     runs: ListOf[ScoredRun],
     tables: ListOf[tuple[str, Table]],
     figures: ListOf[FigureOnPage],
@@ -117,7 +117,7 @@ def write_index(
     names = list(dict.fromkeys(run.sequence.name for run in runs))
     summary = tables[0][1]
     text = environment().get_template("page_index.html").render(
-        title=told.title,
+        title=notes.title,
         css=asset("page.css"),
         js=asset("page.js"),
         runs=runs,
@@ -125,9 +125,9 @@ def write_index(
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
         names=names,
         sequences=sequences,
-        unrendered=told.unrendered,
-        absent=told.absent,
-        undrawn=told.undrawn,
+        unrendered=notes.unrendered,
+        absent=notes.absent,
+        undrawn=notes.undrawn,
         summary=_shown("summary", "Scores", summary.select(TWO_COLUMNS), runs),
         details=_themes([table for _, table in tables], runs),
         table_files=[f"tables/{name}{end}" for name, _ in tables for end in TABLE_FILES[name == "summary"]],

@@ -1,7 +1,7 @@
 """Protocols beside the free run: reset on failure, anchored restarts, replay in real time.
 
 Conventions: a protocol drives the same tracker over the same frames as a free run does and gives the same kind of
-results. Frames near a reset are burn-in: they follow a pose that was given, so they are told apart and left out of
+results. Frames near a reset are burn-in: they follow a pose that was given, so they are scored apart and left out of
 accuracy.
 """
 

@@ -87,7 +87,7 @@ def test_a_right_first_pose_is_kept_and_a_wrong_one_is_searched(flight):
     wrong = Pose.exp([0.03, -0.02, 0.03, 0.04, -0.05, 0.03]) @ poses[0]
     for first, searched in ((poses[0], False), (wrong, True)):
         result = started(first).track(images[0], 0)
-        assert ("recover" in result.stage_ms) == searched
+        assert ("relocalize" in result.stage_ms) == searched
         assert pose_error(result.cam_from_world, poses[0])[0] < 0.01
         assert np.linalg.eigvalsh(result.covariance).min() > 0
 

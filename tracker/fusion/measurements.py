@@ -1,4 +1,4 @@
-"""What the filter is told besides the IMU: camera poses, positions, heights, optical flow; each predicts itself.
+"""Measurements of the filter besides the IMU: camera poses, positions, heights, optical flow; each predicts itself.
 
 A measurement at the nominal state gives its residual, the Jacobian of that by the error (sign: residual = H error +
 noise), and its noise covariance.

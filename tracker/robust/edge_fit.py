@@ -122,7 +122,7 @@ class EdgeFitter:
         aligned = self.align(problem, most_px, clock)
         found = self.update(problem, aligned, clock)
         best = self.refine_subpixel(problem, aligned, found, clock) if self.sharp else found.estimate
-        with clock.stage("judge"):
+        with clock.stage("support"):
             return self.judge(problem, aligned.matches, found, best)
 
     def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
@@ -151,7 +151,7 @@ class EdgeFitter:
         with clock.stage("search"):
             half_px = search_range(problem.lines.jacobian, problem.covariance, most_px, self.values.search)
             measured = self.measure(problem, problem.lines, half_px)
-        with clock.stage("choose"):
+        with clock.stage("hypotheses"):
             prior = solver.hypotheses.prior_weight * problem.prior.information
             motion = best_motion(measured, prior, self.draws, self.values.hypotheses)
             view = view.to(*se3_exp_left(view.R, view.t, motion))
@@ -178,7 +178,7 @@ class EdgeFitter:
 
     def refine_subpixel(self, problem: Problem, aligned: Aligned, found: Solution, clock: StageClock) -> Estimate:
         """The estimate by steps of light fitted to the pixels about the control points."""
-        with clock.stage("sharpen"):
+        with clock.stage("subpixel"):
             view = aligned.view.to(found.estimate.R, found.estimate.t)
             lines, weighting = self.search_lines(problem.points, view), found.estimate.weighting
             fitted = FittedPoints(weighting.residual, weighting.weight, found.measured.variance_px2)
@@ -291,8 +291,8 @@ class EdgeFitter:
         innovation = normalized_innovation(used.edges.variance_px2, used.sums, used.step.to_fit, covariance)
         if innovation.expected > bias.min_freedom:
             ratio = min(bias.max_innovation, innovation.squares / innovation.expected)
-            grown = self.offset_scale * (1.0 + bias.spread_rate * (ratio - 1.0))
-            self.offset_scale = min(bias.max_spread, max(bias.min_spread, grown))
+            grown = self.offset_scale * (1.0 + bias.offset_scale_rate * (ratio - 1.0))
+            self.offset_scale = min(bias.max_offset_scale, max(bias.min_offset_scale, grown))
 
 
 def layered(image: Image) -> Image:

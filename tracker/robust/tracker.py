@@ -167,7 +167,7 @@ class RobustRun:
             return kept
         if not (first or self.search_is_due(frame, fit) or not fit.finite):
             return fit
-        with clock.stage("recover"):
+        with clock.stage("relocalize"):
             better = self.recover(frame, fit)
         self.was_wrong |= first and better is not fit
         self.until_search = 0 if better is not fit else self.config.loss.search_every
@@ -249,7 +249,7 @@ class RobustRun:
         contradict = fit.edge_support < min(loss.contradicted_support, fit.support)
         if not (contradict and fit.control_points >= loss.contradicting_points):
             return fit
-        with clock.stage("recover"):
+        with clock.stage("relocalize"):
             kept, self.fitter.texture = (
                 self.fitter.texture,
                 Texture(self.fitter.edges, self.camera, self.fitter.view, self.config.patches),

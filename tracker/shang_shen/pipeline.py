@@ -91,7 +91,7 @@ class PublishedRun:
             found |= {"control_points": len(points), "candidates": int(candidates.counts.sum()), "inliers": 0}
             if np.count_nonzero(candidates.counts) < MIN_MATCHES:
                 return TrackResult(status="lost", stage_ms=clock.ms, **found)
-            with clock.stage("choose"):
+            with clock.stage("hypotheses"):
                 cam = pose.transform(points.points_m)
                 J = normal_jacobian(cam, points.normals, camera)
                 prior = prior_information(float(np.median(cam[:, 2])))

@@ -34,7 +34,7 @@ def prepare(*modules: str) -> None:
         missing = [kernel for kernel in missing if not kernel.load()]
         if missing:
             with _help(modules), _no_collection():
-                for kernel in _told(missing):
+                for kernel in _with_progress(missing):
                     kernel.compile(None)
 
 
@@ -44,7 +44,7 @@ def kernels_of(modules: Iterable[str]) -> list[Kernel]:
     return [kernel for kernel in KERNELS if Path(kernel.py_func.__code__.co_filename).resolve() in files]
 
 
-def _told(kernels: list[Kernel]) -> Iterable[Kernel]:
+def _with_progress(kernels: list[Kernel]) -> Iterable[Kernel]:
     """The kernels, with a bar on a terminal, and else one line."""
     about = "compiling kernels, once after an installation"
     if sys.stderr.isatty():

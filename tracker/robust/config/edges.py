@@ -85,7 +85,7 @@ class WeightConfig:
     separate_px: Positive = 8.0
     """Edges farther apart do not disturb each other. Chosen on rendered seeds."""
     touching_px: NotNegative = 2.0
-    """Edges nearer to each other cannot be told apart. Chosen on rendered seeds."""
+    """Edges nearer to each other cannot be distinguished. Chosen on rendered seeds."""
     min_spacing_weight: Annotated[float, Interval(gt=0, le=1)] = 0.02
     """Weight of edges that touch. Chosen on rendered seeds."""
     parallel_cosine: Part = 0.85

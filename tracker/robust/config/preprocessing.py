@@ -29,5 +29,5 @@ class PreprocessingConfig:
     """Least contrast gain that is applied. Chosen on rendered seeds."""
     max_gain: Annotated[float, Gt(1)] = 8.0
     """Largest contrast gain: noise is stretched too. Chosen on rendered seeds."""
-    min_light_change_log: Positive = 0.03
+    min_brightness_change_log: Positive = 0.03
     """Least change of the logarithm of the light that is followed. Chosen on rendered seeds."""

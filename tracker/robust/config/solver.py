@@ -58,11 +58,11 @@ class BiasConfig:
     forgotten_part: Part = 0.6
     """Part forgotten in that time: other patches are found by then. Measured on 8 to 10 sequences; with ten seconds in
     place of one, depth drifts by 2 to 5 mm at 1 Hz."""
-    spread_rate: Part = 0.1
+    offset_scale_rate: Part = 0.1
     """Rate at which the factor of the offsets' variances is learned. Chosen on rendered seeds."""
-    min_spread: Positive = 0.6
+    min_offset_scale: Positive = 0.6
     """Least factor. Chosen on rendered seeds."""
-    max_spread: Positive = 16.0
+    max_offset_scale: Positive = 16.0
     """Largest factor. Chosen on rendered seeds."""
     min_freedom: Positive = 0.3
     """Least expected sum of squared offsets from which it is learned: more edges than six unknowns take up. Chosen on

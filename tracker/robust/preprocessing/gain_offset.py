@@ -71,7 +71,7 @@ def brightness_ratio(now: Image, then: Image, config: PreprocessingConfig) -> Ar
         usable = (low > config.dark_grey) & (high < config.bright_grey)
         if np.count_nonzero(usable) > usable.size // USABLE:
             out[c] = np.median(a[usable, c].astype(np.float64) / b[usable, c])
-    return np.ones(len(out)) if np.abs(np.log(out)).max() < config.min_light_change_log else out
+    return np.ones(len(out)) if np.abs(np.log(out)).max() < config.min_brightness_change_log else out
 
 
 def compensated(appearance: Array, change: GainOffset) -> Array:
