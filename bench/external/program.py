@@ -197,8 +197,8 @@ def track_external(
     """Results of a program on every k-th frame of a sequence, from the first pose of `start`.
 
     What breaks the protocol makes frames lost and is reported under `errors` in the record; the job folder is then kept
-    at `kept_folder`. TrackerFault when the program cannot be started at all, UserError when it is to be isolated and that
-    cannot be done.
+    at `kept_folder`. TrackerFault when the program cannot be started at all, UserError when isolation is asked for and
+    impossible.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
     if tracker.isolate:

@@ -18,6 +18,7 @@ from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.robust.view import View
+from uavbench.tracker.visible_edges import near_depth
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
@@ -198,7 +199,7 @@ def test_hidden_lines_are_removed():
     m = edge_map(both)
     pose = look_at(np.array([3.0, 0.0, 0.1]), (0, 0, 0.1))
     config = kernel_values(SamplingConfig(spacing_px=4.0, max_points=400))
-    points = sample_edges(m, View.of(CAMERA).at(pose), config).points
+    points = sample_edges(m, View.of(CAMERA, both).at(pose), config).points
     assert len(points) > 100
     assert (points[:, 0] > 0).all()
 
@@ -243,8 +244,8 @@ def test_nothing_is_seen_between_the_sides_of_a_column():
 
 def test_patches_taken_at_a_pose_are_found_again_there(flight):
     poses, images = flight
-    texture = Texture(edge_map(box()), CAMERA, View.of(CAMERA), CONFIG.patches)
-    view = View.of(CAMERA).at(poses[1])
+    texture = Texture(edge_map(box()), CAMERA, View.of(CAMERA, box()), CONFIG.patches)
+    view = View.of(CAMERA, box()).at(poses[1])
     texture.take(images[0], poses[0], np.zeros((0, 2)))
     assert len(texture) > 10
     texture.choose(view)
@@ -261,7 +262,7 @@ def test_patches_taken_at_a_pose_are_found_again_there(flight):
 
 def test_pose_search_ranks_a_near_pose_first(flight):
     poses, images = flight
-    search = PoseSearch(edge_map(box()), CAMERA, 0.02, CONFIG.relocalization.search)
+    search = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), CONFIG.relocalization.search)
     found = search.best_poses(images[19], [poses[0]], search.search_range(0.4, 0.12, 0.25, 0.3), 8)
     scores = [score for score, _ in found]
     assert scores == sorted(scores, reverse=True)

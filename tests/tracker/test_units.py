@@ -1,4 +1,4 @@
-"""A model in millimetres is tracked like the same one in metres."""
+"""A model in millimetres or kilometres is tracked like the same one in metres."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def flight():
     return poses, [scene.render(pose, noise_rng=rng) for pose in poses]
 
 
-@pytest.mark.parametrize("unit", [0.1, 1000.0])
+@pytest.mark.parametrize("unit", [0.001, 0.1, 1000.0])
 def test_the_unit_of_the_model_does_not_matter(flight, unit):
     poses, images = flight
     first = Pose(poses[0].rotation, poses[0].translation * unit)

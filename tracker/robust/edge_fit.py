@@ -95,7 +95,7 @@ class EdgeFitter:
     def __init__(self, structure: Structure, camera: Camera, rng: np.random.Generator, config: RobustConfig) -> None:
         self.config, self.values = config, KernelConfig.of(config)
         self.edges = EdgeMap.of(structure, config.edges.sampling.rounded_deg)
-        self.view = View.of(camera)
+        self.view = View.of(camera, structure)
         self.texture = Texture(self.edges, camera, self.view, config.patches)
         self.biases = NuisanceBiases(len(self.edges.ends) * 3, config.solver.bias)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))

@@ -5,21 +5,19 @@ from typing import NamedTuple
 import numpy as np
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import camera_array
-from uavbench.tracker.visible_edges import undistorted_bounds
+from uavbench.tracker.visible_edges import near_depth, undistorted_bounds
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array, Pose
-
-NEAR_M = 0.02
-"""Points nearer to the camera's plane than this are not projected."""
 
 
 class View(NamedTuple):
     """Pose, camera and image of one view.
 
     R (3, 3), t (3,) are cam_from_world; lens (11,) is of `camera_array`; size_px (2,) width and height of the image;
-    bounds_px (4,) smallest x, y and largest x, y of its border without distortion; near_m the least depth of points
-    that are projected.
+    bounds_px (4,) smallest x, y and largest x, y of its border without distortion; near the least depth that is projected,
+    in units of the model.
     """
 
     R: Array
@@ -27,18 +25,18 @@ class View(NamedTuple):
     lens: Array
     size_px: Array
     bounds_px: Array
-    near_m: float
+    near: float
 
     @classmethod
-    def of(cls, camera: Camera, near_m: float = NEAR_M) -> "View":
-        """View of a camera at the identity."""
+    def of(cls, camera: Camera, structure: Structure) -> "View":
+        """View of a structure by a camera at the identity."""
         return cls(
             np.eye(3),
             np.zeros(3),
             camera_array(camera),
             np.array([camera.width, camera.height], dtype=np.float64),
             np.array(undistorted_bounds(camera)),
-            near_m,
+            near_depth(structure),
         )
 
     def at(self, pose: Pose) -> "View":

@@ -13,6 +13,9 @@ from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
 
+ON_GROUND_PART = 1e-6
+"""An edge no higher above the lowest point stands on the ground; in diagonals of the bounding box. For round-off."""
+
 Indices = NDArray[np.int64]
 
 
@@ -41,6 +44,7 @@ class EdgeMap(NamedTuple):
         """Edge map of a structure; faces that turn by less than rounded_deg are parts of one rounded surface."""
         structure = with_silhouettes(structure, rounded_deg)
         corners = structure.vertices[structure.triangles]
+        size = float(np.linalg.norm(np.diff(structure.bounds, axis=0)))
         _, first = np.unique(structure.triangle_face, return_index=True)
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
         return cls(
@@ -50,7 +54,7 @@ class EdgeMap(NamedTuple):
             np.column_stack([structure.face_normals, offsets]),
             Triangles.of(build_tree(corners), structure.triangle_face),
             np.array(list(product(*structure.bounds.T))),
-            (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + 1e-6).all(axis=1),
+            (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + ON_GROUND_PART * size).all(axis=1),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
         )

@@ -61,7 +61,7 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     bounds = view.bounds_px
     clip = np.array(
         [
-            [0.0, 0.0, 1.0, -view.near_m],
+            [0.0, 0.0, 1.0, -view.near],
             [fx, 0.0, cx - bounds[0], 0.0],
             [-fx, 0.0, bounds[2] - cx, 0.0],
             [0.0, fy, cy - bounds[1], 0.0],
@@ -170,7 +170,7 @@ def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlP
 def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: float) -> SearchLines:
     """Search lines of control points at a pose; outside where nearer than margin_px to the image's border."""
     places, keys, ends, inward = points.points, points.keys, edges.ends, edges.inward
-    n, R, t, lens, size, near_m = len(places), view.R, view.t, view.lens, view.size_px, view.near_m
+    n, R, t, lens, size, near = len(places), view.R, view.t, view.lens, view.size_px, view.near
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
     c, d, w = np.empty(3), np.empty(3), np.empty(3)
     for k in range(n):
@@ -184,7 +184,7 @@ def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: f
             c[i] = R[i, 0] * places[k, 0] + R[i, 1] * places[k, 1] + R[i, 2] * places[k, 2] + t[i]
             w[i] = (R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]) * h
         side[k] = OUTSIDE
-        if c[2] <= near_m:
+        if c[2] <= near:
             continue
         u, v = project(c[0], c[1], c[2], lens)
         if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):

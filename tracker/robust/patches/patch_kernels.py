@@ -153,14 +153,14 @@ def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> War
     x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
     y = R[1, 0] * middle[0] + R[1, 1] * middle[1] + R[1, 2] * middle[2] + t[1]
     z = R[2, 0] * middle[0] + R[2, 1] * middle[1] + R[2, 2] * middle[2] + t[2]
-    if z < view.near_m:
+    if z < view.near:
         return Warp(0.0, 0.0, A, False)
     u, v = project(x, y, z, cam)
     for k in range(2):
         xk = x + R[0, 0] * axes[k, 0] + R[0, 1] * axes[k, 1] + R[0, 2] * axes[k, 2]
         yk = y + R[1, 0] * axes[k, 0] + R[1, 1] * axes[k, 1] + R[1, 2] * axes[k, 2]
         zk = z + R[2, 0] * axes[k, 0] + R[2, 1] * axes[k, 1] + R[2, 2] * axes[k, 2]
-        u1, v1 = project(xk, yk, max(zk, 0.01), cam)
+        u1, v1 = project(xk, yk, max(zk, view.near), cam)
         A[0, k], A[1, k] = u1 - u, v1 - v
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
     largest = max(abs(A[0, 0]), abs(A[0, 1]), abs(A[1, 0]), abs(A[1, 1]))
@@ -180,7 +180,7 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int, 
         if planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] <= planes[f, 3]:
             continue
         z = R[2, 0] * middles[p, 0] + R[2, 1] * middles[p, 1] + R[2, 2] * middles[p, 2] + t[2]
-        if z < view.near_m:
+        if z < view.near:
             continue
         x = R[0, 0] * middles[p, 0] + R[0, 1] * middles[p, 1] + R[0, 2] * middles[p, 2] + t[0]
         y = R[1, 0] * middles[p, 0] + R[1, 1] * middles[p, 1] + R[1, 2] * middles[p, 2] + t[1]
@@ -322,7 +322,7 @@ def shift_places(patches: Patches, count: int, twist: Array, view: View, config:
             continue
         for i in range(3):
             c[i] = R[i, 0] * middles[p, 0] + R[i, 1] * middles[p, 1] + R[i, 2] * middles[p, 2] + t[i]
-        if c[2] < view.near_m:
+        if c[2] < view.near:
             continue
         du, dv = 0.0, 0.0
         normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, row)

@@ -124,7 +124,7 @@ class Texture:
         """Pixels (n, 2) spread over the box around the structure's projection, others in every frame (Roberts 2018)."""
         low, high = np.zeros(2), self.view.size_px.copy()
         cam = pose.transform(self.edges.extent)
-        if (cam[:, 2] > self.view.near_m).all():
+        if (cam[:, 2] > self.view.near).all():
             px = self.camera.project(cam)
             low, high = np.maximum(px.min(axis=0), 0), np.minimum(px.max(axis=0), high)
         n = self.config.initial_spots if self.count == 0 else self.config.spots
@@ -135,7 +135,7 @@ class Texture:
 
     def _known_pixels(self, pose: Pose) -> Array:
         cam = pose.transform(self.patches.middles[self.chosen])
-        cam = cam[cam[:, 2] > self.view.near_m]
+        cam = cam[cam[:, 2] > self.view.near]
         return np.ascontiguousarray(self.camera.project(cam)) if len(cam) else np.zeros((0, 2))
 
     def _keep(self, rows: NDArray[np.bool_]) -> None:

@@ -69,7 +69,7 @@ def grid(half: float, step: float) -> tuple[float, ...]:
 class PoseSearch:
     """Edge points of a structure and the small camera, ready to search images."""
 
-    def __init__(self, edges: EdgeMap, camera: Camera, near_m: float, config: PoseSearchConfig) -> None:
+    def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: PoseSearchConfig) -> None:
         self.config, self.values = config, kernel_values(config)
         count = config.edge_points
         lengths = np.linalg.norm(edges.ends[:, 1] - edges.ends[:, 0], axis=1)
@@ -85,7 +85,7 @@ class PoseSearch:
         self.f = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) / self.scale
         self.f[2:] -= 0.5
         self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
-        self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near_m)
+        self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near)
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
 
     def search_range(self, view_rad: float, roll_rad: float, range_part: float, shift_part: float) -> SearchRange:
@@ -142,26 +142,26 @@ class PoseSearch:
         turn, ratio = grid(reach_rad, c.near_turn_rad), grid(reach_rad, c.near_turn_rad)
         changes = np.array(list(product((0.0,), (0.0,), turn, ratio, shift, shift)))
         steps = np.array([c.near_turn_rad] * 4 + [c.near_shift_px / self.f[0]] * 2)
-        near = NearGuess(np.array(guess.rotation), np.array(guess.translation), seen.points, seen.direction, focus)
+        around = NearGuess(np.array(guess.rotation), np.array(guess.translation), seen.points, seen.direction, focus)
         distance = self.edge_distance(image)
-        found = search_about(near, self.camera, distance, changes, steps, most // 2, self.values)
+        found = search_about(around, self.camera, distance, changes, steps, most // 2, self.values)
         views = product((-c.near_view_rad, c.near_view_rad), repeat=2)
         beside = np.array([[a, b, 0, 0, 0, 0] for a, b in ((0, 0), *views)])
         again = (found.changes[:, None] + beside).reshape(-1, 6)
-        found = search_about(near, self.camera, distance, again, steps, most, self.values)
+        found = search_about(around, self.camera, distance, again, steps, most, self.values)
         order = np.argsort(-found.scores, kind="stable")
-        poses = (Pose(*turned_about(near.R, near.t, focus, found.changes[k])) for k in order)
+        poses = (Pose(*turned_about(around.R, around.t, focus, found.changes[k])) for k in order)
         return [ScoredPose(float(found.scores[k]), pose) for k, pose in zip(order, poses, strict=True)]
 
     def _around(self, guess: Pose, around: SearchRange) -> list[Pose]:
         """Poses on the grid about what the guess looks at."""
-        points, near_m = self.edges.points, self.camera.near_m
+        points, near = self.edges.points, self.camera.near
         cam = guess.transform(points)
         u = self.f[0] * cam[:, 0] / cam[:, 2] + self.f[2]
         v = self.f[1] * cam[:, 1] / cam[:, 2] + self.f[3]
-        inside = (cam[:, 2] > near_m) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
+        inside = (cam[:, 2] > near) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
         if np.count_nonzero(inside) < self.config.min_points:
-            inside = cam[:, 2] > near_m
+            inside = cam[:, 2] > near
         if not inside.any():
             return []
         focus = points[inside].mean(axis=0)

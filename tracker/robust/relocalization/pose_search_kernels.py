@@ -35,11 +35,11 @@ class EdgePoints(NamedTuple):
 
 
 class SmallCamera(NamedTuple):
-    """Pinhole camera of the small image: f (4,) fx fy cx cy in its px, size_px (2,), near_m the least depth."""
+    """Pinhole camera of the small image: f (4,) fx fy cx cy in its px, size_px (2,), near the least depth."""
 
     f: Array
     size_px: Array
-    near_m: float
+    near: float
 
 
 class ImagePoints(NamedTuple):
@@ -145,7 +145,7 @@ def seen_points(edges: EdgePoints, R: Array, t: Array, camera: SmallCamera) -> I
         for i in range(3):
             c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
             d[i] = R[i, 0] * direction[k, 0] + R[i, 1] * direction[k, 1] + R[i, 2] * direction[k, 2]
-        if c[2] <= camera.near_m:
+        if c[2] <= camera.near:
             continue
         u, v = f[0] * c[0] / c[2] + f[2], f[1] * c[1] / c[2] + f[3]
         reach = size[0] / 3
@@ -239,7 +239,7 @@ def chamfer(
             dy += R[1, i] * direction[k, i]
             dz += R[2, i] * direction[k, i]
         value = outside
-        if z > camera.near_m:
+        if z > camera.near:
             a, b = x / z, y / z
             u, v = f[0] * a + f[2], f[1] * b + f[3]
             if -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5:

@@ -37,7 +37,7 @@ class Relocator:
     @classmethod
     def of(cls, fitter: EdgeFitter, camera: Camera, config: RelocalizationConfig) -> "Relocator":
         """Relocator that fits with a fitter."""
-        return cls(fitter, PoseSearch(fitter.edges, camera, fitter.view.near_m, config.search), config)
+        return cls(fitter, PoseSearch(fitter.edges, camera, fitter.view.near, config.search), config)
 
     def best(
         self, image: Image, guesses: list[Pose], covariance: Array, range_m: float, first: Fit | None = None

@@ -123,7 +123,7 @@ def add_points(
                 continue
             for i in range(3):
                 c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
-            if c[2] < view.near_m:
+            if c[2] < view.near:
                 continue
             u, v = project(c[0], c[1], c[2], lens)
             nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
@@ -163,7 +163,7 @@ def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: W
             continue
         for i in range(3):
             c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
-        if c[2] < view.near_m:
+        if c[2] < view.near:
             continue
         u, v = project(c[0], c[1], c[2], lens)
         ru, rv = observed[p, 0] - u, observed[p, 1] - v
@@ -269,7 +269,7 @@ def refine(
         *(np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)),
     )
     for width_px in widths_px:
-        now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near_m)
+        now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
         farthest = add_points(measured, now, width_px, weighting, sums, config)
         add_patches(matches, now, width_px, weighting, sums)
         if not solve_step(sums, biases, prior, now, step, config):
