@@ -16,8 +16,8 @@ class View(NamedTuple):
     """Pose, camera and image of one view.
 
     R (3, 3), t (3,) are cam_from_world; lens (11,) is of `camera_array`; size_px (2,) width and height of the image;
-    bounds_px (4,) smallest x, y and largest x, y of its border without distortion; near the least depth that is projected,
-    in units of the model.
+    bounds_px (4,) smallest x, y and largest x, y of its border without distortion; near the least depth that is
+    projected, in units of the model.
     """
 
     R: Array
