@@ -14,11 +14,11 @@ class Steps:
         self._done = 0
 
     def __call__(self, weight: int = 1) -> None:
-        """Tell that so much more is done."""
+        """Report that so much more is done."""
         self._tell(min(self._done + weight, self._total))
 
     def finish(self) -> None:
-        """Tell that all is done."""
+        """Report that all is done."""
         self._tell(self._total)
 
     def _tell(self, done: int) -> None:

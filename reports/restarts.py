@@ -1,4 +1,4 @@
-"""What runs that are given true poses on the way add to a report: how often they fail, and how soon.
+"""Report of runs that are restarted from true poses: how often and how soon they fail.
 
 Conventions: with resets, a frame beyond 5 cm or 5 deg, or without a pose, is a failure and the next starts from the
 ground truth; with anchors, every run starts from the ground truth every 5 s, whatever happened before.
@@ -55,7 +55,7 @@ class RestartedRun:
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """What it shares with the score of the free run."""
+        """The key that it shares with the score of the free run."""
         return self.name, self.sequence.name, int(self.restarted.results.record["seed"])
 
 

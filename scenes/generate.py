@@ -210,7 +210,7 @@ def _write_ground_truth(folder: Path, flight: Flight, rows: NDArray[np.int64]) -
 
 
 def _by_file(spec: SequenceSpec, readings: list[str]) -> dict[str, Any]:
-    """What each sensor is, by the file of its readings."""
+    """Parameters of each sensor, by the file of its readings."""
     return {name: described(sensor) for name, sensor in zip(readings, spec.sensors, strict=True)}
 
 

@@ -45,7 +45,7 @@ class ClutterSpec(Protocol):
 
 
 class EffectSpec(Protocol):
-    """What the camera or its link does to the images; effects act in the order of `EFFECTS`, that of nature."""
+    """An effect of the camera or its link on the images; effects act in the order of `EFFECTS`, the physical one."""
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """The source with the effect on it; frames are asked for once each, in order."""

@@ -1,4 +1,4 @@
-"""Step 3, the first pose: known, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
+"""Step 3, initialization: a known pose, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -84,7 +84,7 @@ class Results:
 
     @property
     def frame(self) -> str:
-        """What `estimate` is: `world_from_body`, or `world_from_cam` where the mount says that the camera is all."""
+        """Frame of `estimate`: `world_from_body`, or `world_from_cam` where no mount is known."""
         return "world_from_cam" if np.array_equal(self.cam_from_body.matrix, np.eye(4)) else "world_from_body"
 
     def save(self, folder: Path, groundtruth: Trajectory | None = None) -> None:

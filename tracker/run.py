@@ -95,7 +95,7 @@ def started(
 
 
 def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.Generator:
-    """The random numbers that a tracker is given: those of its stream, which does not tell the sequence's seed."""
+    """Random numbers of a tracker: its own stream, from which the sequence's seed cannot be read."""
     drawn = stream(seed, "tracker", tracker_kind(tracker), *names)
     hidden = stream(seed, "tracker", tracker_kind(tracker), *names, "own seed").integers(2**63)
     bits = np.random.PCG64(int(hidden))
@@ -104,7 +104,7 @@ def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.
 
 
 def all_failed(results: Results) -> str:
-    """What to say, with the first fault, when a tracker failed and no frame at all has a pose; else ""."""
+    """Message with the first fault, when a tracker failed and no frame has a pose; else ""."""
     errors = results.record["errors"]
     if not errors or results.ok.any():
         return ""
@@ -173,7 +173,7 @@ def make_record(
     errors: list[str],
     start: Initialization = KNOWN,
 ) -> dict[str, Any]:
-    """What `record.json` says of a run; `content_hash` is of all that made it."""
+    """Content of `record.json` of a run; `content_hash` is of all that made it."""
     inputs = {
         "start": {"kind": type(start).__name__, "parameters": parameters(start)},
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},

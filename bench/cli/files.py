@@ -37,7 +37,7 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 @click.option("--out", type=FILE, required=True, help="Folder that is made.")
 @click.option("--undistort", is_flag=True, help="Take the lens's distortion out of the images.")
 def export_command(sequence: Path, form: str, out: Path, undistort: bool) -> None:
-    """Write the folder SEQUENCE in the form of another tool, and tell what that form has no place for."""
+    """Write the folder SEQUENCE in the form of another tool, and list what that format cannot hold."""
     from uavbench.scenes.dataset.sequence import Sequence
     from uavbench.scenes.exports.registry import export
 

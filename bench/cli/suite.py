@@ -13,7 +13,7 @@ FILE = click.Path(path_type=Path)
 
 
 def suite_options(command: Any) -> Any:
-    """What every command over a suite takes."""
+    """Options of every command over a suite."""
     for option in (
         click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them."),
         click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
@@ -41,7 +41,7 @@ def suite_command(verb: str, help_text: str) -> click.Command:
 
 
 def figures_option(command: Any) -> Any:
-    """What a command that writes a report takes."""
+    """Options of a command that writes a report."""
     about = "Figures that are drawn: those of the first page, or all, with a page for every sequence."
     choice = click.Choice(["page", "all"])
     return click.option("--figures", type=choice, default="page", show_default=True, help=about)(command)

@@ -1,4 +1,4 @@
-"""What there is to name in a suite: `uavbench list`.
+"""Every plug-in that a suite can name: `uavbench list`.
 
 Plug-ins are read from the source, as the literal dicts at the foot of their modules name them: to import them all would
 load the renderer, the flight simulator and the trackers to print a page.
@@ -78,7 +78,7 @@ class ModuleSource:
         return ModuleSource(name)
 
     def value(self, name: str) -> ast.expr | None:
-        """What stands behind `NAME: type =` in this module."""
+        """The value assigned to `NAME: type =` in this module."""
         return self.values[name]
 
     def plugins(self, node: ast.expr | None) -> Iterator[tuple[str, str]]:

@@ -85,13 +85,13 @@ def load_tracker(path: Path) -> Tracker:
 
 
 def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
-    """Tracker of a table that stands in a file; UserError naming the file and every key that is wrong."""
+    """Tracker of a table in a file; UserError naming the file and every key that is wrong."""
     tracker: Tracker = _one(Tracker, "tracker", data, path, extra)
     return tracker
 
 
 def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initialization:
-    """Where the first pose comes from, of a table that stands in a file; UserError as `tracker_of`."""
+    """Initialization of a table in a file; UserError as `tracker_of`."""
     start: Initialization = _one(Initialization, "start", data, path, extra)
     return start
 

@@ -113,7 +113,7 @@ class Guard:
             shutil.rmtree(self.folder, ignore_errors=True)  # somebody killed the guard
 
     def _said(self, timeout_s: float) -> dict[str, Any] | None:
-        """The next that the guard says, None if nothing came in time."""
+        """The guard's next message, None if none came in time."""
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._received:
             self._socket.settimeout(max(1e-3, deadline - time.monotonic()))

@@ -80,7 +80,7 @@ class Guarding:
             self.look_after()
 
     def listen(self) -> bool:
-        """Take in and do what the owner says; False when it is gone."""
+        """Carry out the owner's messages; False when it is gone."""
         data, files, _, _ = socket.recv_fds(self.owner, 1 << 16, 3)
         for handle in files:
             os.set_inheritable(handle, False)
@@ -119,7 +119,7 @@ class Guarding:
             os._exit(127)
 
     def look_after(self) -> None:
-        """Take in who has ended; end all when the program has, or when all together have too much memory."""
+        """Reap ended processes; end all when the program has ended, or when they exceed the memory together."""
         self.codes.update(reap())
         if not self.program or self.reported:
             return

@@ -1,4 +1,4 @@
-"""What an external tracker says, row by row, and the named faults in it.
+"""Rows printed by an external tracker, and the named faults in them.
 
 A row is `stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz`, then, if the tracker claims a covariance, the 21 numbers of its
 upper triangle by rows. The pose is `cam_from_world`. The statuses `lost` and `not_initialized` need nothing after them.

@@ -44,7 +44,7 @@ ROUNDS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
-    """What is tolerated, as shares of the baseline (errors, latency) or of all frames (coverage).
+    """Tolerated changes, as shares of the baseline (errors, latency) or of all frames (coverage).
 
     resolution: a change so large must be out of the interval for a pass.
     """
@@ -111,7 +111,7 @@ def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], ma
 
 
 def _not_judged(run: str, why: str, metric: str = "all") -> Finding:
-    """What makes a pass impossible: something that could not be compared."""
+    """Findings that rule out a pass: something that could not be compared."""
     return Finding(run=run, metric=metric, unit="", verdict="inconclusive", reason=f"not judged: {why}")
 
 
@@ -170,7 +170,7 @@ def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Measured], 
 
 
 def crash(side: Side, key: Key) -> str:
-    """What made a run crash, "" if nothing did."""
+    """Why a run crashed, "" if nothing did."""
     return side.runs[key].crash if key in side.runs else ""
 
 

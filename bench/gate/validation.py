@@ -1,4 +1,4 @@
-"""How often the gate is wrong, from real reruns: `python -m uavbench.bench.gate.validation SUITE_FOLDER --out DIR`.
+"""Error rates of the gate, from real reruns: `python -m uavbench.bench.gate.validation SUITE_FOLDER --out DIR`.
 
 SUITE_FOLDER holds rendered sequences (`uavbench render gate`). Every tracker of the suite runs on each of them
 `--reruns` times, each time with another stream of random numbers and, with --new-noise, other camera noise added to

@@ -1,4 +1,4 @@
-"""What the program of an external tracker is made of, as far as its command line tells."""
+"""Files of an external tracker's program, as far as its command line shows."""
 
 import ast
 import os

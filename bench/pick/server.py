@@ -187,7 +187,7 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
             self.wfile.write(body)
 
         def log_message(self, *_: Any) -> None:
-            """Say nothing of each request."""
+            """Log no request."""
 
     try:
         server = ThreadingHTTPServer(("127.0.0.1", port), Handler)

@@ -1,4 +1,4 @@
-"""What the commands do."""
+"""The commands over a suite."""
 
 import json
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ from uavbench.trajectories.files.writing import write_text
 
 @dataclass(frozen=True, kw_only=True)
 class ExecutionOptions:
-    """Where and how much of a suite is done; see `uavbench run --help`."""
+    """Where a suite is executed, and how much of it; see `uavbench run --help`."""
 
     workers: int = 1
     shard: str = ""
@@ -120,7 +120,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
 
 @contextmanager
 def told_at_most(path: Path) -> Iterator[None]:
-    """Tell of a file that cannot be written, and go on: the work itself is done."""
+    """Warn of a file that cannot be written, and continue: the work itself is done."""
     try:
         yield
     except UserError as error:

@@ -1,4 +1,4 @@
-"""What a plan will take: reference figures, corrected by what jobs of the same kind took in this folder before."""
+"""Estimated run time of a plan: reference times, corrected by those of earlier jobs in this folder."""
 
 import json
 from collections.abc import Iterable

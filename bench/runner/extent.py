@@ -1,4 +1,4 @@
-"""How much a suite's sequences are: frames, seconds of flight, megabytes; and what their paths do not reach."""
+"""Size of a suite's sequences: frames, seconds of flight, megabytes; and limits that their paths do not reach."""
 
 import json
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ NOISY = {"Noise", "AnalogLink"}
 
 @dataclass(frozen=True)
 class Extent:
-    """What each of the sequences of one name will be, one per seed, or why their flight cannot be planned.
+    """Size of each of the sequences of one name, one per seed, or why their flight cannot be planned.
 
     bytes are those of one sequence, on disk where one is rendered (measured), else about.
     """

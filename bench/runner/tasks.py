@@ -1,4 +1,4 @@
-"""What the jobs of a suite do: render, track, restart, score, report; each reads and writes files."""
+"""Tasks of a suite: render, track, restart, score, report; each reads and writes files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -102,7 +102,7 @@ class Restart:
 
 
 def groundtruth(sequence: Sequence, results: Results) -> Trajectory | None:
-    """True `world_from_body` at the frames of results, None where nobody knows it."""
+    """True `world_from_body` at the frames of results, None for a recording."""
     return None if sequence.recorded else sequence.ground_truth.select(results.frames)
 
 

@@ -1,4 +1,4 @@
-"""What every third-party tracker has in common: a folder it is set up in, and a program that is there or absent."""
+"""Base of third-party trackers: a folder it is set up in, and a program that is there or absent."""
 
 import json
 import os
@@ -63,7 +63,7 @@ class ThirdPartyTracker(ABC):
 
     @property
     def record(self) -> dict[str, Any]:
-        """What the record of a run says of its tracker."""
+        """The tracker's entry in the record of a run."""
         versions = json.loads((self.folder() / "versions.json").read_text(encoding="utf-8"))
         return {"kind": self.name, "parameters": parameters(self), "versions": versions}
 

@@ -152,7 +152,7 @@ class Reading:
 
     @property
     def strangeness(self) -> int:
-        """How many conventions are other ones."""
+        """Number of conventions that differ."""
         return sum(map(bool, (self.w_last, self.unit, self.inverse, self.mixed, self.opengl, self.of_body)))
 
 

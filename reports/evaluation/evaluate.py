@@ -34,7 +34,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How two trajectories are compared."""
+    """Options of a comparison of two trajectories."""
 
     align: Alignment = "none"
     association: Association = "one-to-one"
@@ -286,7 +286,7 @@ def _in_one_frame(reference: Found, estimate: Found, mount: Path | None) -> Foun
 
 
 def _about(found: Found) -> dict[str, Any]:
-    """What the record says of a file."""
+    """The record's entry of a file."""
     frame = found.frame or "frame not said"
     return {"file": str(found.file), "format": found.format, "poses": len(found.trajectory), "frame": frame}
 

@@ -1,4 +1,4 @@
-"""Whatever holds a trajectory, as a file or a folder, read with what it says of its frame."""
+"""Trajectories from any file or folder that holds one, with the frame that it declares."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -28,7 +28,7 @@ def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, wh
 
 
 def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str, panel: Axes) -> Drawn:
-    """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not tell apart."""
+    """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not distinguish."""
     names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
     k, half = len(names), (len(names) + 1) // 2
     reach = 0.45 * k
@@ -70,7 +70,7 @@ def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, w
 
 
 def draw_win_table(names: ListOf[str], comparisons: ListOf[Comparison], what: str, panel: Axes) -> Drawn:
-    """How often the row beats the column, in percent; a star where the difference stands at the 5 % level."""
+    """How often the row beats the column, in percent; a star where the difference is significant at the 5 % level."""
     wins = np.full((len(names), len(names)), np.nan)
     star = np.zeros(wins.shape, dtype=bool)
     for c in comparisons:

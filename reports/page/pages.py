@@ -58,7 +58,7 @@ class FigureOnPage:
         return Path(self.png).stem
 
     def sized(self, folder: Path) -> dict[str, Any]:
-        """What the template needs; width and height in CSS px."""
+        """Arguments of the template; width and height in CSS px."""
         with Image.open(folder / self.png) as picture:
             width, height = picture.size
         wide = width > 0.75 * TWO_COLUMNS_IN * PNG_DPI
@@ -75,7 +75,7 @@ def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> Figu
 
 @dataclass(frozen=True)
 class SequenceOnPage:
-    """What the index and a sequence's own page show of it."""
+    """A sequence as the index and its own page show it."""
 
     name: str
     page: str
@@ -87,7 +87,7 @@ class SequenceOnPage:
 
 @dataclass(frozen=True)
 class Undrawn:
-    """What a report leaves to be drawn on demand: so many figures, and the pages of these sequences."""
+    """What a report draws on demand only: so many figures, and the pages of these sequences."""
 
     figures: int
     sequences: tuple[str, ...]
@@ -95,7 +95,7 @@ class Undrawn:
 
 @dataclass(frozen=True)
 class ReportNotes:
-    """What an index says beside its runs: sequences that could not be made, trackers not here, and why; the undrawn."""
+    """Notes of an index: sequences that could not be rendered and absent trackers, each with the reason; the undrawn."""
 
     title: str
     unrendered: Mapping[str, str]
@@ -145,7 +145,7 @@ TABLE_FILES = ((".md", ".csv", ".tex"), (".md", ".csv", ".tex", "_one_column.tex
 
 
 def _themes(tables: ListOf[Table], runs: ListOf[ScoredRun]) -> list[dict[str, Any]]:
-    """The detailed tables, without columns of which nothing is known."""
+    """The detailed tables, without empty columns."""
     joined = tables[0]
     for table in tables[1:]:
         rows = zip(joined.rows, table.rows, strict=True)
@@ -191,7 +191,7 @@ def write_sequence_page(
 
 
 def scrubber_data(runs: ListOf[ScoredRun], shown: SequenceOnPage) -> dict[str, Any]:
-    """What the frame scrubber shows: model edges in px, errors, states of every run at the scrubbed frames."""
+    """Data of the frame scrubber: model edges in px, errors, states of every run at the scrubbed frames."""
     sequence = runs[0].sequence
     frames = scrubbed(len(sequence))
     blank = np.zeros((1, 1, 3), dtype=np.uint8)
@@ -281,10 +281,10 @@ def environment() -> Environment:
 
 
 def _inlined(value: Any) -> Markup:
-    """JSON that may stand in a script element."""
+    """JSON that is safe in a script element."""
     return Markup(json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def asset(name: str) -> Markup:
-    """A file that stands whole in a page."""
+    """A file that is embedded in a page."""
     return Markup((HERE / name).read_text(encoding="utf-8"))

@@ -110,7 +110,7 @@ PROTOCOLS = {"reset": run_with_resets, "anchors": run_from_anchors}
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """What a user of the poses has in real time: at each frame of the sequence the newest pose that was out by then.
+    """Poses available in real time: at each frame of the sequence the newest pose that was out by then.
 
     dropped: share of frames that came while the tracker was busy; age_ms: median age of the pose in hand, None when
     none came in time; errors against the ground truth of the moment, infinite before the first pose.

@@ -131,7 +131,7 @@ ATTRIBUTES: dict[str, tuple[str, Callable[[Sequence, ListOf[int]], Array]]] = {
 
 
 def breakdown(values: Array, success: Array, translation_m: Array, parts: int = PARTS) -> list[Part]:
-    """What became of the frames (n,) in parts of equal size by an attribute; fewer parts where values repeat."""
+    """Outcome of the frames (n,) in parts of equal size by an attribute; fewer parts where values repeat."""
     known = np.isfinite(values)
     if not known.any():
         return []

@@ -200,7 +200,7 @@ def summary_table(scores: ListOf[Score], columns: tuple[Column, ...] = COLUMNS, 
 
 
 def _caption(groups: Mapping[str, list[Score]], rows: ListOf[tuple[str, tuple[Cell, ...]]]) -> str:
-    """What a reader must know of the numbers, failures first."""
+    """Notes to the numbers, failures first."""
     text = ""
     for run, group in groups.items():
         bad = [score for score in group if score.status in ("crashed", "missing")]

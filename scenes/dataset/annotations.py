@@ -170,7 +170,7 @@ def read_depth(sequence: Sequence, frame: int) -> Array:
 
 
 def load_edges(sequence: Sequence, frame: int) -> Array:
-    """What `write_edges` wrote of a frame (n, 7)."""
+    """The edges of a frame (n, 7), as `write_edges` wrote them."""
     return read_numbers(edges_file(sequence, frame), EDGE_COLUMNS)
 
 

@@ -1,4 +1,4 @@
-"""What a tracker may know of the body that carries the camera: the mount, its sensors, and what these measured.
+"""The body as trackers are given it: the camera's mount, the sensors, and their samples.
 
 Everything that any tracker gets of a sequence beside images, camera, structure and first pose comes from here. It is
 a list of what may be known: of a sensor's file the columns that its class names in `measured`, of its parameters those
@@ -52,7 +52,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What one sensor measured: stamps_ns (n,) int64, values (n, k) in the order of its columns, NaN where none."""
+    """Samples of one sensor: stamps_ns (n,) int64, values (n, k) in the order of its columns, NaN where none."""
 
     stamps_ns: NDArray[np.int64]
     values: Array

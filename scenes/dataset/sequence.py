@@ -130,7 +130,7 @@ class Sequence:
         return hashlib.sha256(json.dumps(images).encode()).hexdigest() if images else ""
 
     def _said(self, key: str) -> Any:
-        """What `sequence.json` says of a key; UserError when it says nothing."""
+        """Value of a key of `sequence.json`; UserError where it is missing."""
         if key not in self.info:
             raise UserError(f"{self.folder / 'sequence.json'}: `{key}` is missing; render the sequence again")
         return self.info[key]

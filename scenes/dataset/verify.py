@@ -22,7 +22,7 @@ MACHINE = ("versions",)
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found of one folder: how it was compared, how many files, and each problem in words."""
+    """Result for one folder: how it was compared, how many files, and each problem."""
 
     folder: Path
     method: Literal["hash", "tolerance"]

@@ -135,7 +135,7 @@ def _write_images(shown: Shown, frame: int, scene: Path) -> dict[str, Any]:
 
 
 def silhouette(sequence: Sequence, frame: int, camera: Camera) -> NDArray[np.bool_]:
-    """Where the model's surface projects to, on a canvas of CANVAS times the image, which is in its middle."""
+    """Silhouette of the model, on a canvas of CANVAS times the image, centred on it."""
     canvas = np.zeros((CANVAS * camera.height, CANVAS * camera.width), dtype=np.uint8)
     points = sequence.true_cam_from_world(frame).transform(sequence.structure.vertices)
     triangles = _before(points[sequence.structure.triangles], NEAR_M)
@@ -165,7 +165,7 @@ def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
 
 
 def _box(mask: np.ndarray) -> list[int]:
-    """x, y, width, height of what is set; -1s when nothing is."""
+    """Bounding box x, y, width, height of a mask; -1s when it is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return [-1, -1, -1, -1]

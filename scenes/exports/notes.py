@@ -14,7 +14,7 @@ from uavbench.trajectories.files.writing import write_text
 
 @dataclass(frozen=True, kw_only=True)
 class Held:
-    """What an exporter wrote.
+    """Content of an export.
 
     files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
     it took over; annotations: depth, mask and edges if it took them over; limits: what it had to leave out or change.
@@ -101,7 +101,7 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
 
 
 def _link(sequence: Sequence) -> list[str]:
-    """What the link did to the frames."""
+    """Frames dropped and duplicated by the link."""
     effects = {effect.get("kind"): effect for effect in sequence.info.get("config", {}).get("effects", ())}
     lines = []
     if "drops" in effects:

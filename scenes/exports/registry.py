@@ -28,7 +28,7 @@ LARGEST = 65535
 
 @dataclass(frozen=True)
 class Format:
-    """How a format is written, and which lenses it has a place for."""
+    """How a format is written, and which distortion models it can hold."""
 
     write: Callable[[Shown, Path, OnFrame], Held]
     holds_lens: Callable[[Camera], bool]

@@ -1,4 +1,4 @@
-"""Ground truth for model-based UAV localization: rendered inspection flights, trackers, and honest scores.
+"""Ground truth for model-based UAV localization: rendered inspection flights, trackers, and scores.
 
 For scripts and notebooks; each name is imported when it is first used::
 

@@ -1,4 +1,4 @@
-"""`vo`: monocular visual odometry on features, which knows nothing of the structure but where it starts.
+"""`vo`: monocular visual odometry on features, which uses the structure for its initial pose only.
 
 Corners are followed by optical flow (Lucas & Kanade 1981) and triangulated once their rays have turned; each frame's
 pose is PnP on the corners that have a place. Frame and scale come from the first pose: the first corners on the

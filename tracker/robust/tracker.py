@@ -1,4 +1,4 @@
-"""`robust`: prediction, hidden-line removal, learned edge appearance, hypotheses, M-estimation, loss and recovery."""
+"""`robust`: prediction, hidden-line removal, learned edge appearance, hypotheses, M-estimation, relocalization."""
 
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -50,7 +50,7 @@ class Frame(NamedTuple):
 
 
 class Photometry(NamedTuple):
-    """What depends on light and exposure: the learned appearance of the edges, and the contrast stretch of images."""
+    """State that depends on light and exposure: the learned appearance of the edges, and the contrast stretch of images."""
 
     appearance: Array
     stretch: ContrastStretch

@@ -33,7 +33,7 @@ PASSES = 3
 
 @dataclass(frozen=True)
 class Published(ABC):
-    """What the variants of the published loop share: its parameters, and its start."""
+    """Base of the variants of the published loop: its parameters, and its start."""
 
     counts_segments: ClassVar[bool] = False
 

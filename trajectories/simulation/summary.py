@@ -1,4 +1,4 @@
-"""How long and how fast a path was asked to be flown, is planned, and was flown."""
+"""Duration and speed of a path: requested, planned and flown."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -44,7 +44,7 @@ class FlightSummary:
         return {key: round(value, 6) if isinstance(value, float) else value for key, value in asdict(self).items()}
 
     def shortfall(self) -> str:
-        """What was asked for and is not reached, "" where nothing is."""
+        """Requests that are not reached, "" where nothing is."""
         asked, planned = self.speed_asked_m_s, self.speed_planned_m_s
         if asked is None or planned is None or planned >= REACHED * asked:
             return ""

@@ -80,7 +80,7 @@ class AppearanceConfig:
 
 @dataclass(frozen=True)
 class WeightConfig:
-    """How far each control point is trusted, how much it errs, and what a patch counts in the support."""
+    """Weights and variances of control points, and the weight of a patch in the support."""
 
     separate_px: Positive = 8.0
     """Edges farther apart do not disturb each other. Chosen on rendered seeds."""
@@ -141,12 +141,12 @@ class EdgesConfig:
     """Everything about edges."""
 
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
-    """Where control points lie."""
+    """Sampling of control points."""
     search: SearchConfig = field(default_factory=SearchConfig)
-    """How their candidates are found."""
+    """Search of candidates."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
-    """What is learned of them."""
+    """Learned appearance."""
     weights: WeightConfig = field(default_factory=WeightConfig)
-    """What they count."""
+    """Weights and variances."""
     subpixel: SubpixelConfig = field(default_factory=SubpixelConfig)
-    """How they are refined."""
+    """Sub-pixel refinement."""

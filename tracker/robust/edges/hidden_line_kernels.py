@@ -1,4 +1,4 @@
-"""Compiled hidden-line removal: does a triangle of the structure stand between the camera and a point of an edge."""
+"""Compiled hidden-line removal: whether a triangle of the structure occludes a point of an edge."""
 
 from typing import NamedTuple
 

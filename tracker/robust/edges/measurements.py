@@ -49,7 +49,7 @@ class Candidates(NamedTuple):
 
 
 class EdgeMeasurements(NamedTuple):
-    """What the edges of an image tell of a pose: weight (n,) in [0, 1] before robust weighting, variance_px2 (n,)."""
+    """Measurements of the edges in an image: weight (n,) in [0, 1] before robust weighting, variance_px2 (n,)."""
 
     points: ControlPoints
     lines: SearchLines

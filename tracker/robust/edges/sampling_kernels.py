@@ -52,9 +52,7 @@ class VisibleParts(NamedTuple):
 
 @compiled("edges view", edges=EDGE_MAP, view=VIEW)
 def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
-    """Parts of the edges beside visible faces that lie in the image (Liang & Barsky 1984); hidden lines are not
-    removed.
-    """
+    """Parts of the edges of visible faces inside the image (Liang & Barsky 1984), hidden lines among them."""
     ends, faces, smooth, planes, R, t = edges.ends, edges.faces, edges.smooth, edges.planes, view.R, view.t
     eye = camera_centre(R, t)
     fx, fy, cx, cy = view.lens[0], view.lens[1], view.lens[2], view.lens[3]

@@ -1,4 +1,4 @@
-"""Compiled search for corners on the structure that are worth a patch."""
+"""Compiled search for corners on the structure to take patches at."""
 
 import math
 from typing import NamedTuple

@@ -77,13 +77,13 @@ class Relocator:
         return Relocalized(top, score(top) - score(first) if first is not None and first.finite else np.inf)
 
     def near(self, image: Image, guess: Pose) -> list[Pose]:
-        """Poses near a guess at which what it sees agrees with the image."""
+        """Poses near a guess whose projected edges agree with the image."""
         config, seen = self.config, self.fitter.seen(guess)
         reach = (config.near_reach_rad, config.near_shift_rad)
         return [scored.pose for scored in self.searcher.near_poses(image, guess, seen, *reach, config.near_fits)]
 
     def far(self) -> SearchRange:
-        """How far poses are searched where none near a guess fits."""
+        """Range of the pose search where no pose near a guess fits."""
         c = self.config
         return self.searcher.search_range(c.far_view_rad, c.far_roll_rad, c.far_range_part, c.far_shift_part)
 

@@ -31,7 +31,7 @@ class PosePrior(NamedTuple):
 
 
 class Weighting(NamedTuple):
-    """What the M-estimator makes of the measurements.
+    """Residuals and weights of the M-estimator.
 
     residual (n,) signed, px, and weight (n,) in [0, weight before] of each control point; patch_weight (m,) in [0, 1].
     """
