@@ -50,7 +50,7 @@ class Frame(NamedTuple):
 
 
 class Photometry(NamedTuple):
-    """State that depends on light and exposure: the learned appearance of the edges, and the contrast stretch of images."""
+    """State that depends on light and exposure: learned appearance of the edges, contrast stretch of images."""
 
     appearance: Array
     stretch: ContrastStretch
