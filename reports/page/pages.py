@@ -95,7 +95,7 @@ class Undrawn:
 
 @dataclass(frozen=True)
 class ReportNotes:
-    """Notes of an index: sequences that could not be rendered and absent trackers, each with the reason; the undrawn."""
+    """Notes of an index: sequences not rendered and absent trackers, each with the reason; figures not drawn."""
 
     title: str
     unrendered: Mapping[str, str]
