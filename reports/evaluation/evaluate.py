@@ -6,7 +6,7 @@ A mode is a set of defaults that repeats what a known tool does; options that ar
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from uavbench.reports.evaluation.panels import Quantity
 
 Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
+OWN_MODE: Mode = "uavbench"
 T = TypeVar("T")
 
 
@@ -51,7 +52,7 @@ MODES: dict[str, Options] = {
     "kitti": Options(segments="kitti"),
     "rpg": Options(align="yaw", association="evo", max_difference_s=0.02, segments="rpg"),
 }
-"""What each mode stands for: evo 1.38 (Grupp), the TUM RGB-D scripts, the KITTI devkit, rpg_trajectory_evaluation."""
+"""Conventions of each mode: evo 1.38 (Grupp), the TUM RGB-D scripts, the KITTI devkit, rpg_trajectory_evaluation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,63 +131,53 @@ class Evaluation:
         return "\n".join(lines) + "\n"
 
 
-def evaluate_files(
-    reference: Given,
-    estimate: Given,
-    *,
-    align: Alignment | None = None,
-    delta: float | None = None,
-    unit: Unit | None = None,
-    t_offset_s: float = 0.0,
-    max_difference_s: float | None = None,
-    association: Association | None = None,
-    all_pairs: bool | None = None,
-    pairs_from: Literal["reference", "estimate"] | None = None,
-    mode: Mode = "uavbench",
-    reference_format: str | None = None,
-    estimate_format: str | None = None,
-    mount: Path | None = None,
-    plot: Path | None = None,
-) -> Evaluation:
+class EvaluateOptions(TypedDict, total=False):
+    """Options of `evaluate_files`; those not given are of `mode`.
+
+    align; association and max_difference_s: how stamps are paired; t_offset_s: added to the stamps of the estimate;
+    delta, unit, all_pairs, pairs_from: pair interval of the RPE; mode: conventions of a known tool;
+    reference_format, estimate_format: of the two files, recognized where not given; mount: a sequence folder, whose
+    mount turns the estimate into the frame that the reference declares; plot: .pdf or .png file to draw into.
+    """
+
+    align: Alignment | None
+    association: Association | None
+    max_difference_s: float | None
+    t_offset_s: float
+    delta: float | None
+    unit: Unit | None
+    all_pairs: bool | None
+    pairs_from: Literal["reference", "estimate"] | None
+    mode: Mode
+    reference_format: str | None
+    estimate_format: str | None
+    mount: str | Path | None
+    plot: Path | None
+
+
+def evaluate_files(reference: Given, estimate: Given, **options: Unpack[EvaluateOptions]) -> Evaluation:
     """Evaluation of two trajectories: files of TUM, KITTI, EuRoC or uavbench itself, folders that hold one, or `Given`.
 
-    t_offset_s is added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `mount` is a
-    sequence folder whose mount turns the estimate into the frame that the reference says. `plot`: a figure of paths
-    and errors is written there (.pdf or .png). UserError for a user's mistake, and for two files that say different
-    frames.
+    Files without stamps (KITTI) are paired row by row. UserError for a user's mistake, and for two files that declare
+    different frames.
     """
-    if mode not in MODES:
-        raise unknown_name("mode", mode, list(MODES))
+    chosen, plot, mount = _options(options), options.get("plot"), options.get("mount")
     if plot is not None and plot.suffix not in (".pdf", ".png"):
         raise UserError(f"{plot}: a plot is written as .pdf or .png")
     if plot is not None:
         from uavbench.reports.style import refuse_foreign_figure
 
         refuse_foreign_figure(plot.with_suffix(""), [plot.suffix])
-    preset = MODES[mode]
-    options = Options(
-        align=_given(align, preset.align),
-        association=_given(association, preset.association),
-        max_difference_s=_given(max_difference_s, preset.max_difference_s),
-        offset_s=t_offset_s,
-        interval=PairInterval(
-            _given(delta, preset.interval.delta),
-            _given(unit, preset.interval.unit),
-            _given(all_pairs, preset.interval.all_pairs),
-            _given(pairs_from, preset.interval.pairs_from),
-        ),
-        segments=preset.segments,
-    )
     with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
-        formats = (reference_format, estimate_format)
+        formats = (options.get("reference_format"), options.get("estimate_format"))
         first, second = pool.map(found_in, (reference, estimate), ("reference", "estimate"), formats)
-    second = _in_one_frame(first, second, mount)
+    second = _in_one_frame(first, second, None if mount is None else Path(mount))
     p, q = first.trajectory, second.trajectory
     if not (first.stamped and second.stamped):
         p, q = paired_by_row(p, q, name_of(reference, "reference"), name_of(estimate, "estimate"))
-    files = {"mode": mode, "reference": _about(first), "estimate": _about(second)}
+    files = {"mode": options.get("mode", OWN_MODE), "reference": _about(first), "estimate": _about(second)}
     try:
-        found = evaluate(p, q, options, files)
+        found = evaluate(p, q, chosen, files)
     except UserError as error:
         raise UserError(f"{name_of(reference, 'reference')} against {name_of(estimate, 'estimate')}: {error}") from None
     if plot is not None:
@@ -194,6 +185,30 @@ def evaluate_files(
 
         plot_evaluation(found.pairs, found.ate, found.record["align"], plot)
     return found
+
+
+def _options(given: EvaluateOptions) -> Options:
+    """Options as given, the others of the mode; UserError for an unknown name."""
+    for name in given:
+        if name not in EvaluateOptions.__annotations__:
+            raise unknown_name("option", name, list(EvaluateOptions.__annotations__))
+    mode = given.get("mode", OWN_MODE)
+    if mode not in MODES:
+        raise unknown_name("mode", mode, list(MODES))
+    preset = MODES[mode]
+    return Options(
+        align=_given(given.get("align"), preset.align),
+        association=_given(given.get("association"), preset.association),
+        max_difference_s=_given(given.get("max_difference_s"), preset.max_difference_s),
+        offset_s=given.get("t_offset_s", 0.0),
+        interval=PairInterval(
+            _given(given.get("delta"), preset.interval.delta),
+            _given(given.get("unit"), preset.interval.unit),
+            _given(given.get("all_pairs"), preset.interval.all_pairs),
+            _given(given.get("pairs_from"), preset.interval.pairs_from),
+        ),
+        segments=preset.segments,
+    )
 
 
 def evaluate(

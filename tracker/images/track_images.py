@@ -26,6 +26,8 @@ from uavbench.trajectories.random_streams import stream
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 UNKNOWN_BODY = Body(Pose.identity(), {})
 """Of what carries the camera nothing is known."""
+SEED = 0
+"""Of the tracker's random numbers."""
 
 
 def track_images(
@@ -37,7 +39,6 @@ def track_images(
     init: Path,
     out: Path,
     rate_hz: float = 30.0,
-    seed: int = 0,
 ) -> Results:
     """Track the images of a folder (in the order of their names, 9.png before 10.png) or of a video, and write `out`.
 
@@ -49,7 +50,7 @@ def track_images(
     lens = Camera.load(camera)
     structure = load_model(model)
     first = read_init(init, lens)
-    rng = stream(seed, "tracker", tracker_kind(tracker))
+    rng = stream(SEED, "tracker", tracker_kind(tracker))
     run = started(tracker, structure, lens, first, rng, UNKNOWN_BODY)
     rows: list[TrackResult] = []
     errors: list[str] = []
@@ -72,7 +73,7 @@ def track_images(
         if not rows:
             raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
         inputs = {"sequence": {"name": source.name, "model": file_hash(model), "camera": file_hash(camera)}}
-        record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=seed, errors=errors)
+        record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results
