@@ -256,7 +256,7 @@ def test_mistakes_of_a_dict_are_told_at_once():
 
 def test_start_reads_files_and_refuses_what_it_cannot_use(folder):
     drawn = folder / "sequences" / "drawn-s0"
-    first = ub.open_sequence(drawn).first_cam_from_world
+    first = ub.open_sequence(drawn).initial_cam_from_world
     run = ub.start("hold", drawn / "model.obj", drawn / "camera.toml", first.matrix)
     image = ub.open_sequence(drawn)[0].image
     assert np.allclose(run.track(image, 0).cam_from_world.matrix, first.matrix)

@@ -64,7 +64,7 @@ class Tracker(Protocol):
     """Parameters of a tracker variant: a frozen dataclass with this one method."""
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at a known first pose; the first frame tracked is the one that the pose belongs to."""
+        """Start a run from a known initial pose; the first frame tracked is the one that the pose belongs to."""
         ...
 
 
@@ -74,7 +74,7 @@ class BodyTracker(Protocol):
     def start(
         self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator, *, body: Body
     ) -> Run:
-        """Begin a run at a known first pose."""
+        """Start a run from a known initial pose."""
         ...
 
 

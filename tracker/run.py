@@ -38,14 +38,14 @@ def track_sequence(
     on_frame: OnFrame | None = None,
     start: Initialization = KNOWN,
 ) -> Results:
-    """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the first pose of `start`.
+    """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the initial pose of `start`.
 
     `on_frame(frame, result)` is called after each frame. A frame at which the tracker raised, or returned what is no
     result, is `lost` and reported under `errors` in the record. Images are read outside the timed part. UserError when
     the tracker cannot be started, rate_hz is out of range or an image cannot be read.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
-    first = first_pose(start, sequence, 0, seed)
+    first = initial_pose(start, sequence, 0, seed)
     feed = Feed(sequence)
     run = begin(tracker, sequence, first, tracker_stream(tracker, seed), feed.body)
     errors: list[str] = []
@@ -111,11 +111,11 @@ def all_failed(results: Results) -> str:
     return f"the tracker failed on all of its {len(results)} frames; first: {errors[0]}"
 
 
-def first_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
+def initial_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
     """cam_from_world that a tracker is started with at a frame of a sequence."""
     names = ("initialization",) if frame == 0 else ("initialization", str(frame))
-    pose = sequence.true_cam_from_world(frame) if frame else sequence.first_cam_from_world
-    return start.first_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
+    pose = sequence.true_cam_from_world(frame) if frame else sequence.initial_cam_from_world
+    return start.initial_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
 
 
 def track_frame(

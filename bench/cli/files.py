@@ -80,7 +80,7 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
 def pick_command(
     images: Path | None, video: Path | None, model: Path, camera: Path, out: Path, port: int, browser: bool
 ) -> None:
-    """Pick points of the model on the first image, in a page of your browser, for the first pose."""
+    """Pick points of the model on the first image, in a page of your browser, for the initial pose."""
     source = images or video
     if source is None or (images and video):
         raise UserError("give --images or --video")

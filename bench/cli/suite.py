@@ -61,7 +61,7 @@ def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option
 @click.option("--video", type=FILE, help="Video to run the tracker WHAT on.")
 @click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with --images or --video).")
 @click.option("--camera", type=FILE, help="camera.toml (with --images or --video).")
-@click.option("--init", type=FILE, help="init.toml: first pose, or points to solve it from.")
+@click.option("--init", type=FILE, help="init.toml: initial pose, or points to solve it from.")
 @click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
 def track_command(
     what: str,

@@ -22,7 +22,7 @@ TITLES = {
     "AirframeSpec": "airframes",
     "WindSpec": "winds",
     "SensorSpec": "body sensors",
-    "Initialization": "first poses",
+    "Initialization": "initial poses",
     "RecordingSource": "recordings",
     "Tracker": "trackers",
 }

@@ -27,7 +27,7 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     AirframeSpec: (AIRFRAMES, "build"),
     WindSpec: (WINDS, "start"),
     SensorSpec: (SENSORS, "measure"),
-    Initialization: (INITIALIZATIONS, "first_pose"),
+    Initialization: (INITIALIZATIONS, "initial_pose"),
     RecordingSource: (RECORDINGS, "find"),
     Tracker: ({**TRACKERS, **THIRD_PARTY, "external": External}, "start"),
 }

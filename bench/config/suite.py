@@ -30,7 +30,7 @@ class Suite:
     """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at.
 
     Its sequences are all rendered, or all recorded: without ground truth there is no error to set beside another.
-    start is where the first pose comes from; protocols are those that trackers run in beside the free run; flights is
+    start is where the initial pose comes from; protocols are those that trackers run in beside the free run; flights is
     the hash of what the file says of its sequences.
     """
 

@@ -30,7 +30,7 @@ from uavbench.tracker.faults import is_ours
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
 from uavbench.tracker.results import Results
-from uavbench.tracker.run import KNOWN, first_pose, make_record, stride, tracker_stream
+from uavbench.tracker.run import KNOWN, initial_pose, make_record, stride, tracker_stream
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
@@ -194,7 +194,7 @@ def track_external(
     on_frame: OnFrame | None = None,
     start: Initialization = KNOWN,
 ) -> Results:
-    """Results of a program on every k-th frame of a sequence, from the first pose of `start`.
+    """Results of a program on every k-th frame of a sequence, from the initial pose of `start`.
 
     What breaks the protocol makes frames lost and is reported under `errors` in the record; the job folder is then kept
     at `kept_folder`. TrackerFault when the program cannot be started at all, UserError when isolation is asked for and
@@ -204,7 +204,7 @@ def track_external(
     if tracker.isolate:
         refuse_seen(tracker.command[0], tracker.seen_files, sequence.folder)
     with job_folder() as guard:
-        first, folder, feed = first_pose(start, sequence, 0, seed), guard.folder, Feed(sequence)
+        first, folder, feed = initial_pose(start, sequence, 0, seed), guard.folder, Feed(sequence)
         own = int(tracker_stream(tracker, seed).integers(2**31))
         write_job(folder, sequence.structure, sequence.camera, first, mode=tracker.mode, rate_hz=rate_hz, seed=own)
         write_sensors(folder, feed.body)

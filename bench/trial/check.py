@@ -19,7 +19,7 @@ from uavbench.trajectories.pose import Pose
 
 TRIAL = Path(__file__).parent / "sequence"
 CLOSE_M, CLOSE_DEG = 0.15, 10.0
-"""Poses off by more than this, where even the first pose repeated is closer, may be written by another convention."""
+"""Poses off by more than this, where even the initial pose repeated is closer, may be written by another convention."""
 
 
 def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """The body as trackers are given it: the camera's mount, the sensors, and their samples.
 
-Everything that any tracker gets of a sequence beside images, camera, structure and first pose comes from here. It is
+Everything that any tracker gets of a sequence beside images, camera, structure and initial pose comes from here. It is
 a list of what may be known: of a sensor's file the columns that its class names in `measured`, of its parameters those
 in a data sheet or calibration. True values in the same files, such as the biases of an IMU, are on no list.
 """

@@ -145,18 +145,18 @@ class Sequence:
 
     @property
     def recorded(self) -> bool:
-        """Whether its images are real: there is a first pose, and no ground truth."""
-        return "first_cam_from_world" in self.info
+        """Whether its images are real: there is an initial pose, and no ground truth."""
+        return "initial_cam_from_world" in self.info
 
     @property
-    def first_cam_from_world(self) -> Pose:
+    def initial_cam_from_world(self) -> Pose:
         """Pose of the camera at the first frame: the true one, or the one that a recording comes with."""
         if not self.recorded:
             return self.true_cam_from_world(0)
         try:
-            return Pose.from_matrix(self.info["first_cam_from_world"])
+            return Pose.from_matrix(self.info["initial_cam_from_world"])
         except (ValueError, TypeError, OverflowError) as error:
-            raise UserError(f"{self.folder / 'sequence.json'}: first_cam_from_world: {error}") from None
+            raise UserError(f"{self.folder / 'sequence.json'}: initial_cam_from_world: {error}") from None
 
     @cached_property
     def ground_truth(self) -> Trajectory:

@@ -41,7 +41,7 @@ lsd = { kind = "lsd" }
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
-    """The bundled trial's images, model and camera as a user has them, with a first pose."""
+    """The bundled trial's images, model and camera as a user has them, with an initial pose."""
     folder = tmp_path_factory.mktemp("own")
     shutil.copytree(TRIAL / "frames", folder / "frames")
     for name in ("model.obj", "camera.toml"):
@@ -66,7 +66,7 @@ def test_a_recording_is_a_sequence_without_truth(sequence):
     assert len(sequence) == len(trial)
     assert np.array_equal(sequence.image(3), trial.image(3))
     assert np.allclose(np.diff(sequence.stamps_ns), 1e9 / 15, atol=1)
-    assert np.allclose(sequence.first_cam_from_world.matrix, trial.true_cam_from_world(0).matrix)
+    assert np.allclose(sequence.initial_cam_from_world.matrix, trial.true_cam_from_world(0).matrix)
     with pytest.raises(UserError, match="no ground truth"):
         sequence.true_cam_from_world(0)
 
@@ -145,7 +145,7 @@ def test_the_cube_of_visp_is_found_or_named(tmp_path):
     numbers = [*pose.translation, *rotation_log(pose.rotation)]
     (tmp_path / "mbt/cube.0.pos").write_text("\n".join(map(repr, map(float, numbers))))
     found = VispCube(str(tmp_path)).find()
-    assert np.allclose(found.first_cam_from_world.matrix, pose.matrix)
+    assert np.allclose(found.initial_cam_from_world.matrix, pose.matrix)
     assert len(found.structure.edges) == len(trial.structure.edges)
     (tmp_path / "mbt/cube.0.pos").write_text("1 2 3")
     with pytest.raises(UserError, match=r"cube.0.pos.*3 numbers"):

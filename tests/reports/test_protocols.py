@@ -27,7 +27,7 @@ from uavbench.trajectories.pose import Pose
 
 @dataclass(frozen=True)
 class DropsOut:
-    """Holds the first pose for a few frames, then is lost for ever."""
+    """Holds the initial pose for a few frames, then is lost for ever."""
 
     frames: int = 2
 

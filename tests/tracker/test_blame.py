@@ -155,7 +155,7 @@ def test_check_tells_it_too_and_calls_it_faulty(mine, tmp_path):
 
 @dataclass(frozen=True)
 class Fickle:
-    """Repeats the true first pose in another convention."""
+    """Repeats the true initial pose in another convention."""
 
     way: str
 

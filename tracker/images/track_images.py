@@ -1,4 +1,4 @@
-"""Real images: a folder or a video, a model, a camera and a first pose in; results and an overlay video out."""
+"""Real images: a folder or a video, a model, a camera and an initial pose in; results and an overlay video out."""
 
 import re
 from collections.abc import Iterator

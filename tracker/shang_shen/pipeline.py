@@ -1,6 +1,6 @@
 """The published loop (Shang & Shen): project, detect, search, choose, update; the new pose predicts the next frame.
 
-Step 1, the model, is `scenes.structure`; step 2, calibration, `scenes.calibration`; step 3, the first pose,
+Step 1, the model, is `scenes.structure`; step 2, calibration, `scenes.calibration`; step 3, the initial pose,
 `uavbench.tracker.initialization`. The variants differ in what they detect and how they choose among the candidates.
 """
 
@@ -56,7 +56,7 @@ class Published(ABC):
         return Matches(candidates.distances[:, 0], candidates.counts > 0)
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at a known first pose."""
+        """Start a run from a known initial pose."""
         prepare(__name__)
         return PublishedRun(self, structure, camera, cam_from_world, rng)
 
