@@ -1,21 +1,32 @@
 """Progress of a report."""
 
 from collections.abc import Callable
+from concurrent.futures import CancelledError
+from threading import Lock
 
 OnStep = Callable[[int, int], None]
 
 
 class Steps:
-    """Progress in frames of an overlay, or what takes as long."""
+    """Progress in frames of an overlay, or what takes as long; told by several threads."""
 
     def __init__(self, on_step: OnStep | None, total: int) -> None:
         self._on_step = on_step
         self._total = total
         self._done = 0
+        self._stopped = False
+        self._lock = Lock()
 
     def __call__(self, weight: int = 1) -> None:
-        """Report that so much more is done."""
-        self._tell(min(self._done + weight, self._total))
+        """Tell that so much more is done; CancelledError once it was stopped."""
+        if self._stopped:
+            raise CancelledError
+        with self._lock:
+            self._tell(min(self._done + weight, self._total))
+
+    def stop(self) -> None:
+        """End the work at its next step."""
+        self._stopped = True
 
     def finish(self) -> None:
         """Report that all is done."""

@@ -24,8 +24,10 @@ from uavbench.reports.page.overlay_animation import ANIMATION_WIDTH_PX, WEBP_QUA
 from uavbench.reports.page.pages import FigureOnPage, asset, environment
 from uavbench.reports.recorded_score import MEETS_PX, RecordedRun, RecordedScore, score_recorded
 from uavbench.reports.scoring.runs import missing_results
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import colour, house_style, line, new_figure, save_figure
-from uavbench.reports.tables.summary_table import Cell, Column, Table
+from uavbench.reports.tables.columns import Column
+from uavbench.reports.tables.summary_table import Cell, Table, runs_of
 from uavbench.reports.tables.writers import heads, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
@@ -35,12 +37,12 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import in_parts, new_file, write_text
 
 COLUMNS: tuple[Column, ...] = (
-    Column(head="coverage", unit="%", best="max", decimals=1),
-    Column(head="longest gap", unit="s", best="min", decimals=2),
-    Column(head="edges met", unit="%", best="", decimals=1),
-    Column(head="frame p50", unit="ms", best="min", decimals=1),
-    Column(head="frame p95", unit="ms", best="min", decimals=1),
-    Column(head="deadline misses", unit="%", best="min", decimals=1),
+    Column(head="coverage", key="coverage", scale=100, unit="%", best="max", decimals=1),
+    Column(head="longest gap", key="longest_gap_s", unit="s", best="min", decimals=2),
+    Column(head="edges met", key="edges_met", scale=100, unit="%", best="", decimals=1),
+    Column(head="frame p50", key="latency_total_p50_ms", unit="ms", best="min", decimals=1),
+    Column(head="frame p95", key="latency_total_p95_ms", unit="ms", best="min", decimals=1),
+    Column(head="deadline misses", key="deadline_misses", scale=100, unit="%", best="min", decimals=1),
 )
 CAPTION = (
     "Real images without ground truth: no error is known. Coverage is the share of frames with a pose, right or wrong; "
@@ -130,30 +132,17 @@ def open_recorded(entries: ListOf[tuple[Path, Path, str]]) -> list[Shown]:
 def summary(runs: ListOf[Shown], absent: tuple[str, ...]) -> Table:
     """A row for each tracker and rate, its mean over sequences and seeds; without ground truth no row is best."""
     rows = []
-    for name in dict.fromkeys(shown.score.run for shown in runs):
-        values = np.array([numbers(shown.score) for shown in runs if shown.score.run == name], dtype=np.float64)
+    for name, of_run in runs_of(score_frame(asdict(shown.score) for shown in runs)).items():
         cells = []
-        for column, column_values in zip(COLUMNS, values.T, strict=True):
-            known = column_values[np.isfinite(column_values)]
+        for column in COLUMNS:
+            values = column.of(of_run)
+            known = values[np.isfinite(values)]
             mean = float(known.mean()) if len(known) else None
             cells.append(
                 Cell(mean=mean, interval=None, known=len(known), runs=len(values), decimals=column.decimals)
             )  # fmt: skip
         rows.append((name, tuple(cells)))
     return Table(CAPTION, COLUMNS, tuple(rows), absent)
-
-
-def numbers(score: RecordedScore) -> list[float | None]:
-    """The numbers of a score in the order of COLUMNS."""
-    total = score.latency.get("total")
-    return [
-        100 * score.coverage,
-        score.longest_gap_s,
-        100 * score.edges_met if score.edges_met is not None else None,
-        total.p50_ms if total else None,
-        total.p95_ms if total else None,
-        100 * score.deadline_misses if score.deadline_misses is not None else None,
-    ]
 
 
 def section(folder: Path, runs: ListOf[Shown]) -> dict[str, Any]:

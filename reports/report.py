@@ -15,8 +15,11 @@ report.json                  the hash of what made this report
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from collections.abc import Sequence as ListOf
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -39,11 +42,13 @@ from uavbench.reports.page.pages import (
 from uavbench.reports.progress import OnStep, Steps
 from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
 from uavbench.reports.restarts import COLUMNS as RESTARTS
-from uavbench.reports.restarts import RestartedRun, numbers_of, open_restarts
+from uavbench.reports.restarts import RestartedRun, open_restarts, with_restarts
 from uavbench.reports.scoring.runs import ScoredRun, open_runs
 from uavbench.reports.scoring.score import Score
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import house_style
-from uavbench.reports.tables.summary_table import DETAILS, Table, details, summary_table
+from uavbench.reports.tables.columns import DETAILS
+from uavbench.reports.tables.summary_table import Table, summary_table
 from uavbench.reports.tables.writers import write_summary, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -97,10 +102,15 @@ def write_report(
     steps = Steps(on_step, sum(len(scrubbed(len(group[0].sequence))) for group in shown.values()) + WEIGHT * count)
     easel = Easel(folder, figures, steps)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    with house_style():
+
+    def overlays() -> None:
+        for group in shown.values():
+            write_overlay(folder, group, steps)
+
+    with beside(overlays, steps), house_style():
         on_index = easel.draw(overall)
         drawn = {name: easel.draw(few) for name, few in of_sequence.items()}
-    pages = [write_sequence(folder, title, group, drawn[name], steps) for name, group in shown.items()]
+    pages = [write_sequence(folder, title, group, drawn[name]) for name, group in shown.items()]
     on_index += drawn[first]
     tables = write_all_tables(folder, runs, restarted, tuple(absent or {}))
     write_scores(folder, title, [run.score for run in runs], unrendered or {}, absent or {})
@@ -116,13 +126,13 @@ def write_all_tables(
     folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun], absent: tuple[str, ...]
 ) -> list[tuple[str, Table]]:
     """Write the tables in three forms; their names and what they hold."""
-    scores = [run.score for run in runs]
-    summary, more = summary_table(scores), summary_table(scores, DETAILS, details)
+    frame = score_frame(run.score.to_json() for run in runs)
+    summary, more = summary_table(frame), summary_table(frame, DETAILS)
     write_summary(replace(summary, absent=absent), folder / "tables" / "summary")
     write_tables(more, folder / "tables" / "details")
     tables = [("summary", replace(summary, absent=absent)), ("details", more)]
     if restarted:
-        tables.append(("protocols", summary_table(scores, RESTARTS, numbers_of(restarted))))
+        tables.append(("protocols", summary_table(with_restarts(frame, restarted), RESTARTS)))
         write_tables(tables[-1][1], folder / "tables" / "protocols")
     return tables
 
@@ -148,18 +158,40 @@ def write_scores(
         write_text(folder / f"{name}.json", text + "\n")
 
 
-def write_sequence(
-    folder: Path, title: str, runs: ListOf[ScoredRun], figures: ListOf[FigureOnPage], steps: Steps
-) -> SequenceOnPage:
-    """Overlay and page of one sequence."""
+@contextmanager
+def beside(work: Callable[[], object], steps: Steps) -> Iterator[None]:
+    """Do `work` on a thread while the body runs: images are read and written by libraries that leave Python to it.
+
+    An error of the body ends the work at its next step.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        done = thread.submit(copy_context().run, work)
+        try:
+            yield
+        except BaseException:
+            steps.stop()
+            raise
+        done.result()
+
+
+def write_overlay(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> None:
+    """The frames of one sequence for its page, and its overlay."""
+    main = main_run(runs)
+    write_frames(main, folder / "pages" / slug_of(main.sequence), moving_of(folder, main), steps)
+
+
+def moving_of(folder: Path, main: ScoredRun) -> Path:
+    """File of the overlay of a sequence's main run."""
+    return folder / "figures" / f"overlay_{main.slug}.webp"
+
+
+def write_sequence(folder: Path, title: str, runs: ListOf[ScoredRun], figures: ListOf[FigureOnPage]) -> SequenceOnPage:
+    """Page of one sequence."""
     sequence, main = runs[0].sequence, main_run(runs)
-    slug = slug_of(sequence)
-    moving = folder / "figures" / f"overlay_{main.slug}.webp"
-    write_frames(main, folder / "pages" / slug, moving, steps)
     shown = SequenceOnPage(
         sequence.name,
-        f"pages/{slug}.html",
-        moving.relative_to(folder).as_posix(),
+        f"pages/{slug_of(sequence)}.html",
+        moving_of(folder, main).relative_to(folder).as_posix(),
         f"{main.title}: the model at the latest estimate in green, at the ground truth in white.",
         f"{len(sequence)} frames, {main.errors.seconds[-1]:.1f} s.",
         f"The overlay shows {main.title}: the model at the "

@@ -11,8 +11,9 @@ from uavbench.reports.restarts import RestartedRun, error_after_anchors
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.crlb_ratio import SIGMA_PX, error_over_bound
 from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks, units
-from uavbench.reports.tables.summary_table import by_sequence
+from uavbench.reports.tables.summary_table import by_flight, runs_of
 from uavbench.trajectories.pose import Array
 
 RANKED_BY = "area over the success curve"
@@ -118,7 +119,5 @@ def paired(runs: ListOf[ScoredRun]) -> dict[str, list[Array]]:
     keys = [sorted((r.score.flight, r.score.seed) for r in runs if r.name == name) for name in names]
     if len(names) < 2 or len(set(keys[0])) < 2 or any(key != keys[0] for key in keys):
         return {}
-    return {
-        name: by_sequence([r.score for r in runs if r.name == name], lambda score: 1 - score.tracking.success_auc)
-        for name in names
-    }
+    of_run = runs_of(score_frame(run.score.to_json() for run in runs))
+    return {name: by_flight(rows, 1 - rows["tracking_success_auc"].to_numpy()) for name, rows in of_run.items()}

@@ -9,6 +9,7 @@ from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,17 +17,21 @@ from matplotlib.figure import Figure
 from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.metrics.frame_errors import frame_errors
 from uavbench.reports.protocols.restarting import Restarted, accuracy, expected_error
-from uavbench.reports.scoring.score import Score
 from uavbench.reports.style import GROUND_TRUTH, line, marker, panel_letter
-from uavbench.reports.tables.summary_table import Column, Numbers
+from uavbench.reports.tables.columns import Column
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 COLUMNS: tuple[Column, ...] = (
-    Column(head="failures, with resets", unit="1/min", best="min", decimals=1),
-    Column(head="ATE between resets", unit="cm", best="min", decimals=2),
-    Column(head="median error after an anchor", unit="cm", best="min", decimals=2),
-    Column(head="failed after an anchor", unit="%", best="min", decimals=1),
+    Column(head="failures, with resets", key="reset_failures_per_minute", unit="1/min", best="min", decimals=1),
+    Column(head="ATE between resets", key="reset_ate_rmse_m", scale=100, unit="cm", best="min", decimals=2),
+    Column(
+        head="median error after an anchor", key="anchors_error_median_m", scale=100, unit="cm", best="min", decimals=2
+    ),
+    Column(head="failed after an anchor", key="anchors_failed", scale=100, unit="%", best="min", decimals=1),
 )
 
 
@@ -53,10 +58,19 @@ class RestartedRun:
         """Rate at which it tracked."""
         return float(self.restarted.results.record["rate_hz"])
 
-    @property
-    def key(self) -> tuple[str, str, int]:
-        """The key that it shares with the score of the free run."""
-        return self.name, self.sequence.name, int(self.restarted.results.record["seed"])
+    def numbers(self) -> dict[str, float | None]:
+        """What its protocol adds to the score of the free run, by the keys of COLUMNS."""
+        if self.protocol == "reset":
+            between = accuracy(self.restarted, self.sequence)
+            return {
+                "reset_failures_per_minute": self.restarted.failures_per_minute,
+                "reset_ate_rmse_m": between.rmse if between else None,
+            }
+        median = float(np.median(frame_errors(self.sequence, self.restarted.results).translation_m))
+        return {
+            "anchors_error_median_m": median if np.isfinite(median) else None,
+            "anchors_failed": float(self.restarted.failed.mean()),
+        }
 
 
 def open_restarts(folders: ListOf[Path], sequences: ListOf[Sequence]) -> list[RestartedRun]:
@@ -73,25 +87,18 @@ def open_restarts(folders: ListOf[Path], sequences: ListOf[Sequence]) -> list[Re
     return runs
 
 
-def numbers_of(runs: ListOf[RestartedRun]) -> Numbers:
-    """The numbers of COLUMNS for the score of each free run; None where a protocol was not run."""
-    resets = {run.key: run for run in runs if run.protocol == "reset"}
-    anchored = {run.key: run for run in runs if run.protocol == "anchors"}
+def with_restarts(frame: "DataFrame", runs: ListOf[RestartedRun]) -> "DataFrame":
+    """The frame of the free runs' scores with the numbers of COLUMNS beside them, NaN where a protocol was not run."""
+    from pandas import DataFrame
 
-    def numbers(score: Score) -> tuple[float | None, ...]:
-        key = (score.run, score.sequence, score.seed)
-        reset, anchor = resets.get(key), anchored.get(key)
-        between = accuracy(reset.restarted, reset.sequence) if reset else None
-        after = frame_errors(anchor.sequence, anchor.restarted.results).translation_m if anchor else np.array([np.inf])
-        median = float(np.median(after))
-        return (
-            reset.restarted.failures_per_minute if reset else None,
-            100 * between.rmse if between else None,
-            100 * median if np.isfinite(median) else None,
-            100 * float(anchor.restarted.failed.mean()) if anchor else None,
-        )
-
-    return numbers
+    of_run: dict[tuple[str, float, str, int], dict[str, float | None]] = {}
+    for run in runs:
+        record = run.restarted.results.record
+        key = (str(record["label"]), run.rate_hz, run.sequence.name, int(record["seed"]))
+        of_run[key] = of_run.get(key, {}) | run.numbers()
+    keys = zip(*(frame[name] for name in ("tracker", "rate_hz", "sequence", "seed")), strict=True)
+    added = DataFrame([of_run.get(key, {}) for key in keys], index=frame.index, columns=[c.key for c in COLUMNS])
+    return frame.join(added)
 
 
 def error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, int], stem: Path) -> list[Path]:

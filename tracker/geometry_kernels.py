@@ -30,7 +30,7 @@ class RigidMotion(NamedTuple):
     t: Array
 
 
-@compiled("f0 f0 f1")
+@compiled("f0 f0 f1", inner=True)
 def distort(x: float, y: float, cam: Array) -> tuple[float, float]:
     """Distorted normalized coordinates (Brown-Conrady; Kannala & Brandt 2006)."""
     if cam[4] == 0.0:
@@ -52,14 +52,14 @@ def distort(x: float, y: float, cam: Array) -> tuple[float, float]:
     return x * scale, y * scale
 
 
-@compiled("f0 f0 f0 f1")
+@compiled("f0 f0 f0 f1", inner=True)
 def project(x: float, y: float, z: float, cam: Array) -> tuple[float, float]:
     """Pixel of a point in the camera frame, z > 0."""
     u, v = distort(x / z, y / z, cam)
     return cam[0] * u + cam[2], cam[1] * v + cam[3]
 
 
-@compiled("f0 f0 f0 f0 f0 f1 f1!")
+@compiled("f0 f0 f0 f0 f0 f1 f1!", inner=True)
 def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, row: Array) -> None:
     """Motion in px along the image normal (nx, ny) per unit of a twist of the camera, into row (6,)."""
     a, b = x / z, y / z
@@ -82,7 +82,7 @@ def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, r
     row[5] = x * g1 - y * g0
 
 
-@compiled("f1 f1 f2")
+@compiled("f1 f1 f2", inner=True)
 def clip_segment(a: Array, b: Array, planes: Array) -> tuple[float, float]:
     """Shares of the segment a-b at which its part inside all planes (k, 4) starts and ends; start >= end: none.
 
@@ -101,7 +101,7 @@ def clip_segment(a: Array, b: Array, planes: Array) -> tuple[float, float]:
     return low, high
 
 
-@compiled("f0")
+@compiled("f0", inner=True)
 def rodrigues(angle2: float) -> tuple[float, float, float]:
     """The terms sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3 of a squared angle a^2."""
     angle = math.sqrt(angle2)
@@ -111,7 +111,7 @@ def rodrigues(angle2: float) -> tuple[float, float, float]:
     return a, (1.0 - math.cos(angle)) / angle2, (1.0 - a) / angle2
 
 
-@compiled("f1~ f0 f0 f0")
+@compiled("f1~ f0 f0 f0", inner=True)
 def combination(phi: Array, one: float, s: float, c: float) -> Array:
     """The matrix one I + s [phi]x + c [phi]x [phi]x: a rotation or a Jacobian of SO(3), by its coefficients."""
     x, y, z = phi[0], phi[1], phi[2]
@@ -122,21 +122,21 @@ def combination(phi: Array, one: float, s: float, c: float) -> Array:
     ])  # fmt: skip
 
 
-@compiled("f1~")
+@compiled("f1~", inner=True)
 def so3_exp(phi: Array) -> Array:
     """Rotation matrix (3, 3) of a rotation vector (3,) in rad (Rodrigues)."""
     a, b, _ = rodrigues(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
     return combination(phi, 1.0, a, b)
 
 
-@compiled("f1~")
+@compiled("f1~", inner=True)
 def so3_left_jacobian(phi: Array) -> Array:
     """Integral of so3_exp(u phi) over u from 0 to 1 (3, 3) (Sola 2017, eq. 145)."""
     _, b, c = rodrigues(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
     return combination(phi, 1.0, b, c)
 
 
-@compiled("f2 f1")
+@compiled("f2 f1", inner=True)
 def camera_centre(R: Array, t: Array) -> Array:
     """Position (3,) of the camera in the world, for cam_from_world (R, t)."""
     centre = np.zeros(3)
@@ -185,7 +185,7 @@ def se3_log_left(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
     return np.array([d[0] - 0.5 * ax + c * bx, d[1] - 0.5 * ay + c * by, d[2] - 0.5 * az + c * bz, wx, wy, wz])
 
 
-@compiled("f2 f1 f1!")
+@compiled("f2 f1 f1!", inner=True)
 def solve6(A: Array, b: Array, x: Array) -> bool:
     """Solve the symmetric positive system A x = b of six unknowns (Cholesky); False when A is not positive."""
     L = np.empty((6, 6))
@@ -213,7 +213,7 @@ def solve6(A: Array, b: Array, x: Array) -> bool:
     return True
 
 
-@compiled("f2! f2!")
+@compiled("f2! f2!", inner=True)
 def eliminate(M: Array, N: Array) -> None:
     """Put M^-1 N into N (6, k), by Gauss-Jordan elimination with partial pivoting; M (6, 6) is used up."""
     k = N.shape[1]

@@ -9,15 +9,9 @@ from uavbench.trajectories.pose import Array
 Indices = NDArray[np.int64]
 
 
-@compiled("f1")
-def falling(values: Array) -> Indices:
-    """Rows of values (n,), the greatest first; equal ones in no order that means anything."""
-    return np.argsort(-values)
-
-
-@compiled("i1! i1")
-def sort_falling(rows: Indices, counts: Indices) -> None:
-    """Sort rows (n,) in place by their counts, the greatest first, equal ones as they were (merge sort)."""
+@compiled("i1! i1 | i1! f1", inner=True)
+def sort_falling(rows: Indices, values: Array | Indices) -> None:
+    """Sort rows (n,) in place by their values, the greatest first, equal ones as they were (merge sort)."""
     n = len(rows)
     merged = np.empty(n, np.int64)
     width = 1
@@ -26,7 +20,7 @@ def sort_falling(rows: Indices, counts: Indices) -> None:
             middle, high = min(low + width, n), min(low + 2 * width, n)
             i, j = low, middle
             for k in range(low, high):
-                if i < middle and (j >= high or counts[rows[i]] >= counts[rows[j]]):
+                if i < middle and (j >= high or values[rows[i]] >= values[rows[j]]):
                     merged[k] = rows[i]
                     i += 1
                 else:
@@ -37,7 +31,17 @@ def sort_falling(rows: Indices, counts: Indices) -> None:
         width *= 2
 
 
-@compiled("f1! i0 f0")
+@compiled("f1", inner=True)
+def falling(values: Array) -> Indices:
+    """Rows of values (n,), the greatest first, equal ones as they are."""
+    rows = np.empty(len(values), np.int64)
+    for k in range(len(values)):
+        rows[k] = k
+    sort_falling(rows, values)
+    return rows
+
+
+@compiled("f1! i0 f0", inner=True)
 def insert(rising: Array, count: int, value: float) -> None:
     """Insert a value into the first `count` of rising values (n,), in place, so that they go on rising."""
     k = count

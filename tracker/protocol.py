@@ -82,8 +82,11 @@ class ImageError(UserError):
     """An image is none that a tracker takes."""
 
 
-def check_image(image: Image, camera: Camera) -> None:
-    """ImageError unless an image is of the camera's size, grey or BGR, and of 8 bits."""
+def check_image(image: Image, camera: Camera) -> Image:
+    """The image in rows of its own, as kernels and OpenCV need it: a view, a crop or a read-only one is copied.
+
+    ImageError unless it is of the camera's size, grey or BGR, and of 8 bits.
+    """
     wanted = f"({camera.height}, {camera.width}) grey or ({camera.height}, {camera.width}, 3) BGR of type uint8"
     if not isinstance(image, np.ndarray):
         raise ImageError(f"the image is {type(image).__name__}; give an array {wanted}")
@@ -91,3 +94,4 @@ def check_image(image: Image, camera: Camera) -> None:
         raise ImageError(f"the image has the shape {image.shape}; give {wanted}")
     if image.dtype != np.uint8:
         raise ImageError(f"the image has the type {image.dtype}; give {wanted}, values from 0 to 255")
+    return np.require(image, requirements=["C", "A", "W"])

@@ -1,7 +1,7 @@
 """Step 4, model projection: which edges of the structure a camera sees, and where.
 
 A face is visible when dot(face normal, camera ray) < 0; a visible edge touches a visible face (Harris & Stennett
-1990). What hides behind another part of the structure is asked for drawings alone (seen_edges_px).
+1990). What hides behind another part of the structure is asked for drawings alone (see seen_edges).
 
 Pixels are those of the camera without its distortion, the image that trackers work in.
 """
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.hidden_lines import seen_parts
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
@@ -56,13 +55,6 @@ def visible_edges(structure: Structure, camera: Camera, cam_from_world: Pose) ->
     segments_cam = cam[:, :1] + parts * (cam[:, 1:] - cam[:, :1])
     segments_m = world[:, :1] + parts * (world[:, 1:] - world[:, :1])
     return ProjectedEdges(edges, pinhole(segments_cam, camera), segments_m, segments_cam[..., 2])
-
-
-def seen_edges_px(structure: Structure, camera: Camera, cam_from_world: Pose) -> Array:
-    """Parts (k, 2, 2) of the visible edges that no other face hides, in undistorted pixels: what a drawing shows."""
-    edges = visible_edges(structure, camera, cam_from_world)
-    parts = seen_parts(structure, cam_from_world.inverse().translation, edges.segments_m)
-    return pinhole(cam_from_world.transform(parts.reshape(-1, 3)), camera).reshape(-1, 2, 2)
 
 
 def visible_faces(structure: Structure, cam_from_world: Pose) -> NDArray[np.bool_]:

@@ -36,25 +36,27 @@ def sources(module: str) -> frozenset[Path]:
 def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | None = None) -> MadeOf:
     """Source files of modules, and of scripts by their file.
 
-    Imports are read from the source, those within functions too; a module that cannot be found is left out.
+    Imports are read from the source, those within functions too; a module that cannot be found is left out. Imports
+    for type checkers alone never run; but with a `__getattr__` they name what a package gives on demand, and count
+    where the package itself is imported, not where it only runs before a module in it.
     """
     find = find or source_file
     found = set(scripts)
     others: set[str] = set()
-    waiting = [*modules, *(name for path in found for name in imports(path, "__main__"))]
-    seen: set[str] = set()
+    waiting = [(name, True) for name in (*modules, *(name for path in found for name in imports(path, "__main__")))]
+    seen: set[tuple[str, bool]] = set()
     while waiting:
-        name = waiting.pop()
-        if name in seen:
+        name, asked = waiting.pop()
+        if (name, asked) in seen:
             continue
-        seen.add(name)
+        seen.add((name, asked))
         path = find(name)
         if path is None:
             others.add(name.partition(".")[0])
         else:
             found.add(path)
-            waiting += imports(path, name)
-        waiting += parents(name)
+            waiting += ((imported, True) for imported in imports(path, name, on_demand=asked))
+        waiting += ((parent, False) for parent in parents(name))
     return MadeOf(frozenset(found), frozenset(others - sys.stdlib_module_names))
 
 
@@ -108,9 +110,9 @@ def editable(path: Path) -> bool:
     return is_ours(path) or not any(folder in INSTALLED or folder.name in LIBRARIES for folder in folders)
 
 
-def imports(path: Path, name: str) -> tuple[str, ...]:
-    """Names of all modules that the source file of the module `name` imports, or may."""
-    return _imports(path, stamp(path), name)
+def imports(path: Path, name: str, *, on_demand: bool = True) -> tuple[str, ...]:
+    """Names of all modules that the source file of the module `name` imports, or may, also on demand or not."""
+    return _imports(path, stamp(path), name, on_demand)
 
 
 def texts(path: Path) -> frozenset[str]:
@@ -159,8 +161,11 @@ def _spec(name: str) -> ModuleSpec | None:
 
 
 @lru_cache(maxsize=10_000)
-def _imports(path: Path, _: tuple[int, ...], name: str) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(_imported(parsed(path), name, path.name == "__init__.py")))
+def _imports(path: Path, _: tuple[int, ...], name: str, on_demand: bool) -> tuple[str, ...]:
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
+    body = parsed(path).body
+    gives = on_demand and any(isinstance(node, ast.FunctionDef) and node.name == "__getattr__" for node in body)
+    return tuple(dict.fromkeys(_imported(_statements(body, typing=gives), package)))
 
 
 @lru_cache(maxsize=10_000)
@@ -182,11 +187,27 @@ def _digest(path: Path, _: tuple[int, ...]) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _imported(tree: ast.AST, name: str, is_package: bool) -> Iterator[str]:
-    package = name.split(".") if is_package else name.split(".")[:-1]
-    for node in ast.walk(tree):
+def _statements(body: Iterable[ast.AST], typing: bool) -> Iterator[ast.AST]:
+    """All statements, those within others too; those for type checkers alone only where asked for."""
+    for node in body:
+        yield node
+        for field in ("body", "handlers", "cases", "orelse", "finalbody"):
+            if typing or field != "body" or not _for_type_checkers(node):
+                yield from _statements(getattr(node, field, ()), typing)
+
+
+def _for_type_checkers(node: ast.AST) -> bool:
+    test = node.test if isinstance(node, ast.If) else None
+    return (test.attr if isinstance(test, ast.Attribute) else getattr(test, "id", None)) == "TYPE_CHECKING"
+
+
+def _imported(statements: Iterable[ast.AST], package: list[str]) -> Iterator[str]:
+    for node in statements:
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            for alias in node.names:
+                yield alias.name
+                if alias.asname is None:  # `import a.b` binds a, and with it all that a gives on demand
+                    yield alias.name.partition(".")[0]
         elif isinstance(node, ast.ImportFrom):
             above = package[: len(package) - node.level + 1] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])

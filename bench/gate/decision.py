@@ -5,8 +5,8 @@ hierarchical bootstrap and corrected by Holm over all metrics, lies above the ma
 fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Each error is
 compared twice: its mean change, in which a few runs that break show, and its typical change, in which they count
 little and cannot hide what happened to all others. Coverage is compared as an absolute: its mean loss against its own
-margin. What is missing or not finite fails; what cannot be judged, because one side does not have it at all or a run
-crashes on both, is `inconclusive`: a gate passes only what it has compared.
+margin. What is missing or not finite fails; what cannot be judged, because one side does not have it at all, or a run
+crashes on both or is too short for the number, is `inconclusive`: a gate passes only what it has compared.
 """
 
 import math
@@ -148,12 +148,12 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
     found = [coverage_finding(run, paired(keys, base, head, lambda one: one.coverage), margins.coverage)]
     if crashed:
         _, sequence, seed = crashed[0]
-        why = f"{len(crashed)} runs crash that did not, first {sequence}, seed {seed}: {crash(head, crashed[0])}"
+        why = f"{_runs_crash(crashed)} that did not, first {sequence}, seed {seed}: {crash(head, crashed[0])}"
         found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
     both = sorted({k for k in keys if crash(head, k) and crash(base, k)})
     if both:
         _, sequence, seed = both[0]
-        why = f"{len(both)} runs crash on both sides, first {sequence}, seed {seed}: {crash(head, both[0])}"
+        why = f"{_runs_crash(both)} on both sides, first {sequence}, seed {seed}: {crash(head, both[0])}"
         found.append(_not_judged(run, why, "crashes"))
     for metric, (unit, _) in ERRORS.items():
         values = paired(keys, base, head, lambda one, metric=metric: one.errors.get(metric, math.nan))  # type: ignore[misc]
@@ -163,10 +163,18 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
     return found
 
 
+def _runs_crash(keys: list[Key]) -> str:
+    return "1 run crashes" if len(keys) == 1 else f"{len(keys)} runs crash"
+
+
 def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Measured], float]) -> PairedValues:
     """One value of each run on both sides, NaN where there is no score."""
-    sides = [{(k[1], k[2]): value(side.runs[k]) if k in side.runs else math.nan for k in keys} for side in (base, head)]
-    return PairedValues(*sides)
+    of_base, of_head = (
+        {(k[1], k[2]): value(side.runs[k]) if k in side.runs else math.nan for k in keys} for side in (base, head)
+    )
+    scored = {(k[1], k[2]) for k in keys if k in base.runs and k in head.runs}
+    unknown = {key for key in scored if math.isnan(of_base[key]) and math.isnan(of_head[key])}
+    return PairedValues(of_base, of_head, unknown)
 
 
 def crash(side: Side, key: Key) -> str:
@@ -231,18 +239,22 @@ def coverage_finding(run: str, values: PairedValues, margin: float) -> Finding:
 def _described(run: str, metric: str, unit: str, values: PairedValues, margin: float) -> Finding:
     """The finding as far as it is known; it fails at once when a number is missing."""
     missing = values.missing()
+    undefined = next(
+        (f"no number on either side for {name}, seed {seed}" for name, seed in sorted(values.undefined)), ""
+    )
     return Finding(
         run=run,
         metric=metric,
         unit=unit,
-        verdict="fail" if missing else "pass",
+        verdict="fail" if missing else "inconclusive" if undefined else "pass",
         margin=margin,
         sequences=len(values.sequences),
         seeds=values.seeds,
-        reason=missing,
+        reason=missing or undefined,
     )
 
 
 def _too_few(finding: Finding) -> Finding:
-    why = f"{finding.seeds} seeds are too few, {MIN_SEEDS} are needed"
+    few = "1 seed is" if finding.seeds == 1 else f"{finding.seeds} seeds are"
+    why = f"{few} too few, {MIN_SEEDS} are needed"
     return replace(finding, verdict="inconclusive", p=math.nan, reason=why)

@@ -1,7 +1,7 @@
 """The scores of two suites' folders, paired run by run: same tracker, same rate, same frames."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -120,14 +120,18 @@ def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
 
 @dataclass(frozen=True, eq=False)
 class PairedValues:
-    """One metric of one tracker on both sides: (sequence, seed) -> value, NaN where there is none."""
+    """One metric of one tracker on both sides: (sequence, seed) -> value, NaN where there is none.
+
+    undefined: runs that both sides have a score of, and neither the number: a flight too short for it.
+    """
 
     base: Mapping[tuple[str, int], float]
     head: Mapping[tuple[str, int], float]
+    undefined: Set[tuple[str, int]] = frozenset()
 
     def missing(self) -> str:
-        """The first run without a finite number on one of the sides, and which; "" when there is none."""
-        for sequence, seed in sorted({*self.base, *self.head}):
+        """The first other run without a finite number on one of the sides, and which; "" when there is none."""
+        for sequence, seed in sorted({*self.base, *self.head} - self.undefined):
             for side, values in (("results", self.head), ("baseline", self.base)):
                 if not np.isfinite(values.get((sequence, seed), np.nan)):
                     return f"no number in the {side} for {sequence}, seed {seed}"

@@ -18,7 +18,7 @@ from uavbench.bench.external.program import isolated_trackers
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
-from uavbench.bench.runner.graph import Job, Outcome, run_graph
+from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
@@ -106,8 +106,11 @@ def tell(outcome: Outcome, folder: Path) -> None:
     click.echo(f"{count}; {cost}", err=True)
     for line in shortfalls(job.marker for job in outcome.done if job.verb == "render"):
         click.echo(line, err=True)
-    for name, why in outcome.failed.items():
+    causes = {name: why for name, why in outcome.failed.items() if not why.startswith(NOT_DONE)}
+    for name, why in causes.items():
         click.echo(f"FAILED {name}: {why}", err=True)
+    if after := len(outcome.failed) - len(causes):
+        click.echo(f"not done: {after} job{'s that need' if after > 1 else ' that needs'} what failed", err=True)
     path = folder / "failures.txt"
     with told_at_most(path):
         if outcome.tracebacks:

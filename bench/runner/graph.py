@@ -23,6 +23,10 @@ from uavbench.trajectories.errors import DISK_ERRORS, UserError, disk_error_mess
 OnStep = Callable[[int, int], None]
 
 
+NOT_DONE = "not done, because this failed: "
+"""Beginning of why a job failed that was not tried."""
+
+
 class Work(Protocol):
     """Task of a job: a picklable value whose call writes the job's output."""
 
@@ -174,7 +178,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
             lost = [need.name for need in dependent.needs if need.name in outcome.failed]
             instead = dependent.without(outcome.failed) if lost and dependent.without else None
             if lost and instead is None:
-                outcome.failed[dependent.name] = f"not done, because this failed: {lost[0]}"
+                outcome.failed[dependent.name] = f"{NOT_DONE}{lost[0]}"
                 release(dependent)
             elif instead is not None:
                 made_from = content_hash(dependent.content_hash, sorted(outcome.failed.items()))

@@ -14,6 +14,7 @@ from uavbench.reports.evaluation.evaluate import Options, evaluate
 from uavbench.reports.figures.distributions import critical_difference, win_table
 from uavbench.reports.report import ReportEntry, write_report
 from uavbench.reports.scoring.score import score
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks
 from uavbench.reports.style import house_style
 from uavbench.reports.tables.summary_table import summary_table
@@ -91,7 +92,7 @@ def test_a_study_scored_bootstrapped_and_plotted(benchmark: Any, tmp_path: Path)
         for label, name, seed, results in runs:
             found = replace(score(sequence, results), label=label, sequence=name, seed=seed)
             scored.append(found)
-        write_tables(summary_table(scored), tmp_path / "summary")
+        write_tables(summary_table(score_frame(s.to_json() for s in scored)), tmp_path / "summary")
         names = list(dict.fromkeys(s.run for s in scored))
         values = {
             name: [

@@ -56,7 +56,7 @@ def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str
         [1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=GROUND_TRUTH, lw=0.9
     )
     known = f"CD = {found.critical_difference:.2f}"
-    text = known if np.isfinite(found.critical_difference) else f"CD: n/a, of {least_units()} runs at least"
+    text = known if np.isfinite(found.critical_difference) else f"CD: n/a, {least_units()} runs are needed"
     panel.text(1 + width / 2, 1.45, text, va="bottom", ha="center", fontsize=7)
     note = f"mean rank by {what}; n = {found.n}, best at the left"
     panel.text((k + 1) / 2, -half - 1.6, note, ha="center", va="bottom", fontsize=7)

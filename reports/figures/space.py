@@ -111,9 +111,8 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
 
     Without (b) where the frames lie so far apart that there is no sub-trajectory of any such length.
     """
-    lengths = _lengths(runs)
-    over = {run.name: [_over(run, length) for length in lengths] for run in runs}
-    boxed = any(len(values) for of_run in over.values() for values in of_run)
+    over = {run.name: _over_lengths(run, runs) for run in runs}
+    boxed = any(over.values())
     left, *right = figure.subplots(1, 2 if boxed else 1, squeeze=False)[0]
     rows: list[list[Any]] = []
     for run in runs:
@@ -123,13 +122,13 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
             [run.name, "along", a, finite(m)]
             for a, m in zip(along.tolist(), errors.translation_m.tolist(), strict=True)
         ]
-        for length, values in zip(lengths, over[run.name], strict=True):
+        for length, values in over[run.name].items():
             rows += [[run.name, f"over {length:.4g} m", None, value] for value in values.tolist()]
     for letter, panel in zip("ab", (left, *right), strict=False):
         panel.set_yscale("log")
         panel_letter(panel, letter if boxed else "")
     for panel in right:
-        _draw_boxes(panel, runs, lengths, over)
+        _draw_boxes(panel, runs, over)
         nice_log(panel)
     nice_log(left)
     left.set_xlabel("distance travelled (m)")
@@ -154,9 +153,15 @@ def _over(run: ScoredRun, length_m: float) -> Array:
     return relative_errors(pairs, i[both], j[both], "translation_m")
 
 
-def _draw_boxes(panel: Axes, runs: ListOf[ScoredRun], lengths: list[float], over: Mapping[str, list[Array]]) -> None:
+def _over_lengths(run: ScoredRun, runs: ListOf[ScoredRun]) -> dict[float, Array]:
+    """Relative errors by the length of the sub-trajectories, of those lengths that its rate has."""
+    return {length: values for length in _lengths(runs) if len(values := _over(run, length))}
+
+
+def _draw_boxes(panel: Axes, runs: ListOf[ScoredRun], over: Mapping[str, Mapping[float, Array]]) -> None:
+    lengths = sorted({length for of_run in over.values() for length in of_run})
     for k, run in enumerate(runs):
-        known = [(place, values) for place, values in enumerate(over[run.name]) if len(values)]
+        known = [(lengths.index(length), values) for length, values in over[run.name].items()]
         if not known:
             continue
         ink = {"color": colour(run.colour), "linewidth": 0.8}

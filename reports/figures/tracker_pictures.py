@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.seen_edges import seen_edges_px
 from uavbench.tracker.shang_shen.segments import MIN_SEGMENT_PX, detect_edge_pixels, detect_segments, grey
-from uavbench.tracker.visible_edges import seen_edges_px
 from uavbench.trajectories.pose import Array, Pose
 
 Image = NDArray[np.uint8]

@@ -18,7 +18,8 @@ from uavbench.reports.page.failures import failed_trackers, status, worst_first
 from uavbench.reports.page.overlay_animation import scrubbed
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.style import PNG_DPI, TWO_COLUMNS_IN, colour
-from uavbench.reports.tables.summary_table import TWO_COLUMNS, Table
+from uavbench.reports.tables.columns import TWO_COLUMNS
+from uavbench.reports.tables.summary_table import Table
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array

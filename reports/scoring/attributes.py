@@ -13,11 +13,12 @@ import numpy as np
 
 from uavbench.reports.metrics.quaternions import norm
 from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.true_edges import true_edges
 from uavbench.scenes.dataset.annotations import edges_file, load_edges
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.shang_shen.segments import grey
-from uavbench.tracker.visible_edges import ProjectedEdges, to_image, visible_edges
+from uavbench.tracker.visible_edges import to_image
 from uavbench.trajectories.pose import Array
 
 PARTS = 4
@@ -60,7 +61,7 @@ def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
             continue
         now, later = sequence.true_cam_from_world(frame), sequence.true_cam_from_world(frame + 1)
         step_ms = (int(sequence.stamps_ns[frame + 1]) - int(sequence.stamps_ns[frame])) / 1e6
-        ends = visible_edges(sequence.structure, sequence.camera, now).segments_m.reshape(-1, 3)
+        ends = true_edges(sequence, frame).segments_m.reshape(-1, 3)
         here, there = now.transform(ends), later.transform(ends)
         seen = (here[:, 2] > 0.01) & (there[:, 2] > 0.01)
         if seen.any():
@@ -82,7 +83,7 @@ def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
             continue
         rows = load_edges(sequence, frame)
         seen_px = float(np.hypot(rows[:, 3] - rows[:, 1], rows[:, 4] - rows[:, 2]).sum())
-        ends = to_image(_edges(sequence, frame).segments_px.reshape(-1, 2), sequence.camera).reshape(-1, 2, 2)
+        ends = to_image(true_edges(sequence, frame).segments_px.reshape(-1, 2), sequence.camera).reshape(-1, 2, 2)
         all_px = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
         if all_px > 0:
             out[k] = np.round(100 * np.clip(1 - seen_px / all_px, 0, 1), 1)
@@ -91,12 +92,12 @@ def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 def visible_edge_count(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Number (n,) of visible edges in the image at the true pose."""
-    return np.array([float(len(_edges(sequence, frame).edges)) for frame in frames])
+    return np.array([float(len(true_edges(sequence, frame).edges)) for frame in frames])
 
 
 def distance_m(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Median depth (n,) of the visible edges at the true pose, NaN where none is in view."""
-    depths = [_edges(sequence, frame).depths_m for frame in frames]
+    depths = [true_edges(sequence, frame).depths_m for frame in frames]
     return np.array([float(np.median(d)) if d.size else np.nan for d in depths])
 
 
@@ -104,7 +105,7 @@ def contrast(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Mean difference (n,) of grey levels across the true visible edges, 4 px to either side, of 255."""
     out = np.full(len(frames), np.nan)
     for k, frame in enumerate(frames):
-        segments = _edges(sequence, frame).segments_px
+        segments = true_edges(sequence, frame).segments_px
         lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
         segments, lengths = segments[lengths > 2 * CONTRAST_OFFSET_PX], lengths[lengths > 2 * CONTRAST_OFFSET_PX]
         if not len(segments):
@@ -174,10 +175,6 @@ def looked_at(run: ScoredRun, at_most: int) -> list[int]:
     """Frames of a run that a breakdown looks at."""
     frames: list[int] = run.errors.frames.tolist()
     return frames[:: -(-len(frames) // at_most)]
-
-
-def _edges(sequence: Sequence, frame: int) -> ProjectedEdges:
-    return visible_edges(sequence.structure, sequence.camera, sequence.true_cam_from_world(frame))
 
 
 def _sampled(image: Image, pixels: Array) -> Array:

@@ -9,13 +9,14 @@ one frame may go below either, and those that use more than edges below the seco
 
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from uavbench.reports.metrics.frame_errors import FrameErrors
+from uavbench.reports.scoring.true_edges import true_edges
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.shang_shen.control_points import control_points
-from uavbench.tracker.visible_edges import visible_edges
 from uavbench.trajectories.pose import Array, Pose, hat
 
 SIGMA_PX = 0.3
@@ -46,25 +47,25 @@ def image_bounds(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 def edge_bounds(sequence: Sequence, frames: ListOf[int], sigma_px: float = SIGMA_PX) -> Array:
     """Bound (n,) in m on the RMS position error of the body, infinite where the edges in view do not fix the pose."""
-    out = np.full(len(frames), np.inf)
-    camera, mount = sequence.camera, sequence.cam_from_body
-    for k, frame in enumerate(frames):
-        ground_truth = sequence.true_cam_from_world(frame)
-        points = control_points(visible_edges(sequence.structure, camera, ground_truth))
-        if len(points) < 6:
-            continue
-        at = ground_truth.transform(points.points_m)
-        x, y, z = at.T
-        toward = np.zeros((len(at), 3))  # n^T du/dX
-        toward[:, 0] = points.normals[:, 0] * camera.fx / z
-        toward[:, 1] = points.normals[:, 1] * camera.fy / z
-        toward[:, 2] = -(toward[:, 0] * x + toward[:, 1] * y) / z
-        J = np.hstack([toward, np.einsum("ni,nij->nj", toward, -hat(at))])
-        values, vectors = np.linalg.eigh(J.T @ J)
-        if values[0] <= SINGULAR * values[-1]:
-            continue
-        out[k] = _position(sigma_px**2 * (vectors / values) @ vectors.T, mount)
-    return out
+    return np.array([_edge_bound(sequence, frame, sigma_px) for frame in frames])
+
+
+@lru_cache(maxsize=4096)  # all trackers have the same frames
+def _edge_bound(sequence: Sequence, frame: int, sigma_px: float) -> float:
+    points = control_points(true_edges(sequence, frame))
+    if len(points) < 6:
+        return np.inf
+    camera, at = sequence.camera, sequence.true_cam_from_world(frame).transform(points.points_m)
+    x, y, z = at.T
+    toward = np.zeros((len(at), 3))  # n^T du/dX
+    toward[:, 0] = points.normals[:, 0] * camera.fx / z
+    toward[:, 1] = points.normals[:, 1] * camera.fy / z
+    toward[:, 2] = -(toward[:, 0] * x + toward[:, 1] * y) / z
+    J = np.hstack([toward, np.einsum("ni,nij->nj", toward, -hat(at))])
+    values, vectors = np.linalg.eigh(J.T @ J)
+    if values[0] <= SINGULAR * values[-1]:
+        return np.inf
+    return _position(sigma_px**2 * (vectors / values) @ vectors.T, sequence.cam_from_body)
 
 
 def error_over_bound(sequence: Sequence, errors: FrameErrors) -> Array:

@@ -9,7 +9,8 @@ from functools import lru_cache
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import text_to_path
 
-from uavbench.reports.tables.summary_table import Cell, Column, Table
+from uavbench.reports.tables.columns import Column
+from uavbench.reports.tables.summary_table import Cell, Table
 
 ONE_COLUMN_PT, TWO_COLUMNS_PT = 252.0, 516.0
 """\\columnwidth and \\textwidth of IEEEtran."""

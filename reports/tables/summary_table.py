@@ -1,66 +1,20 @@
 """The summary table: means with intervals, the best of a column marked."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uavbench.reports.scoring.score import Score
 from uavbench.reports.statistics.bootstrap import Interval, compare_with, hierarchical_interval, least_units, units
+from uavbench.reports.tables.columns import COLUMNS, Column
 from uavbench.trajectories.errors import unknown_name
 from uavbench.trajectories.pose import Array
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
-@dataclass(frozen=True, kw_only=True)
-class Column:
-    """A column of the summary: its head, unit, which value is best, and how many decimals are shown.
-
-    short: the head in LaTeX, where there is little room; the head itself where empty.
-    """
-
-    head: str
-    unit: str
-    best: str
-    decimals: int
-    short: str = ""
-
-
-COLUMNS: tuple[Column, ...] = (
-    Column(head="coverage", unit="%", best="max", decimals=1),
-    Column(head="within 5 cm, 5 deg", unit="%", best="max", decimals=1, short="success"),
-    Column(head="AUC 10 cm", unit="", best="max", decimals=2, short="AUC"),
-    Column(head="ATE position", unit="cm", best="min", decimals=2, short="ATE pos."),
-    Column(head="ATE rotation", unit="deg", best="min", decimals=2, short="ATE rot."),
-    Column(head="RPE 1 frame", unit="cm", best="min", decimals=2, short="RPE frame"),
-    Column(head="RPE 1 s", unit="cm", best="min", decimals=2),
-    Column(head="edges", unit="px", best="min", decimals=1),
-    Column(head="failures", unit="1/min", best="min", decimals=1),
-    Column(head="first failure", unit="s", best="max", decimals=1, short="first fail."),
-    Column(head="frame p50", unit="ms", best="min", decimals=1),
-    Column(head="frame p95", unit="ms", best="min", decimals=1),
-)
-DETAILS: tuple[Column, ...] = (
-    Column(head="ADD", unit="cm", best="min", decimals=2),
-    Column(head="MSSD", unit="cm", best="min", decimals=2),
-    Column(head="MSPD", unit="px", best="min", decimals=1),
-    Column(head="recovery", unit="s", best="min", decimals=2),
-    Column(head="longest failure", unit="s", best="min", decimals=2, short="longest fail."),
-    Column(head="NEES", unit="6 is honest", best="", decimals=1),
-    Column(head="claimed sigma", unit="cm", best="", decimals=2, short="claimed std."),
-    Column(head="error / CRLB", unit="median", best="min", decimals=1, short="err./CRLB"),
-    Column(head="frame p99", unit="ms", best="min", decimals=1),
-    Column(head="frame max", unit="ms", best="min", decimals=1),
-    Column(head="deadline misses", unit="%", best="min", decimals=1, short="misses"),
-    Column(head="in real time: within 5 cm, 5 deg", unit="%", best="max", decimals=1, short="live success"),
-    Column(head="in real time: frames missed", unit="%", best="min", decimals=1, short="live missed"),
-    Column(head="in real time: age of the pose", unit="ms", best="min", decimals=0, short="live age"),
-)
-TWO_COLUMNS = ("coverage", "within 5 cm, 5 deg", "ATE position", "ATE rotation", "RPE 1 s", "failures", "frame p95")
-"""The columns of a table over both columns of a page, and of the page's first table."""
-ONE_COLUMN = ("within 5 cm, 5 deg", "ATE position", "ATE rotation", "frame p95")
-"""The columns of a table in one column of a page."""
-Numbers = Callable[[Score], tuple[float | None, ...]]
 WON_BY_ALL = ("coverage", "within 5 cm, 5 deg", "AUC 10 cm")
 KEEPS_UP = 0.9
 """Errors and times are won by trackers with this share of the best success: one that is lost has no good error."""
@@ -125,88 +79,46 @@ class Table:
         return replace(self, columns=tuple(self.columns[k] for k in places), rows=rows)
 
 
-def numbers(score: Score) -> tuple[float | None, ...]:
-    """The numbers of a score in the order of COLUMNS; None where there is none.
+def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> Table:
+    """One row per tracker and rate, over its sequences and seeds; by rate, the worst first.
 
-    A run that never fails counts with its whole duration as its time to the first failure.
+    frame: of scores, as `score_frame` makes it.
     """
-    ate, tracking, total = score.ate["none"], score.tracking, score.latency.get("total")
-    one_frame, one_second = score.rpe["1 frame"].translation_m, score.rpe["1 s"].translation_m
-    edges = score.model.edges_px if score.model else None
-    first_loss = tracking.time_to_first_loss_s
-    return (
-        100 * tracking.coverage,
-        100 * tracking.success,
-        tracking.success_auc,
-        100 * ate.translation_m.rmse if ate.translation_m else None,
-        ate.rotation_deg.rmse if ate.rotation_deg else None,
-        100 * one_frame.rmse if one_frame else None,
-        100 * one_second.rmse if one_second else None,
-        edges.mean if edges else None,
-        tracking.failures_per_minute,
-        tracking.duration_s if first_loss is None else first_loss,
-        total.p50_ms if total else None,
-        total.p95_ms if total else None,
-    )
-
-
-def details(score: Score) -> tuple[float | None, ...]:
-    """The numbers of a score in the order of DETAILS; None where there is none."""
-    model, tracking, replay, total = score.model, score.tracking, score.replay, score.latency.get("total")
-    claimed = score.consistency
-    return (
-        100 * model.add_m.mean if model and model.add_m else None,
-        100 * model.mssd_m.mean if model and model.mssd_m else None,
-        model.mspd_px.mean if model and model.mspd_px else None,
-        tracking.time_to_recover_s,
-        tracking.longest_failure_s,
-        claimed.mean if claimed else None,
-        100 * claimed.sharpness_m if claimed else None,
-        score.bound.median if score.bound else None,
-        total.p99_ms if total else None,
-        total.max_ms if total else None,
-        100 * score.deadline_misses if score.deadline_misses is not None else None,
-        100 * replay.success if replay else None,
-        100 * replay.dropped if replay else None,
-        replay.age_ms if replay else None,
-    )
-
-
-def summary_table(scores: ListOf[Score], columns: tuple[Column, ...] = COLUMNS, numbers_of: Numbers = numbers) -> Table:
-    """One row per tracker and rate, over its sequences and seeds; by rate, the worst first."""
-    groups: dict[str, list[Score]] = {}
-    for score in scores:
-        groups.setdefault(score.run, []).append(score)
-    table = {
-        run: by_sequence(group, lambda score: np.array([_number(value) for value in numbers_of(score)]))
-        for run, group in groups.items()
-    }
-    values = {run: [[v[:, k] for v in of_run] for k in range(len(columns))] for run, of_run in table.items()}
+    groups = runs_of(frame)
+    values = {run: [by_flight(rows, column.of(rows)) for column in columns] for run, rows in groups.items()}
     cells = {
         run: [_cell(v, column) for v, column in zip(of_run, columns, strict=True)] for run, of_run in values.items()
     }
-    success = {run: float(np.mean([score.tracking.success for score in group])) for run, group in groups.items()}
-    for rate in {score.rate_hz for score in scores}:
-        rivals = [run for run in groups if groups[run][0].rate_hz == rate]
+    success = {run: float(rows["tracking_success"].to_numpy().mean()) for run, rows in groups.items()}
+    rates = {run: float(rows["rate_hz"].iloc[0]) for run, rows in groups.items()}
+    for rate in set(rates.values()):
+        rivals = [run for run in groups if rates[run] == rate]
         fit = {run for run in rivals if _keeps_up(run, rivals, success)}
         for k, column in enumerate(columns):
             if column.best:
                 fit_here = set(rivals) if column.head in WON_BY_ALL else fit
                 of_column = {run: values[run][k] for run in rivals}
                 _mark_best({run: cells[run] for run in rivals}, of_column, k, column, fit_here)
-    order = sorted(groups, key=lambda run: (-groups[run][0].rate_hz, success[run]))
+    order = sorted(groups, key=lambda run: (-rates[run], success[run]))
     rows = tuple((run, tuple(cells[run])) for run in order)
     return Table(_caption(groups, rows), columns, rows)
 
 
-def _caption(groups: Mapping[str, list[Score]], rows: ListOf[tuple[str, tuple[Cell, ...]]]) -> str:
-    """Notes to the numbers, failures first."""
+def runs_of(frame: "DataFrame") -> dict[str, "DataFrame"]:
+    """Rows of a frame of scores by tracker and rate, `lsd@15hz`, in their order."""
+    names = [f"{label}@{rate_hz:g}hz" for label, rate_hz in zip(frame["tracker"], frame["rate_hz"], strict=True)]
+    return {str(name): rows for name, rows in frame.assign(run=names).groupby("run", sort=False)}
+
+
+def _caption(groups: Mapping[str, "DataFrame"], rows: ListOf[tuple[str, tuple[Cell, ...]]]) -> str:
+    """What a reader must know of the numbers, failures first."""
     text = ""
     for run, group in groups.items():
-        bad = [score for score in group if score.status in ("crashed", "missing")]
-        if bad:
-            why = f", first {bad[0].sequence}: {bad[0].errors[0]}" if bad[0].errors else ""
-            text += f"FAILED: {run} {bad[0].status} in {len(bad)} of {len(group)} runs{why}. "
+        bad = group[group["status"].isin(["crashed", "missing"])]
+        if len(bad):
+            first = bad.iloc[0]
+            why = f", first {first['sequence']}: {first['error']}" if first["error"] else ""
+            text += f"FAILED: {run} {first['status']} in {len(bad)} of {len(group)} runs{why}. "
     text += (
         "Errors are RMSE over the frames that have a pose: read them with coverage. "
         "A run that never fails has its whole duration as its first failure. "
@@ -225,8 +137,9 @@ def _caption(groups: Mapping[str, list[Score]], rows: ListOf[tuple[str, tuple[Ce
     )
     if len(groups) < 2:
         return f"{text}."
-    rivals = max(sum(g[0].rate_hz == group[0].rate_hz for g in groups.values()) for group in groups.values()) - 1
-    independent = max(len(units(by_sequence(group, lambda _: np.zeros(1)))) for group in groups.values())
+    rates = [group["rate_hz"].iloc[0] for group in groups.values()]
+    rivals = max(rates.count(rate) for rate in rates) - 1
+    independent = max(len(units(by_flight(group, np.zeros(len(group))))) for group in groups.values())
     needed = least_units(max(rivals, 1))
     if independent < needed:
         runs = f"{independent} independent run{'s' if independent > 1 else ''}"
@@ -234,15 +147,10 @@ def _caption(groups: Mapping[str, list[Score]], rows: ListOf[tuple[str, tuple[Ce
     return f"{text}; *: better than each other tracker there at the 5 % level (paired by sequence and seed, Holm)."
 
 
-def by_sequence(group: ListOf[Score], value: Callable[[Score], Array | float]) -> list[Array]:
-    """A value of each score per sequence, over its seeds in order; a run that is there twice counts once."""
-    runs = {(score.flight, score.seed): score for score in group}
-    names = sorted({flight for flight, _ in runs})
-    return [np.array([value(runs[key]) for key in sorted(runs) if key[0] == name]) for name in names]
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else value
+def by_flight(rows: "DataFrame", values: Array) -> list[Array]:
+    """Values (n,) of the rows of one tracker and rate by flight, its seeds in order; a run counts once."""
+    runs = rows[["flight", "seed"]].assign(value=values).drop_duplicates(["flight", "seed"], keep="last")
+    return [flight["value"].to_numpy() for _, flight in runs.sort_values("seed").groupby("flight")]
 
 
 def _cell(values: list[Array], column: Column) -> Cell:

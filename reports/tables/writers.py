@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from uavbench.reports.style import write_csv
+from uavbench.reports.tables.columns import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS
 from uavbench.reports.tables.latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
-from uavbench.reports.tables.summary_table import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS, Cell, Table
+from uavbench.reports.tables.summary_table import Cell, Table
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 

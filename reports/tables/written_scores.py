@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 
 from uavbench.reports.scoring.score import Score
-from uavbench.reports.tables.summary_table import COLUMNS, DETAILS, Table, details, numbers, summary_table
+from uavbench.reports.scoring.score_frame import score_frame
+from uavbench.reports.tables.columns import COLUMNS, DETAILS
+from uavbench.reports.tables.summary_table import Table, summary_table
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
 
@@ -13,11 +15,7 @@ KEY = ("label", "rate_hz", "seed", "sequence")
 
 def table_of(folder: Path) -> Table:
     """The table of a report's folder with all columns; UserError naming the file that is missing or wrong."""
-
-    def every(score: Score) -> tuple[float | None, ...]:
-        return (*numbers(score), *details(score))
-
-    return summary_table(read_scores(folder), (*COLUMNS, *DETAILS), every)
+    return summary_table(score_frame(score.to_json() for score in read_scores(folder)), (*COLUMNS, *DETAILS))
 
 
 def read_scores(folder: Path) -> list[Score]:

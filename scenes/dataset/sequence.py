@@ -105,7 +105,7 @@ class Sequence:
         """Name of the sequence."""
         return str(self._said("name"))
 
-    @property
+    @cached_property
     def cam_from_body(self) -> Pose:
         """Mount of the camera on the vehicle."""
         try:

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +16,7 @@ from pathlib import Path
 import dask
 import pytest
 
-from tests.bench.process_trees import DEADLINE_S, wait_until
+from tests.bench.process_trees import wait_until
 from tests.bench.small_suites import small_suite
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, run_shard
@@ -33,14 +32,17 @@ ROOT = Path(__file__).parents[2]
 
 @dataclass(frozen=True)
 class Slow:
-    """Logs its beginning, sleeps, writes its marker, logs its end."""
+    """Logs its beginning, sleeps, writes its marker, logs its end; one that `dies` kills its first worker instead."""
 
     marker: Path
+    dies: bool = False
 
     def __call__(self, content_hash, on_step):
         with (self.marker.parent / "begun.log").open("a") as log:
             log.write(f"{self.marker.stem} {os.getpid()}\n")
-        time.sleep(0.3)
+        if self.dies and (self.marker.parent / "begun.log").read_text().count(f"{self.marker.stem} ") == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.1)
         write_text(self.marker, json.dumps({"content_hash": content_hash}))
         with (self.marker.parent / "ended.log").open("a") as log:
             log.write(f"{self.marker.stem}\n")
@@ -48,7 +50,7 @@ class Slow:
 
 def jobs_in(folder, count):
     return [
-        Job(verb="track", name=f"j{i}", work=Slow(folder / f"j{i}.json"), marker=folder / f"j{i}.json",
+        Job(verb="track", name=f"j{i}", work=Slow(folder / f"j{i}.json", dies=i == 8), marker=folder / f"j{i}.json",
             content_hash=content_hash(i))
         for i in range(count)
     ]  # fmt: skip
@@ -84,27 +86,17 @@ def _dask(environment, *arguments):
 def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(cluster, tmp_path):
     address, workers = cluster
     (tmp_path / "suite.json").write_text("{}")
-    jobs = jobs_in(tmp_path, 30)
+    jobs = jobs_in(tmp_path, 20)
     with dask_pool(address, 2, tmp_path) as (executor, progress):
-        killer = threading.Thread(target=_kill_when, args=(tmp_path / "begun.log", 8, workers[0].pid))
-        killer.start()
         outcome = run_graph(jobs, executor, progress)
-        killer.join()
-    assert workers[0].wait(timeout=DEADLINE_S) == -signal.SIGKILL
+    assert wait_until(lambda: sorted(str(worker.poll()) for worker in workers) == ["-9", "None"])
     assert outcome.failed == {}
     assert {job.name for job in outcome.done} == {job.name for job in jobs}
     assert all(job.fresh for job in jobs)
     ended = (tmp_path / "ended.log").read_text().split()
     assert sorted(ended) == sorted(job.name for job in jobs), "each job ended once"
-    pids = {line.split()[1] for line in (tmp_path / "begun.log").read_text().splitlines()}
-    assert len(pids) == 2
-
-
-def _kill_when(log, lines, pid):
-    """Kill a worker in the middle."""
-    while not (log.exists() and len(log.read_text().splitlines()) >= lines):
-        time.sleep(0.02)
-    os.kill(pid, signal.SIGKILL)
+    begun = [line.split() for line in (tmp_path / "begun.log").read_text().splitlines()]
+    assert len({pid for name, pid in begun if name == "j8"}) == 2, "another worker took its job over"
 
 
 def test_a_suite_on_a_local_dask_cluster_is_the_suite_on_local_processes(tmp_path):

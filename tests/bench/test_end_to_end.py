@@ -92,10 +92,10 @@ def test_a_second_run_redoes_nothing(suite, done):
 
 def test_the_same_suite_gives_the_same_truth_and_scores_elsewhere(suite, done, tmp_path):
     out, _ = done
-    run = uavbench("run", suite, "--out", tmp_path / "again", "--jobs", 1)
+    run = uavbench("score", suite, "--out", tmp_path / "again", "--jobs", 1)
     assert run.returncode == 0, run.stderr
     assert ground_truth_and_estimates(out) == ground_truth_and_estimates(tmp_path / "again")
-    assert (out / "scores.json").read_bytes() == (tmp_path / "again" / "scores.json").read_bytes()
+    assert contents(out, "results/*/*/score.json") == contents(tmp_path / "again", "results/*/*/score.json")
 
 
 @pytest.mark.parametrize("how", SIGNALS)
@@ -192,6 +192,10 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     run = uavbench("run", path, "--out", out)
     assert run.returncode == 2
     assert f"report: {out / 'index.html'}" in run.stdout
+    causes = [line.split(":")[0] for line in run.stderr.splitlines() if line.startswith("FAILED")]
+    assert causes[0] == "FAILED render away-s0"
+    assert not any("away" in cause for cause in causes[1:])
+    assert "jobs that need what failed" in run.stderr
     told = json.loads((out / "scores.json").read_text())
     assert set(told["unrendered"]) == {"away-s0"}
     statuses = {(s["label"], s["status"]) for s in told["scores"]}
@@ -218,9 +222,10 @@ def test_two_runs_do_not_share_a_folder(suite, tmp_path):
     first = subprocess.Popen(command("render", suite, "--out", out), stderr=subprocess.DEVNULL)
     try:
         assert wait_until((out / "suite.json").exists)
+        first.send_signal(signal.SIGSTOP)  # it stays at work until the second has looked
         second = uavbench("render", suite, "--out", out)
     finally:
-        first.terminate()
+        first.kill()
         first.wait()
     assert second.returncode == 2
     assert "another uavbench is at work" in second.stderr

@@ -120,7 +120,7 @@ def test_a_crash_that_the_baseline_has_too_is_not_new():
     assert coverage_of(side(crash="boom"), side()).verdict == "pass"
     new = coverage_of(side(), side(crash="boom"))
     assert new.verdict == "fail"
-    assert new.reason == "1 runs crash that did not, first s0, seed 0: boom"
+    assert new.reason == "1 run crashes that did not, first s0, seed 0: boom"
     assert math.isnan(new.p)
 
 
@@ -146,7 +146,21 @@ def test_what_is_missing_fails_and_says_on_which_side():
     assert decided(paired).reason == "no number in the results for s1, seed 2"
     paired = values(1.0)
     paired.base["s3", 4] = math.inf
-    assert decided(paired).reason == "no number in the baseline for s3, seed 4"
+    assert (decided(paired).verdict, decided(paired).reason) == ("fail", "no number in the baseline for s3, seed 4")
+
+
+def test_a_number_that_neither_side_has_is_not_judged():
+    """RPE over 1 s of a flight of 0.3 s: nothing was lost between the two."""
+
+    def rpe(base, head):
+        return next(f for f in compare_sides(base, head, {}, Margins()) if f.metric == "RPE 1 s")
+
+    short = side(error=math.nan)
+    found = rpe(short, short)
+    assert (found.verdict, found.reason) == ("inconclusive", "no number on either side for s0, seed 0")
+    assert rpe(side(), short).verdict == rpe(short, side()).verdict == "fail"
+    unscored = Side({key: one for key, one in short.runs.items() if key[1:] != ("s0", 0)})
+    assert rpe(short, unscored).verdict == rpe(unscored, short).verdict == "fail"
 
 
 def test_a_baseline_without_any_score_is_refused(tmp_path):

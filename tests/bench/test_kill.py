@@ -1,6 +1,7 @@
-"""A suite ended at random moments, main process or workers: after the same command again all is as undisturbed.
+"""A suite ended at some moment, main process or workers: after the same command again all is as undisturbed.
 
-Three moments in CI, one for each of those that are ended; fifty with UAVBENCH_NIGHTLY=1.
+In CI, the scores are ended at one stage of a run for each of those that are ended; with UAVBENCH_NIGHTLY=1, a whole run
+is at fifty random moments.
 """
 
 import contextlib
@@ -15,14 +16,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.bench.process_trees import wait_until, with_mark
+from tests.bench.process_trees import wait_until
 from tests.bench.small_suites import small_suite
 
 pytestmark = pytest.mark.slow
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 WHOM = ("main", "a worker", "all")
 CASES = list(product(SIGNALS, WHOM))
-MOMENTS = 50 if os.environ.get("UAVBENCH_NIGHTLY") else 3
+NIGHTLY = bool(os.environ.get("UAVBENCH_NIGHTLY"))
+STAGES = ("sequences/.box-*/frames/*", "results/*/*/record.json", "results/*/*/score.json")
+"""Files that there are when a stage has begun."""
+MOMENTS = 50 if NIGHTLY else len(STAGES)
 LEFT_ALONE = ("times.csv", "seconds.json", "latency.json")
 """Files of wall times."""
 
@@ -38,16 +42,13 @@ def final(folder):
 
 
 def start(suite, out):
-    """The command, its temporary files in a folder beside `out`."""
-    temporary = out.parent / "temporary"
-    temporary.mkdir(exist_ok=True)
-    command = [sys.executable, "-m", "uavbench.bench.cli.main", "run", str(suite), "--out", str(out), "--jobs", "2"]
+    verb = "run" if NIGHTLY else "score"
+    command = [sys.executable, "-m", "uavbench.bench.cli.main", verb, str(suite), "--out", str(out), "--jobs", "2"]
     return subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
-        env={**os.environ, "TMPDIR": str(temporary)},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a background job ignores it
     )
 
@@ -69,12 +70,6 @@ def end(process, how, whom, rng):
             os.kill(int(rng.choice(some)), how)
 
 
-def expect_nothing_left(temporary):
-    """No process that was started with these temporary files, and none of them."""
-    assert wait_until(lambda: not with_mark(f"TMPDIR={temporary}")), with_mark(f"TMPDIR={temporary}")
-    assert wait_until(lambda: not list(temporary.iterdir())), list(temporary.rglob("*"))
-
-
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kill")
@@ -91,16 +86,17 @@ def test_killed_and_resumed_is_as_undisturbed(undisturbed, tmp_path, moment):
     rng = np.random.default_rng(moment)
     how, whom = CASES[(5 * moment) % len(CASES)]
     process = start(suite, tmp_path / "out")
-    time.sleep(float(rng.uniform(0.05, 1.0)) * took_s)
+    if NIGHTLY:
+        time.sleep(float(rng.uniform(0.05, 1.0)) * took_s)
+    else:
+        assert wait_until(lambda: any((tmp_path / "out").glob(STAGES[moment])))
     end(process, how, whom, rng)
     text, _ = process.communicate()
-    expect_nothing_left(tmp_path / "temporary")
     if how != signal.SIGKILL and whom != "a worker":
         assert b"Traceback" not in text, text.decode()
     again = start(suite, tmp_path / "out")
     text, _ = again.communicate()
     assert again.returncode == 0, text.decode()
-    expect_nothing_left(tmp_path / "temporary")
     got, want = final(tmp_path / "out"), final(expected)
     assert got.keys() == want.keys()
     assert [name for name in want if got[name] != want[name]] == []

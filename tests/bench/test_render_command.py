@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-SEQUENCES = 5
-KILLED_AFTER = 2
+SEQUENCES = 3
+KILLED_AFTER = 1
 """Sequences that are whole when the render is killed."""
 SUITE = f"""
 title = "Many"

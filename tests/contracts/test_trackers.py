@@ -137,3 +137,27 @@ def test_an_image_that_is_none_is_refused_by_name_and_harms_nothing(kind, sequen
     with pytest.raises(ImageError, match=told):
         run.track(change(sequence.image(0)), 0)
     assert run.track(sequence.image(0), 0).status == "ok"
+
+
+def read_only(image):
+    return np.frombuffer(image.tobytes(), np.uint8).reshape(image.shape)
+
+
+@VARIANTS
+@pytest.mark.parametrize(
+    "view",
+    [
+        read_only,
+        np.asfortranarray,
+        lambda image: np.ascontiguousarray(image[..., ::-1])[..., ::-1],
+        lambda image: np.ascontiguousarray(image[::-1])[::-1],
+        lambda image: np.pad(image, ((3, 3), (5, 5), (0, 0)))[3:-3, 5:-5],
+    ],
+    ids=["read-only", "by columns", "channels reversed", "upside down", "a crop"],
+)
+def test_a_view_of_an_image_is_tracked_as_the_image_itself(kind, sequence, view):
+    image = sequence.image(0)
+    assert np.array_equal(view(image), image)
+    plain, viewed = (begun(kind, sequence).track(given, 0) for given in (image, view(image)))
+    assert viewed.status == plain.status == "ok"
+    assert np.array_equal(viewed.cam_from_world.matrix, plain.cam_from_world.matrix)

@@ -4,15 +4,23 @@ import csv
 import hashlib
 import json
 import re
+import shutil
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from uavbench.reports.report import ReportEntry, write_report
-from uavbench.reports.style import COLOURS, PNG_DPI
+from tests.reports.drawn import track
+from uavbench.reports.figures.space import SHARES, draw_error_against_distance
+from uavbench.reports.progress import Steps
+from uavbench.reports.report import ReportEntry, beside, write_report
+from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.score import score
+from uavbench.reports.style import COLOURS, PNG_DPI, new_figure
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
 
 
@@ -39,6 +47,18 @@ def test_no_panel_is_empty_where_a_rate_has_no_sub_trajectories(report: Path) ->
         over = [row for row in csv.DictReader(pdf.with_suffix(".csv").open()) if row["what"].startswith("over")]
         width_pt = float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+)", pdf.read_bytes())[1])
         assert (width_pt > 300) == bool(over), pdf.name
+
+
+def test_lengths_that_a_rate_has_no_sub_trajectories_of_have_no_place(sequence: Sequence) -> None:
+    results = track(sequence, "hold", 5)
+    run = ScoredRun(sequence, results, score(sequence, results), 0)
+    figure = new_figure(2.4)
+    drawn = draw_error_against_distance([run], figure)
+    over = {row[1] for row in drawn.rows if row[1] != "along"}
+    assert 0 < len(over) < len(SHARES)
+    assert [f"over {float(tick.get_text()):.2g} m" for tick in figure.axes[1].get_xticklabels()] == [
+        f"over {float(what.split()[1]):.2g} m" for what in sorted(over)
+    ]
 
 
 def test_fonts_are_truetype_and_embedded(report: Path) -> None:
@@ -166,3 +186,24 @@ def _inflated(stream: bytes) -> bytes:
         return zlib.decompress(stream)
     except zlib.error:
         return stream
+
+
+def test_an_image_that_cannot_be_read_is_told_whoever_reads_it(entries: list[ReportEntry], tmp_path: Path) -> None:
+    folder = tmp_path / "sequence"
+    shutil.copytree(entries[0].sequence, folder)
+    image = sorted((folder / "frames").iterdir())[20]
+    image.write_bytes(image.read_bytes()[:200])
+    with pytest.raises(UserError, match=rf"{image.name}.*truncated"):
+        write_report(tmp_path / "report", "x", [replace(entries[0], sequence=folder)])
+    assert not list((tmp_path / "report").iterdir())
+
+
+def test_work_beside_the_figures_ends_with_them() -> None:
+    steps = Steps(None, 1)
+
+    def endless() -> None:
+        while True:
+            steps()
+
+    with pytest.raises(KeyboardInterrupt), beside(endless, steps):
+        raise KeyboardInterrupt

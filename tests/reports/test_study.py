@@ -14,9 +14,11 @@ from uavbench.reports.report import ReportEntry, write_report
 from uavbench.reports.scoring.attributes import blur_px, occlusion
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.scoring.score import Score, score
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import house_style
+from uavbench.reports.tables.columns import COLUMNS
 from uavbench.reports.tables.latex import latex
-from uavbench.reports.tables.summary_table import COLUMNS, summary_table
+from uavbench.reports.tables.summary_table import summary_table
 from uavbench.reports.tables.writers import markdown
 from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, edges_file
 from uavbench.scenes.dataset.sequence import Sequence
@@ -103,7 +105,7 @@ def test_every_cell_has_its_interval_and_a_clear_winner_its_star(base_score: Sco
             cm = 2 + rng.normal(0, 0.3)
             scores.append(scored("a", f"s{number}", seed, base_score, cm))
             scores.append(scored("b", f"s{number}", seed, base_score, cm + 0.5 + rng.normal(0, 0.1)))
-    table = summary_table(scores)
+    table = summary_table(score_frame(score.to_json() for score in scores))
     place = [c.head for c in COLUMNS].index("ATE position")
     cells = {name: row[place] for name, row in table.rows}
     assert cells["a@15hz"].best and cells["a@15hz"].significant and not cells["b@15hz"].best
@@ -115,7 +117,7 @@ def test_every_cell_has_its_interval_and_a_clear_winner_its_star(base_score: Sco
 def test_a_lost_tracker_wins_no_error_column(base_score: Score) -> None:
     scores = [scored("lost", "s", 0, base_score, 0.1, success=0.1), scored("good", "s", 0, base_score, 2.0)]
     place = [c.head for c in COLUMNS].index("ATE position")
-    cells = {name: row[place] for name, row in summary_table(scores).rows}
+    cells = {name: row[place] for name, row in summary_table(score_frame(score.to_json() for score in scores)).rows}
     assert not cells["good@15hz"].best and not cells["lost@15hz"].best
 
 

@@ -13,18 +13,16 @@ from click.testing import CliRunner
 
 from tests.bench.drawn_scores import make_score, summary
 from uavbench.bench.cli.main import main
+from uavbench.reports.metrics.model_space import ModelSpace
+from uavbench.reports.metrics.nees import Consistency
+from uavbench.reports.protocols.restarting import Replay
+from uavbench.reports.scoring.crlb_ratio import ErrorOverBound
 from uavbench.reports.scoring.score import Score
+from uavbench.reports.scoring.score_frame import score_frame
+from uavbench.reports.tables.columns import COLUMNS, DETAILS, ONE_COLUMN, TWO_COLUMNS, Column
 from uavbench.reports.tables.latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
-from uavbench.reports.tables.summary_table import (
-    COLUMNS,
-    DETAILS,
-    ONE_COLUMN,
-    TWO_COLUMNS,
-    Column,
-    Table,
-    details,
-    summary_table,
-)
+from uavbench.reports.tables.summary_table import Table
+from uavbench.reports.tables.summary_table import summary_table as table_of_frame
 from uavbench.reports.tables.writers import heads, markdown, write_summary, write_table, write_tables
 from uavbench.trajectories.errors import UserError
 
@@ -46,6 +44,10 @@ def many(trackers: int = 5, sequences: int = 7, seeds: int = 5) -> list[Score]:
         for seed in range(seeds)
         for rate in (15.0, 1.0)
     ]
+
+
+def summary_table(scores: list[Score], columns: tuple[Column, ...] = COLUMNS) -> Table:
+    return table_of_frame(score_frame(score.to_json() for score in scores), columns)
 
 
 def cells(table: Table, head: str) -> dict[str, tuple[str, bool]]:
@@ -74,10 +76,31 @@ def test_what_is_shown_alike_is_bold_alike() -> None:
 @pytest.mark.parametrize("column", [*COLUMNS, *DETAILS], ids=lambda column: column.head)
 def test_each_column_knows_which_way_is_better(column: Column) -> None:
     """Two trackers that differ in one number only: the better one is bold by the column's direction."""
-    low, high = run("low", 1.0), run("high", 1.0)
-    table = summary_table([low, high], (column,), lambda score: (1.0 if score.label == "low" else 2.0,))
+    frame = score_frame(run(label, 1.0).to_json() for label in ("low", "high")).assign(**{column.key: [1.0, 2.0]})
+    table = table_of_frame(frame, (column,))
     best = {name for name, (_, best) in cells(table, column.head).items() if best}
     assert best == {"min": {"low@15hz"}, "max": {"high@15hz"}, "": set()}[column.best]
+
+
+def test_each_column_shows_a_number_that_scores_have() -> None:
+    """Of a score with everything: as many known cells as columns, and numbers in the units of their heads."""
+    size = summary(0.02)
+    whole = replace(
+        run("all", 2.0),
+        tracking=replace(run("all", 2.0).tracking, time_to_recover_s=0.5),
+        replay=Replay(dropped=0.25, age_ms=40.0, translation_m=size, rotation_deg=size, success=0.75),
+        model=ModelSpace(add_m=size, mssd_m=size, mspd_px=size, edges_px=size, symmetries=1),
+        consistency=Consistency(n=9, mean=6.5, low=1.0, high=9.0, inside=1.0, sharpness_m=0.03, sharpness_deg=1.0),
+        bound=ErrorOverBound(n=9, median=1.5),
+    )
+    ((_, cells_of_all),) = summary_table([whole], (*COLUMNS, *DETAILS)).rows
+    shown = {column.head: cell.mean for column, cell in zip((*COLUMNS, *DETAILS), cells_of_all, strict=True)}
+    assert None not in shown.values(), shown
+    expected = {
+        "ATE position": 2.0, "ADD": 2.0, "edges": 0.02, "claimed sigma": 3.0, "NEES": 6.5, "error / CRLB": 1.5,
+        "first failure": whole.tracking.duration_s, "in real time: frames missed": 25.0, "coverage": 100.0,
+    }  # fmt: skip
+    assert {head: shown[head] for head in expected} == pytest.approx(expected)
 
 
 def test_one_run_and_equal_seeds_have_no_interval_and_no_star() -> None:
@@ -178,7 +201,7 @@ def compile_tex(folder: Path, body: str) -> str:
 def test_the_tables_fit_the_columns_of_ieee(tmp_path: Path) -> None:
     scores = many()
     write_summary(replace(summary_table(scores), absent=("visp",)), tmp_path / "summary")
-    write_tables(summary_table(scores, DETAILS, details), tmp_path / "details")
+    write_tables(summary_table(scores, DETAILS), tmp_path / "details")
     write_table(summary_table(scores), tmp_path / "everything.tex", ONE_COLUMN_PT)
     limits = {"summary": TWO_COLUMNS_PT, "details": TWO_COLUMNS_PT, "summary_one_column": ONE_COLUMN_PT,
               "everything": ONE_COLUMN_PT}  # fmt: skip

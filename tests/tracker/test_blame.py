@@ -187,8 +187,29 @@ WAYS = {
     "world_from_cam, OpenGL axes (y up, z back), millimetres": lambda p: WAYS["millimetres"]((FLIP @ p).inverse()),
     "with the rotation of world_from_cam": lambda p: Pose(p.rotation.T, p.translation),
     "with the translation of world_from_cam": lambda p: Pose(p.rotation, p.inverse().translation),
+    "feet": lambda p: Pose(p.rotation, p.translation / 0.3048),
+    "a world with y up": lambda p: p @ Pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.zeros(3)),
+    "a world with z down, x kept": lambda p: p @ FLIP,
+    "OpenGL axes (y up, z back), a world with y up": lambda p: FLIP @ WAYS["a world with y up"](p),
     "body_from_world": lambda p: Sequence.load(TRIAL).cam_from_body.inverse() @ p,
 }
+
+
+UNKNOWN = {
+    "degrees for radians": lambda p: Pose(Pose.exp([0, 0, 0, *np.degrees(p.log()[3:])]).rotation, p.translation),
+    "nothing": lambda p: Pose.identity(),
+    "a left-handed world": lambda p: Pose(
+        np.diag([1.0, -1, 1]) @ p.rotation @ np.diag([1.0, 1, -1]), np.array([1, -1, 1]) * p.translation
+    ),
+}
+
+
+@pytest.mark.parametrize("way", list(UNKNOWN))
+def test_check_calls_poses_faulty_that_leave_the_given_one_at_once(way, tmp_path, monkeypatch):
+    monkeypatch.setitem(WAYS, way, UNKNOWN[way])
+    lines = list(check(Fickle(way), tmp_path / "kept"))
+    assert lines[-1] == "faulty"
+    assert any(line.startswith("[first-pose] frame 0: ") and "cam_from_world" in line for line in lines), lines
 
 
 @pytest.mark.parametrize("way", list(WAYS))

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.registry import TRACKERS
 from uavbench.trajectories.kernels.argument_types import argument_types
 from uavbench.trajectories.kernels.compiled import KERNELS, compiled
-from uavbench.trajectories.kernels.warm_up import kernels_of, prepare
+from uavbench.trajectories.kernels.warm_up import in_order, kernels_of, prepare, queue_of, taken
 
 FRAME_NS = 66_666_667
 FLIGHT = """
@@ -115,3 +116,37 @@ def test_preparing_twice_does_nothing():
     prepare("uavbench.tracker.shang_shen.pipeline")
     prepare("uavbench.tracker.shang_shen.pipeline")
     assert all(kernel.overloads for kernel in kernels_of(["uavbench.tracker.shang_shen.pipeline"]))
+
+
+def test_an_inner_kernel_can_be_called_from_python_too():
+    @compiled("f1", inner=True)
+    def inner_sum(values):
+        return values.sum()
+
+    @compiled("f1")
+    def outer_sum(values):
+        return 2.0 * inner_sum(values)
+
+    for kernel in (inner_sum, outer_sum):
+        KERNELS.remove(kernel)
+    assert outer_sum(np.arange(4.0)) == 12.0
+    assert inner_sum(np.arange(4.0)) == inner_sum(np.arange(4.0)) == 6.0
+    with pytest.raises(TypeError):
+        inner_sum(np.eye(2))
+
+
+def test_a_kernel_comes_after_those_that_it_calls():
+    order = [kernel.py_func.__name__ for kernel in in_order(kernels_of(["uavbench.tracker.robust.tracker"]))]
+    assert order.index("rodrigues") < order.index("so3_exp") < order.index("move") < order.index("refine")
+    assert order.index("solve6") < order.index("inverse6")
+
+
+def test_each_kernel_of_a_queue_is_taken_by_one_process():
+    code = "import sys\nfrom uavbench.trajectories.kernels.warm_up import taken\nprint(*taken(sys.stdin.fileno()))"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    with queue_of(300) as queue:
+        own = list(islice(taken(queue), 20))
+        call = [sys.executable, "-c", code]
+        run = subprocess.run(call, stdin=queue, capture_output=True, text=True, check=True, env=environment)
+        assert list(taken(queue)) == []
+    assert own + [int(word) for word in run.stdout.split()] == list(range(300))

@@ -18,12 +18,12 @@ TREES = {name: ast.parse(path.read_bytes()) for name, path in FILES.items()}
 
 
 def decorated(node):
-    """Whether a function is compiled; "for its callers" when it does not say for what."""
+    """Whether a function is compiled; "for its callers" when it does not say for what, "inner" when it is so."""
     for decorator in getattr(node, "decorator_list", []):
         if isinstance(decorator, ast.Name) and decorator.id == "compiled":
             return "for its callers"
         if isinstance(decorator, ast.Call) and getattr(decorator.func, "id", "") == "compiled":
-            return "as declared"
+            return "inner" if any(word.arg == "inner" for word in decorator.keywords) else "as declared"
     return ""
 
 
@@ -58,6 +58,18 @@ def called_from_python(module, tree):
 def test_kernels_for_their_callers_are_there_and_some_are_declared():
     assert "uavbench.trajectories.geometry.vectors.cross" in UNDECLARED
     assert len(kernels_of([generate.__module__])) > 12
+
+
+CALLED = {name for module, tree in TREES.items() for name in called_from_python(module, tree)}
+
+
+@pytest.mark.parametrize("kind", ["inner", "as declared"])
+def test_a_kernel_is_inner_where_only_kernels_call_it(kind):
+    kernels = {
+        f"{module}.{node.name}" for module, tree in TREES.items() for node in tree.body if decorated(node) == kind
+    }
+    assert len(kernels) > 25
+    assert (kernels & CALLED if kind == "inner" else kernels - CALLED) == set()
 
 
 @pytest.mark.parametrize("package", ["trajectories", "scenes", "tracker", "reports", "bench"])

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -249,13 +248,21 @@ def test_processes_that_clean_up_at_the_same_time_do_not_trip_over_each_other(tm
         (tmp_path / f".a-uavbench-{token}" / "b").touch()
         (tmp_path / f".a-uavbench-{token}.owner").symlink_to(f"uavbench m 12 345 {token}")
     code = "import sys, pathlib; from uavbench.trajectories.files.temporary_names import remove_leftovers\n"
-    code += "sys.stdin.read(); remove_leftovers(pathlib.Path(sys.argv[1]), alone=True)"
+    code += "print('ready', flush=True); sys.stdin.read(); remove_leftovers(pathlib.Path(sys.argv[1]), alone=True)"
     together = [
-        subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(tmp_path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         for _ in range(4)
     ]
-    time.sleep(0.2)
-    assert [process.communicate()[1] for process in together] == [b""] * 4
+    assert [process.stdout.readline() for process in together] == [b"ready\n"] * 4
+    for process in together:
+        process.stdin.close()
+    assert [process.stderr.read() for process in together] == [b""] * 4
+    assert [process.wait() for process in together] == [0] * 4
     assert not list(tmp_path.iterdir())
 
 

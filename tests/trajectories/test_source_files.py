@@ -22,3 +22,39 @@ def test_a_library_of_another_environment_is_installed(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(folder)
     assert source_file("library_of_test") is None
     assert source_file("uavbench.trajectories.pose") is not None
+
+
+def test_what_a_package_gives_on_demand_counts_where_the_package_itself_is_imported(tmp_path, monkeypatch):
+    folder = tmp_path / "giving_of_test"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(
+        "import typing\nfrom typing import TYPE_CHECKING\n"
+        "if TYPE_CHECKING:\n    from giving_of_test.given import GIVEN\nelse:\n    import giving_of_test.run as run\n"
+        "if typing.TYPE_CHECKING:\n    import giving_of_test.given\n"
+        "def __getattr__(name):\n    pass\n"
+    )
+    for name in ("given", "run", "leaf", "annotation"):
+        (folder / f"{name}.py").write_text("GIVEN = 1\n")
+    (folder / "leaf.py").write_text("if TYPE_CHECKING:\n    import giving_of_test.annotation\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def names(text):
+        (tmp_path / "user_of_test.py").write_text(text)
+        return {path.stem for path in sources("user_of_test")} - {"user_of_test", "__init__"}
+
+    assert names("from giving_of_test.leaf import GIVEN\n") == {"leaf", "run"}
+    assert names("import giving_of_test.leaf as leaf\n") == {"leaf", "run"}
+    assert names("import giving_of_test.leaf\n") == {"leaf", "run", "given"}
+    assert names("from giving_of_test import GIVEN\n") == {"run", "given"}
+    assert names("import giving_of_test\n") == {"run", "given"}
+
+
+def test_a_kernel_does_not_depend_on_the_whole_project():
+    rooms = {path.parts[path.parts.index("uavbench") + 1] for path in sources("uavbench.tracker.robust.edge_fit")}
+    assert rooms <= {"__init__.py", "tracker", "scenes", "trajectories"}
+
+
+def test_a_tracker_is_not_made_of_what_draws_renders_or_schedules():
+    names = {path.name for path in sources("uavbench.tracker.robust.tracker")}
+    assert "solve_kernels.py" in names
+    assert not {"render_suite.py", "figures_on_axes.py", "obstacles.py", "seen_edges.py"} & names

@@ -56,7 +56,7 @@ class VoRun:
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; ImageError for an image of another size or type."""
-        check_image(image, self.camera)
+        image = check_image(image, self.camera)
         clock = StageClock()
         gray = grey(image)
         if self.last is not None:

@@ -13,7 +13,7 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 
-@compiled("f1")
+@compiled("f1", inner=True)
 def second_integral(phi: Array) -> Array:
     """Integral of `so3_left_jacobian`, which a constant specific force moves the position by (Bloesch et al. 2012)."""
     a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
@@ -23,7 +23,7 @@ def second_integral(phi: Array) -> Array:
     return combination(phi, 0.5, (a - math.sin(a)) / (a2 * a), (0.5 * a2 + math.cos(a) - 1.0) / (a2 * a2))
 
 
-@compiled("f2 f2")
+@compiled("f2 f2", inner=True)
 def product(A: Array, B: Array) -> Array:
     """A @ B with sums in a fixed order."""
     n, m = A.shape[0], B.shape[1]
@@ -37,7 +37,7 @@ def product(A: Array, B: Array) -> Array:
     return out
 
 
-@compiled("f2 f1")
+@compiled("f2 f1", inner=True)
 def turned(A: Array, v: Array) -> Array:
     """A v for a matrix (3, 3)."""
     return np.array([
@@ -128,7 +128,7 @@ def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, dens
     return out, P_new
 
 
-@compiled("f2 f2!")
+@compiled("f2 f2!", inner=True)
 def cholesky(S: Array, L: Array) -> bool:
     """Lower factor L of a symmetric matrix S; False when it is not positive."""
     n = S.shape[0]
@@ -146,7 +146,7 @@ def cholesky(S: Array, L: Array) -> bool:
     return True
 
 
-@compiled("f2 f2")
+@compiled("f2 f2", inner=True)
 def solved(L: Array, B: Array) -> Array:
     """X with L L' X = B."""
     n, m = B.shape

@@ -95,7 +95,7 @@ class RobustRun:
 
         ImageError for an image of another size or type.
         """
-        check_image(image, self.camera)
+        image = check_image(image, self.camera)
         clock = StageClock()
         if not self.comes_after(stamp_ns) or self.is_frozen(image):
             return TrackResult(status="lost")

@@ -77,7 +77,7 @@ class PublishedRun:
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; ImageError for an image of another size or type."""
-        check_image(image, self.camera)
+        image = check_image(image, self.camera)
         variant, camera, clock = self.variant, self.camera, StageClock()
         with clock.stage("detect"):
             edges = variant.detect(grey(image), camera)

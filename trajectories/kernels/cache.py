@@ -51,9 +51,10 @@ class KernelCache(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel compiled for a signature; None when it is not there or its file is broken."""
-        target_context.refresh()
         try:
-            kept_for, payload = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())  # noqa: S301, ours
+            found = self._file(sig, target_context.codegen()).read_bytes()
+            target_context.refresh()
+            kept_for, payload = pickle.loads(found)  # noqa: S301, ours
             rebuilt: Any = CompileResult
             return rebuilt._rebuild(target_context, *payload) if kept_for == sig else None
         except Exception:  # unpickling a broken file raises whatever it meets
@@ -73,13 +74,17 @@ class KernelCache(NullCache):
         return self.folder / f"{self.name}.{form}.nbc"
 
 
-def cache_of(function: Callable[..., Any]) -> NullCache:
-    """Cache of a kernel; one that keeps nothing where there is no source to know it by, or no place to keep it."""
+def cache_of(function: Callable[..., Any], inner: bool = False) -> NullCache:
+    """Cache of a kernel, which Python cannot call when it is an inner one.
+
+    One that keeps nothing where there is no source to know it by, or no place to keep it.
+    """
     try:
         folder = None if function.__closure__ else folder_of(key_of(function.__module__))
     except OSError:
         folder = None
-    return NullCache() if folder is None else KernelCache(folder, f"{function.__module__}.{function.__qualname__}")
+    name = f"{function.__module__}.{function.__qualname__}{'.inner' if inner else ''}"
+    return NullCache() if folder is None else KernelCache(folder, name)
 
 
 @cache

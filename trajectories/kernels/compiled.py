@@ -4,6 +4,7 @@ Compiled without fast-math and without threads, so that the same input gives the
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, TypeVar, cast, overload
 
 import numba
@@ -11,6 +12,7 @@ from numba.core.registry import CPUDispatcher
 
 from uavbench.trajectories.kernels.argument_types import argument_types
 from uavbench.trajectories.kernels.cache import cache_of
+from uavbench.trajectories.kernels.pipeline import InnerCompiler, KernelCompiler
 
 F = TypeVar("F", bound=Callable[..., Any])
 OPTIONS = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -22,9 +24,14 @@ KERNELS: list["Kernel"] = []
 class Kernel(CPUDispatcher):
     """A kernel that is compiled for the types of its declared arguments alone, whoever calls it first."""
 
-    declared: tuple[Any, ...] = ()
     targetctx: Any
     _cache: Any
+
+    def __init__(self, function: Callable[..., Any], declared: tuple[Any, ...], inner: bool) -> None:
+        pipeline = InnerCompiler if inner else KernelCompiler
+        super().__init__(function, targetoptions=dict(OPTIONS), pipeline_class=pipeline)
+        self.declared, self.inner = declared, inner
+        self._cache = cache_of(function, inner)
 
     def compile(self, sig: Any) -> Any:
         """Machine code for the declared types, whatever those of a call are; kept on disk."""
@@ -33,7 +40,7 @@ class Kernel(CPUDispatcher):
                 for types in self.declared:
                     super().compile(types)
             finally:
-                self.disable_compile()
+                self._take_no_more()
         code: Any = next(iter(self.overloads.values()))
         return code.entry_point
 
@@ -44,13 +51,29 @@ class Kernel(CPUDispatcher):
             for code in kept:
                 self.targetctx.insert_user_function(code.entry_point, code.fndesc, [code.library])
                 self.add_overload(code)
-            self.disable_compile()
+            self._take_no_more()
         return bool(self.overloads)
+
+    def add_overload(self, code: Any) -> None:
+        """Have compiled code called by kernels, and by Python unless it is that of an inner kernel."""
+        if self.inner:
+            self.overloads[tuple(code.signature.args)] = code
+        else:
+            super().add_overload(code)
+
+    @cached_property
+    def for_python(self) -> Any:
+        """The kernel itself, or what an inner one would be if it were none: for tests and notebooks."""
+        return Kernel(self.py_func, self.declared, inner=False) if self.inner else self
+
+    def _take_no_more(self) -> None:
+        self.disable_compile(self.inner is False)
 
     def _compile_for_args(self, *args: Any, **kwargs: Any) -> Any:
         """Called by numba for a call that no machine code is there for."""
-        self.compile(None)
-        return self  # is called again with the same arguments, which now fit or are refused
+        kernel = self.for_python
+        kernel.compile(None)
+        return kernel  # is called with the same arguments, which now fit or are refused
 
 
 @overload
@@ -58,32 +81,28 @@ def compiled(arguments: F) -> F: ...
 
 
 @overload
-def compiled(arguments: str, **tuples: Any) -> Callable[[F], F]: ...
+def compiled(arguments: str, *, inner: bool = False, **tuples: Any) -> Callable[[F], F]: ...
 
 
-def compiled(arguments: Any, **tuples: Any) -> Any:
-    """Have a function compiled by numba for `arguments`, with the named tuples among them: see `kernel_types`.
+def compiled(arguments: Any, *, inner: bool = False, **tuples: Any) -> Any:
+    """Have a function compiled by numba for `arguments`, with the named tuples among them: see `argument_types`.
 
     It is compiled by `warm_up.prepare`, or when it is called first, and kept on disk for the next process. Sums keep
-    their order, so a kernel's result is always the same. Without arguments, `@compiled`, a function that only kernels
-    call is compiled for what each of them calls it with.
+    their order, so a kernel's result is always the same. `inner` is a kernel that other kernels call and Python does
+    not, which takes less time to compile; a call from Python compiles it once more. Without arguments, `@compiled`, a
+    function that only kernels call is compiled for what each of them calls it with.
     """
     if not isinstance(arguments, str):
-        return _kept(cast(Any, numba).jit(**OPTIONS)(arguments), arguments)
+        kernel = cast(Any, numba).jit(**OPTIONS, pipeline_class=KernelCompiler)(arguments)
+        if kernel is not arguments:  # as it is where numba is switched off
+            kernel._cache = cache_of(arguments)
+        return kernel
 
     def decorate(function: F) -> F:
         if cast(Any, numba).config.DISABLE_JIT:
             return function
-        kernel = Kernel(function, targetoptions=dict(OPTIONS))
-        kernel.declared = argument_types(arguments, tuples)
+        kernel = Kernel(function, argument_types(arguments, tuples), inner)
         KERNELS.append(kernel)
-        return cast(F, _kept(kernel, function))
+        return cast(F, kernel)
 
     return decorate
-
-
-def _kept(kernel: Any, function: Any) -> Any:
-    """The kernel, kept on disk; the function itself where numba is switched off."""
-    if kernel is not function:
-        kernel._cache = cache_of(function)
-    return kernel

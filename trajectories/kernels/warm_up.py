@@ -11,14 +11,20 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numba.core.registry import CPUDispatcher
 from tqdm import tqdm
 
 from uavbench.trajectories.kernels.compiled import KERNELS, Kernel
 from uavbench.trajectories.source_files import sources
+
+NUMBER = np.dtype(np.uint16)
+"""How a number stands in a queue."""
 
 
 @cache
@@ -31,11 +37,14 @@ def prepare(*modules: str) -> None:
     if not missing:
         return
     with _alone():
-        missing = [kernel for kernel in missing if not kernel.load()]
+        missing = in_order([kernel for kernel in missing if not kernel.load()])
         if missing:
-            with _help(modules), _no_collection():
-                for kernel in _with_progress(missing):
-                    kernel.compile(None)
+            with _told(missing) as tell, queue_of(len(missing)) as queue, _help(missing, queue), _no_collection():
+                for k in taken(queue):
+                    missing[k].compile(None)
+                    tell()
+            for kernel in missing:
+                kernel.compile(None)  # where the helper has kept it, it is loaded
 
 
 def kernels_of(modules: Iterable[str]) -> list[Kernel]:
@@ -44,13 +53,54 @@ def kernels_of(modules: Iterable[str]) -> list[Kernel]:
     return [kernel for kernel in KERNELS if Path(kernel.py_func.__code__.co_filename).resolve() in files]
 
 
-def _with_progress(kernels: list[Kernel]) -> Iterable[Kernel]:
-    """The kernels, with a bar on a terminal, and else one line."""
+def in_order(kernels: list[Kernel]) -> list[Kernel]:
+    """Kernels, those that call no others first, and of equal depth the largest first.
+
+    So two processes that take them in this order seldom need what the other one is about to compile, and end together.
+    """
+    return sorted(kernels, key=lambda kernel: (_depth(kernel), -len(kernel.py_func.__code__.co_code)))
+
+
+@cache
+def _depth(kernel: Any) -> int:
+    """How many kernels deep a kernel calls others."""
+    function = kernel.py_func
+    named = (function.__globals__.get(name) for name in function.__code__.co_names)
+    return 1 + max((_depth(value) for value in named if isinstance(value, CPUDispatcher)), default=0)
+
+
+@contextlib.contextmanager
+def _told(kernels: list[Kernel]) -> Iterator[Callable[[], None]]:
+    """Tell of what is there by now when called: with a bar on a terminal, and else with one line."""
     about = "compiling kernels, once after an installation"
-    if sys.stderr.isatty():
-        return tqdm(kernels, desc=about, unit="kernel", leave=False)
-    print(f"{about}: {len(kernels)} of them, some 10 to 60 s", file=sys.stderr, flush=True)
-    return kernels
+    if not sys.stderr.isatty():
+        print(f"{about}: {len(kernels)} of them, some 15 to 40 s", file=sys.stderr, flush=True)
+        yield lambda: None
+        return
+    with tqdm(total=len(kernels), desc=about, unit="kernel", leave=False) as bar:
+
+        def tell() -> None:
+            bar.update(sum(kernel.load() for kernel in kernels) - bar.n)
+
+        yield tell
+
+
+@contextlib.contextmanager
+def queue_of(count: int) -> Iterator[int]:
+    """A pipe with the numbers below count, to be read by any number of processes: each number is read once."""
+    out, into = os.pipe()
+    try:
+        os.write(into, np.arange(count, dtype=NUMBER).tobytes())
+        os.close(into)
+        yield out
+    finally:
+        os.close(out)
+
+
+def taken(queue: int) -> Iterator[int]:
+    """Numbers that no other process has taken from a queue."""
+    while number := os.read(queue, NUMBER.itemsize):
+        yield int(np.frombuffer(number, dtype=NUMBER)[0])
 
 
 @contextlib.contextmanager
@@ -61,26 +111,32 @@ def _alone() -> Iterator[None]:
             path = Path(tempfile.gettempdir()) / f"uavbench-kernels-{os.getuid()}.lock"
             handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
             stack.callback(os.close, handle)
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                print("another process compiles kernels; waiting for it", file=sys.stderr, flush=True)
+                fcntl.flock(handle, fcntl.LOCK_EX)
         yield
 
 
 @contextlib.contextmanager
-def _help(modules: Iterable[str]) -> Iterator[None]:
-    """Have another process compile from the other end; what it has kept need not be compiled here."""
+def _help(kernels: list[Kernel], queue: int) -> Iterator[None]:
+    """Have another process take from the queue too, and wait for its last kernel."""
     if len(os.sched_getaffinity(0)) < 2:
         yield
         return
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    command = [sys.executable, "-m", "uavbench.trajectories.kernels.warm_up", *modules]
+    names = [f"{kernel.py_func.__module__}:{kernel.py_func.__qualname__}" for kernel in kernels]
+    command = [sys.executable, "-m", "uavbench.trajectories.kernels.warm_up", *names]
     quiet = subprocess.DEVNULL
     try:
-        helper = subprocess.Popen(command, env=environment, stdin=quiet, stdout=quiet, stderr=quiet)
+        helper = subprocess.Popen(command, env=environment, stdin=queue, stdout=quiet, stderr=quiet)
     except OSError:  # one that may start no process compiles alone
         yield
         return
     try:
         yield
+        helper.wait()
     finally:
         helper.kill()
         helper.wait()
@@ -96,15 +152,18 @@ def _no_collection() -> Iterator[None]:
     finally:
         if collects:
             gc.enable()
+            gc.collect()  # a third of a second, now rather than in flight
 
 
-def main(modules: list[str]) -> None:
-    """Compile the kernels of modules, those first that others compile last."""
+def main(names: list[str]) -> None:
+    """Compile those of the kernels, each named `module:function`, that are taken from the queue on standard input."""
+    modules = list(dict.fromkeys(name.partition(":")[0] for name in names))
+    gc.disable()
     for module in modules:
         importlib.import_module(module)
-    with _no_collection():
-        for kernel in reversed(kernels_of(modules)):
-            kernel.compile(None)
+    known = {f"{kernel.py_func.__module__}:{kernel.py_func.__qualname__}": kernel for kernel in KERNELS}
+    for k in taken(sys.stdin.fileno()):
+        known[names[k]].compile(None)
 
 
 if __name__ == "__main__":

@@ -1,17 +1,19 @@
 """A barometer of the kind that small vehicles carry."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
 from uavbench.trajectories.wind.dryden import first_order
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Barometer:
     drift_s: Annotated[float, Gt(0)] = 120.0
     floor_pressure_pa: Annotated[float, Gt(0)] = 101325.0
 
-    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Pressure in Pa and height above the floor in m."""
         stamps = sample_stamps(flight, self.rate_hz)
         height = sampled(flight, flight.positions_m, stamps)[:, 2]

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.sensors.satellites import sky
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
 from uavbench.trajectories.wind.dryden import first_order
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Gnss:
     north_deg: float = 0.0
     epoch_s: Annotated[float, Ge(0)] = 0.0
 
-    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Satellites in view and dilution of precision; position and velocity in the world where there is a fix."""
         stamps = sample_stamps(flight, self.rate_hz)
         places = sampled(flight, flight.positions_m, stamps)
@@ -69,7 +71,7 @@ class Gnss:
         return Table(self.measured, stamps, values)
 
     def view(
-        self, places_m: Array, stamps_ns: NDArray[np.int64], obstacles: ObstacleMesh
+        self, places_m: Array, stamps_ns: NDArray[np.int64], obstacles: "ObstacleMesh"
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Directions (n, 24, 3) to the satellites in the world, and which of them (n, 24) are in view from places."""
         east_north_up = sky(self.epoch_s + stamps_ns / 1e9, self.latitude_deg)

@@ -1,16 +1,18 @@
 """Inertial measurement units in the form that Kalibr and EuRoC describe them."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
 
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Imu:
     accel_range_m_s2: Annotated[float, Gt(0)] = 176.0
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Rates and specific forces in the body, and the biases that are in them."""
         stamps = sample_stamps(flight, self.rate_hz)
         rates, forces = inertial_ground_truth(flight, np.array(self.offset_m))

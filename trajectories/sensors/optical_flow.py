@@ -2,16 +2,18 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class FlowDeck:
     least_range_m: Annotated[float, Ge(0)] = 0.08
     greatest_range_m: Annotated[float, Gt(0)] = 4.0
 
-    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Flow dx, dy in px (whole counts) and range in m; none where the ground is out of range."""
         stamps = sample_stamps(flight, self.rate_hz)
         flow, distance = flow_ground_truth(flight, obstacles)
@@ -58,7 +60,7 @@ class FlowDeck:
         return Table(self.measured, stamps, np.column_stack([counts, ranged]))
 
 
-def flow_ground_truth(flight: Flight, obstacles: ObstacleMesh) -> tuple[Array, Array]:
+def flow_ground_truth(flight: Flight, obstacles: "ObstacleMesh") -> tuple[Array, Array]:
     """Flow rate (n, 2), rad/s, of what lies beneath along the body's -z, and the distance (n,) to it, metres.
 
     What lies beneath is the structure or the floor at z = 0, whichever comes first; inf when the body is upside down.

@@ -1,17 +1,20 @@
 """The body sensors, by name, and the files of a flight: its record and the sensors' measurements."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.sensors.sensor import SensorSpec, Table, write_table
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
 
 FLIGHT_RATE_HZ = 100.0
 """Rate of flight.csv: every fifth row of the record."""
@@ -35,7 +38,7 @@ def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
     return Table(tuple(columns), flight.stamps_ns[rows], np.column_stack([values[rows] for *_, values in groups]))
 
 
-def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: ObstacleMesh, seed: int) -> dict[str, Table]:
+def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "ObstacleMesh", seed: int) -> dict[str, Table]:
     """Table of each sensor by its name; a second one of a kind is called `imu-2` and so on.
 
     Every sensor draws from a stream of its own name, so adding one never changes another's readings.
@@ -49,7 +52,7 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: Obstacle
 
 
 def write_flight(
-    flight: Flight, sensors: tuple[SensorSpec, ...], obstacles: ObstacleMesh, seed: int, folder: Path
+    flight: Flight, sensors: tuple[SensorSpec, ...], obstacles: "ObstacleMesh", seed: int, folder: Path
 ) -> list[str]:
     """Write `flight.csv` and one CSV file per sensor into a folder; the names of the files."""
     tables = {"flight": flight_table(flight), **measure(sensors, flight, obstacles, seed)}

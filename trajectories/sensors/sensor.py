@@ -3,15 +3,17 @@
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array, read_only
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +42,7 @@ class SensorSpec(Protocol):
     has no such attribute: what is true and not measured, as a bias, stays out of it.
     """
 
-    def measure(self, flight: Flight, obstacles: ObstacleMesh, rng: np.random.Generator) -> Table:
+    def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Measurements along a flight; the same rng gives the same table."""
         ...
 

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +24,7 @@ class Air:
     near_gain: float = 0.0
     near_m: float = 1.0
 
-    def at(self, first: int, count: int, position_m: Array, obstacles: ObstacleMesh) -> Array:
+    def at(self, first: int, count: int, position_m: Array, obstacles: "ObstacleMesh") -> Array:
         """Wind (count, 3) of steps first, first + 1, ... at a place (3,)."""
         strength = 1.0
         if self.near_gain > 0.0:

@@ -7,6 +7,7 @@ produced standard deviation is the one asked for, whatever the step.
 
 import math
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Annotated
 
 import numpy as np
@@ -107,6 +108,4 @@ def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generat
 
 def _filtered(noise: Array, decay: float) -> Array:
     """y[k] = noise[k] + decay * y[k - 1]."""
-    from scipy.signal import lfilter  # here, for it takes longer to load than all else of this package
-
-    return np.asarray(lfilter([1.0], [1.0, -decay], noise))
+    return np.fromiter(accumulate(noise.tolist(), lambda y, x: x + decay * y), float, len(noise))

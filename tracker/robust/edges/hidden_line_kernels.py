@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.trajectories.geometry.bvh import Tree
-from uavbench.trajectories.geometry.rays import ray_triangle
+from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -40,7 +40,7 @@ class Triangles(NamedTuple):
 TRIANGLES = named_tuple(Triangles, "f3! i1! f3! i2!")
 
 
-@compiled("f1 f1 triangles i0 i0", triangles=TRIANGLES)
+@compiled("f1 f1 triangles i0 i0", inner=True, triangles=TRIANGLES)
 def hidden(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
     """Whether a triangle hides a point (3,) of the edge between face_a and face_b from the eye (3,)."""
     corners, face, boxes, nodes = triangles.corners, triangles.face, triangles.boxes, triangles.nodes

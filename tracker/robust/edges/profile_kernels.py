@@ -41,7 +41,7 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 f1 i0 f2!")
+@compiled("u3 f1 i0 f2!", inner=True)
 def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
     """Colours (2 m + 1, 3) at steps of 1 px along a search line (4,), bilinear; False when it leaves the image.
 
@@ -68,7 +68,7 @@ def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
     return True
 
 
-@compiled("f2 i0 f0 f0 f0")
+@compiled("f2 i0 f0 f0 f0", inner=True)
 def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
     """Where the step is steepest, in px from row k of a profile: the top of a parabola through three slopes.
 
@@ -210,7 +210,7 @@ def learn(
         appearance[r, TIMES_SEEN] += 1.0
 
 
-@compiled("f0 f0")
+@compiled("f0 f0", inner=True)
 def first_square(step: float, initial_error: float) -> float:
     """Expected mean square residual in px^2 of an edge with a step in grey levels, before any was seen."""
     return min(1.0, 0.01 + (initial_error / max(step, 1.0)) ** 2)

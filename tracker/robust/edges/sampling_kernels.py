@@ -50,7 +50,7 @@ class VisibleParts(NamedTuple):
     length_px: Array
 
 
-@compiled("edges view", edges=EDGE_MAP, view=VIEW)
+@compiled("edges view", inner=True, edges=EDGE_MAP, view=VIEW)
 def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     """Parts of the edges of visible faces inside the image (Liang & Barsky 1984), hidden lines among them."""
     ends, faces, smooth, planes, R, t = edges.ends, edges.faces, edges.smooth, edges.planes, view.R, view.t
@@ -99,7 +99,7 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     return VisibleParts(visible, part, depth, length)
 
 
-@compiled("f2! i2!")
+@compiled("f2! i2!", inner=True)
 def by_edge(points: Array, keys: Indices) -> ControlPoints:
     """Control points with their rows of appearance, and the rows at which each edge starts."""
     n = len(keys)

@@ -131,7 +131,7 @@ def refine_subpixel(
     return SubpixelEdges(distance, variance)
 
 
-@compiled("f1 i0 f1!")
+@compiled("f1 i0 f1!", inner=True)
 def learned_light(row: Array, channels: int, colour: Array) -> float:
     """Learned step of light of an edge, 0 where nothing is learned; its direction in the channels' space in colour."""
     colour[:] = 0.0
@@ -149,7 +149,7 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled("u3 f1 f0 i0 i0 f1 f0")
+@compiled("u3 f1 f0 i0 i0 f1 f0", inner=True)
 def fit_step(image: Image, line: Array, start: float, reach: int, along: int, colour: Array, least: float) -> Step:
     """The step of light on a search line (4,); inf where there is none that is stronger than `least`.
 

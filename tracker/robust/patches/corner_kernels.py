@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.order_kernels import falling
 from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles
 from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE
-from uavbench.trajectories.geometry.rays import ray_triangle
+from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -30,7 +30,7 @@ class KeepOut(NamedTuple):
 KEEP_OUT = named_tuple(KeepOut, "f2! f0")
 
 
-@compiled("u3 i0 i0")
+@compiled("u3 i0 i0", inner=True)
 def corner_strength(image: Image, x: int, y: int) -> float:
     """Smaller eigenvalue of the gradients' second moments over a patch, per texel (Shi & Tomasi 1994)."""
     channel = 1 if image.shape[2] > 1 else 0
@@ -90,7 +90,7 @@ def strong_pixels(image: Image, spots: Indices, edges: KeepOut, patches: KeepOut
     return out[:n].copy()
 
 
-@compiled("f0 f0 f2 i0 f0")
+@compiled("f0 f0 f2 i0 f0", inner=True)
 def far_from(x: float, y: float, others: Array, count: int, distance: float) -> bool:
     """Whether a pixel is at least so far from the first `count` of others (k, 2)."""
     for k in range(count):

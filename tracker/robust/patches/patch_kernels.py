@@ -92,7 +92,7 @@ WARP = named_tuple(Warp, "f0 f0 f2! b0")
 PATCH_MATCHES = named_tuple(PatchMatches, "f2! f2! f1! f1!")
 
 
-@compiled("u3 warp f0 f0 f2! f0", warp=WARP)
+@compiled("u3 warp f0 f0 f2! f0", inner=True, warp=WARP)
 def sample_patch(image: Image, at: Warp, da: float, db: float, out: Array, least_grey: float) -> bool:
     """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or with less contrast.
 
@@ -135,7 +135,7 @@ def sample_patch(image: Image, at: Warp, da: float, db: float, out: Array, least
     return True
 
 
-@compiled("f2 f2")
+@compiled("f2 f2", inner=True)
 def correlation(a: Array, b: Array) -> float:
     """Sum of products of two patches."""
     total = 0.0
@@ -145,7 +145,7 @@ def correlation(a: Array, b: Array) -> float:
     return total
 
 
-@compiled("f1 f2 view alignment", view=VIEW, alignment=ALIGNMENT)
+@compiled("f1 f2 view alignment", inner=True, view=VIEW, alignment=ALIGNMENT)
 def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> Warp:
     """How a view shows a patch with its middle (3,) and texel steps (2, 3); zeros where it is too near."""
     R, t, cam = view.R, view.t, view.lens
@@ -250,7 +250,7 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
     return PatchMatches(places, observed, score, variance)
 
 
-@compiled("u3 warp f0 f0 f2 f2! alignment", warp=WARP, alignment=ALIGNMENT)
+@compiled("u3 warp f0 f0 f2 f2! alignment", inner=True, warp=WARP, alignment=ALIGNMENT)
 def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, config: AlignmentConfig) -> Shift:
     """The shift that aligns a patch with its reference `ref`, from (da, db) on; its texels there are left in `now`."""
     h00, h01, h11 = 1e-9, 0.0, 1e-9

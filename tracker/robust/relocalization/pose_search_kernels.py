@@ -121,7 +121,7 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     return out
 
 
-@compiled("points f2 f1 camera", points=EDGE_POINTS, camera=SMALL_CAMERA)
+@compiled("points f2 f1 camera", inner=True, points=EDGE_POINTS, camera=SMALL_CAMERA)
 def seen_points(edges: EdgePoints, R: Array, t: Array, camera: SmallCamera) -> ImagePoints:
     """The edge points that a pose shows in the small image.
 
@@ -216,7 +216,7 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
     return se3_exp_left(turned.R, turned.t, shift)
 
 
-@compiled("guess f1 camera s3 f0", guess=NEAR_GUESS, camera=SMALL_CAMERA)
+@compiled("guess f1 camera s3 f0", inner=True, guess=NEAR_GUESS, camera=SMALL_CAMERA)
 def chamfer(
     guess: NearGuess, change: Array, camera: SmallCamera, distance: NDArray[np.float32], outside: float
 ) -> float:

@@ -104,7 +104,7 @@ EDGE_OFFSETS = named_tuple(EdgeOffsets, "i1! f1!")
 LOCAL_BIASES = named_tuple(LocalBiases, "f2! f1! f2! f1! f1!")
 
 
-@compiled("f2~ f1")
+@compiled("f2 f1")
 def adjoint(R: Array, t: Array) -> Array:
     """X (6, 6) that makes a twist of the camera of one in the world, for cam_from_world (R, t)."""
     X = np.zeros((6, 6))
@@ -118,7 +118,7 @@ def adjoint(R: Array, t: Array) -> Array:
     return X
 
 
-@compiled("f2~ f1~")
+@compiled("f2 f1", inner=True)
 def product(X: Array, v: Array) -> Array:
     """X v of a square matrix."""
     out = np.zeros(len(v))
@@ -128,7 +128,17 @@ def product(X: Array, v: Array) -> Array:
     return out
 
 
-@compiled("f2~ f2")
+@compiled("f2", inner=True)
+def transposed(X: Array) -> Array:
+    """X^T of a square matrix."""
+    out = np.empty(X.shape)
+    for i in range(len(X)):
+        for j in range(len(X)):
+            out[i, j] = X[j, i]
+    return out
+
+
+@compiled("f2 f2")
 def congruence(X: Array, C: Array) -> Array:
     """X C X^T of matrices (6, 6)."""
     half, out = np.zeros((6, 6)), np.zeros((6, 6))
@@ -172,14 +182,20 @@ def linearize(state: BiasState, known: Array, edges: EdgeOffsets, R: Array, t: A
         for i in range(6):
             cross[g, i] = state.cross[k, i]
     spared = explained_by_offsets(cross, information, vector, prior)
-    X = adjoint(R.T, -product(R.T, t)).T
+    A, back = spared.information, transposed(R)
+    centre = product(back, t)
+    for i in range(3):
+        centre[i] = -centre[i]
+    X = transposed(adjoint(back, centre))
+    for i in range(6):
+        for j in range(6):
+            A[i, j] += known[i, j]
     for g in range(n):
         row = product(X, cross[g])
         information[g] += 1.0 / edges.variance_px2[g]
         for i in range(6):
             cross[g, i] = row[i]
-    A, v = congruence(X, known + spared.information), product(X, spared.vector)
-    return LocalBiases(A, v, cross, information, vector)
+    return LocalBiases(congruence(X, A), product(X, spared.vector), cross, information, vector)
 
 
 @compiled("state edges sums f1 f2 f1 f0", state=BIAS_STATE, edges=EDGE_OFFSETS, sums=FRAME_SUMS)
@@ -190,13 +206,15 @@ def accumulate(
 
     to_patches (6,) is the twist from the linearization point (R, t) of the sums to the pose that the patches tell.
     """
-    X = adjoint(R, t).T
-    vector = part * product(X, sums.edge_vector - product(sums.edge_information, to_patches))
-    information = part * congruence(X, sums.edge_information)
+    X = transposed(adjoint(R, t))
+    information, rest = congruence(X, sums.edge_information), product(sums.edge_information, to_patches)
     for i in range(6):
-        state.vector[i] += vector[i]
+        rest[i] = sums.edge_vector[i] - rest[i]
+    vector = product(X, rest)
+    for i in range(6):
+        state.vector[i] += part * vector[i]
         for j in range(6):
-            state.information[i, j] += information[i, j]
+            state.information[i, j] += part * information[i, j]
     for g in range(len(edges.rows)):
         k, left = edges.rows[g], sums.offset_residual[g]
         for i in range(6):
@@ -213,18 +231,21 @@ def accumulate(
 def centre(state: BiasState, R: Array, t: Array) -> PatchError:
     """The patches' error as a twist of the camera at (R, t), taken off the state's vectors in place."""
     spared = explained_by_offsets(state.cross, state.offset_information, state.offset_vector, state.offset_prior)
-    known = state.information - spared.information
-    D = np.empty((6, 1))
+    known, used_up, column, D = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 1)), np.empty(6)
     for i in range(6):
-        D[i, 0] = state.vector[i] - spared.vector[i]
-    eliminate(known.copy(), D)
-    explained = product(state.information, D[:, 0])
+        column[i, 0] = state.vector[i] - spared.vector[i]
+        for j in range(6):
+            known[i, j] = used_up[i, j] = state.information[i, j] - spared.information[i, j]
+    eliminate(used_up, column)
+    for i in range(6):
+        D[i] = column[i, 0]
+    explained = product(state.information, D)
     for i in range(6):
         state.vector[i] -= explained[i]
     for e in range(len(state.offset_vector)):
         for i in range(6):
-            state.offset_vector[e] -= state.cross[e, i] * D[i, 0]
-    return PatchError(product(adjoint(R, t), D[:, 0]), known)
+            state.offset_vector[e] -= state.cross[e, i] * D[i]
+    return PatchError(product(adjoint(R, t), D), known)
 
 
 @compiled("f2 f2")
@@ -233,8 +254,11 @@ def observability(E: Array, P: Array) -> float:
 
     The mean share that the patches have of the information in each direction of a twist.
     """
-    N = P.copy()
-    eliminate(E + P, N)
+    M, N = np.empty((6, 6)), np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            M[i, j], N[i, j] = E[i, j] + P[i, j], P[i, j]
+    eliminate(M, N)
     return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
 
 

@@ -20,7 +20,7 @@ DRAWS_PER_EDGE = 4
 Indices = NDArray[np.int64]
 
 
-@compiled("measured i1 f1 hypotheses f2! f1!", measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
+@compiled("measured i1 f1 hypotheses f2! f1!", inner=True, measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
 def add_drawn(
     measured: EdgeMeasurements, counts: Indices, draws: Array, config: HypothesesConfig, A: Array, b: Array
 ) -> None:
@@ -59,7 +59,7 @@ def add_drawn(
             add_row(A, b, J[q], near, information)
 
 
-@compiled("measured f1 f2 f0 hypotheses", measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
+@compiled("measured f1 f2 f0 hypotheses", inner=True, measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
 def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, config: HypothesesConfig) -> float:
     """Cost of a twist x (6,): truncated squared distances of the control points, and of the prior; given up at `most`.
 

@@ -49,7 +49,7 @@ class NuisanceBiases:
         for array in (state.cross, state.offset_information, state.offset_vector, state.information, state.vector):
             array[:] = 0.0
         accumulate(state, edges, sums, to_fit, R, t, 1.0)
-        state.information[:] += congruence(adjoint(R, t).T, prior)
+        state.information[:] += congruence(np.ascontiguousarray(adjoint(R, t).T), prior)
         spared = explained_by_offsets(state.cross, state.offset_information, state.offset_vector, state.offset_prior)
         state.vector[:] = spared.vector
         self.known = state.information - spared.information

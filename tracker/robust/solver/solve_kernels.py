@@ -70,7 +70,7 @@ WEIGHTING = named_tuple(Weighting, "f1! f1! f1!")
 STEP = named_tuple(Step, "f2! f1! f1!")
 
 
-@compiled("f2! f1! f1 f0 f0")
+@compiled("f2! f1! f1 f0 f0", inner=True)
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
     """Add the equation row . x = d of weight w to the normal equations (lower half of A)."""
     for i in range(6):
@@ -80,7 +80,7 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
             A[i, j] += wi * row[j]
 
 
-@compiled("f2!")
+@compiled("f2!", inner=True)
 def mirror(A: Array) -> None:
     """Copy the lower half of a matrix (6, 6) to the upper one."""
     for i in range(6):
@@ -90,6 +90,7 @@ def mirror(A: Array) -> None:
 
 @compiled(
     "measured view f0 weighting sums estimator",
+    inner=True,
     measured=EDGE_MEASUREMENTS,
     view=VIEW,
     weighting=WEIGHTING,
@@ -114,7 +115,10 @@ def add_points(
     E, e, R, t, lens = sums.edge_information, sums.edge_vector, view.R, view.t, view.lens
     weight, variance_px2 = measured.weight, measured.variance_px2
     weights, residual = weighting.weight, weighting.residual
-    S[:], s[:], d[:], E[:], e[:] = 0.0, 0.0, 0.0, 0.0, 0.0
+    for matrix in (E, s):
+        matrix.fill(0.0)
+    for column in (S, d, e):
+        column.fill(0.0)
     row, c, farthest = np.empty(6), np.empty(3), 0.0
     for g in range(len(first) - 1):
         for p in range(first[g], first[g + 1]):
@@ -149,13 +153,16 @@ def add_points(
     return farthest
 
 
-@compiled("matches view f0 weighting sums", matches=PATCH_MATCHES, view=VIEW, weighting=WEIGHTING, sums=FRAME_SUMS)
+@compiled(
+    "matches view f0 weighting sums", inner=True, matches=PATCH_MATCHES, view=VIEW, weighting=WEIGHTING, sums=FRAME_SUMS
+)
 def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
     """Weigh the patches at a pose and make the sums over them anew, in place."""
     places, R, t, lens = matches.places, view.R, view.t, view.lens
     P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
     correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
-    P[:], q[:] = 0.0, 0.0
+    P.fill(0.0)
+    q.fill(0.0)
     row, c = np.empty(6), np.empty(3)
     for p in range(len(places)):
         weights[p] = 0.0
@@ -180,6 +187,7 @@ def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: W
 
 @compiled(
     "sums biases prior view step estimator",
+    inner=True,
     sums=FRAME_SUMS,
     biases=LOCAL_BIASES,
     prior=POSE_PRIOR,
@@ -197,7 +205,7 @@ def solve_step(
     E, e, P, q = sums.edge_information, sums.edge_vector, sums.patch_information, sums.patch_vector
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
     A, b, row = step.information, np.empty(6), np.empty(6)
-    M, N, mixed = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6))
+    M, N, mixed, held = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6)), np.empty((6, 6))
     to_prior = se3_log_left(view.R, view.t, prior.R, prior.t)
     information, known, known_vector = prior.information, biases.information, biases.vector
     offset_information, offset_vector = biases.offset_information, biases.offset_vector
@@ -223,7 +231,9 @@ def solve_step(
     part = config.patches_prior_part  # of the rest constrains the pose that the patches alone tell
     for i in range(6):
         row[i] = q[i] + part * b[i]
-    if not solve6(P + part * A, row, step.to_patches):
+        for j in range(6):
+            held[i, j] = P[i, j] + part * A[i, j]
+    if not solve6(held, row, step.to_patches):
         return False
     for i in range(6):
         for j in range(6):
