@@ -45,7 +45,7 @@ def _dataclass(title: str, cls: type) -> str:
     shown = [f for f in fields(cls) if f.init]  # type: ignore[arg-type, unused-ignore]
     if not shown:
         return about
-    rows = [f"| `{f.name}` | {told(hints[f.name])} | {_default(f)} |" for f in shown]
+    rows = [f"| `{f.name}` | {type_text(hints[f.name])} | {_default(f)} |" for f in shown]
     return "\n".join([about, "| key | value | default |", "|---|---|---|", *rows, ""])
 
 
@@ -63,7 +63,7 @@ def _tables(key: str, cls: type) -> Iterator[str]:
     hints, why = get_type_hints(cls, include_extras=True), field_docs(cls)
     inner = {f.name: hints[f.name] for f in fields(cls) if is_dataclass(hints[f.name])}  # type: ignore[arg-type, unused-ignore]
     rows = [
-        f"| `{f.name}` | {told(hints[f.name])} | {_default(f)} | {why[f.name]} |"
+        f"| `{f.name}` | {type_text(hints[f.name])} | {_default(f)} | {why[f.name]} |"
         for f in fields(cls)  # type: ignore[arg-type, unused-ignore]
         if f.name not in inner
     ]
@@ -85,18 +85,22 @@ def field_docs(cls: type) -> dict[str, str]:
     }
 
 
-def told(hint: Any) -> str:
+def type_text(hint: Any) -> str:
     """A type with its range, in words."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         bounds = [f"{sign} {bound}" for limit in arguments[1:] for sign, bound in _bounds(limit)]
-        return " ".join([told(arguments[0]), " and ".join(bounds)]).strip()
+        return " ".join([type_text(arguments[0]), " and ".join(bounds)]).strip()
     if origin is Literal:
         return " or ".join(f"`{value}`" for value in arguments)
     if origin in (Union, types.UnionType):
-        return " or ".join(told(a) for a in arguments if a is not type(None))
+        return " or ".join(type_text(a) for a in arguments if a is not type(None))
     if origin is tuple:
-        return f"list of {told(arguments[0])}" if Ellipsis in arguments else f"{len(arguments)} of {told(arguments[0])}"
+        return (
+            f"list of {type_text(arguments[0])}"
+            if Ellipsis in arguments
+            else f"{len(arguments)} of {type_text(arguments[0])}"
+        )
     if hint in PLUGINS:
         return f"one of the {TITLES.get(hint.__name__, hint.__name__)}"
     if isinstance(hint, type) and is_dataclass(hint):

@@ -42,7 +42,7 @@ def errors_over_time(runs: Runs, axes: Axes | None = None, *, quantity: time.Qua
 
 
 def success_curves(runs: Runs, axes: Axes | None = None) -> Axes:
-    """Share of frames (%) within a distance (cm) of the truth, by tracker, with the area under the curve."""
+    """Share of frames (%) within a distance (cm) of the ground truth, by tracker, with the area under the curve."""
     return _on(axes, lambda panel: comparison.draw_success_curves(_some(runs), panel))
 
 
@@ -125,7 +125,7 @@ def error_against_distance(runs: Runs, figure: AnyFigure | None = None) -> AnyFi
 
 
 def pose_components(run: ScoredRun, figure: AnyFigure | None = None) -> AnyFigure:
-    """Position (cm) and roll, pitch, yaw (deg) of `world_from_body`, estimate against truth, with the 3-sigma band."""
+    """Position (cm) and roll, pitch, yaw (deg) of `world_from_body`: estimate with 3-sigma band, ground truth."""
     return _over(figure, lambda drawn_on: time.draw_pose_components(run, drawn_on))
 
 

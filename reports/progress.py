@@ -29,7 +29,7 @@ class Steps:
         self._stopped = True
 
     def finish(self) -> None:
-        """Tell that all is done."""
+        """Report that all is done."""
         self._tell(self._total)
 
     def _tell(self, done: int) -> None:

@@ -1,4 +1,4 @@
-"""The report over runs on recordings: coverage, times and overlays, and no error, since there is no truth.
+"""The report over runs on recordings: coverage, times and overlays, and no error, since there is no ground truth.
 
 index.html                   the summary, and for each sequence figures and overlays
 figures/*.pdf *.png *.csv    figures and the numbers behind them
@@ -45,7 +45,8 @@ COLUMNS: tuple[Column, ...] = (
     Column(head="deadline misses", key="deadline_misses", scale=100, unit="%", best="min", decimals=1),
 )
 CAPTION = (
-    "Real images without truth: no error is known. Coverage is the share of frames with a pose, right or wrong; edges "
+    "Real images without ground truth: no error is known. Coverage is the share of frames with a pose, right or wrong; "
+    "edges "
     f"met the share of the model's visible edges within {MEETS_PX:g} px of an image's edge, over frames with a pose."
 )
 MOST_OVERLAY_FRAMES = 150
@@ -104,7 +105,7 @@ def write_recorded_report(
         version=versions()["uavbench"], record=json.dumps(runs[0].score.record, indent=1),
     )  # fmt: skip
     write_text(folder / "index.html", text)
-    head = {"title": title, "truth": None, "absent": dict(absent)}
+    head = {"title": title, "ground_truth": None, "absent": dict(absent)}
     scores = json.dumps({**head, "scores": [asdict(s.score) for s in runs]}, indent=1, allow_nan=False)
     write_text(folder / "scores.json", scores + "\n")
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
@@ -129,7 +130,7 @@ def open_recorded(entries: ListOf[tuple[Path, Path, str]]) -> list[Shown]:
 
 
 def summary(runs: ListOf[Shown], absent: tuple[str, ...]) -> Table:
-    """A row for each tracker and rate, its mean over sequences and seeds; no row is best where no truth is known."""
+    """A row for each tracker and rate, its mean over sequences and seeds; without ground truth no row is best."""
     rows = []
     for name, of_run in runs_of(score_frame(asdict(shown.score) for shown in runs)).items():
         cells = []

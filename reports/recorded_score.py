@@ -1,4 +1,4 @@
-"""Scores of runs on recordings of real images: without truth no error can be known, and none is shown.
+"""Scores of runs on recordings of real images: without ground truth no error can be known, and none is shown.
 
 What is known of a run: which frames have a pose, what they took, and how much of the model's visible edges meets an
 edge of the image. The last tells a tracker that has gone astray from one that follows; it is no measure of accuracy.
@@ -152,7 +152,7 @@ def score_recorded(sequence: Sequence, results: Results) -> RecordedScore:
         deadline_misses=deadline_misses(results),
         errors=faults + unsound,
         record={
-            "compared": "with no truth: there is none",
+            "compared": "with no ground truth: there is none",
             "edges_met": f"share of control points within {MEETS_PX:g} px of a Canny edge",
             "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
             "results": {k: record.get(k) for k in ("tracker", "rate_hz", "seed", "content_hash", "versions")},

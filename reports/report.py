@@ -31,7 +31,14 @@ from uavbench.reports.figures import space as figures_space
 from uavbench.reports.figures import time as figures_time
 from uavbench.reports.page.failures import own_runs
 from uavbench.reports.page.overlay_animation import scrubbed, write_frames
-from uavbench.reports.page.pages import FigureOnPage, SequenceOnPage, Told, Undrawn, write_index, write_sequence_page
+from uavbench.reports.page.pages import (
+    FigureOnPage,
+    ReportNotes,
+    SequenceOnPage,
+    Undrawn,
+    write_index,
+    write_sequence_page,
+)
 from uavbench.reports.progress import OnStep, Steps
 from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
 from uavbench.reports.restarts import COLUMNS as RESTARTS
@@ -108,7 +115,7 @@ def write_report(
     tables = write_all_tables(folder, runs, restarted, tuple(absent or {}))
     write_scores(folder, title, [run.score for run in runs], unrendered or {}, absent or {})
     undrawn = Undrawn(easel.left_out, tuple(name for name in groups if name not in shown))
-    about = Told(title, unrendered or {}, absent or {}, undrawn)
+    about = ReportNotes(title, unrendered or {}, absent or {}, undrawn)
     index = write_index(folder, about, runs, tables, on_index, pages)
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
@@ -185,10 +192,10 @@ def write_sequence(folder: Path, title: str, runs: ListOf[ScoredRun], figures: L
         sequence.name,
         f"pages/{slug_of(sequence)}.html",
         moving_of(folder, main).relative_to(folder).as_posix(),
-        f"{main.title}: the model at the latest estimate in green, at the truth in white.",
+        f"{main.title}: the model at the latest estimate in green, at the ground truth in white.",
         f"{len(sequence)} frames, {main.errors.seconds[-1]:.1f} s.",
         f"The overlay shows {main.title}: the model at the "
-        "latest estimate in green, at the truth in white. Its page goes through all runs frame by frame.",
+        "latest estimate in green, at the ground truth in white. Its page goes through all runs frame by frame.",
     )
     write_sequence_page(folder, title, shown, runs, [replace(figure, up="../") for figure in figures])
     return shown
@@ -208,7 +215,8 @@ def drawings_of(runs: ListOf[ScoredRun], *, always: bool) -> list[Drawing]:
         first = always and rate == rates[0]
         made += [
             Drawing(f"errors_{slug}_{rate:g}hz", f"Errors over time, {name}, {rate:g} Hz",
-                    "Against the truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}; strips: off target, "
+                    "Against the ground truth, without alignment; dotted: 5 cm and 5\N{DEGREE SIGN}; "
+                    "strips: off target, "
                     "beyond either or without a pose.", partial(figures_time.errors_over_time, some), first),
             Drawing(f"path_{slug}_{rate:g}hz", f"Paths, {name}, {rate:g} Hz",
                     "True and estimated paths around the structure, in 3-D and from above.",
@@ -220,7 +228,7 @@ def drawings_of(runs: ListOf[ScoredRun], *, always: bool) -> list[Drawing]:
     for run in runs:
         if run.score.label == main.score.label and len(run.results):
             made += pictures_of(run)
-        caption = "Six components of the body's pose in the structure's frame, estimate against truth."
+        caption = "Six components of the body's pose in the structure's frame, estimate against ground truth."
         draw = partial(figures_time.pose_components, run)
         made.append(Drawing(f"pose_{run.slug}", f"Pose components, {name}, {run.title}", caption, draw, False))
     return made
@@ -237,7 +245,7 @@ def pictures_of(run: ScoredRun) -> list[Drawing]:
                 "Visible model edges at the estimated pose (green) on the detected edges (white).",
                 partial(figures_pictures.edge_pictures, run), False),
         Drawing(f"next_{run.slug}", f"Projection on the next frame, {where}",
-                "Model at the pose of one tracked frame (green), drawn on the next; the truth there in white.",
+                "Model at the pose of one tracked frame (green), drawn on the next; the ground truth there in white.",
                 partial(figures_pictures.next_frame_pictures, run), False),
         Drawing(f"counts_{run.slug}", f"Counts, {where}",
                 "Segments, control points and inliers in each frame; shaded: off target.",

@@ -30,7 +30,7 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
                 "that are within 5 cm and 5\N{DEGREE SIGN} (dotted). An error means little without its coverage.",
                 partial(figures_compare.accuracy_and_coverage, runs)),
         Drawing("success", "Success curves",
-                "Share of all frames within a distance of the truth; frames without a pose are within none.",
+                "Share of all frames within a distance of the ground truth; frames without a pose are within none.",
                 partial(figures_compare.success_curves, runs)),
         Drawing("latency", "Accuracy against latency",
                 "Median time of a frame with a line to the 95th percentile; hollow at the lower rates.",

@@ -1,7 +1,7 @@
-"""What runs that are given true poses on the way add to a report: how often they fail, and how soon.
+"""Report of runs that are restarted from true poses: how often and how soon they fail.
 
 Conventions: with resets, a frame beyond 5 cm or 5 deg, or without a pose, is a failure and the next starts from the
-truth; with anchors, every run starts from the truth every 5 s, whatever happened before.
+ground truth; with anchors, every run starts from the ground truth every 5 s, whatever happened before.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.metrics.frame_errors import frame_errors
 from uavbench.reports.protocols.restarting import Restarted, accuracy, expected_error
-from uavbench.reports.style import TRUTH, line, marker, panel_letter
+from uavbench.reports.style import GROUND_TRUTH, line, marker, panel_letter
 from uavbench.reports.tables.columns import Column
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -125,7 +125,7 @@ def draw_error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, i
         known = [None if np.isnan(cm) else cm / 100 for cm in shown.tolist()]
         rows += [[name, *row] for row in zip(since_s.tolist(), known, share.tolist(), strict=True)]
     error.set_ylabel("median error (cm)")
-    error.axhline(5, color=TRUTH, lw=0.6, ls=":")
+    error.axhline(5, color=GROUND_TRUTH, lw=0.6, ls=":")
     error.set_ylim(bottom=0)
     failed.set_ylabel("frames failed (%)")
     failed.set_ylim(-3, 103)

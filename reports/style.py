@@ -23,7 +23,7 @@ NO_METADATA: dict[str, dict[str, Any]] = {
 }
 """Neither dates nor versions: the same figure has the same bytes."""
 
-TRUTH = "#111111"
+GROUND_TRUTH = "#111111"
 LOSS = "#D9D9D9"
 COLOURS = ("#2C458C", "#E82267", "#9EB300", "#67001C", "#AE74F7", "#735F0C", "#FDA1DC", "#50EEAC")
 """One per tracker: 8 L* apart at least, so distinct in grey, and under the three dichromacies (Machado et al. 2009)."""

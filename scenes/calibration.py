@@ -24,7 +24,7 @@ CELLS = (6, 8)
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What a calibration found: the camera, how well it explains the corners, and which pictures helped.
+    """Result of a calibration: the camera, its reprojection error, and the pictures used.
 
     rms_px over all corners; view_rms_px (n,) per used picture; corners_px (n, k, 2); covered is the share of CELLS of
     the image in which some corner was seen.

@@ -16,7 +16,7 @@ from uavbench.scenes.dataset.annotations import row_poses, write_depth, write_ed
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
 from uavbench.scenes.dataset.disk_guards import disk_errors
-from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, GROUND_TRUTH_COLUMNS, Sequence, write_manifest
 from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.effects.registry import EFFECTS
@@ -68,7 +68,7 @@ def generate(
         check_first_view(spec, ideal)
         source = with_effects(ideal, spec.effects, spec.seed)
         rows = _write_frames(new, spec, source, flight, scene.built.structure, limit, on_frame)
-        _write_truth(new, flight, rows)
+        _write_ground_truth(new, flight, rows)
         _, *readings = write_flight(flight, spec.sensors, scene.obstacles, spec.seed, new)
         camera.save(new / "camera.toml")
         save_structure(scene.built.structure, new)
@@ -133,11 +133,11 @@ def _write_frames(
     limit: FrameBounds | None,
     on_frame: Callable[[int, int], None] | None,
 ) -> NDArray[np.int64]:
-    """Write images, frames.csv and the truth of each frame; returns the flight's rows of the frames that arrived."""
+    """Write images, frames.csv and the annotations of each frame; returns the flight's rows of frames that arrived."""
     rows = flight.frame_rows(spec.rate_hz)
     (folder / "frames").mkdir()
     arrived: list[int] = []
-    row_truth: list[Array] = []
+    row_ground_truth: list[Array] = []
     bounds: dict[int, Array] = {}
     lines = ["frame,stamp_ns,file"]
     for number, row in enumerate(rows.tolist()):
@@ -149,23 +149,23 @@ def _write_frames(
             _write_image(folder / name, image)
             lines.append(f"{frame},{stamp_ns},{name}")
             arrived.append(row)
-            if spec.truth:
-                _write_frame_truth(folder, spec, frame, source, structure, image, stamp_ns)
+            if spec.annotations:
+                _write_annotations(folder, spec, frame, source, structure, image, stamp_ns)
             if source.row_delay_ns:
-                row_truth.append(row_poses(source, _world_from_body(source, spec), stamp_ns))
+                row_ground_truth.append(row_poses(source, _world_from_body(source, spec), stamp_ns))
             if limit and frame % spec.crlb_every == 0 and (P := limit.covariance(image, stamp_ns)) is not None:
                 bounds[frame] = P
         if on_frame is not None:
             on_frame(number + 1, len(rows))
     write_text(folder / "frames.csv", "\n".join(lines) + "\n")
-    if row_truth:
-        np.save(folder / "row_poses.npy", np.array(row_truth))
+    if row_ground_truth:
+        np.save(folder / "row_poses.npy", np.array(row_ground_truth))
     if limit is not None:
         write_bounds(folder, bounds)
     return np.array(arrived, dtype=np.int64)
 
 
-def _write_frame_truth(
+def _write_annotations(
     folder: Path,
     spec: SequenceSpec,
     frame: int,
@@ -175,11 +175,11 @@ def _write_frame_truth(
     stamp_ns: int,
 ) -> None:
     view = source.render(stamp_ns)
-    if "depth" in spec.truth:
+    if "depth" in spec.annotations:
         write_depth(folder, frame, source, view)
-    if "mask" in spec.truth:
+    if "mask" in spec.annotations:
         write_mask(folder, frame, source, view)
-    if "edges" in spec.truth:
+    if "edges" in spec.annotations:
         write_edges(folder, frame, source, view, structure, image)
 
 
@@ -194,7 +194,7 @@ def _write_image(path: Path, image: NDArray[np.uint8]) -> None:
     path.write_bytes(data.tobytes())
 
 
-def _write_truth(folder: Path, flight: Flight, rows: NDArray[np.int64]) -> None:
+def _write_ground_truth(folder: Path, flight: Flight, rows: NDArray[np.int64]) -> None:
     values = np.hstack(
         [
             flight.positions_m[rows],
@@ -206,11 +206,11 @@ def _write_truth(folder: Path, flight: Flight, rows: NDArray[np.int64]) -> None:
     ).tolist()
     stamps = flight.stamps_ns[rows].tolist()
     lines = [",".join(map(repr, [i, stamp, *row])) for i, (stamp, row) in enumerate(zip(stamps, values, strict=True))]
-    write_text(folder / "truth.csv", "\n".join([",".join(TRUTH_COLUMNS), *lines]) + "\n")
+    write_text(folder / "groundtruth.csv", "\n".join([",".join(GROUND_TRUTH_COLUMNS), *lines]) + "\n")
 
 
 def _by_file(spec: SequenceSpec, readings: list[str]) -> dict[str, Any]:
-    """What each sensor is, by the file of its readings."""
+    """Parameters of each sensor, by the file of its readings."""
     return {name: described(sensor) for name, sensor in zip(readings, spec.sensors, strict=True)}
 
 

@@ -1,4 +1,4 @@
-"""What the renderer draws: textured triangle meshes, still or moving, and the light on them."""
+"""Input of the renderer: textured triangle meshes, static or moving, and the lights."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

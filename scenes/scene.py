@@ -16,7 +16,7 @@ from uavbench.trajectories.random_streams import stream
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All that stands around a flight, ready to be drawn."""
+    """Everything around a flight, ready to be rendered."""
 
     built: BuiltStructure
     parts: tuple[Part, ...]

@@ -45,7 +45,7 @@ class ClutterSpec(Protocol):
 
 
 class EffectSpec(Protocol):
-    """What the camera or its link does to the images; effects act in the order of `EFFECTS`, that of nature."""
+    """An effect of the camera or its link on the images; effects act in the order of `EFFECTS`, the physical one."""
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
         """The source with the effect on it; frames are asked for once each, in order."""
@@ -94,8 +94,8 @@ class SequenceSpec:
     """One sequence: what is flown around, how, and what the camera does to the images.
 
     sensors ride on the body, those that are named and no others; deviation is what the built structure differs by from
-    the designed one; truth names the extra ground truth written beside every frame, crlb_every that every n-th frame
-    gets its Cramer-Rao bound (0: none); neither changes the images.
+    the designed one; annotations names the ground truth written for every frame beside its pose; crlb_every that every
+    n-th frame gets its Cramer-Rao bound (0: none); neither changes the images.
     """
 
     name: str
@@ -110,5 +110,5 @@ class SequenceSpec:
     rate_hz: Annotated[float, Gt(0)] = 15.0
     sensors: tuple[SensorSpec, ...] = (Imu(), FlowDeck(), Barometer())
     deviation: Deviation = field(default_factory=Deviation)
-    truth: tuple[Literal["depth", "mask", "edges"], ...] = ()
+    annotations: tuple[Literal["depth", "mask", "edges"], ...] = ()
     crlb_every: Annotated[int, Ge(0)] = 0

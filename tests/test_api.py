@@ -226,7 +226,7 @@ def test_a_dict_is_rendered_and_its_frames_have_their_truth(tmp_path, monkeypatc
     flight = {"path": {"kind": "hand-pilot", "duration_s": 0.2}}
     box = {
         "structure": {"kind": "box"}, "environment": {"kind": "indoor"}, "flight": flight, "rate_hz": 15.0,
-        "camera": {"width": 160, "height": 120, "horizontal_fov_deg": 65.0}, "truth": ["depth", "mask", "edges"],
+        "camera": {"width": 160, "height": 120, "horizontal_fov_deg": 65.0}, "annotations": ["depth", "mask", "edges"],
     }  # fmt: skip
     (sequence,) = ub.render({"sequences": {"box": box}})
     assert sequence.folder == tmp_path / "out" / "suite" / "sequences" / "box-s0"
@@ -256,7 +256,7 @@ def test_mistakes_of_a_dict_are_told_at_once():
 
 def test_start_reads_files_and_refuses_what_it_cannot_use(folder):
     drawn = folder / "sequences" / "drawn-s0"
-    first = ub.open_sequence(drawn).first_cam_from_world
+    first = ub.open_sequence(drawn).initial_cam_from_world
     run = ub.start("hold", drawn / "model.obj", drawn / "camera.toml", first.matrix)
     image = ub.open_sequence(drawn)[0].image
     assert np.allclose(run.track(image, 0).cam_from_world.matrix, first.matrix)

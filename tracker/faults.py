@@ -1,4 +1,4 @@
-"""What went wrong in a tracker's own code, in one line: the fault's name, and the file and line it is at."""
+"""Faults in a tracker's own code, in one line: name, file and line."""
 
 import sys
 import sysconfig
@@ -26,10 +26,10 @@ ROTATION_ERROR = 1e-3
 
 
 class ResultError(Exception):
-    """What `track` returned cannot be taken: the fault's name, and what is wrong."""
+    """An invalid result of `track`: the fault's name, and what is wrong."""
 
 
-def told(error: BaseException, method: Any) -> str:
+def fault_message(error: BaseException, method: Any) -> str:
     """One line that says what was raised in a tracker's method and where in the tracker's own code.
 
     An error of uavbench's own, meant for people, is given as it is.

@@ -4,6 +4,7 @@ A camera is an array (11,): fx fy cx cy, model (0 none, 1 radtan, 2 equidistant)
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,13 @@ def camera_array(camera: Camera) -> Array:
     out[:5] = [camera.fx, camera.fy, camera.cx, camera.cy, MODELS[camera.distortion_model]]
     out[5 : 5 + len(camera.distortion)] = camera.distortion
     return out
+
+
+class RigidMotion(NamedTuple):
+    """Rotation matrix R (3, 3) and translation t (3,)."""
+
+    R: Array
+    t: Array
 
 
 @compiled("f0 f0 f1", inner=True)
@@ -128,9 +136,19 @@ def so3_left_jacobian(phi: Array) -> Array:
     return combination(phi, 1.0, b, c)
 
 
+@compiled("f2 f1", inner=True)
+def camera_centre(R: Array, t: Array) -> Array:
+    """Position (3,) of the camera in the world, for cam_from_world (R, t)."""
+    centre = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            centre[i] -= R[j, i] * t[j]
+    return centre
+
+
 @compiled("f2 f1 f1")
-def move(R: Array, t: Array, xi: Array) -> tuple[Array, Array]:
-    """exp(xi) @ (R, t)."""
+def se3_exp_left(R: Array, t: Array, xi: Array) -> RigidMotion:
+    """exp(xi) @ (R, t): a pose moved by a twist (6,), translation first, from the left."""
     E, V = so3_exp(xi[3:]), so3_left_jacobian(xi[3:])
     R_out, t_out = np.zeros((3, 3)), np.zeros(3)
     for i in range(3):
@@ -141,12 +159,12 @@ def move(R: Array, t: Array, xi: Array) -> tuple[Array, Array]:
             t_out[i] += E[i, j] * t[j]
             for k in range(3):
                 R_out[i, j] += E[i, k] * R[k, j]
-    return R_out, t_out
+    return RigidMotion(R_out, t_out)
 
 
 @compiled("f2 f1 f2 f1")
-def twist_between(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
-    """The twist (6,) with exp(twist) @ (R, t) = (R_to, t_to), for turns well below half a turn."""
+def se3_log_left(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
+    """The twist xi (6,) with exp(xi) @ (R, t) = (R_to, t_to), for rotations well below half a turn."""
     E, d = np.zeros((3, 3)), t_to.copy()
     for i in range(3):
         for j in range(3):

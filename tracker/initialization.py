@@ -1,4 +1,4 @@
-"""Step 3, the first pose: known, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
+"""Step 3, initialization: a known pose, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +24,9 @@ PICKED_POINTS = 5
 
 
 class Initialization(Protocol):
-    """A way to get the first pose: a frozen dataclass of its parameters."""
+    """A way to get the initial pose: a frozen dataclass of its parameters."""
 
-    def first_pose(
+    def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
         """The pose that a tracker is started with on this first image."""
@@ -35,9 +35,9 @@ class Initialization(Protocol):
 
 @dataclass(frozen=True)
 class Known:
-    """The true first pose."""
+    """The true initial pose."""
 
-    def first_pose(
+    def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
         """The true pose itself."""
@@ -51,7 +51,7 @@ class PickedPoints:
     click_sigma_px: Annotated[float, Ge(0)] = 1.0
     points: Annotated[int, Ge(4)] = PICKED_POINTS
 
-    def first_pose(
+    def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
         """Pose of the corners picked; UserError when fewer than four are in view."""
@@ -78,7 +78,7 @@ class CoarseGuess:
     range_part: Annotated[float, Interval(ge=0, le=0.5)] = 0.1
     angle_deg: Annotated[float, Interval(ge=0, le=45)] = 10.0
 
-    def first_pose(
+    def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
         """The best of the poses around the guess; the guess itself when the image shows no edges."""
@@ -103,7 +103,7 @@ INITIALIZATIONS: dict[str, type[Initialization]] = {
     "picked-points": PickedPoints,
     "coarse-guess": CoarseGuess,
 }
-"""Every way to get the first pose by its name."""
+"""Every way to get the initial pose by its name."""
 
 
 def pose_from_points(points_m: Array, pixels: Array, camera: Camera) -> Pose:

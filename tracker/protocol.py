@@ -1,4 +1,4 @@
-"""What every tracker is: a frozen set of parameters that starts a run, and a run that takes frames.
+"""The tracker protocol: a frozen set of parameters that starts a run, and a run that takes frames.
 
 What a run is given is all that it may know; the table in docs/my-tracker.md says the same for programs.
 """
@@ -23,7 +23,7 @@ Status = Literal["ok", "lost", "not_initialized"]
 
 @dataclass(frozen=True, kw_only=True)
 class TrackResult:
-    """What a tracker says of one frame.
+    """A tracker's result for one frame.
 
     `cam_from_world` is the estimate, None unless status is `ok`. `covariance` (6, 6) is of the twist xi with
     cam_from_world_true = exp(xi) @ cam_from_world, translation (m) first, rotation (rad) last, None where the tracker
@@ -56,7 +56,7 @@ class SensingRun(Run, Protocol):
     """A run that takes the readings of the body's sensors too."""
 
     def sense(self, samples: Mapping[str, Samples]) -> None:
-        """What each sensor, by name, measured since the last call; before each frame, up to and with its stamp."""
+        """Samples of each sensor, by name, since the last call; before each frame, up to and with its stamp."""
         ...
 
 
@@ -64,7 +64,7 @@ class Tracker(Protocol):
     """Parameters of a tracker variant: a frozen dataclass with this one method."""
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at a known first pose; the first frame tracked is the one that the pose belongs to."""
+        """Start a run from a known initial pose; the first frame tracked is the one that the pose belongs to."""
         ...
 
 
@@ -74,7 +74,7 @@ class BodyTracker(Protocol):
     def start(
         self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator, *, body: Body
     ) -> Run:
-        """Begin a run at a known first pose."""
+        """Start a run from a known initial pose."""
         ...
 
 

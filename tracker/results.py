@@ -4,7 +4,7 @@
     frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where there is none
     times.csv      frame, wall time of each stage in ms
     estimate_world_from_body.tum      the frames that are ok; estimate_world_from_cam.tum where no mount is known
-    groundtruth_world_from_body.tum   the same for the truth at every tracked frame, where there is one
+    groundtruth_world_from_body.tum   the same for the ground truth at every tracked frame, where there is one
 
 All but times.csv is the same, byte for byte, on every run.
 """
@@ -84,7 +84,7 @@ class Results:
 
     @property
     def frame(self) -> str:
-        """What `estimate` is: `world_from_body`, or `world_from_cam` where the mount says that the camera is all."""
+        """Frame of `estimate`: `world_from_body`, or `world_from_cam` where no mount is known."""
         return "world_from_cam" if np.array_equal(self.cam_from_body.matrix, np.eye(4)) else "world_from_body"
 
     def save(self, folder: Path, groundtruth: Trajectory | None = None) -> None:

@@ -14,7 +14,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples, body_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.faults import checked, is_ours, told
+from uavbench.tracker.faults import checked, fault_message, is_ours
 from uavbench.tracker.initialization import Initialization, Known
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
@@ -38,14 +38,14 @@ def track_sequence(
     on_frame: OnFrame | None = None,
     start: Initialization = KNOWN,
 ) -> Results:
-    """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the first pose of `start`.
+    """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the initial pose of `start`.
 
     `on_frame(frame, result)` is called after each frame. A frame at which the tracker raised, or returned what is no
-    result, is `lost` and told under `errors` in the record. Images are read outside the timed part. UserError when the
-    tracker cannot be started, rate_hz is out of range or an image cannot be read.
+    result, is `lost` and reported under `errors` in the record. Images are read outside the timed part. UserError when
+    the tracker cannot be started, rate_hz is out of range or an image cannot be read.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
-    first = first_pose(start, sequence, 0, seed)
+    first = initial_pose(start, sequence, 0, seed)
     feed = Feed(sequence)
     run = begin(tracker, sequence, first, tracker_stream(tracker, seed), feed.body)
     errors: list[str] = []
@@ -87,7 +87,7 @@ def started(
     except (Exception, SystemExit) as error:
         if isinstance(error, UserError | Terminated) or is_ours(tracker):
             raise
-        raise UserError(f"{tracker_kind(tracker)} cannot be started: {told(error, tracker.start)}") from error
+        raise UserError(f"{tracker_kind(tracker)} cannot be started: {fault_message(error, tracker.start)}") from error
     if not callable(getattr(run, "track", None)):
         what = one_line(repr(run))[:60]
         raise UserError(f"{tracker_kind(tracker)}: start returned {what}, which has no method `track`")
@@ -95,7 +95,7 @@ def started(
 
 
 def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.Generator:
-    """The random numbers that a tracker is given: those of its stream, which does not tell the sequence's seed."""
+    """Random numbers of a tracker: its own stream, from which the sequence's seed cannot be read."""
     drawn = stream(seed, "tracker", tracker_kind(tracker), *names)
     hidden = stream(seed, "tracker", tracker_kind(tracker), *names, "own seed").integers(2**63)
     bits = np.random.PCG64(int(hidden))
@@ -104,18 +104,18 @@ def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.
 
 
 def all_failed(results: Results) -> str:
-    """What to say, with the first fault, when a tracker failed and no frame at all has a pose; else ""."""
+    """Message with the first fault, when a tracker failed and no frame has a pose; else ""."""
     errors = results.record["errors"]
     if not errors or results.ok.any():
         return ""
     return f"the tracker failed on all of its {len(results)} frames; first: {errors[0]}"
 
 
-def first_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
+def initial_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
     """cam_from_world that a tracker is started with at a frame of a sequence."""
     names = ("initialization",) if frame == 0 else ("initialization", str(frame))
-    pose = sequence.true_cam_from_world(frame) if frame else sequence.first_cam_from_world
-    return start.first_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
+    pose = sequence.true_cam_from_world(frame) if frame else sequence.initial_cam_from_world
+    return start.initial_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
 
 
 def track_frame(
@@ -140,7 +140,7 @@ def track_frame(
         raise
     except (Exception, SystemExit) as exception:  # a tracker may be anyone's: its crash is a loss, not the run's end
         total_ms = (time.perf_counter() - begin) * 1e3
-        result, error = TrackResult(status="lost"), told(exception, method)
+        result, error = TrackResult(status="lost"), fault_message(exception, method)
     if result.cam_from_world is not None and not within_reach(result.cam_from_world):
         result = TrackResult(status="lost", stage_ms=result.stage_ms)
         error = f"its pose is not finite or beyond {LARGEST_COORDINATE_M:g} m"
@@ -173,7 +173,7 @@ def make_record(
     errors: list[str],
     start: Initialization = KNOWN,
 ) -> dict[str, Any]:
-    """What `record.json` says of a run; `content_hash` is of all that made it."""
+    """Content of `record.json` of a run; `content_hash` is of all that made it."""
     inputs = {
         "start": {"kind": type(start).__name__, "parameters": parameters(start)},
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},

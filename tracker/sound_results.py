@@ -1,4 +1,4 @@
-"""What of a tracker's results can be reckoned with: the rest counts as lost, and is told by name."""
+"""The results of a tracker that can be scored: the rest counts as lost, and is reported by frame."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.pose import Array
 
-MOST_TOLD = 5
+MAX_REPORTED = 5
 """Frames that are named one by one."""
 
 
@@ -24,18 +24,20 @@ def sound(results: Results) -> tuple[Results, tuple[str, ...]]:
     """
     if missing := [key for key in ("tracker", "rate_hz", "seed", "cam_from_body") if key not in results.record]:
         raise UserError(f"record.json: `{missing[0]}` is missing; track again")
-    told: list[str] = []
+    messages: list[str] = []
     rows: list[TrackResult] = []
     for frame, row in zip(results.frames.tolist(), results.rows, strict=True):
         if row.cam_from_world is not None and not within_reach(row.cam_from_world):
-            told.append(f"frame {frame}: its pose is not finite or beyond {LARGEST_COORDINATE_M:g} m: counted as lost")
+            messages.append(
+                f"frame {frame}: its pose is not finite or beyond {LARGEST_COORDINATE_M:g} m: counted as lost"
+            )
             row = TrackResult(status="lost", stage_ms=row.stage_ms)
         elif row.covariance is not None and not is_covariance(row.covariance):
-            told.append(f"frame {frame}: its covariance is not finite, too large or negative: left out")
+            messages.append(f"frame {frame}: its covariance is not finite, too large or negative: left out")
             row = replace(row, covariance=None)
         rows.append(row)
-    more = (f"and {len(told) - MOST_TOLD} more such frames",) if len(told) > MOST_TOLD else ()
-    return (replace(results, rows=tuple(rows)) if told else results), (*told[:MOST_TOLD], *more)
+    more = (f"and {len(messages) - MAX_REPORTED} more such frames",) if len(messages) > MAX_REPORTED else ()
+    return (replace(results, rows=tuple(rows)) if messages else results), (*messages[:MAX_REPORTED], *more)
 
 
 def is_covariance(covariance: Array) -> bool:

@@ -1,4 +1,4 @@
-"""Versions of what numbers depend on; imports nothing of ours, so that evaluating does not load the trackers."""
+"""Versions of the libraries that results depend on; imports nothing of ours, so evaluating loads no tracker."""
 
 import platform
 from importlib.metadata import PackageNotFoundError, version

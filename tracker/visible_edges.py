@@ -1,7 +1,7 @@
 """Step 4, model projection: which edges of the structure a camera sees, and where.
 
 A face is visible when dot(face normal, camera ray) < 0; a visible edge touches a visible face (Harris & Stennett
-1990). What hides behind another part of the structure is asked for drawings alone (see seen_edges).
+1990). What hides behind another part of the structure is asked for drawings alone (see images.seen_edges).
 
 Pixels are those of the camera without its distortion, the image that trackers work in.
 """
@@ -16,8 +16,10 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
-NEAR_M = 0.02
-"""Nothing nearer to the camera than this is projected."""
+NEAR_PART = 1e-3
+"""Least depth that is projected, in diagonals of the structure's bounding box, since a model may be in any unit: 0.6 mm
+for a box of 0.5 m, 30 mm for a bridge of 30 m. Only keeps divisions by the depth finite.
+"""
 
 Indices = NDArray[np.int64]
 
@@ -42,11 +44,11 @@ class ProjectedEdges:
 
 
 def visible_edges(structure: Structure, camera: Camera, cam_from_world: Pose) -> ProjectedEdges:
-    """Visible edges of a structure, clipped to the image and to NEAR_M."""
+    """Visible edges of a structure, clipped to the image and to the near depth."""
     edges = np.flatnonzero(touching_visible_face(structure, cam_from_world))
     world = structure.edge_segments[edges]
     cam = cam_from_world.transform(world.reshape(-1, 3)).reshape(-1, 2, 3)
-    start, end = clip_to_view(cam, camera)
+    start, end = clip_to_view(cam, camera, near_depth(structure))
     inside = start < end
     edges, world, cam = edges[inside], world[inside], cam[inside]
     parts = np.stack([start[inside], end[inside]], axis=1)[..., None]
@@ -68,7 +70,13 @@ def touching_visible_face(structure: Structure, cam_from_world: Pose) -> NDArray
     return np.asarray(visible[structure.edge_faces].any(axis=1))
 
 
-def clip_to_view(segments_cam: Array, camera: Camera) -> tuple[Array, Array]:
+def near_depth(structure: Structure) -> float:
+    """Least depth that is projected, in units of the structure."""
+    low, high = structure.bounds
+    return NEAR_PART * float(np.linalg.norm(high - low))
+
+
+def clip_to_view(segments_cam: Array, camera: Camera, near: float) -> tuple[Array, Array]:
     """Where the visible part of each segment (k, 2, 3) of the camera frame starts and ends, in parts of its length.
 
     Start is not below end where nothing of a segment is in view (Liang & Barsky 1984, on the planes of the view). All
@@ -77,7 +85,7 @@ def clip_to_view(segments_cam: Array, camera: Camera) -> tuple[Array, Array]:
     x0, y0, x1, y1 = undistorted_bounds(camera)
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     planes = np.array(
-        [[0, 0, 1, -NEAR_M], [fx, 0, cx - x0, 0], [-fx, 0, x1 - cx, 0], [0, fy, cy - y0, 0], [0, -fy, y1 - cy, 0]]
+        [[0, 0, 1, -near], [fx, 0, cx - x0, 0], [-fx, 0, x1 - cx, 0], [0, fy, cy - y0, 0], [0, -fy, y1 - cy, 0]]
     )
     distance = segments_cam @ planes[:, :3].T + planes[:, 3]  # (k, 2, 5), positive inside
     a, b = distance[:, 0], distance[:, 1]

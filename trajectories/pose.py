@@ -110,7 +110,7 @@ class Pose:
 
     @classmethod
     def identity(cls) -> Self:
-        """The pose that moves nothing."""
+        """The identity."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod

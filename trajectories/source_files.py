@@ -1,4 +1,4 @@
-"""Which files a module is made of: its source, and that of all it imports, as far as somebody may edit them."""
+"""Source files of a module: its own and those of everything it imports, as far as they may be edited."""
 
 import ast
 import hashlib
@@ -34,7 +34,7 @@ def sources(module: str) -> frozenset[Path]:
 
 
 def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | None = None) -> MadeOf:
-    """What modules, and scripts by their file, are made of.
+    """Source files of modules, and of scripts by their file.
 
     Imports are read from the source, those within functions too; a module that cannot be found is left out. Imports
     for type checkers alone never run; but with a `__getattr__` they name what a package gives on demand, and count

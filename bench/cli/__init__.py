@@ -1,4 +1,4 @@
-"""The command `uavbench`: short verbs over files.
+"""The command `uavbench`: short commands over files.
 
 In: words of a command line. Out: an exit code and messages for people. Imports every other room of bench.
 """

@@ -42,7 +42,7 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 def export_command(
     sequence: Path, form: str, out: Path, undistort: bool, images: str | None, datum: str | None
 ) -> None:
-    """Write the folder SEQUENCE in the form of another tool, and tell what that form has no place for."""
+    """Write the folder SEQUENCE in the form of another tool, and list what that format cannot hold."""
     from uavbench.scenes.dataset.sequence import Sequence
     from uavbench.scenes.exports.geodetic import Datum
     from uavbench.scenes.exports.registry import export
@@ -88,7 +88,7 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
 def pick_command(
     images: Path | None, video: Path | None, model: Path, camera: Path, out: Path, port: int, browser: bool
 ) -> None:
-    """Pick points of the model on the first image, in a page of your browser, for the first pose."""
+    """Pick points of the model on the first image, in a page of your browser, for the initial pose."""
     source = images or video
     if source is None or (images and video):
         raise UserError("give --images or --video")
@@ -108,16 +108,16 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.argument("reference", type=click.Path(path_type=Path))
 @click.argument("estimate", type=click.Path(path_type=Path))
 @click.option("--align", type=click.Choice(ALIGNMENTS), help="Alignment of the estimate; default: none.")
-@click.option("--delta", type=float, help="Length of the stretches of the RPE; default: 1.")
+@click.option("--delta", type=float, help="Pair interval of the RPE; default: 1.")
 @click.option("--unit", type=click.Choice(UNITS), help="Unit of --delta; default: frames.")
-@click.option("--all-pairs/--consecutive", default=None, help="Stretches of the RPE; default: consecutive.")
-@click.option("--pairs-from", type=click.Choice(["reference", "estimate"]), help="Whose deltas choose them.")
+@click.option("--all-pairs/--consecutive", default=None, help="Pairs of the RPE; default: consecutive.")
+@click.option("--pairs-from", type=click.Choice(["reference", "estimate"]), help="Whose path or rotation is measured.")
 @click.option("--t-offset", "t_offset_s", type=float, default=0.0, help="Added to the estimate's stamps, s.")
 @click.option("--max-diff", "max_difference_s", type=float, help="Largest difference of paired stamps, s.")
 @click.option("--association", type=click.Choice(ASSOCIATIONS), help="How stamps are paired; default: one-to-one.")
 @click.option("--mode", type=click.Choice(MODES), default="uavbench", help="Conventions of another tool.")
-@click.option("--reference-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
-@click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: guessed, and said.")
+@click.option("--reference-format", type=click.Choice(FORMATS), help="Default: recognized, and reported.")
+@click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: recognized, and reported.")
 @click.option("--mount", type=FILE, help="Sequence folder by whose mount camera and body poses are converted.")
 @click.option("--ignore-frames", is_flag=True, help="Compare although the files call their frames differently.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")

@@ -2,22 +2,38 @@
 
 import os
 import sys
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+if TYPE_CHECKING:
+    from uavbench.bench.gate.decision import Margins
 
-def margin_options(command: Any) -> Any:
-    """The margins that `gate` and `compare` decide by."""
+
+def margin_options(command: Callable[..., None]) -> Any:
+    """Add the options of the margins; the command is called with them as `margins`."""
+
+    @wraps(command)
+    def with_margins(
+        *, margin: float, latency_margin: float, coverage_margin: float, resolution: float, **others: Any
+    ) -> None:
+        from uavbench.bench.gate.decision import Margins
+
+        margins = Margins(error=margin, latency=latency_margin, coverage=coverage_margin, resolution=resolution)
+        command(margins=margins, **others)
+
+    added: Any = with_margins
     for name, default, about in (
         ("--resolution", "10%", "A pass must exclude a change so large."),
         ("--coverage-margin", "1%", "Tolerated loss of coverage, in shares of all frames."),
         ("--latency-margin", "5%", "Tolerated growth of latency."),
         ("--margin", "1%", "Tolerated growth of errors."),
     ):
-        command = click.option(name, default=default, show_default=True, callback=share, help=about)(command)
-    return command
+        added = click.option(name, default=default, show_default=True, callback=share, help=about)(added)
+    return added
 
 
 def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
@@ -47,16 +63,7 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
 @click.option("--update", is_flag=True, help="Make the baseline, a file, anew from RESULTS; compare nothing.")
 @margin_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
-def gate_command(
-    results: Path,
-    baseline: Path,
-    update: bool,
-    margin: float,
-    latency_margin: float,
-    coverage_margin: float,
-    resolution: float,
-    out: Path | None,
-) -> None:
+def gate_command(results: Path, baseline: Path, update: bool, margins: "Margins", out: Path | None) -> None:
     """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive."""
     if update:
         from uavbench.bench.gate.baseline import write_baseline
@@ -65,10 +72,8 @@ def gate_command(
         write_baseline(read_side(results), baseline)
         click.echo(baseline)
         return
-    from uavbench.bench.gate.decision import Margins
     from uavbench.bench.gate.findings import pronounce
 
-    margins = Margins(error=margin, latency=latency_margin, coverage=coverage_margin, resolution=resolution)
     sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
 
 
@@ -93,22 +98,11 @@ def speed_command(only: str, save: Path | None) -> None:
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/compare"), show_default=True)
 @margin_options
 def compare_command(
-    base_ref: str,
-    head_ref: str,
-    suite: str,
-    repeats: int,
-    jobs: int,
-    out: Path,
-    margin: float,
-    latency_margin: float,
-    coverage_margin: float,
-    resolution: float,
+    base_ref: str, head_ref: str, suite: str, repeats: int, jobs: int, out: Path, margins: "Margins"
 ) -> None:
     """Run two versions of this git repository on the same frames and let the gate decide; `.` is the working tree."""
     from uavbench.bench.gate.compare import compare
-    from uavbench.bench.gate.decision import Margins
 
-    margins = Margins(error=margin, latency=latency_margin, coverage=coverage_margin, resolution=resolution)
     sys.exit(compare((base_ref, head_ref), suite, out, repeats, margins, jobs))
 
 

@@ -1,4 +1,4 @@
-"""The commands about what can be named in a suite: list, schema, check, peers."""
+"""The commands about what can be named in a suite: list, schema, check, third-party."""
 
 import sys
 from pathlib import Path
@@ -52,23 +52,23 @@ def warm_up_command() -> None:
     click.echo(f"{len(kernels)} kernels for {len(kinds)} kinds of plug-ins are compiled")
 
 
-@click.group("peers")
-def peers_group() -> None:
+@click.group("third-party")
+def third_party_group() -> None:
     """Trackers of others to compare with: ViSP's, and OpenCV contrib's."""
 
 
-@peers_group.command("list")
-def peers_list_command() -> None:
-    """Show which peers are set up."""
+@third_party_group.command("list")
+def third_party_list_command() -> None:
+    """Show which third-party trackers are set up."""
     from uavbench.bench.third_party.registry import status
 
     click.echo("\n".join(status()))
 
 
-@peers_group.command("setup")
+@third_party_group.command("setup")
 @click.argument("name")
-def peers_setup_command(name: str) -> None:
-    """Set up the peer NAME, with what it needs, for this user."""
+def third_party_setup_command(name: str) -> None:
+    """Set up the third-party tracker NAME, with what it needs, for this user."""
     from uavbench.bench.third_party.registry import setup
 
     click.echo(setup(name))
@@ -79,5 +79,5 @@ COMMANDS: tuple[click.Command, ...] = (
     schema_command,
     check_command,
     warm_up_command,
-    peers_group,
+    third_party_group,
 )

@@ -13,7 +13,7 @@ FILE = click.Path(path_type=Path)
 
 
 def suite_options(command: Any) -> Any:
-    """What every command over a suite takes."""
+    """Options of every command over a suite."""
     for option in (
         click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them."),
         click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
@@ -41,7 +41,7 @@ def suite_command(verb: str, help_text: str) -> click.Command:
 
 
 def figures_option(command: Any) -> Any:
-    """What a command that writes a report takes."""
+    """Options of a command that writes a report."""
     about = "Figures that are drawn: those of the first page, or all, with a page for every sequence."
     choice = click.Choice(["page", "all"])
     return click.option("--figures", type=choice, default="page", show_default=True, help=about)(command)
@@ -49,9 +49,9 @@ def figures_option(command: Any) -> Any:
 
 def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
     """Bring a suite up to one verb; the exit code."""
-    from uavbench.bench.runner.commands import Where, bring_up_to
+    from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 
-    return bring_up_to(verb, suite, out, Where(workers=jobs, slurm_options=slurm_option, **where))
+    return bring_up_to(verb, suite, out, ExecutionOptions(workers=jobs, slurm_options=slurm_option, **where))
 
 
 @click.command("track")
@@ -63,7 +63,7 @@ def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option
 @click.option("--image-topic", metavar="TOPIC", help="Topic of --bag with Image or CompressedImage messages.")
 @click.option("--model", type=FILE, help="Structure: .obj .stl .ply .glb .cao ... (with real images).")
 @click.option("--camera", type=FILE, help="camera.toml (with real images).")
-@click.option("--init", type=FILE, help="init.toml: first pose, or points to solve it from.")
+@click.option("--init", type=FILE, help="init.toml: initial pose, or points to solve it from.")
 @click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
 def track_command(
     what: str,

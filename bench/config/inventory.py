@@ -1,4 +1,4 @@
-"""What there is to name in a suite: `uavbench list`.
+"""Every plug-in that a suite can name: `uavbench list`.
 
 Plug-ins are read from the source, as the literal dicts at the foot of their modules name them: to import them all would
 load the renderer, the flight simulator and the trackers to print a page.
@@ -22,7 +22,7 @@ TITLES = {
     "AirframeSpec": "airframes",
     "WindSpec": "winds",
     "SensorSpec": "body sensors",
-    "Initialization": "first poses",
+    "Initialization": "initial poses",
     "RecordingSource": "recordings",
     "Tracker": "trackers",
 }
@@ -43,7 +43,7 @@ def inventory() -> str:
 
 def registered() -> dict[str, dict[str, str]]:
     """Name of each protocol -> name of each of its plug-ins -> docstring."""
-    module = Source.of("uavbench.bench.config.plugins")
+    module = ModuleSource.of("uavbench.bench.config.plugins")
     points = module.value("PLUGINS")
     assert isinstance(points, ast.Dict)
     found = {}
@@ -53,7 +53,7 @@ def registered() -> dict[str, dict[str, str]]:
     return found
 
 
-class Source:
+class ModuleSource:
     """The source of one module of ours."""
 
     def __init__(self, name: str) -> None:
@@ -73,12 +73,12 @@ class Source:
 
     @staticmethod
     @cache
-    def of(name: str) -> "Source":
+    def of(name: str) -> "ModuleSource":
         """The source of a module."""
-        return Source(name)
+        return ModuleSource(name)
 
     def value(self, name: str) -> ast.expr | None:
-        """What stands behind `NAME: type =` in this module."""
+        """The value assigned to `NAME: type =` in this module."""
         return self.values[name]
 
     def plugins(self, node: ast.expr | None) -> Iterator[tuple[str, str]]:
@@ -86,7 +86,7 @@ class Source:
         if isinstance(node, ast.Name):
             if node.id in self.imported:
                 module, name = self.imported[node.id]
-                yield from Source.of(module).plugins(ast.Name(name))
+                yield from ModuleSource.of(module).plugins(ast.Name(name))
             else:
                 yield from self.plugins(self.value(node.id))
             return
@@ -102,5 +102,5 @@ class Source:
         """Docstring of a class by the name that it has in this module."""
         if name in self.imported:
             module, name = self.imported[name]
-            return Source.of(module).docstring(name)
+            return ModuleSource.of(module).docstring(name)
         return ast.get_docstring(self.classes[name]) or ""

@@ -122,8 +122,8 @@ def import_plugin(name: str) -> type:
     try:
         cls = getattr(importlib.import_module(module), attribute)
     except Exception as error:  # whatever the module raises
-        told = str(error) if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
-        raise UserError(f"plug-in {name!r} cannot be imported: {told}; is its folder on PYTHONPATH?") from None
+        reason = str(error) if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
+        raise UserError(f"plug-in {name!r} cannot be imported: {reason}; is its folder on PYTHONPATH?") from None
     if not (isinstance(cls, type) and is_dataclass(cls)):
         raise UserError(f"plug-in {name!r} must be a dataclass of its parameters")
     for made_in in {module, cls.__module__}:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from uavbench.bench.external.program import External
-from uavbench.bench.third_party.registry import PEERS
+from uavbench.bench.third_party.registry import THIRD_PARTY
 from uavbench.scenes.clutter.registry import CLUTTER
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, StructureSpec
@@ -27,8 +27,8 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     AirframeSpec: (AIRFRAMES, "build"),
     WindSpec: (WINDS, "start"),
     SensorSpec: (SENSORS, "measure"),
-    Initialization: (INITIALIZATIONS, "first_pose"),
+    Initialization: (INITIALIZATIONS, "initial_pose"),
     RecordingSource: (RECORDINGS, "find"),
-    Tracker: ({**TRACKERS, **PEERS, "external": External}, "start"),
+    Tracker: ({**TRACKERS, **THIRD_PARTY, "external": External}, "start"),
 }
 """Protocol -> (name -> class, verb)."""

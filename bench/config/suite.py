@@ -1,4 +1,4 @@
-"""A suite: one TOML file in, checked specs out; all its mistakes are told at once."""
+"""A suite: one TOML file in, checked specs out; all its mistakes are reported at once."""
 
 import difflib
 import json
@@ -29,8 +29,8 @@ Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 class Suite:
     """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at.
 
-    Its sequences are all rendered, or all recorded: without truth there is no error to set beside another.
-    start is where the first pose comes from; protocols are those that trackers run in beside the free run; flights is
+    Its sequences are all rendered, or all recorded: without ground truth there is no error to set beside another.
+    start is where the initial pose comes from; protocols are those that trackers run in beside the free run; flights is
     the hash of what the file says of its sequences.
     """
 
@@ -71,7 +71,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     ]
     errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
     if errors:
-        raise UserError(_told(path, list(dict.fromkeys(errors))))
+        raise UserError(_message(path, list(dict.fromkeys(errors))))
     flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
     return Suite(
         path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, tuple(checked.protocols), flights
@@ -85,26 +85,26 @@ def load_tracker(path: Path) -> Tracker:
 
 
 def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
-    """Tracker of a table that stands in a file; UserError naming the file and every key that is wrong."""
+    """Tracker of a table in a file; UserError naming the file and every key that is wrong."""
     tracker: Tracker = _one(Tracker, "tracker", data, path, extra)
     return tracker
 
 
 def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initialization:
-    """Where the first pose comes from, of a table that stands in a file; UserError as `tracker_of`."""
+    """Initialization of a table in a file; UserError as `tracker_of`."""
     start: Initialization = _one(Initialization, "start", data, path, extra)
     return start
 
 
 def _one(protocol: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
-    """The one plug-in that a table says, told in errors by a key."""
+    """The one plug-in that a table says, named in errors by a key."""
     kind: Any = choice(protocol, extra)
     fields: Any = {key: (kind, ...)}
     table = _check(path, create_model("File", __config__=STRICT, **fields), {key: data})
     errors: list[str] = []
     plugin = build(getattr(table, key), key, errors)
     if errors:
-        raise UserError(_told(path, errors))
+        raise UserError(_message(path, errors))
     return plugin
 
 
@@ -180,11 +180,11 @@ def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Seque
     except ValidationError as error:
         mistakes += [_explain(model, e) for e in error.errors()]
     if mistakes:
-        raise UserError(_told(path, mistakes))
+        raise UserError(_message(path, mistakes))
     return checked
 
 
-def _told(path: Path, messages: list[str]) -> str:
+def _message(path: Path, messages: list[str]) -> str:
     count = f"{len(messages)} mistakes" if len(messages) > 1 else "1 mistake"
     return f"{path}: {count}\n" + "\n".join(f"  {message}" for message in messages)
 

@@ -82,7 +82,7 @@ class Guard:
         line = json.dumps({**asked, "memory_mb": memory_mb, "file_mb": file_mb}).encode() + b"\n"
         rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", files))]
         self._socket.settimeout(START_S)
-        with suppress(OSError):  # a guard that is gone is told of by `wait`
+        with suppress(OSError):  # a guard that is gone is reported by `wait`
             sent = self._socket.sendmsg([line], rights)
             self._socket.sendall(line[sent:])
 
@@ -113,7 +113,7 @@ class Guard:
             shutil.rmtree(self.folder, ignore_errors=True)  # somebody killed the guard
 
     def _said(self, timeout_s: float) -> dict[str, Any] | None:
-        """The next that the guard says, None if nothing came in time."""
+        """The guard's next message, None if none came in time."""
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._received:
             self._socket.settimeout(max(1e-3, deadline - time.monotonic()))

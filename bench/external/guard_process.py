@@ -52,7 +52,7 @@ class Guarding:
 
     def __init__(self, owner: socket.socket) -> None:
         self.owner, self.owner_pid = owner, os.getppid()
-        self.program, self.memory_mb, self.told = 0, 0, False
+        self.program, self.memory_mb, self.reported = 0, 0, False
         self.codes: dict[int, int] = {}
         self.received, self.files = b"", list[int]()
         woken, wake = os.pipe()
@@ -80,7 +80,7 @@ class Guarding:
             self.look_after()
 
     def listen(self) -> bool:
-        """Take in and do what the owner says; False when it is gone."""
+        """Carry out the owner's messages; False when it is gone."""
         data, files, _, _ = socket.recv_fds(self.owner, 1 << 16, 3)
         for handle in files:
             os.set_inheritable(handle, False)
@@ -119,14 +119,14 @@ class Guarding:
             os._exit(127)
 
     def look_after(self) -> None:
-        """Take in who has ended; end all when the program has, or when all together have too much memory."""
+        """Reap ended processes; end all when the program has ended, or when they exceed the memory together."""
         self.codes.update(reap())
-        if not self.program or self.told:
+        if not self.program or self.reported:
             return
         used_mb = 0.0 if self.program in self.codes else used_memory_mb(self.memory_mb)
         if used_mb or self.program in self.codes:
             self.codes.update(end_descendants())
-            self.told = True
+            self.reported = True
             self.tell({"code": self.codes.get(self.program, -signal.SIGKILL), "used_mb": used_mb})
 
     def tell(self, what: dict[str, Any]) -> None:

@@ -68,13 +68,13 @@ def refuse_seen(program: str, files: Iterable[Path], hidden: Path) -> None:
     for path in visible(unwrapped(program), files):
         if hidden.is_relative_to(path.resolve()) or path.resolve().is_relative_to(hidden):
             raise UserError(
-                f"isolate: {path} would be seen, and the truth of {hidden} with it; put one of them elsewhere"
+                f"isolate: {path} would be seen, and the ground truth of {hidden} with it; put one of them elsewhere"
             )
 
 
 @cache
 def usable() -> Way:
-    """What makes the namespaces here; UserError with the words of each that does not."""
+    """The tool that makes namespaces here; UserError with the message of each that fails."""
     why = []
     ways: dict[str, Way] = {"bwrap": _bubblewrap, "unshare": _unshare}
     for name, way in ways.items():
@@ -178,7 +178,7 @@ def _is_top_link(path: Path) -> bool:
 
 
 def _prefixes(program: str) -> Iterator[Path]:
-    """What belongs to a Python: its own installation, and the virtual environment that it is started from."""
+    """Folders of a Python: its own installation, and the virtual environment that it is started from."""
     found = shutil.which(program)
     path = Path(found).absolute() if found else None
     while path is not None:

@@ -1,4 +1,4 @@
-"""The folder that an external tracker works in: all that a tracker may know, and never the truth.
+"""The folder that an external tracker works in: all that a tracker may know, and never the ground truth.
 
     job.toml       mode, rate_hz, seed
     camera.toml    width height fx fy cx cy distortion_model distortion

@@ -1,4 +1,4 @@
-"""A program at work in its own folder: no shell, limits on time and memory, and nobody left behind."""
+"""A program run in its own folder: no shell, limits on time and memory; kills its process group at the end."""
 
 import fcntl
 import os
@@ -142,12 +142,12 @@ class Process:
             raise TrackerFault("malformed", where, f"the answer is not UTF-8 text: {bytes(text[:40])!r}") from None
 
     def said_more(self) -> str:
-        """What the program has said beyond the lines taken, "" if nothing."""
+        """Output of the program beyond the lines taken, "" if nothing."""
         self._read(0.0)
         return self._buffer.decode("utf-8", errors="replace").strip()
 
     def _read(self, timeout_s: float) -> bool:
-        """Take in what the program has said; False at its end, or when nothing came in time."""
+        """Read the program's output; False at its end, or when nothing came in time."""
         assert self.stdout is not None
         poll = select.poll()
         poll.register(self.stdout, select.POLLIN)

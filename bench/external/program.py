@@ -1,4 +1,4 @@
-"""External trackers: a program in any language, given a folder or a stream of frames, never the truth.
+"""External trackers: a program in any language, given a folder or a stream of frames, never the ground truth.
 
 In the folder form the program gets all frames at once and writes `estimates.csv`. In the stream form it gets one frame
 at a time on standard input, says `ready` once and then one line for each frame, so that its latency is measured here
@@ -30,12 +30,12 @@ from uavbench.tracker.faults import is_ours
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
 from uavbench.tracker.results import Results
-from uavbench.tracker.run import KNOWN, first_pose, make_record, stride, tracker_stream
+from uavbench.tracker.run import KNOWN, initial_pose, make_record, stride, tracker_stream
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
 OnFrame = Callable[[int, TrackResult], None]
-MAX_FAULTS_TOLD = 20
+MAX_FAULTS_REPORTED = 20
 LONGEST_S = 86_400.0
 """A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
 MOST_MB = 1 << 27
@@ -194,17 +194,17 @@ def track_external(
     on_frame: OnFrame | None = None,
     start: Initialization = KNOWN,
 ) -> Results:
-    """Results of a program on every k-th frame of a sequence, from the first pose of `start`.
+    """Results of a program on every k-th frame of a sequence, from the initial pose of `start`.
 
-    What breaks the protocol makes frames lost and is told under `errors` in the record; the job folder is then kept at
-    `kept_folder`. TrackerFault when the program cannot be started at all, UserError when it is to be isolated and that
-    cannot be done.
+    What breaks the protocol makes frames lost and is reported under `errors` in the record; the job folder is then kept
+    at `kept_folder`. TrackerFault when the program cannot be started at all, UserError when isolation is asked for and
+    impossible.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
     if tracker.isolate:
         refuse_seen(tracker.command[0], tracker.seen_files, sequence.folder)
     with job_folder() as guard:
-        first, folder, feed = first_pose(start, sequence, 0, seed), guard.folder, Feed(sequence)
+        first, folder, feed = initial_pose(start, sequence, 0, seed), guard.folder, Feed(sequence)
         own = int(tracker_stream(tracker, seed).integers(2**31))
         write_job(folder, sequence.structure, sequence.camera, first, mode=tracker.mode, rate_hz=rate_hz, seed=own)
         write_sensors(folder, feed.body)
@@ -216,10 +216,10 @@ def track_external(
             keep(folder, kept_folder, faults)
     if faults and faults[0].name == "cannot-start":
         raise TrackerFault(faults[0].name, faults[0].where, faults[0].what)
-    told = [str(fault) for fault in faults[:MAX_FAULTS_TOLD]]
-    if len(faults) > MAX_FAULTS_TOLD:
-        told.append(f"and {len(faults) - MAX_FAULTS_TOLD} more faults")
-    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=told, start=start)
+    messages = [str(fault) for fault in faults[:MAX_FAULTS_REPORTED]]
+    if len(faults) > MAX_FAULTS_REPORTED:
+        messages.append(f"and {len(faults) - MAX_FAULTS_REPORTED} more faults")
+    record = make_record(tracker, sequence, rate_hz=rate_hz, seed=seed, errors=messages, start=start)
     record["tracker"]["kind"] = "external"
     return Results(record, np.array(frames), sequence.stamps_ns[frames], tuple(rows))
 

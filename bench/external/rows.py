@@ -1,4 +1,4 @@
-"""What an external tracker says, row by row, and the named faults in it.
+"""Rows printed by an external tracker, and the named faults in them.
 
 A row is `stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz`, then, if the tracker claims a covariance, the 21 numbers of its
 upper triangle by rows. The pose is `cam_from_world`. The statuses `lost` and `not_initialized` need nothing after them.
@@ -122,8 +122,8 @@ def read_estimates(path: Path, stamps_ns: Sequence[int]) -> tuple[list[TrackResu
         with opened(path, limit, inside=path.parent) as handle:
             return _read(path, io.TextIOWrapper(handle, encoding="utf-8"), stamps_ns)
     except (OSError, UnicodeDecodeError, UserError) as error:
-        told = str(error).removeprefix(f"{path}: ")
-        return _lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {told}")]
+        reason = str(error).removeprefix(f"{path}: ")
+        return _lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {reason}")]
 
 
 def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> tuple[list[TrackResult], list[Fault]]:

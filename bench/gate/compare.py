@@ -26,7 +26,7 @@ from uavbench.bench.gate.findings import pronounce
 from uavbench.bench.gate.versions import version
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import FREE
-from uavbench.bench.runner.commands import Where, bring_up_to
+from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.bench.runner.output_folder import resolved
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
@@ -51,7 +51,7 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
         flown = file_of(versions["head"], file)
         with reading_from(versions["head"].environment([])[FREE] if flown != file else None):
             suite = load_suite(flown)
-            code = bring_up_to("render", str(flown), out / "head", Where(workers=workers))
+            code = bring_up_to("render", str(flown), out / "head", ExecutionOptions(workers=workers))
         if code:
             return code
         labels = [*suite.trackers]

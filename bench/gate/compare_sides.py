@@ -17,12 +17,12 @@ from uavbench.bench.gate.versions import Version, placed
 from uavbench.trajectories.errors import UserError, plain
 
 MOST_TOLD = 8
-"""Names told of what is not in git; the rest is counted."""
+"""Names reported of what is not in git; the rest is counted."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """One version at work: its trackers' tables by label, why others cannot run, and which are nobody's version's.
+    """One version to compare: its trackers' tables by label, why others cannot run, and which are of no version.
 
     suite: the file of its suite; foreign: labels of whose program or plug-in git keeps nothing.
     """
@@ -101,7 +101,7 @@ def plugin_root(table: Mapping[str, Any]) -> Path | None:
 
 
 def statements(sides: Mapping[str, Side], file: Path) -> Iterator[str]:
-    """What is the same on both sides though it may look like a version's own, a line each."""
+    """What is shared by both sides although it may look like part of a version, a line each."""
     for name, side in sides.items():
         commit, top = side.version.commit, side.version.top
         if file.is_relative_to(top) and side.suite == file and side.version.folder != top:

@@ -36,7 +36,7 @@ ALPHA = 0.05
 MIN_SEEDS = 5
 TINY = 1e-12
 TYPICAL = 2.0
-"""How much a run counts in a typical change, in units of what must be told apart: enough to carry any change that is
+"""How much a run counts in a typical change, in units of what must be distinguished: enough to carry any change that is
 in all runs, too little for a run that breaks by chance to hide it."""
 ROUNDS = 5
 """Draws of the bootstrap, so that its smallest p stands a correction over many metrics."""
@@ -44,7 +44,7 @@ ROUNDS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
-    """What is tolerated, as shares of the baseline (errors, latency) or of all frames (coverage).
+    """Tolerated changes, as shares of the baseline (errors, latency) or of all frames (coverage).
 
     resolution: a change so large must be out of the interval for a pass.
     """
@@ -111,7 +111,7 @@ def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], ma
 
 
 def _not_judged(run: str, why: str, metric: str = "all") -> Finding:
-    """What makes a pass impossible: something that could not be compared."""
+    """Findings that rule out a pass: something that could not be compared."""
     return Finding(run=run, metric=metric, unit="", verdict="inconclusive", reason=f"not judged: {why}")
 
 
@@ -178,7 +178,7 @@ def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Measured], 
 
 
 def crash(side: Side, key: Key) -> str:
-    """What made a run crash, "" if nothing did."""
+    """Why a run crashed, "" if nothing did."""
     return side.runs[key].crash if key in side.runs else ""
 
 

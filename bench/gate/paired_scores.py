@@ -34,7 +34,7 @@ ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What the gate compares of one run: its coverage, and its errors by metric, NaN where one is undefined.
+    """Values of one run that the gate compares: its coverage, and its errors by metric, NaN where one is undefined.
 
     crash: what went wrong, "" if nothing did; frames: hash of what made the frames, images: that of the frames as they
     are, "" if any will do; how: the parts of the score's record that must agree.
@@ -62,7 +62,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Side:
-    """What was measured in one folder, and what is wrong with the runs that have no score.
+    """Measured values of one folder, and why the other runs have no score.
 
     flights: hash of the suite's sequences, as they are asked for; not_compared: why runs are only on this side, by
     tracker and rate.
@@ -75,7 +75,7 @@ class Side:
 
 
 def read_side(folder: Path) -> Side:
-    """What was measured in a suite's folder; UserError when it is none."""
+    """Measured values of a suite's folder; UserError when it is none."""
     about = read_json(folder / "suite.json")
     found: dict[Key, Measured] = {}
     faults: dict[Key, str] = {}

@@ -49,7 +49,7 @@ def main() -> None:
     for line in sys.stdin:
         try:
             answer = track(json.loads(line))
-        except Exception as error:  # told to the other side, which goes on with the next
+        except Exception as error:  # reported to the other side, which goes on with the next
             answer = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()

@@ -1,10 +1,10 @@
-"""How often the gate is wrong, from real reruns: `python -m uavbench.bench.gate.validation SUITE_FOLDER --out DIR`.
+"""Error rates of the gate, from real reruns: `python -m uavbench.bench.gate.validation SUITE_FOLDER --out DIR`.
 
 SUITE_FOLDER holds rendered sequences (`uavbench render gate`). Every tracker of the suite runs on each of them
 `--reruns` times, each time with another stream of random numbers and, with --new-noise, other camera noise added to
 each frame. A comparison takes two different reruns of every tracker, sequence and seed: one for the baseline, one for
 the results. Both are of the same code, so whatever the gate calls worse is a false alarm. Then one tracker's results
-are of a regression: every estimate moved away from the truth, its error, as a twist, times a factor; or, with --worse
+are of a regression: the error of every estimate, as a twist, times a factor; or, with --worse
 LABEL.PARAMETER=VALUE, real runs with a worse setting, whose true effect is measured over all reruns. All scores go
 through the same scoring and the same gate as anyone's.
 """
@@ -95,15 +95,15 @@ def score_path(out: Path, sequence: str, name: str, number: int) -> Path:
 
 
 def worsened(results: Results, sequence: Sequence, factor: float) -> Results:
-    """The results with each estimate's error, as a twist from the truth, times a factor."""
+    """The results with each estimate's error, as a twist from the ground truth, times a factor."""
     if factor == 1.0:
         return results
     rows = []
     for frame, row in zip(results.frames.tolist(), results.rows, strict=True):
-        truth = sequence.true_cam_from_world(frame)
+        ground_truth = sequence.true_cam_from_world(frame)
         if row.cam_from_world is not None:
-            error = (row.cam_from_world @ truth.inverse()).log()
-            row = replace(row, cam_from_world=Pose.exp(factor * error) @ truth)
+            error = (row.cam_from_world @ ground_truth.inverse()).log()
+            row = replace(row, cam_from_world=Pose.exp(factor * error) @ ground_truth)
         rows.append(row)
     return replace(results, rows=tuple(rows))
 

@@ -1,7 +1,7 @@
 """Versions of a git repository, each in a folder of its own, with what makes trackers run there.
 
 What git keeps is that of the version. What it does not (environments, weights, what was built) is the working tree's,
-linked into each version's folder, and so the same for all; it is told which that is.
+linked into each version's folder, and so the same for all; it is reported which that is.
 """
 
 import io
@@ -27,7 +27,7 @@ SERVER = Path("src/uavbench/bench/gate/track_server.py")
 
 @dataclass(frozen=True)
 class Version:
-    """One version: how it is told, the folder that it lies in, and the top of the repository that it is of.
+    """One version: how it is named, the folder that it lies in, and the top of the repository that it is of.
 
     linked: what is not in git, relative to the top; empty for the working tree itself.
     """
@@ -61,8 +61,11 @@ class Version:
         search = [*ours, *map(self.of, inside), *(p for p in given if not p.is_relative_to(self.top)), *running]
         free = [Path(place).resolve() for place in os.environ.get(FREE, "").split(os.pathsep) if place]
         allowed = [self.folder, self.top, *free]
-        told = {"PYTHONPATH": search, FREE: allowed}
-        return {**os.environ, **{name: os.pathsep.join(dict.fromkeys(map(str, each))) for name, each in told.items()}}
+        variables = {"PYTHONPATH": search, FREE: allowed}
+        return {
+            **os.environ,
+            **{name: os.pathsep.join(dict.fromkeys(map(str, each))) for name, each in variables.items()},
+        }
 
 
 @dataclass(frozen=True)

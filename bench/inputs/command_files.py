@@ -1,4 +1,4 @@
-"""What the program of an external tracker is made of, as far as its command line tells."""
+"""Files of an external tracker's program, as far as its command line shows."""
 
 import ast
 import os
@@ -35,7 +35,7 @@ def programs(command: Sequence[str]) -> list[Path]:
 
 
 def run_files(command: Sequence[str]) -> tuple[Path, ...]:
-    """Files that a command runs or is told of: all that a program needs to see that is isolated.
+    """Files that a command runs or is given: all that a program needs to see that is isolated.
 
     The program; the files on the command line; what Python scripts among them import, as far as it lies beside them,
     on PYTHONPATH or where an installation in place leads. Not what a script merely names: that may be anything.

@@ -1,4 +1,4 @@
-"""What a user's plug-in is made of: every file and every distribution whose change may change what it does."""
+"""Files of a user's plug-in: every file and distribution whose change may change its behaviour."""
 
 import sys
 from collections.abc import Iterable, Iterator

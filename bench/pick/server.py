@@ -141,23 +141,23 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
                 self.answer(404, "text/plain", b"not here: open the address that uavbench printed")
 
         def do_POST(self) -> None:
-            verbs = {f"/{token}/solve": picking.solve, f"/{token}/save": picking.save}
+            actions = {f"/{token}/solve": picking.solve, f"/{token}/save": picking.save}
             told_size = self.headers.get("Content-Length", "")
             size = int(told_size) if told_size.isascii() and told_size.isdigit() and len(told_size) < 10 else -1
             if not self.from_here():
                 self.answer(403, "text/plain", NOT_HERE)
-            elif self.path not in verbs:
+            elif self.path not in actions:
                 self.answer(404, "text/plain", b"not here")
             elif not 0 <= size <= MOST_BYTES:
                 self.answer(413 if size > 0 else 411, "text/plain", f"a body has at most {MOST_BYTES} bytes".encode())
             else:
-                self.tell(verbs[self.path], size)
+                self.tell(actions[self.path], size)
 
         def tell(self, verb: Callable[[Iterable[Any]], dict[str, Any]], size: int) -> None:
             """Answer what a verb says of the pairs in the body."""
             try:
                 body = self.rfile.read(size)
-            except OSError:  # fewer bytes came than were told
+            except OSError:  # fewer bytes came than were announced
                 self.close_connection = True
                 return
             if len(body) < size:
@@ -165,12 +165,12 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
                 return
             try:
                 pairs = json_value(body)
-                told = verb(pairs if isinstance(pairs, list) else [])
+                reply = verb(pairs if isinstance(pairs, list) else [])
             except (UserError, ValueError, OSError) as error:
-                told = {"error": str(error)}
-            self.answer(200, "application/json", json.dumps(told).encode())
-            if "saved" in told:
-                done.append(told["saved"])
+                reply = {"error": str(error)}
+            self.answer(200, "application/json", json.dumps(reply).encode())
+            if "saved" in reply:
+                done.append(reply["saved"])
 
         def from_here(self) -> bool:
             """Whether the page itself asks: under this address and no other name of it, and from no other page."""
@@ -187,7 +187,7 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
             self.wfile.write(body)
 
         def log_message(self, *_: Any) -> None:
-            """Say nothing of each request."""
+            """Log no request."""
 
     try:
         server = ThreadingHTTPServer(("127.0.0.1", port), Handler)

@@ -1,4 +1,4 @@
-"""What the commands do."""
+"""The commands over a suite."""
 
 import json
 from collections.abc import Iterator
@@ -31,8 +31,8 @@ from uavbench.trajectories.files.writing import write_text
 
 
 @dataclass(frozen=True, kw_only=True)
-class Where:
-    """Where and how much of a suite is done; see `uavbench run --help`."""
+class ExecutionOptions:
+    """Where a suite is executed, and how much of it; see `uavbench run --help`."""
 
     workers: int = 1
     shard: str = ""
@@ -44,7 +44,7 @@ class Where:
     figures: Figures = "page"
 
 
-def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> int:
+def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOptions) -> int:
     """Do what is missing of a suite up to `verb`.
 
     Exit code 0 when all of it is there, 2 after a user's mistake,
@@ -82,7 +82,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
 def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False) -> int:
     """Do one shard `i/n` of a suite in this process; the report is left to whoever waits for all shards."""
     last = "score" if verb == "report" else verb
-    return bring_up_to(last, suite_name, out, Where(workers=1, shard=shard, isolate=isolate))
+    return bring_up_to(last, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate))
 
 
 def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:
@@ -96,7 +96,7 @@ def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:
     outcome.fresh = [job for job in outcome.fresh if job.name not in outcome.failed]
 
 
-def _executor(where: Where, folder: Path) -> AbstractContextManager[tuple[Executor, Any]]:
+def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[tuple[Executor, Any]]:
     return dask_pool(where.dask, where.workers, folder) if where.dask else local_pool(where.workers)
 
 
@@ -124,7 +124,7 @@ def tell(outcome: Outcome, folder: Path) -> None:
 
 @contextmanager
 def told_at_most(path: Path) -> Iterator[None]:
-    """Tell of a file that cannot be written, and go on: the work itself is done."""
+    """Warn of a file that cannot be written, and continue: the work itself is done."""
     try:
         yield
     except UserError as error:

@@ -1,4 +1,4 @@
-"""What a plan will take: reference figures, corrected by what jobs of the same kind took in this folder before."""
+"""Estimated run time of a plan: reference times, corrected by those of earlier jobs in this folder."""
 
 import json
 from collections.abc import Iterable
@@ -56,11 +56,11 @@ def dry_run(jobs: Iterable[Job], folder: Path, workers: int) -> str:
         counts = f"{len(same):>7} {len(same) - len(todo):>7} {len(todo):>7}"
         lines.append(f"{name:<36} {counts} {sum(times):>10.1f}  {source}")
     wall_s = max(total_s / workers, longest_s)
-    lines.append(f"about {told(wall_s)} with {workers} workers, {told(total_s)} of one core")
+    lines.append(f"about {duration_text(wall_s)} with {workers} workers, {duration_text(total_s)} of one core")
     return "\n".join(lines)
 
 
-def told(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """A time for people."""
     if seconds < 120:
         return f"{seconds:.0f} s"

@@ -145,7 +145,7 @@ class SpawnPool(Executor):
 
 @contextmanager
 def local_pool(workers: int) -> Iterator[tuple[Executor, Any]]:
-    """Pool of spawned processes and the queue on which they tell their progress; no process outlives it."""
+    """Pool of spawned processes and the queue on which they report progress; no process outlives it."""
     pool = SpawnPool(workers)
     try:
         yield pool, pool.progress

@@ -1,4 +1,4 @@
-"""How much a suite's sequences are: frames, seconds of flight, megabytes; and what their paths do not reach."""
+"""Size of a suite's sequences: frames, seconds of flight, megabytes; and limits that their paths do not reach."""
 
 import json
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ NOISY = {"Noise", "AnalogLink"}
 
 @dataclass(frozen=True)
 class Extent:
-    """What each of the sequences of one name will be, one per seed, or why their flight cannot be planned.
+    """Size of each of the sequences of one name, one per seed, or why their flight cannot be planned.
 
     bytes are those of one sequence, on disk where one is rendered (measured), else about.
     """
@@ -64,8 +64,8 @@ def table_of_extents(renders: Iterable[Render]) -> str:
     total_mb = sum(each.seeds * each.bytes for each in found) / 1e6
     lines.append(f"{'all sequences':<36} {seeds:>7} {frames:>7} {total_s:>10.1f} {'':>8} {total_mb:>9.1f}")
     for each in found:
-        if told := each.problem or (each.summary.shortfall() if each.summary else ""):
-            lines.append(f"{each.name}: {told}")
+        if reason := each.problem or (each.summary.shortfall() if each.summary else ""):
+            lines.append(f"{each.name}: {reason}")
     return "\n".join(lines)
 
 
@@ -98,7 +98,9 @@ def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
     pixels = spec.camera.width * spec.camera.height
     noisy = any(type(effect).__name__ in NOISY for effect in spec.effects)
     each = pixels * (NOISY_IMAGE_BYTES_PER_PX if noisy else IMAGE_BYTES_PER_PX)
-    each += pixels * (DEPTH_BYTES_PER_PX * ("depth" in spec.truth) + MASK_BYTES_PER_PX * ("mask" in spec.truth))
-    each += EDGES_BYTES * ("edges" in spec.truth)
+    each += pixels * (
+        DEPTH_BYTES_PER_PX * ("depth" in spec.annotations) + MASK_BYTES_PER_PX * ("mask" in spec.annotations)
+    )
+    each += EDGES_BYTES * ("edges" in spec.annotations)
     rows = sum(float(getattr(sensor, "rate_hz", 0.0)) for sensor in spec.sensors) * duration_s
     return FIXED_BYTES + frames * each + ROW_BYTES * rows + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ * duration_s

@@ -28,10 +28,10 @@ NOT_DONE = "not done, because this failed: "
 
 
 class Work(Protocol):
-    """What a job does: a picklable value whose call writes the job's output."""
+    """Task of a job: a picklable value whose call writes the job's output."""
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write the output, its marker carrying content_hash; on_step(done, total) tells progress."""
+        """Write the output, its marker carrying content_hash; on_step(done, total) reports progress."""
         ...
 
 
@@ -58,7 +58,7 @@ class Job:
 
     @property
     def place(self) -> Place:
-        """Where it writes."""
+        """Where it is written."""
         return Place(self.root or self.marker.parent, self.marker, self.lists)
 
     @property
@@ -69,7 +69,7 @@ class Job:
 
 @dataclass
 class Outcome:
-    """What became of a graph: jobs done, jobs that were fresh, why others failed, and what it took.
+    """Result of a graph: jobs done, jobs that were fresh, why others failed, and what it took.
 
     users_mistake: some job failed for one; tracebacks are of the failures that are not.
     """
@@ -103,7 +103,7 @@ def start_worker(progress: Any) -> None:
 
 
 def fresh_jobs(jobs: list[Job]) -> list[Job]:
-    """Jobs that are fresh, as are all that they need: what was damaged is made anew with all that was made of it.
+    """Jobs that are fresh, as are all that they need: damaged output is made anew with everything derived from it.
 
     Needs stand before the jobs that need them.
     """
@@ -246,7 +246,7 @@ class Bar:
         self.bar.close()
 
     def drain(self, progress: Any) -> None:
-        """Take in what the workers have told."""
+        """Take in the workers' messages."""
         while progress is not None:
             try:
                 name, share = progress.get_nowait()

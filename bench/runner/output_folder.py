@@ -29,7 +29,7 @@ def resolved(folder: Path) -> Path:
 
 @contextmanager
 def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iterator[Path]:
-    """The folder, made or taken up again; UserError when it holds something else or is in use.
+    """The folder, created or reopened; UserError when it holds something else or is in use.
 
     Shards of a suite may be at work in one folder at the same time, each once; nothing else may. What killed processes
     have left is removed, before and after.
@@ -60,7 +60,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iter
 
 
 def clean_leftovers(folder: Path, *, alone: bool) -> None:
-    """Remove what killed processes had begun to write in a suite's folder; alone: nothing else is at work in it."""
+    """Remove unfinished files of killed processes from a suite's folder; alone: nothing else is at work in it."""
     remove_leftovers(folder, alone=alone)
     for name, depth in DEPTHS.items():
         _clean(folder / name, depth, alone)

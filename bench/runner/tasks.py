@@ -1,4 +1,4 @@
-"""What the jobs of a suite do: render, track, restart, score, report; each reads and writes files."""
+"""Tasks of a suite: render, track, restart, score, report; each reads and writes files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from typing import Any, Literal
 from uavbench.bench.config.suite import Protocol
 from uavbench.bench.external.program import External
 from uavbench.bench.runner.graph import OnStep
-from uavbench.bench.third_party.peer import Peer
+from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec, record
@@ -66,16 +66,16 @@ class Track:
         given: dict[str, Any] = {
             "rate_hz": self.rate_hz, "seed": self.seed, "on_frame": on_frame, "start": self.start,
         }  # fmt: skip
-        if isinstance(self.tracker, External | Peer):
+        if isinstance(self.tracker, External | ThirdPartyTracker):
             kept = self.folder.parents[2] / "failed" / self.folder.parent.name / self.folder.name
-            program = self.tracker.present() if isinstance(self.tracker, Peer) else self.tracker
+            program = self.tracker.present() if isinstance(self.tracker, ThirdPartyTracker) else self.tracker
             results = track_external(program, sequence, kept_folder=kept, **given)
         else:
             results = track_sequence(self.tracker, sequence, **given)
         record = {**results.record, "label": self.label, "content_hash": content_hash}
         if why := all_failed(results):
             record["failed"] = why
-        if isinstance(self.tracker, Peer):
+        if isinstance(self.tracker, ThirdPartyTracker):
             record["tracker"] = self.tracker.record
         replace(results, record=record).save(self.folder, groundtruth(sequence, results))
 
@@ -102,13 +102,13 @@ class Restart:
 
 
 def groundtruth(sequence: Sequence, results: Results) -> Trajectory | None:
-    """True `world_from_body` at the frames of results, None where nobody knows it."""
-    return None if sequence.recorded else sequence.truth.select(results.frames)
+    """True `world_from_body` at the frames of results, None for a recording."""
+    return None if sequence.recorded else sequence.ground_truth.select(results.frames)
 
 
 @dataclass(frozen=True)
 class Score:
-    """Score one result against its sequence's truth."""
+    """Score one result against its sequence's ground truth."""
 
     sequence: Path
     results: Path

@@ -1,4 +1,4 @@
-"""What a job wrote, on record: `made/` in a suite's folder tells of every file its size, times and digest.
+"""Records of written files: `made/` in a suite's folder holds the size, times and digest of every file.
 
 A job counts as done only while all of it is as it was written. The record says so from before work begins (then
 without a content hash, so that a job killed on its way is never taken for done) and keeps the names, so that what is
@@ -53,7 +53,7 @@ class Stamp:
 
 @dataclass(frozen=True)
 class Record:
-    """What a job wrote: files by their names in the suite's folder; content_hash is "" until all is there."""
+    """Files that a job wrote, by their names in the suite's folder; content_hash is "" until all is there."""
 
     content_hash: str = ""
     files: Mapping[str, Stamp] = field(default_factory=dict)

@@ -47,7 +47,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Change:
-    """What a variant changes, run by run against the default.
+    """Change by a variant, run by run against the default.
 
     runs: those compared, failed ones among them; runs_changed: those whose poses differ; success: mean change of the
     share of frames within 5 cm and 5 deg; error_ratio: geometric mean of the ratios of median position errors, NaN
@@ -103,7 +103,7 @@ def _below(value: Value, path: str) -> bool:
 
 
 def change(suite: Suite, variant: Variant, folder: Path, done: set[Path]) -> Change:
-    """What a variant changes over all runs whose default was scored; a run of it that failed located no frame."""
+    """Change by a variant over all runs whose default was scored; a run of it that failed located no frame."""
     success, ratios, differ, runs = [], [], 0, 0
     for spec in suite.sequences:
         for rate in suite.rates_hz:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence, write_manifest
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image, TrackResult
@@ -64,7 +64,7 @@ def make_sequence(folder: Path, frames: int, name: str = "arc", seed: int = 0) -
     save_structure(structure, folder)
     stamps = [i * 1_000_000_000 // RATE_HZ for i in range(frames)]
     rng = stream(seed, "noise", name)
-    truth, table = [], ["frame,stamp_ns,file"]
+    ground_truth, table = [], ["frame,stamp_ns,file"]
     for i, stamp in enumerate(stamps):
         world_from_body = looking_at_box(stamp / 1e9 + 10 * seed)
         file = f"frames/{i:06d}.png"
@@ -72,9 +72,9 @@ def make_sequence(folder: Path, frames: int, name: str = "arc", seed: int = 0) -
         cv2.imwrite(str(folder / file), image)
         table.append(f"{i},{stamp},{file}")
         numbers = [*world_from_body.translation.tolist(), *world_from_body.quaternion_wxyz.tolist(), *[0.0] * 9]
-        truth.append(",".join(map(repr, [i, stamp, *numbers])))
+        ground_truth.append(",".join(map(repr, [i, stamp, *numbers])))
     (folder / "frames.csv").write_text("\n".join(table) + "\n")
-    (folder / "truth.csv").write_text("\n".join([",".join(TRUTH_COLUMNS), *truth]) + "\n")
+    (folder / "groundtruth.csv").write_text("\n".join([",".join(GROUND_TRUTH_COLUMNS), *ground_truth]) + "\n")
     info = {
         "name": name,
         "seed": seed,

@@ -1,4 +1,4 @@
-"""What a benchmark tells beside its time: what is absent, and a figure of several rounds."""
+"""Reports of a benchmark beside its time: what is absent, and a value of several rounds."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,7 +8,7 @@ ROUNDS = 7
 
 
 def absent(benchmark: Any, why: str) -> None:
-    """Tell that what a benchmark measures, or measures against, is not there."""
+    """Report that the subject of a benchmark, or its reference, is absent."""
     benchmark.pedantic(lambda: None, rounds=1)
     benchmark.extra_info["absent"] = why
 

@@ -144,10 +144,10 @@ def _sample(tex: NDArray[np.float32], uv: Array) -> Any:
     return cv2.remap(tex, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR).reshape(-1, 3)[:n]
 
 
-def pose_error(estimate: Pose, truth: Pose) -> tuple[float, float]:
+def pose_error(estimate: Pose, ground_truth: Pose) -> tuple[float, float]:
     """Distance of the camera centres in m, angle in rad."""
-    difference = estimate @ truth.inverse()
-    centre = np.linalg.norm(estimate.inverse().translation - truth.inverse().translation)
+    difference = estimate @ ground_truth.inverse()
+    centre = np.linalg.norm(estimate.inverse().translation - ground_truth.inverse().translation)
     return float(centre), float(np.linalg.norm(difference.log()[3:]))
 
 

@@ -1,21 +1,31 @@
-"""How fast two long trajectory files are evaluated, from the command line to its table.
+"""How fast long files are read and written: trajectories of 1,000,000 poses evaluated, 1,000 frames as a bag.
 
-`pytest bench/speed/test_speed_files.py --benchmark-only`; 1,000,000 poses each, 160 MB.
+`pytest bench/speed/test_speed_files.py --benchmark-only`; 160 MB a trajectory, 1.1 GB for the bag.
 """
 
+import json
 import resource
+import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence
+from uavbench.scenes.exports.registry import export
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_tum
 
 POSES = 1_000_000
 START_NS, STEP_NS = 1_403_636_579_763_555_584, 5_000_000
+FRAMES, FRAME_STEP_NS = 1000, 33_333_333
+IMU_HZ = 200
 
 
 def test_a_million_poses_evaluated(benchmark: Any, tmp_path: Path) -> None:
@@ -43,3 +53,46 @@ def test_a_million_poses_evaluated(benchmark: Any, tmp_path: Path) -> None:
 
     benchmark.pedantic(evaluate, rounds=3)
     benchmark.extra_info["largest_memory_mb"] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+
+
+def sequence_of_gradients(folder: Path) -> Sequence:
+    """The trial's sequence with 1,000 frames of noisy gradients: their PNG files have 0.2 MB, as rendered ones do."""
+    shutil.copytree(TRIAL, folder)
+    rng = np.random.default_rng(0)
+    (folder / "camera.toml").unlink()
+    Camera.from_field_of_view(640, 480, 60).save(folder / "camera.toml")
+    across = np.linspace(0, 200, 640)[None, :, None] + np.linspace(0, 40, 480)[:, None, None]
+    names = []
+    for k in range(FRAMES):
+        image = (across + rng.integers(0, 3, (480, 640, 1)) + [0, k % 10, 5]).astype(np.uint8)
+        names.append(f"frames/{k:06d}.png")
+        cv2.imwrite(str(folder / names[-1]), image)
+    stamps = FRAME_STEP_NS * np.arange(FRAMES)
+    rows = [f"{k},{stamp},{name}" for k, (stamp, name) in enumerate(zip(stamps, names, strict=True))]
+    (folder / "frames.csv").write_text("\n".join(["frame,stamp_ns,file", *rows]) + "\n")
+    state = "0,0,1,1,0,0,0,0.1,0,0,0,0,0,0,0,0"
+    truth = [",".join(GROUND_TRUTH_COLUMNS), *(f"{k},{stamp},{state}" for k, stamp in enumerate(stamps))]
+    (folder / "groundtruth.csv").write_text("\n".join(truth) + "\n")
+    readings = [f"{stamp},0,0,0,0,0,9.81" for stamp in range(0, int(stamps[-1]), 10**9 // IMU_HZ)]
+    head = "stamp_ns,wx_rad_s,wy_rad_s,wz_rad_s,ax_m_s2,ay_m_s2,az_m_s2"
+    (folder / "imu.csv").write_text("\n".join([head, *readings]) + "\n")
+    info = json.loads((folder / "sequence.json").read_text())
+    (folder / "sequence.json").write_text(json.dumps(info | {"sensors": {"imu.csv": {"kind": "imu"}}}))
+    return Sequence.load(folder)
+
+
+def test_a_bag_of_a_thousand_frames(benchmark: Any, tmp_path: Path) -> None:
+    """`export` to MCAP, both raw and compressed; the processor's time is told beside that of the clock."""
+    sequence = sequence_of_gradients(tmp_path / "sequence")
+    cpu_s: list[float] = []
+    rounds = iter(range(100))
+
+    def write() -> None:
+        begin = time.process_time()
+        out = tmp_path / f"bag{next(rounds)}"
+        export(sequence, "mcap", out)
+        cpu_s.append(time.process_time() - begin)
+        shutil.rmtree(out)
+
+    benchmark.pedantic(write, rounds=2)
+    benchmark.extra_info["cpu_s"] = min(cpu_s)

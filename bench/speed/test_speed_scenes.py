@@ -1,6 +1,6 @@
 """Speed of rendering as it is asked for: final frames of 640 x 480 per second of one core, by processor time.
 
-A final frame has antialiasing, shadows and noise, and is written as PNG with its truth.
+A final frame has antialiasing, shadows and noise, and is written as PNG with its ground truth.
 The benchmark of two processes goes by the clock, so let nothing else run beside it.
 """
 
@@ -33,7 +33,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.simulation.flight import fly
 
 ASKED_FPS = {"box": 25.0, "bridge": 12.0}
-ALL_TRUTH = ("depth", "mask", "edges")
+ALL_ANNOTATIONS = ("depth", "mask", "edges")
 FRAMES = 40
 by_processor_time = pytest.mark.benchmark(timer=time.process_time)
 
@@ -66,7 +66,7 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
             assert light is not None
             image = encode(light)
             g._write_image(folder / "frames" / "000000.png", image)
-            g._write_frame_truth(folder, spec, 0, source, scene.built.structure, image, stamp_ns)
+            g._write_annotations(folder, spec, 0, source, scene.built.structure, image, stamp_ns)
 
         yield make
 
@@ -79,11 +79,11 @@ def timed(benchmark: Any, spec: SequenceSpec, folder: Path) -> float:
 
 
 @by_processor_time
-@pytest.mark.parametrize("truth", [(), ALL_TRUTH], ids=["pose", "all-truth"])
+@pytest.mark.parametrize("annotations", [(), ALL_ANNOTATIONS], ids=["pose", "all-annotations"])
 @pytest.mark.parametrize("suite", list(ASKED_FPS))
-def test_final_frames(benchmark: Any, tmp_path: Path, suite: str, truth: tuple[Any, ...]) -> None:
+def test_final_frames(benchmark: Any, tmp_path: Path, suite: str, annotations: tuple[Any, ...]) -> None:
     """Of a suite's first sequence, without its motion blur; the bridge has its trees and birds."""
-    fps = 1 / timed(benchmark, replace(first_of(suite), effects=(Noise(),), truth=truth), tmp_path)
+    fps = 1 / timed(benchmark, replace(first_of(suite), effects=(Noise(),), annotations=annotations), tmp_path)
     benchmark.extra_info.update(fps=fps, times_asked=fps / ASKED_FPS[suite])
 
 

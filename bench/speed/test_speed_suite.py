@@ -1,4 +1,4 @@
-"""What the harness costs over a whole suite, and what a second worker brings.
+"""Overhead of the harness over a whole suite, and speed-up by a second worker.
 
 The suite is as long as makes the start of the processes count little, as it does in any suite worth a second worker.
 """

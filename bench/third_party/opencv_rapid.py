@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 
-from uavbench.bench.third_party.peer import Peer
+from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
 
 RUNNER = Path(__file__).parent / "rapid_runner.py"
@@ -20,7 +20,7 @@ PACKAGES = ("opencv-contrib-python-headless==4.14.0.94", "numpy==2.4.6")
 
 
 @dataclass(frozen=True)
-class OpencvRapid(Peer):
+class OpencvRapid(ThirdPartyTracker):
     """OpenCV contrib's RAPID (Harris & Stennett 1990), GOS or OLS tracker.
 
     points on the model's edges, search_px to either side of each, at most so many iterations a frame.

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt
 
-from uavbench.bench.third_party.peer import Peer
+from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_file, owning
 
@@ -23,7 +23,7 @@ OPENCV = ("opencv_calib3d", "opencv_imgproc", "opencv_core")
 
 
 @dataclass(frozen=True)
-class Visp(Peer):
+class Visp(ThirdPartyTracker):
     """ViSP's model-based tracker on edges, on KLT points of the faces, or on both.
 
     range_px, edge_threshold and sample_step_px are those of its moving edges, by default as in its tutorial. scanline

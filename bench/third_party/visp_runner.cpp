@@ -112,7 +112,7 @@ static void configure(vpMbGenericTracker& tracker, const Settings& settings) {
     tracker.setDisplayFeatures(false);
 }
 
-static vpHomogeneousMatrix first_pose() {
+static vpHomogeneousMatrix initial_pose() {
     const std::string text = read("init.toml");
     const std::vector<double> m = numbers(text.substr(text.find('=') + 1));
     vpHomogeneousMatrix pose;
@@ -156,7 +156,7 @@ int main(int argc, char** argv) {
     configure(tracker, settings);
     tracker.setCameraParameters(lens.camera);
     tracker.loadModel("model.cao");
-    vpHomogeneousMatrix pose = first_pose();
+    vpHomogeneousMatrix pose = initial_pose();
     answer << "ready" << std::endl;
     vpImage<unsigned char> image;
     std::int64_t stamp_ns = 0;

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from uavbench.bench.external.program import External, track_external
-from uavbench.bench.third_party.peer import Peer
+from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import Results
@@ -19,7 +19,7 @@ from uavbench.trajectories.pose import Pose
 
 TRIAL = Path(__file__).parent / "sequence"
 CLOSE_M, CLOSE_DEG = 0.15, 10.0
-"""Poses off by more than this, where even the first pose repeated is closer, may be written by another convention."""
+"""Poses off by more than this, where even the initial pose repeated is closer, may be written by another convention."""
 FAR_M, FAR_DEG = 0.6, 45.0
 """No tracker that is given the true pose of a frame may answer so far off in it; `lsd-single` is at 0.49 m, 25 deg."""
 RIGHT = "cam_from_world, metres, w first, OpenCV axes, in the world of the model"
@@ -33,7 +33,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
     first = _run(tracker, sequence, rate_hz, kept_folder)
     faults = list(first.record["errors"])
     yield from faults
-    if faults and isinstance(tracker, External | Peer):
+    if faults and isinstance(tracker, External | ThirdPartyTracker):
         yield f"its job folder: {kept_folder}"
     yield f"frames with a pose: {int(first.ok.sum())} of {len(first)}"
     yield from _accuracy(first, sequence)
@@ -56,7 +56,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
 
 
 def _run(tracker: Tracker, sequence: Sequence, rate_hz: float, kept_folder: Path) -> Results:
-    if isinstance(tracker, Peer):
+    if isinstance(tracker, ThirdPartyTracker):
         return _run(tracker.present(), sequence, rate_hz, kept_folder)
     if isinstance(tracker, External):
         return track_external(tracker, sequence, rate_hz=rate_hz, seed=0, kept_folder=kept_folder)
@@ -101,7 +101,7 @@ def _pairs(results: Results, sequence: Sequence) -> list[tuple[Pose, Pose]]:
 
 def _median_error(pairs: list[tuple[Pose, Pose]], reading: "Reading", sequence: Sequence) -> tuple[float, float]:
     """Median distance in m and median angle in degrees of poses that are read in a way."""
-    errors = [_error(reading.of(estimate, sequence.cam_from_body), truth) for estimate, truth in pairs]
+    errors = [_error(reading.of(estimate, sequence.cam_from_body), ground_truth) for estimate, ground_truth in pairs]
     metres, degrees = np.median(errors, axis=0).tolist()
     return metres, degrees
 
@@ -110,10 +110,10 @@ def _is_close(metres: float, degrees: float) -> bool:
     return metres <= CLOSE_M and degrees <= CLOSE_DEG
 
 
-def _error(estimate: Pose, truth: Pose) -> tuple[float, float]:
+def _error(estimate: Pose, ground_truth: Pose) -> tuple[float, float]:
     """Distance of the camera centres in m and angle in degrees."""
-    metres = np.linalg.norm(estimate.inverse().translation - truth.inverse().translation)
-    return float(metres), float(np.degrees(np.linalg.norm((estimate @ truth.inverse()).log()[3:])))
+    metres = np.linalg.norm(estimate.inverse().translation - ground_truth.inverse().translation)
+    return float(metres), float(np.degrees(np.linalg.norm((estimate @ ground_truth.inverse()).log()[3:])))
 
 
 def _same(a: Pose | None, b: Pose | None) -> bool:

@@ -2,7 +2,7 @@
 //
 // Its folder holds what a tracker may know: camera.toml, model.obj, edges.csv, init.toml. Frames come on standard input as a
 // line `frame,STAMP_NS,WIDTH,HEIGHT,CHANNELS` and then the rows of pixels; one line of answer for each goes to standard
-// output. This one repeats the first pose, and says `lost` when the frame is blank: put your own method into track().
+// output. This one repeats the initial pose, and says `lost` when the frame is blank: put your own method into track().
 
 #include <array>
 #include <cmath>
@@ -21,7 +21,7 @@ static std::string read(const std::string& path) {
     return {std::istreambuf_iterator<char>(file), {}};
 }
 
-static Matrix first_pose() {  // cam_from_model = [[..], [..], [..], [..]]: the sixteen numbers after the `=`
+static Matrix initial_pose() {  // cam_from_model = [[..], [..], [..], [..]]: the sixteen numbers after the `=`
     std::string text = read("init.toml");
     text.erase(0, text.find('=') + 1);
     for (char& c : text)
@@ -66,7 +66,7 @@ private:
 
 int main() {
     std::ios::sync_with_stdio(false);
-    Tracker tracker(first_pose());
+    Tracker tracker(initial_pose());
     std::cout.precision(15);
     std::cout << "ready" << std::endl;
     std::string line;

@@ -15,7 +15,7 @@ SPACING, REACH, PASSES = 1 / 80, 1 / 40, 4  # of the image's width: between cont
 
 
 def read_job():
-    """Camera matrix, distortion, vertices, a triangle of each planar face, edges and the first pose."""
+    """Camera matrix, distortion, vertices, a triangle of each planar face, edges and the initial pose."""
     camera = tomllib.loads(Path("camera.toml").read_text())
     K = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]])
     distortion = np.array(camera["distortion"] or [0.0] * 4)

@@ -1,37 +1,21 @@
 """`uavbench.evaluate`: two trajectories in, their errors out."""
 
-from pathlib import Path
+from typing import Unpack
 
-from uavbench.reports.evaluation.evaluate import Evaluation, Mode, evaluate_files
+from uavbench.reports.evaluation.evaluate import EvaluateOptions, Evaluation, evaluate_files
 from uavbench.reports.evaluation.given import Given
-from uavbench.reports.metrics.align import Alignment
-from uavbench.reports.metrics.association import Association
-from uavbench.reports.metrics.rpe import Unit
 
 
-def evaluate(
-    reference: Given,
-    estimate: Given,
-    *,
-    align: Alignment | None = None,
-    mode: Mode = "uavbench",
-    association: Association | None = None,
-    max_difference_s: float | None = None,
-    t_offset_s: float = 0.0,
-    delta: float | None = None,
-    unit: Unit | None = None,
-    all_pairs: bool | None = None,
-    mount: str | Path | None = None,
-) -> Evaluation:
+def evaluate(reference: Given, estimate: Given, **options: Unpack[EvaluateOptions]) -> Evaluation:
     """Errors of an estimated trajectory against a reference: ATE, RPE, coverage, and errors pose by pose.
 
     reference, estimate: each a path (TUM, EuRoC, KITTI or uavbench's own file, or a folder that holds one), a
     `Trajectory`, an array (n, 8) of time in s, position x y z in m and quaternion x y z w as in a TUM file, or a
     DataFrame with the columns stamp_ns (integers) or time_s, px_m py_m pz_m, qw qx qy qz. Both hold poses of the same
-    frame, `world_from_body` or `world_from_cam`; where files say different ones, `mount` names a sequence's folder.
+    frame, `world_from_body` or `world_from_cam`; where files declare different ones, `mount` names a sequence's folder.
     align: `none`, `yaw`, `se3` or `sim3`. mode: defaults that repeat a known tool, `uavbench`, `evo`, `tum`, `kitti` or
-    `rpg`; what is given here goes before them. t_offset_s is added to the stamps of the estimate; poses are paired
-    when at most max_difference_s apart. delta and unit (`frames`, `s`, `m`, ...): the stretch of the RPE.
+    `rpg`; options given here override them. t_offset_s is added to the stamps of the estimate; poses are paired
+    when at most max_difference_s apart. delta and unit (`frames`, `s`, `m`, ...): the pair interval of the RPE.
 
     Result: `.ate["translation_m"].rmse`, `.ate["rotation_deg"].median`, `.rpe` likewise (None where the trajectory is
     too short), `.coverage`, `.frames()` a DataFrame, `.plot(axes)`. UserError when the two cannot be compared.
@@ -48,16 +32,4 @@ def evaluate(
     >>> list(evaluate(reference, estimate).frames())[:4]
     ['stamp_ns', 'time_s', 'position_error_m', 'rotation_error_deg']
     """
-    return evaluate_files(
-        reference,
-        estimate,
-        align=align,
-        mode=mode,
-        association=association,
-        max_difference_s=max_difference_s,
-        t_offset_s=t_offset_s,
-        delta=delta,
-        unit=unit,
-        all_pairs=all_pairs,
-        mount=None if mount is None else Path(mount),
-    )
+    return evaluate_files(reference, estimate, **options)

@@ -6,7 +6,7 @@ A mode is a set of defaults that repeats what a known tool does; options that ar
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from uavbench.reports.evaluation.trajectory_files import Found, mount_of
 from uavbench.reports.metrics.align import Alignment, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes
 from uavbench.reports.metrics.association import NS, Association, PosePairs, associate
-from uavbench.reports.metrics.rpe import Stretch, Unit, motion_error_sizes, stretches
+from uavbench.reports.metrics.rpe import PairInterval, Unit, interval_pairs, motion_error_sizes
 from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.tracker.versions import versions
@@ -30,34 +30,35 @@ if TYPE_CHECKING:
     from uavbench.reports.evaluation.panels import Quantity
 
 Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
+OWN_MODE: Mode = "uavbench"
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How two trajectories are compared."""
+    """Options of a comparison of two trajectories."""
 
     align: Alignment = "none"
     association: Association = "one-to-one"
     max_difference_s: float = 0.01
     offset_s: float = 0.0
-    stretch: Stretch = field(default_factory=Stretch)
+    interval: PairInterval = field(default_factory=PairInterval)
     segments: Literal["none", "kitti", "rpg"] = "none"
 
 
 MODES: dict[str, Options] = {
     "uavbench": Options(),
-    "evo": Options(association="evo", stretch=Stretch(pairs_from="estimate")),
-    "tum": Options(align="se3", max_difference_s=0.02, stretch=Stretch(1.0, "s", all_pairs=True)),
+    "evo": Options(association="evo", interval=PairInterval(pairs_from="estimate")),
+    "tum": Options(align="se3", max_difference_s=0.02, interval=PairInterval(1.0, "s", all_pairs=True)),
     "kitti": Options(segments="kitti"),
     "rpg": Options(align="yaw", association="evo", max_difference_s=0.02, segments="rpg"),
 }
-"""What each mode stands for: evo 1.38 (Grupp), the TUM RGB-D scripts, the KITTI devkit, rpg_trajectory_evaluation."""
+"""Conventions of each mode: evo 1.38 (Grupp), the TUM RGB-D scripts, the KITTI devkit, rpg_trajectory_evaluation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one stretch.
+    """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one pair interval.
 
     coverage: poses matched over the poses that the sparser of the two files would have over the reference's time span.
     """
@@ -115,8 +116,8 @@ class Evaluation:
             "",
             f"{'':<28}" + "".join(f"{name:>12}" for name in names) + f"{'n':>9}",
         ]
-        stretch = f"{record['delta']:g} {record['unit']}"
-        tables = {"ATE": self.ate, f"RPE {stretch}": self.rpe or {}}
+        interval = f"{record['delta']:g} {record['unit']}"
+        tables = {"ATE": self.ate, f"RPE {interval}": self.rpe or {}}
         for title, summaries in tables.items():
             for name, summary in summaries.items():
                 values = "".join(f"{getattr(summary, key):>12.6g}" for key in names)
@@ -127,69 +128,61 @@ class Evaluation:
                 f"{each.rotation_deg_per_m.mean:.4g} deg/m (means of {each.translation_m.n})"
             )
         if self.rpe is None:
-            lines.append(f"RPE: the trajectory is too short for a stretch of {stretch}")
+            lines.append(f"RPE: the trajectory is too short for a pair interval of {interval}")
         return "\n".join(lines) + "\n"
 
 
-def evaluate_files(
-    reference: Given,
-    estimate: Given,
-    *,
-    align: Alignment | None = None,
-    delta: float | None = None,
-    unit: Unit | None = None,
-    t_offset_s: float = 0.0,
-    max_difference_s: float | None = None,
-    association: Association | None = None,
-    all_pairs: bool | None = None,
-    pairs_from: Literal["reference", "estimate"] | None = None,
-    mode: Mode = "uavbench",
-    reference_format: str | None = None,
-    estimate_format: str | None = None,
-    mount: Path | None = None,
-    ignore_frames: bool = False,
-    plot: Path | None = None,
-) -> Evaluation:
+class EvaluateOptions(TypedDict, total=False):
+    """Options of `evaluate_files`; those not given are of `mode`.
+
+    align; association and max_difference_s: how stamps are paired; t_offset_s: added to the stamps of the estimate;
+    delta, unit, all_pairs, pairs_from: pair interval of the RPE; mode: conventions of a known tool;
+    reference_format, estimate_format: of the two files, recognized where not given; mount: a sequence folder, whose
+    mount turns the estimate into the frame that the reference declares; ignore_frames: although the two name their
+    frames differently; plot: .pdf or .png file to draw into.
+    """
+
+    align: Alignment | None
+    association: Association | None
+    max_difference_s: float | None
+    t_offset_s: float
+    delta: float | None
+    unit: Unit | None
+    all_pairs: bool | None
+    pairs_from: Literal["reference", "estimate"] | None
+    mode: Mode
+    reference_format: str | None
+    estimate_format: str | None
+    mount: str | Path | None
+    ignore_frames: bool
+    plot: Path | None
+
+
+def evaluate_files(reference: Given, estimate: Given, **options: Unpack[EvaluateOptions]) -> Evaluation:
     """Evaluation of two trajectories: files of TUM, KITTI, EuRoC or uavbench itself, folders that hold one, or `Given`.
 
-    A topic of a ROS 2 bag is named as `bag.mcap:/odom`, a transform as `bag.mcap:/tf:world.base_link`. t_offset_s is
-    added to the stamps of the estimate. Files without stamps (KITTI) are paired row by row. `mount` is a sequence
-    folder whose mount turns the estimate into the frame that the reference says. `plot`: a figure of paths and errors
-    is written there (.pdf or .png). UserError for a user's mistake, and for two files that say different frames,
-    unless ignore_frames: the names differ, and the frames do not.
+    A topic of a ROS 2 bag is named as `bag.mcap:/odom`, a transform as `bag.mcap:/tf:world.base_link`. Files without
+    stamps (KITTI) are paired row by row. UserError for a user's mistake, and for two files that declare different
+    frames, unless ignore_frames: the names differ, and the frames do not.
     """
-    if mode not in MODES:
-        raise unknown_name("mode", mode, list(MODES))
+    chosen, plot, mount = _options(options), options.get("plot"), options.get("mount")
     if plot is not None and plot.suffix not in (".pdf", ".png"):
         raise UserError(f"{plot}: a plot is written as .pdf or .png")
     if plot is not None:
         from uavbench.reports.style import refuse_foreign_figure
 
         refuse_foreign_figure(plot.with_suffix(""), [plot.suffix])
-    preset = MODES[mode]
-    options = Options(
-        align=_given(align, preset.align),
-        association=_given(association, preset.association),
-        max_difference_s=_given(max_difference_s, preset.max_difference_s),
-        offset_s=t_offset_s,
-        stretch=Stretch(
-            _given(delta, preset.stretch.delta),
-            _given(unit, preset.stretch.unit),
-            _given(all_pairs, preset.stretch.all_pairs),
-            _given(pairs_from, preset.stretch.pairs_from),
-        ),
-        segments=preset.segments,
-    )
     with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
-        formats = (reference_format, estimate_format)
+        formats = (options.get("reference_format"), options.get("estimate_format"))
         first, second = pool.map(found_in, (reference, estimate), ("reference", "estimate"), formats)
-    second = second if ignore_frames else _in_one_frame(first, second, mount, options.align)
+    if not options.get("ignore_frames"):
+        second = _in_one_frame(first, second, None if mount is None else Path(mount), chosen.align)
     p, q = first.trajectory, second.trajectory
     if not (first.stamped and second.stamped):
         p, q = paired_by_row(p, q, name_of(reference, "reference"), name_of(estimate, "estimate"))
-    files = {"mode": mode, "reference": _about(first), "estimate": _about(second)}
+    files = {"mode": options.get("mode", OWN_MODE), "reference": _about(first), "estimate": _about(second)}
     try:
-        found = evaluate(p, q, options, files)
+        found = evaluate(p, q, chosen, files)
     except UserError as error:
         raise UserError(f"{name_of(reference, 'reference')} against {name_of(estimate, 'estimate')}: {error}") from None
     if plot is not None:
@@ -197,6 +190,30 @@ def evaluate_files(
 
         plot_evaluation(found.pairs, found.ate, found.record["align"], plot)
     return found
+
+
+def _options(given: EvaluateOptions) -> Options:
+    """Options as given, the others of the mode; UserError for an unknown name."""
+    for name in given:
+        if name not in EvaluateOptions.__annotations__:
+            raise unknown_name("option", name, list(EvaluateOptions.__annotations__))
+    mode = given.get("mode", OWN_MODE)
+    if mode not in MODES:
+        raise unknown_name("mode", mode, list(MODES))
+    preset = MODES[mode]
+    return Options(
+        align=_given(given.get("align"), preset.align),
+        association=_given(given.get("association"), preset.association),
+        max_difference_s=_given(given.get("max_difference_s"), preset.max_difference_s),
+        offset_s=given.get("t_offset_s", 0.0),
+        interval=PairInterval(
+            _given(given.get("delta"), preset.interval.delta),
+            _given(given.get("unit"), preset.interval.unit),
+            _given(given.get("all_pairs"), preset.interval.all_pairs),
+            _given(given.get("pairs_from"), preset.interval.pairs_from),
+        ),
+        segments=preset.segments,
+    )
 
 
 def evaluate(
@@ -209,8 +226,8 @@ def evaluate(
     found = alignment(pairs, options.align)
     if options.align != "none":
         pairs = found.apply(pairs)
-    stretch = options.stretch
-    i, j = stretches(pairs, stretch)
+    interval = options.interval
+    i, j = interval_pairs(pairs, interval)
     position_m, rotation_rad = pose_error_sizes(pairs)
     motion_m, turn_rad = motion_error_sizes(pairs, i, j)
     lengths: tuple[float, ...] = ()
@@ -242,10 +259,10 @@ def evaluate(
                 "rotation": found.rotation.tolist(),
                 "translation_m": found.translation.tolist(),
             },
-            "delta": stretch.delta,
-            "unit": stretch.unit,
-            "all_pairs": stretch.all_pairs,
-            "pairs_from": stretch.pairs_from,
+            "delta": interval.delta,
+            "unit": interval.unit,
+            "all_pairs": interval.all_pairs,
+            "pairs_from": interval.pairs_from,
             "std_ddof": 0,
             "coverage": "matched / poses of the sparser file over the reference's span",
             "versions": versions(),
@@ -308,7 +325,7 @@ def _ends(frame: str) -> tuple[str, str]:
 
 
 def _about(found: Found) -> dict[str, Any]:
-    """What the record says of a file."""
+    """The record's entry of a file."""
     frame = found.frame or "frame not said"
     return {"file": str(found.file), "format": found.format, "poses": len(found.trajectory), "frame": frame}
 

@@ -7,7 +7,7 @@ import numpy as np
 from uavbench.reports.metrics.association import NS, PosePairs
 from uavbench.reports.metrics.quaternions import angle, between, norm
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
-from uavbench.reports.style import TRUTH, colour, house_style, line, new_figure, save_figure
+from uavbench.reports.style import GROUND_TRUTH, colour, house_style, line, new_figure, save_figure
 
 
 def plot_evaluation(pairs: PosePairs, ate: dict[str, ErrorSummary], align: str, path: Path) -> None:
@@ -22,7 +22,7 @@ def plot_evaluation(pairs: PosePairs, ate: dict[str, ErrorSummary], align: str, 
         figure = new_figure(2.6)
         grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.6])
         above = figure.add_subplot(grid[:, 0])
-        above.plot(*pairs.reference_m[:, :2].T, color=TRUTH, lw=1.4, label="reference")
+        above.plot(*pairs.reference_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="reference")
         above.plot(*pairs.estimate_m[:, :2].T, label=f"estimate, aligned: {align}", **line(1))
         above.set_aspect("equal", adjustable="datalim")
         above.set_xlabel("x (m)")
@@ -34,7 +34,7 @@ def plot_evaluation(pairs: PosePairs, ate: dict[str, ErrorSummary], align: str, 
             (below, degrees, "rotation_deg", "rotation error (deg)"),
         ):
             panel.plot(t, values, color=colour(1), lw=0.7)
-            panel.axhline(ate[key].rmse, color=TRUTH, lw=0.7, ls=":")
+            panel.axhline(ate[key].rmse, color=GROUND_TRUTH, lw=0.7, ls=":")
             panel.set_title(f"RMSE {ate[key].rmse:.4g} (dotted)", loc="right", fontsize=7, pad=2)
             panel.set_ylabel(name)
             panel.set_ylim(bottom=0)

@@ -44,7 +44,7 @@ def found_in(given: Given, side: str, format: str | None = None) -> Found:
 
 
 def name_of(given: Given, side: str) -> str:
-    """What errors call it: its path, or the side that it is."""
+    """Its name in error messages: its path, or its side."""
     return str(given) if isinstance(given, str | Path) else f"the {side}"
 
 

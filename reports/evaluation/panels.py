@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from uavbench.reports.metrics.ape import pose_error_sizes
 from uavbench.reports.metrics.association import NS, PosePairs
-from uavbench.reports.style import TRUTH, colour, given_axes, line
+from uavbench.reports.style import GROUND_TRUTH, colour, given_axes, line
 from uavbench.trajectories.errors import unknown_name
 
 Quantity = Literal["position", "rotation", "path"]
@@ -19,7 +19,7 @@ def draw(pairs: PosePairs, quantity: Quantity, axes: Axes | None = None) -> Axes
         raise unknown_name("quantity", quantity, list(get_args(Quantity)))
     panel = given_axes(axes)
     if quantity == "path":
-        panel.plot(*pairs.reference_m[:, :2].T, color=TRUTH, lw=1.4, label="reference")
+        panel.plot(*pairs.reference_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="reference")
         panel.plot(*pairs.estimate_m[:, :2].T, label="estimate", **line(1))
         panel.set_aspect("equal", adjustable="datalim")
         panel.set_xlabel("x (m)")
@@ -30,7 +30,7 @@ def draw(pairs: PosePairs, quantity: Quantity, axes: Axes | None = None) -> Axes
     values = position_m if quantity == "position" else np.degrees(rotation_rad)
     rmse = float(np.sqrt(np.mean(values**2)))
     panel.plot((pairs.stamps_ns - pairs.stamps_ns[0]) / NS, values, color=colour(1), lw=0.7)
-    panel.axhline(rmse, color=TRUTH, lw=0.7, ls=":", label=f"RMSE {rmse:.4g}")
+    panel.axhline(rmse, color=GROUND_TRUTH, lw=0.7, ls=":", label=f"RMSE {rmse:.4g}")
     panel.set_xlabel("time (s)")
     panel.set_ylabel(f"{quantity} error ({'m' if quantity == 'position' else 'deg'})")
     panel.set_ylim(bottom=0)

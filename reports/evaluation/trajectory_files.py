@@ -1,4 +1,4 @@
-"""Whatever holds a trajectory, as a file or a folder, read with what it says of its frame."""
+"""Trajectories from any file or folder that holds one, with the frame that it declares."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +18,7 @@ from uavbench.trajectories.trajectory_files.formats import declared_frame, guess
 POSE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 """Pose of the tables that uavbench writes: `world_from_body`; beside a `status` it is a tracker's `cam_from_world`."""
 IN_FOLDERS = (
-    "truth.csv",
+    "groundtruth.csv",
     "estimate_world_from_body.tum",
     "estimate_world_from_cam.tum",
     "mav0/state_groundtruth_estimate0/data.csv",
@@ -117,7 +117,7 @@ def _is_table(path: Path) -> bool:
 
 
 def _of_table(path: Path) -> Found:
-    """Trajectory of truth.csv, flight.csv or a tracker's frames.csv."""
+    """Trajectory of groundtruth.csv, flight.csv or a tracker's frames.csv."""
     rows = read_table(path, ["stamp_ns"])
     columns = list(rows[0]) if rows else []
     if not rows or any(name not in columns for name in POSE):

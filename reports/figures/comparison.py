@@ -14,7 +14,7 @@ from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
 from uavbench.reports.metrics.frame_errors import SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import TRUTH, colour, line, marker
+from uavbench.reports.style import GROUND_TRUTH, colour, line, marker
 
 HATCHES = ("", "////", "....", "xxxx")
 
@@ -57,8 +57,8 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
         panel.set_ylim(bottom, max(high, 10 * bottom))
         panel.yaxis.set_minor_formatter(NullFormatter())
         panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    panels[0].axhline(100 * SUCCESS_M, color=TRUTH, lw=0.6, ls=":")
-    panels[1].axhline(5, color=TRUTH, lw=0.6, ls=":")
+    panels[0].axhline(100 * SUCCESS_M, color=GROUND_TRUTH, lw=0.6, ls=":")
+    panels[1].axhline(5, color=GROUND_TRUTH, lw=0.6, ls=":")
     for panel in panels[2:]:
         panel.set_ylim(0, 105)
     swatches = [
@@ -99,7 +99,7 @@ def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
 
 
 def draw_success_curves(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
-    """Share of all frames within a distance of the truth, with the area under each curve up to 10 cm."""
+    """Share of all frames within a distance of the ground truth, with the area under each curve up to 10 cm."""
     limits = np.linspace(0, AUC_LIMIT_M, 201)
     curves = []
     for run_name in dict.fromkeys(run.name for run in runs):
@@ -110,7 +110,7 @@ def draw_success_curves(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
         style = line(group[0].colour, slower=group[0].score.rate_hz < max(run.score.rate_hz for run in runs))
         label = f"{group[0].title}: {success_auc(errors):.2f}"
         panel.plot(100 * limits, 100 * curve, label=label, **style)
-    panel.axvline(100 * SUCCESS_M, color=TRUTH, lw=0.6, ls=":")
+    panel.axvline(100 * SUCCESS_M, color=GROUND_TRUTH, lw=0.6, ls=":")
     panel.set_xlim(0, 100 * AUC_LIMIT_M)
     panel.set_ylim(0, 102)
     panel.set_xlabel("position error threshold (cm)")

@@ -17,7 +17,7 @@ from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, nees
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import Comparison, Ranks, hierarchical_interval, least_units
-from uavbench.reports.style import TRUTH, colour, line, marker, panel_letter
+from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
 from uavbench.trajectories.pose import Array
 
 
@@ -28,16 +28,16 @@ def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, wh
 
 
 def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str, panel: Axes) -> Drawn:
-    """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not tell apart."""
+    """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not distinguish."""
     names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
     k, half = len(names), (len(names) + 1) // 2
     reach = 0.45 * k
     panel.set_xlim(1 - reach, k + reach)
     panel.set_ylim(-half - 1.7, 2.0)
     panel.axis("off")
-    panel.plot([1, k], [0, 0], color=TRUTH, lw=0.8)
+    panel.plot([1, k], [0, 0], color=GROUND_TRUTH, lw=0.8)
     for tick in range(1, k + 1):
-        panel.plot([tick, tick], [0, 0.15], color=TRUTH, lw=0.8)
+        panel.plot([tick, tick], [0, 0.15], color=GROUND_TRUTH, lw=0.8)
         panel.text(tick, 0.25, str(tick), ha="center", va="bottom", fontsize=7)
     for place, name in enumerate(names):
         at_left = place < half
@@ -52,7 +52,9 @@ def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str
         height = -0.28 - 0.2 * level
         panel.plot([min(ends) - 0.04, max(ends) + 0.04], [height] * 2, color="#444444", lw=2.2, solid_capstyle="butt")
     width = min(found.critical_difference, k - 1)
-    panel.plot([1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=TRUTH, lw=0.9)
+    panel.plot(
+        [1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=GROUND_TRUTH, lw=0.9
+    )
     known = f"CD = {found.critical_difference:.2f}"
     text = known if np.isfinite(found.critical_difference) else f"CD: n/a, {least_units()} runs are needed"
     panel.text(1 + width / 2, 1.45, text, va="bottom", ha="center", fontsize=7)
@@ -68,7 +70,7 @@ def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, w
 
 
 def draw_win_table(names: ListOf[str], comparisons: ListOf[Comparison], what: str, panel: Axes) -> Drawn:
-    """How often the row beats the column, in percent; a star where the difference stands at the 5 % level."""
+    """How often the row beats the column, in percent; a star where the difference is significant at the 5 % level."""
     wins = np.full((len(names), len(names)), np.nan)
     star = np.zeros(wins.shape, dtype=bool)
     for c in comparisons:
@@ -142,7 +144,7 @@ def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
     """NEES of every run that claims a covariance, with the central 95 % of chi-square for 6 degrees of freedom."""
     low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM)) for p in (0.025, 0.975))
     panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of an honest tracker")
-    panel.axhline(DEGREES_OF_FREEDOM, color=TRUTH, lw=0.7, ls=":")
+    panel.axhline(DEGREES_OF_FREEDOM, color=GROUND_TRUTH, lw=0.7, ls=":")
     rows: list[list[Any]] = []
     fastest_hz = max((run.score.rate_hz for run in runs), default=0.0)
     for run in runs:
@@ -172,7 +174,7 @@ def draw_error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int
         share = 100 * np.arange(1, len(known) + 1) / len(values)
         panel.plot(known, share, label=f"{name}: {_median(values)}", **line(colours.get(name, 0)))
         rows += [[name, ratio, s / 100] for ratio, s in zip(known.tolist(), share.tolist(), strict=True)]
-    panel.axvline(1, color=TRUTH, lw=0.7, ls=":")
+    panel.axvline(1, color=GROUND_TRUTH, lw=0.7, ls=":")
     panel.set_xscale("log")
     panel.set_xlim(left=max(panel.get_xlim()[0], 0.02))
     panel.set_ylim(0, 102)

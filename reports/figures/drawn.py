@@ -1,4 +1,4 @@
-"""What every figure is made of: a function that draws on an Axes or a Figure, and one that writes it for the report."""
+"""Parts of every figure: a function that draws on an Axes or a Figure, and one that writes it for the report."""
 
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Sequence as ListOf

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # typ
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.figures.space import limits
-from uavbench.reports.style import LOSS, TRUTH, panel_letter
+from uavbench.reports.style import GROUND_TRUTH, LOSS, panel_letter
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_table
@@ -37,16 +37,16 @@ def draw_flight(sequence: Sequence, figure: Figure | SubFigure) -> Drawn:
     _draw_space(solid, sequence, gnss)
     top, middle, bottom = (figure.add_subplot(grid[i, 1]) for i in range(3))
     t = (sequence.stamps_ns - sequence.stamps_ns[0]) / 1e9
-    truth = sequence.truth_table
-    top.plot(t, truth[:, 4], color=TRUTH)
+    ground_truth = sequence.ground_truth_table
+    top.plot(t, ground_truth[:, 4], color=GROUND_TRUTH)
     top.set_ylabel("height (m)")
-    middle_m = float(truth[:, 4].max() + truth[:, 4].min()) / 2
-    half_m = max(0.55 * float(np.ptp(truth[:, 4])), 0.1)
+    middle_m = float(ground_truth[:, 4].max() + ground_truth[:, 4].min()) / 2
+    half_m = max(0.55 * float(np.ptp(ground_truth[:, 4])), 0.1)
     top.set_ylim(middle_m - half_m, middle_m + half_m)
-    middle.plot(t, np.linalg.norm(truth[:, 9:12], axis=1), color=TRUTH)
+    middle.plot(t, np.linalg.norm(ground_truth[:, 9:12], axis=1), color=GROUND_TRUTH)
     middle.set_ylabel("speed (m/s)")
     if gnss is None:
-        bottom.plot(t, np.degrees(np.linalg.norm(truth[:, 12:15], axis=1)), color=TRUTH)
+        bottom.plot(t, np.degrees(np.linalg.norm(ground_truth[:, 12:15], axis=1)), color=GROUND_TRUTH)
         bottom.set_ylabel("rate (\N{DEGREE SIGN}/s)")
     else:
         bottom.step(gnss[:, 0], gnss[:, 1], where="post", color=FIX)
@@ -61,7 +61,10 @@ def draw_flight(sequence: Sequence, figure: Figure | SubFigure) -> Drawn:
     top.tick_params(labelbottom=False)
     middle.tick_params(labelbottom=False)
     bottom.set_xlabel("time (s)")
-    rows = [[s, *p, *q] for s, p, q in zip(t.tolist(), truth[:, 2:5].tolist(), truth[:, 5:9].tolist(), strict=True)]
+    rows = [
+        [s, *p, *q]
+        for s, p, q in zip(t.tolist(), ground_truth[:, 2:5].tolist(), ground_truth[:, 5:9].tolist(), strict=True)
+    ]
     return Drawn(columns=["t_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"], rows=rows, legend=None)
 
 
@@ -88,7 +91,7 @@ def frustum(camera: Camera, cam_from_world: Pose, depth_m: float) -> Array:
 
 
 def _draw_space(solid: Any, sequence: Sequence, gnss: Array | None) -> None:
-    structure, p = sequence.structure, sequence.truth.positions_m
+    structure, p = sequence.structure, sequence.ground_truth.positions_m
     low, high = limits(structure, p)
     faces = structure.vertices[structure.triangles]
     solid.add_collection3d(Poly3DCollection(faces, facecolor="#DDD6CB", edgecolor="none", alpha=0.35))
@@ -100,7 +103,7 @@ def _draw_space(solid: Any, sequence: Sequence, gnss: Array | None) -> None:
         lines = frustum(sequence.camera, sequence.true_cam_from_world(frame), depth)
         solid.add_collection3d(Line3DCollection(lines, colors="#735F0C", linewidths=0.5))
     if gnss is None:
-        solid.plot(*p.T, color=TRUTH, lw=1.4)
+        solid.plot(*p.T, color=GROUND_TRUTH, lw=1.4)
     else:
         t = (sequence.stamps_ns - sequence.stamps_ns[0]) / 1e9
         fixed = gnss[np.clip(np.searchsorted(gnss[:, 0], t, side="right") - 1, 0, None), 2] > 0
@@ -110,7 +113,7 @@ def _draw_space(solid: Any, sequence: Sequence, gnss: Array | None) -> None:
             kept = np.where((here | np.roll(here, 1))[:, None] & (np.arange(len(p)) > 0)[:, None], p, np.nan)
             solid.plot(*kept.T, color=ink, lw=1.8, label=label, linestyle="-" if label == "GNSS fix" else (0, (2, 0.8)))
         solid.legend(loc="upper left", bbox_to_anchor=(0.0, 0.95))
-    solid.plot(*p[:1].T, marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none")
+    solid.plot(*p[:1].T, marker="o", ms=4.5, color=GROUND_TRUTH, mfc="white", ls="none")
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(solid, f"set_{axis}lim")(a, b)
         if axis != "z":  # the label of the upright axis would lie on the panels beside it

@@ -48,15 +48,15 @@ def edge_pictures(run: ScoredRun, stem: Path) -> list[Path]:
 
 
 def next_frame_pictures(run: ScoredRun, stem: Path) -> list[Path]:
-    """The model at the pose of one tracked frame (green), projected on the next one; white is the truth there."""
+    """The model at the pose of one tracked frame (green), projected on the next one; white: ground truth there."""
     pictures, titles, rows = [], [], []
     for row in chosen_rows(run):
         if row + 1 >= len(run.results):
             continue
         now, later = int(run.results.frames[row]), int(run.results.frames[row + 1])
-        estimate, truth = run.results.rows[row].cam_from_world, run.sequence.true_cam_from_world(later)
+        estimate, ground_truth = run.results.rows[row].cam_from_world, run.sequence.true_cam_from_world(later)
         view = view_of(run, later)
-        pictures.append(view.overlay(estimate, truth))
+        pictures.append(view.overlay(estimate, ground_truth))
         titles.append(f"pose of frame {now} on frame {later}")
         rows.append([now, later])
     return picture_row(pictures, titles, stem, ["pose_of_frame", "drawn_on_frame"], rows)

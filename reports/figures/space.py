@@ -14,10 +14,10 @@ from matplotlib.ticker import MaxNLocator
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.figures.time import finite, nice_log
-from uavbench.reports.metrics.rpe import Stretch, relative_errors, stretches
+from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors
 from uavbench.reports.metrics.sub_trajectories import distance_along
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import TRUTH, colour, line, panel_letter
+from uavbench.reports.style import GROUND_TRUTH, colour, line, panel_letter
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array
 
@@ -34,13 +34,13 @@ def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
     flat = figure.add_subplot(1, 2, 2)
     sequence = runs[0].sequence
-    truth = sequence.truth.positions_m
+    ground_truth = sequence.ground_truth.positions_m
     draw_paths_from_above(runs, flat)
     edges = np.insert(sequence.structure.edge_segments, 2, np.nan, axis=1).reshape(-1, 3)
     solid.plot(*edges.T, color="#8A7F70", lw=0.6)
-    solid.plot(*truth.T, color=TRUTH, lw=1.4)
-    rows: list[list[Any]] = [["truth", i, *p] for i, p in enumerate(truth.tolist())]
-    low, high = limits(sequence.structure, truth)
+    solid.plot(*ground_truth.T, color=GROUND_TRUTH, lw=1.4)
+    rows: list[list[Any]] = [["ground truth", i, *p] for i, p in enumerate(ground_truth.tolist())]
+    low, high = limits(sequence.structure, ground_truth)
     for run in runs:
         p = run.errors.pairs.estimate_m
         inside = np.logical_and(p >= low, p <= high).all(axis=1)
@@ -62,13 +62,13 @@ def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
 def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
     """True and estimated paths of one sequence over the structure, from above; metres."""
     sequence = runs[0].sequence
-    truth = sequence.truth.positions_m
+    ground_truth = sequence.ground_truth.positions_m
     outline(panel, sequence.structure)
-    panel.plot(truth[:, 0], truth[:, 1], color=TRUTH, lw=1.6, label="truth")
-    panel.plot(*truth[0, :2], marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none", label="start")
+    panel.plot(ground_truth[:, 0], ground_truth[:, 1], color=GROUND_TRUTH, lw=1.6, label="ground truth")
+    panel.plot(*ground_truth[0, :2], marker="o", ms=4.5, color=GROUND_TRUTH, mfc="white", ls="none", label="start")
     for run in runs:
         panel.plot(*run.errors.pairs.estimate_m[:, :2].T, label=run.title, **_path_style(run))
-    low, high = limits(sequence.structure, truth)
+    low, high = limits(sequence.structure, ground_truth)
     panel.set_aspect("equal")
     panel.set_xlim(low[0], high[0])
     panel.set_ylim(low[1], high[1])
@@ -92,10 +92,10 @@ def outline(panel: Axes, structure: Structure) -> None:
     panel.add_collection(LineCollection(segments, colors="#8A7F70", linewidths=0.7, zorder=1.5))
 
 
-def limits(structure: Structure, truth: Array) -> tuple[Array, Array]:
+def limits(structure: Structure, ground_truth: Array) -> tuple[Array, Array]:
     """Lowest and highest corner (3,) around the structure and the true path; what strays farther is cut."""
-    low = np.minimum(structure.bounds[0], truth.min(axis=0))
-    high = np.maximum(structure.bounds[1], truth.max(axis=0))
+    low = np.minimum(structure.bounds[0], ground_truth.min(axis=0))
+    high = np.maximum(structure.bounds[1], ground_truth.max(axis=0))
     margin = 0.12 * float((high - low).max())
     return low - [margin, margin, 0.0], high + margin
 
@@ -139,7 +139,7 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
 
 def _lengths(runs: ListOf[ScoredRun]) -> list[float]:
     """Lengths of the sub-trajectories, in m."""
-    total = float(distance_along(runs[0].sequence.truth.positions_m)[-1])
+    total = float(distance_along(runs[0].sequence.ground_truth.positions_m)[-1])
     return [share * total for share in SHARES]
 
 
@@ -148,7 +148,7 @@ def _over(run: ScoredRun, length_m: float) -> Array:
     if length_m <= 0:
         return np.empty(0)
     pairs, ok = run.errors.pairs, run.errors.ok
-    i, j = stretches(pairs, Stretch(length_m, "m", all_pairs=True))
+    i, j = interval_pairs(pairs, PairInterval(length_m, "m", all_pairs=True))
     both = ok[i] & ok[j]
     return relative_errors(pairs, i[both], j[both], "translation_m")
 

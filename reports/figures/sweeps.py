@@ -25,7 +25,7 @@ LEAST_VALUES = 3
 
 @dataclass(frozen=True)
 class Swept:
-    """What a suite sweeps: the key's path in the config, and its value in each sequence by name."""
+    """The swept value of a suite: the key's path in the config, and its value in each sequence by name."""
 
     key: str
     values: Mapping[str, float]

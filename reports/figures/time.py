@@ -18,7 +18,7 @@ from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.metrics.nees import component_sigmas, euler_zyx
 from uavbench.reports.scoring.coverage import failures
 from uavbench.reports.scoring.runs import ScoredRun, counts
-from uavbench.reports.style import LOSS, TRUTH, colour, line
+from uavbench.reports.style import GROUND_TRUTH, LOSS, colour, line
 from uavbench.trajectories.pose import Array
 
 COMPONENTS = (("x", "cm"), ("y", "cm"), ("z", "cm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
@@ -32,26 +32,26 @@ def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
 
 
 def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
-    """Six components of `world_from_body`, estimate against truth in cm and degrees, with the claimed 3-sigma band."""
+    """Six components of `world_from_body` in cm and degrees: estimate with its claimed 3-sigma band, ground truth."""
     t, frames = run.errors.seconds, run.errors.frames
-    full = run.sequence.truth
+    full = run.sequence.ground_truth
     t_full = (full.stamps_ns - full.stamps_ns[0]) / NS
-    truth = true_components(run)
-    estimate = estimated_components(run, truth[frames])
+    ground_truth = true_components(run)
+    estimate = estimated_components(run, ground_truth[frames])
     sigma = np.full((len(frames), 6), np.nan)
     sigma[np.searchsorted(frames, run.results.frames)] = component_sigmas(run.results) * TO_SHOWN_UNITS
     axes = figure.subplots(2, 3, sharex=True)
     sparse = len(t) < 80
     for k, ((name, unit), panel) in enumerate(zip(COMPONENTS, axes.flat, strict=True)):
         shade_loss(panel, t, run.errors.success)
-        panel.plot(t_full, truth[:, k], color=TRUTH, lw=1.4, label="truth")
+        panel.plot(t_full, ground_truth[:, k], color=GROUND_TRUTH, lw=1.4, label="ground truth")
         low, high = estimate[:, k] - 3 * sigma[:, k], estimate[:, k] + 3 * sigma[:, k]
         if np.isfinite(low).any():
             panel.fill_between(t, low, high, color=colour(run.colour), alpha=0.25, lw=0, label=r"claimed $3\sigma$")
         style = {"marker": "o", "ms": 2.5, "lw": 0.7} if sparse else {"lw": 0.9}
         panel.plot(t, estimate[:, k], color=colour(run.colour), ls=(0, (4, 1)), label=run.title, **style)
         panel.set_ylabel(f"{name} ({unit})" if unit == "cm" else f"{name} (deg)")
-        margin_around(panel, truth[:, k], estimate[:, k])
+        margin_around(panel, ground_truth[:, k], estimate[:, k])
     for panel in axes[1]:
         panel.set_xlabel("time (s)")
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -61,7 +61,7 @@ def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
     figure.legend(handles, labels, loc="outside upper center", ncols=4)
     names = [f"{n}_{u}" for n, u in COMPONENTS]
     columns = [f"{what}_{n}" for what in ("true", "estimated", "sigma") for n in names]
-    values = np.hstack([truth[frames], estimate, sigma]).tolist()
+    values = np.hstack([ground_truth[frames], estimate, sigma]).tolist()
     rows = ([f, s, *map(finite, v)] for f, s, v in zip(frames.tolist(), t.tolist(), values, strict=True))
     return Drawn(columns=["frame", "time_s", *columns], rows=rows, legend=None)
 
@@ -111,7 +111,7 @@ def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axe
         values = 100 * errors.translation_m if quantity == "position" else errors.angle_deg
         panel.plot(t, np.where(errors.ok, values, np.nan), label=run.title, **line(run.colour), **shown)
     panel.set_yscale("log")
-    panel.axhline(100 * SUCCESS_M if quantity == "position" else SUCCESS_DEG, color=TRUTH, lw=0.6, ls=":")
+    panel.axhline(100 * SUCCESS_M if quantity == "position" else SUCCESS_DEG, color=GROUND_TRUTH, lw=0.6, ls=":")
     panel.set_ylabel(f"{quantity} error ({'cm' if quantity == 'position' else 'deg'})")
     nice_log(panel)
 
@@ -140,23 +140,23 @@ def draw_segment_counts(run: ScoredRun, panel: Axes) -> Drawn:
 
 def true_components(run: ScoredRun) -> Array:
     """Values x y z in cm, roll pitch yaw in degrees without jumps (n, 6), of every frame of the sequence."""
-    truth = run.sequence.truth
-    angles = np.unwrap(euler_zyx(truth.quaternions_wxyz), axis=0)
-    values: Array = np.hstack([truth.positions_m, angles]) * TO_SHOWN_UNITS
+    ground_truth = run.sequence.ground_truth
+    angles = np.unwrap(euler_zyx(ground_truth.quaternions_wxyz), axis=0)
+    values: Array = np.hstack([ground_truth.positions_m, angles]) * TO_SHOWN_UNITS
     return values
 
 
-def estimated_components(run: ScoredRun, truth: Array) -> Array:
-    """The same (n, 6) of each estimate, the angles within half a turn of the truth (n, 6); NaN without a pose."""
+def estimated_components(run: ScoredRun, ground_truth: Array) -> Array:
+    """The same (n, 6) of each estimate, angles within half a turn of the ground truth (n, 6); NaN without a pose."""
     pairs = run.errors.pairs
     values: Array = np.hstack([pairs.estimate_m, euler_zyx(pairs.estimate_q)]) * TO_SHOWN_UNITS
-    values[:, 3:] = truth[:, 3:] + (values[:, 3:] - truth[:, 3:] + 180) % 360 - 180
+    values[:, 3:] = ground_truth[:, 3:] + (values[:, 3:] - ground_truth[:, 3:] + 180) % 360 - 180
     return values
 
 
-def margin_around(panel: Axes, truth: Array, estimate: Array) -> None:
-    """Limit y to the truth and what lies within twice its spread, so that a lost estimate does not hide it."""
-    low, high = float(truth.min()), float(truth.max())
+def margin_around(panel: Axes, ground_truth: Array, estimate: Array) -> None:
+    """Limit y to the ground truth and what lies within twice its spread, so that a lost estimate does not hide it."""
+    low, high = float(ground_truth.min()), float(ground_truth.max())
     spread = max(high - low, 2.0)
     kept = estimate[(estimate > low - spread) & (estimate < high + spread)]
     low, high = min(low, *kept, low), max(high, *kept, high)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.seen_edges import seen_edges_px
+from uavbench.tracker.images.seen_edges import seen_edges_px
 from uavbench.tracker.shang_shen.segments import MIN_SEGMENT_PX, detect_edge_pixels, detect_segments, grey
 from uavbench.trajectories.pose import Array, Pose
 
@@ -57,11 +57,11 @@ class View:
         draw(canvas, self.projected(cam_from_world), GREEN, 1)
         return canvas
 
-    def overlay(self, estimate: Pose | None, truth: Pose | None = None) -> Image:
+    def overlay(self, estimate: Pose | None, ground_truth: Pose | None = None) -> Image:
         """The image with the model at the estimate in green and, under it, at the true pose in white."""
         canvas = self.image.copy()
-        if truth is not None:
-            draw(canvas, self.projected(truth), WHITE, 1)
+        if ground_truth is not None:
+            draw(canvas, self.projected(ground_truth), WHITE, 1)
         draw(canvas, self.projected(estimate), GREEN, 2)
         return canvas
 

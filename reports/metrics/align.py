@@ -29,7 +29,7 @@ class Similarity:
 
     @classmethod
     def identity(cls) -> "Similarity":
-        """The transform that changes nothing."""
+        """The identity."""
         return cls(1.0, np.eye(3), np.zeros(3))
 
     def apply(self, pairs: PosePairs) -> PosePairs:

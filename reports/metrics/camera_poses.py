@@ -11,10 +11,10 @@ from uavbench.trajectories.pose import Array, Pose
 
 def true_cameras(sequence: Sequence, frames: ListOf[int]) -> tuple[Array, Array]:
     """True poses at frames of a sequence."""
-    truth = sequence.truth.select(np.asarray(frames, dtype=np.int64))
+    ground_truth = sequence.ground_truth.select(np.asarray(frames, dtype=np.int64))
     mount = sequence.cam_from_body
-    R: Array = mount.rotation @ np.swapaxes(truth.rotations, 1, 2)
-    return R, mount.translation - np.einsum("nij,nj->ni", R, truth.positions_m)
+    R: Array = mount.rotation @ np.swapaxes(ground_truth.rotations, 1, 2)
+    return R, mount.translation - np.einsum("nij,nj->ni", R, ground_truth.positions_m)
 
 
 def estimated_cameras(results: Results) -> tuple[Array, Array]:

@@ -77,12 +77,12 @@ def frame_errors(sequence: Sequence, results: Results) -> FrameErrors:
             f"{results.record['rate_hz']:g} Hz does not track; track again"
         )
     positions, quaternions = estimated_bodies(results)
-    truth = sequence.truth.select(expected)
+    ground_truth = sequence.ground_truth.select(expected)
     estimate_m, estimate_q = np.full((len(expected), 3), np.nan), np.full((len(expected), 4), np.nan)
     estimate_m[rows], estimate_q[rows] = positions, quaternions
     ok = np.isfinite(estimate_m).all(axis=1) & np.isfinite(estimate_q).all(axis=1)
-    true_q = normalized(truth.quaternions_wxyz)
-    pairs = PosePairs(truth.stamps_ns, truth.positions_m, true_q, estimate_m, estimate_q)
+    true_q = normalized(ground_truth.quaternions_wxyz)
+    pairs = PosePairs(ground_truth.stamps_ns, ground_truth.positions_m, true_q, estimate_m, estimate_q)
     return FrameErrors(
         expected,
         pairs,

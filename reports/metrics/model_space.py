@@ -51,14 +51,14 @@ def model_space(sequence: Sequence, results: Results) -> ModelSpace:
     symmetries = box_symmetries(structure)
     R, t = estimated_cameras(results)
     ok = np.isfinite(t).all(axis=1)
-    truth = true_cameras(sequence, results.frames[ok].tolist())
+    ground_truth = true_cameras(sequence, results.frames[ok].tolist())
     estimate = R[ok], t[ok]
     points = structure.vertices
     columns = [np.full(int(ok.sum()), np.nan) for _ in range(4)]
     step = max(1, BLOCK_POINTS // max(len(points), POINTS_PER_EDGE * len(structure.edges)))
     for start in range(0, len(columns[0]), step):
         block = slice(start, start + step)
-        P, Q = (truth[0][block], truth[1][block]), (estimate[0][block], estimate[1][block])
+        P, Q = (ground_truth[0][block], ground_truth[1][block]), (estimate[0][block], estimate[1][block])
         columns[0][block] = add(points, P, Q)
         columns[1][block] = mssd(points, P, Q, symmetries)
         columns[2][block] = mspd(points, P, Q, symmetries, camera)
@@ -67,19 +67,19 @@ def model_space(sequence: Sequence, results: Results) -> ModelSpace:
     return ModelSpace(add_m=found[0], mssd_m=found[1], mspd_px=found[2], edges_px=found[3], symmetries=len(symmetries))
 
 
-def add(points: Array, truth: Poses, estimate: Poses) -> Array:
+def add(points: Array, ground_truth: Poses, estimate: Poses) -> Array:
     """Mean distance (n,) in m of the model's points (v, 3) at both poses."""
-    return np.asarray(np.linalg.norm(_at(points, truth) - _at(points, estimate), axis=2).mean(axis=1))
+    return np.asarray(np.linalg.norm(_at(points, ground_truth) - _at(points, estimate), axis=2).mean(axis=1))
 
 
-def mssd(points: Array, truth: Poses, estimate: Poses, symmetries: ListOf[Pose]) -> Array:
+def mssd(points: Array, ground_truth: Poses, estimate: Poses, symmetries: ListOf[Pose]) -> Array:
     """Maximum symmetry-aware surface distance (n,) in m."""
     at = _at(points, estimate)
-    each = [np.linalg.norm(at - _at(s.transform(points), truth), axis=2).max(axis=1) for s in symmetries]
+    each = [np.linalg.norm(at - _at(s.transform(points), ground_truth), axis=2).max(axis=1) for s in symmetries]
     return np.asarray(np.min(each, axis=0))
 
 
-def mspd(points: Array, truth: Poses, estimate: Poses, symmetries: ListOf[Pose], camera: Camera) -> Array:
+def mspd(points: Array, ground_truth: Poses, estimate: Poses, symmetries: ListOf[Pose], camera: Camera) -> Array:
     """Maximum symmetry-aware projection distance (n,) in px, at most the image's diagonal.
 
     It is the diagonal where a point lies behind a camera: such a frame counts as wholly wrong, and is not left out.
@@ -88,13 +88,13 @@ def mspd(points: Array, truth: Poses, estimate: Poses, symmetries: ListOf[Pose],
     each = []
     for symmetry in symmetries:
         with np.errstate(invalid="ignore"):  # a point behind both cameras
-            apart = at - _pixels(_at(symmetry.transform(points), truth), camera)
+            apart = at - _pixels(_at(symmetry.transform(points), ground_truth), camera)
         distance = np.linalg.norm(apart, axis=2)
         each.append(np.where(np.isnan(distance), np.inf, distance).max(axis=1))
     return np.asarray(np.minimum(np.min(each, axis=0), diagonal_px(camera)))
 
 
-def edge_reprojection(structure: Structure, camera: Camera, truth: Poses, estimate: Poses) -> Array:
+def edge_reprojection(structure: Structure, camera: Camera, ground_truth: Poses, estimate: Poses) -> Array:
     """Mean distance (n,) in px between points of the edges, projected at both poses.
 
     Points count that lie in the image at the true pose, on edges beside a face that is visible there; NaN when none
@@ -103,13 +103,13 @@ def edge_reprojection(structure: Structure, camera: Camera, truth: Poses, estima
     ends = structure.edge_segments
     w = np.linspace(0, 1, POINTS_PER_EDGE)[None, :, None]
     points = (ends[:, :1] + w * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
-    eyes = -np.einsum("nji,nj->ni", *truth)
+    eyes = -np.einsum("nji,nj->ni", *ground_truth)
     _, first = np.unique(structure.triangle_face, return_index=True)
     on_face = structure.vertices[structure.triangles[first, 0]]
     toward = np.einsum("fj,nfj->nf", structure.face_normals, on_face - eyes[:, None]) < 0
     toward = np.concatenate([toward, np.zeros((len(toward), 1), dtype=bool)], axis=1)
     seen = np.repeat(toward[:, structure.edge_faces].any(axis=2), POINTS_PER_EDGE, axis=1)
-    here, there = _pixels(_at(points, truth), camera), _pixels(_at(points, estimate), camera)
+    here, there = _pixels(_at(points, ground_truth), camera), _pixels(_at(points, estimate), camera)
     middle, half = np.array([camera.width - 1, camera.height - 1]) / 2, np.array([camera.width, camera.height]) / 2
     inside = seen & (np.abs(here - middle) <= half).all(axis=2)
     apart = np.where(inside[..., None], there, 0.0) - np.where(inside[..., None], here, 0.0)

@@ -24,10 +24,10 @@ BLOCK = 8192
 
 
 @dataclass(frozen=True)
-class Stretch:
+class PairInterval:
     """The pair interval (delta) of a relative error.
 
-    `tolerance` is the share of delta that a stretch may miss it by (used with all pairs, and with seconds);
+    `tolerance` is the share of delta that a interval may miss it by (used with all pairs, and with seconds);
     `pairs_from` says whose path or turning is measured: the reference's (ours) or the estimate's (evo's default).
     """
 
@@ -46,8 +46,8 @@ class Stretch:
             raise UserError(f"tolerance = {self.tolerance}: must lie in 0 .. 1")
 
 
-def stretches(pairs: PosePairs, over: Stretch) -> tuple[Indices, Indices]:
-    """First and last rows of every stretch; both empty when the trajectory is too short for one."""
+def interval_pairs(pairs: PosePairs, over: PairInterval) -> tuple[Indices, Indices]:
+    """First and last rows of every interval; both empty when the trajectory is too short for one."""
     if over.unit == "frames":
         step = int(over.delta)
         ends = np.arange(0, len(pairs), 1 if over.all_pairs else step)
@@ -72,7 +72,7 @@ def stretches(pairs: PosePairs, over: Stretch) -> tuple[Indices, Indices]:
 
 
 def relative_motion_errors(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array, Array]:
-    """E of the stretches i -> j as quaternions (k, 4), and the translations (k, 3) in metres of R_Q E, R_Q that of Q.
+    """E of the pairs i -> j as quaternions (k, 4), and the translations (k, 3) in metres of R_Q E, R_Q that of Q.
 
     The norms of these translations are those of E itself.
     """
@@ -83,7 +83,7 @@ def relative_motion_errors(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Ar
 
 
 def motion_error_sizes(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array, Array]:
-    """Sizes of E of the stretches i -> j: translation (k,) in m, rotation (k,) in rad; in blocks that fit a cache."""
+    """Sizes of E of the pairs i -> j: translation (k,) in m, rotation (k,) in rad; in blocks that fit a cache."""
     metres, radians = np.empty(len(i)), np.empty(len(i))
     for start in range(0, len(i), BLOCK):
         block = slice(start, start + BLOCK)
@@ -93,10 +93,10 @@ def motion_error_sizes(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array,
 
 
 def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelation) -> Array:
-    """Errors (k,) of the stretches i -> j.
+    """Errors (k,) of the pairs i -> j.
 
     The point distances compare straight-line distances: in m, and in percent of the true one
-    (stretches in which the truth stands still have none and are left out).
+    (pairs in which the ground truth stands still have none and are left out).
     """
     if relation in ("point_distance_m", "point_distance_percent"):
         true = norm(pairs.reference_m[j] - pairs.reference_m[i])
@@ -138,7 +138,7 @@ def _accumulate(steps: Array, delta: float) -> tuple[Indices, Indices]:
 
 
 def _chain(i: Indices, j: Indices) -> tuple[Indices, Indices]:
-    """Those of the stretches, sorted by their start, that do not overlap: the first, the first after it, ..."""
+    """Those of the pairs, sorted by their start, that do not overlap: the first, the first after it, ..."""
     chosen, free = [], 0
     for row, (start, end) in enumerate(zip(i.tolist(), j.tolist(), strict=True)):
         if start >= free:

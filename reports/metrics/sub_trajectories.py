@@ -1,6 +1,6 @@
 """Errors over sub-trajectories of given lengths, as KITTI and rpg report them.
 
-Conventions: E = (P_i^-1 P_j)^-1 (Q_i^-1 Q_j), P the reference, over the stretch from pose i to pose j, which is
+Conventions: E = (P_i^-1 P_j)^-1 (Q_i^-1 Q_j), P the reference, over the interval from pose i to pose j, which is
 `length_m` along the reference. `percent`: |t_E| in percent of the length; `deg_per_m`: its angle over the length. Yaw
 and tilt split the rotation of E, written in the world frame of the estimate, into Euler angles about z, y and x: tilt
 is the norm of the last two.

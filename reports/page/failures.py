@@ -1,4 +1,4 @@
-"""What went wrong, for the page: the runs that failed, by tracker, the baselines last."""
+"""Failures on the page: the runs that failed, by tracker, the baselines last."""
 
 from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as ListOf
@@ -66,7 +66,7 @@ def _tracker(title: str, failed: list[Failure], runs: ListOf[ScoredRun], unfolde
 
 
 def failure_of(run: ScoredRun, runs: ListOf[ScoredRun], pages: Mapping[str, str]) -> Failure | None:
-    """What became of a run that failed; None for one that never did."""
+    """Failure of a run; None for one that never failed."""
     begins, _ = failures(run.errors.success)
     if not len(begins) and run.score.status == "complete":
         return None

@@ -29,7 +29,7 @@ def scrubbed(frames: int) -> list[int]:
 def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[[], None]) -> None:
     """Write the scrubbed frames of a run's sequence as JPEG, and its overlay as an animated WebP.
 
-    Model at the latest estimate in green, truth in white. Each image is read once.
+    Model at the latest estimate in green, ground truth in white. Each image is read once.
     """
     folder.mkdir(parents=True, exist_ok=True)
     frames = scrubbed(len(run.sequence))

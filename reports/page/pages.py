@@ -59,7 +59,7 @@ class FigureOnPage:
         return Path(self.png).stem
 
     def sized(self, folder: Path) -> dict[str, Any]:
-        """What the template needs; width and height in CSS px."""
+        """Arguments of the template; width and height in CSS px."""
         with Image.open(folder / self.png) as picture:
             width, height = picture.size
         wide = width > 0.75 * TWO_COLUMNS_IN * PNG_DPI
@@ -76,7 +76,7 @@ def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> Figu
 
 @dataclass(frozen=True)
 class SequenceOnPage:
-    """What the index and a sequence's own page show of it."""
+    """A sequence as the index and its own page show it."""
 
     name: str
     page: str
@@ -88,15 +88,15 @@ class SequenceOnPage:
 
 @dataclass(frozen=True)
 class Undrawn:
-    """What a report leaves to be drawn on demand: so many figures, and the pages of these sequences."""
+    """What a report draws on demand only: so many figures, and the pages of these sequences."""
 
     figures: int
     sequences: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Told:
-    """What an index says beside its runs: sequences that could not be made, trackers not here, and why; the undrawn."""
+class ReportNotes:
+    """Notes of an index: sequences not rendered and absent trackers, each with the reason; figures not drawn."""
 
     title: str
     unrendered: Mapping[str, str]
@@ -106,7 +106,7 @@ class Told:
 
 def write_index(
     folder: Path,
-    told: Told,
+    notes: ReportNotes,
     runs: ListOf[ScoredRun],
     tables: ListOf[tuple[str, Table]],
     figures: ListOf[FigureOnPage],
@@ -118,7 +118,7 @@ def write_index(
     names = list(dict.fromkeys(run.sequence.name for run in runs))
     summary = tables[0][1]
     text = environment().get_template("page_index.html").render(
-        title=told.title,
+        title=notes.title,
         css=asset("page.css"),
         js=asset("page.js"),
         runs=runs,
@@ -126,9 +126,9 @@ def write_index(
         rates=" and ".join(f"{rate:g} Hz" for rate in rates),
         names=names,
         sequences=sequences,
-        unrendered=told.unrendered,
-        absent=told.absent,
-        undrawn=told.undrawn,
+        unrendered=notes.unrendered,
+        absent=notes.absent,
+        undrawn=notes.undrawn,
         summary=_shown("summary", "Scores", summary.select(TWO_COLUMNS), runs),
         details=_themes([table for _, table in tables], runs),
         table_files=[f"tables/{name}{end}" for name, _ in tables for end in TABLE_FILES[name == "summary"]],
@@ -146,7 +146,7 @@ TABLE_FILES = ((".md", ".csv", ".tex"), (".md", ".csv", ".tex", "_one_column.tex
 
 
 def _themes(tables: ListOf[Table], runs: ListOf[ScoredRun]) -> list[dict[str, Any]]:
-    """The detailed tables, without columns of which nothing is known."""
+    """The detailed tables, without empty columns."""
     joined = tables[0]
     for table in tables[1:]:
         rows = zip(joined.rows, table.rows, strict=True)
@@ -192,7 +192,7 @@ def write_sequence_page(
 
 
 def scrubber_data(runs: ListOf[ScoredRun], shown: SequenceOnPage) -> dict[str, Any]:
-    """What the frame scrubber shows: model edges in px, errors, states of every run at the scrubbed frames."""
+    """Data of the frame scrubber: model edges in px, errors, states of every run at the scrubbed frames."""
     sequence = runs[0].sequence
     frames = scrubbed(len(sequence))
     blank = np.zeros((1, 1, 3), dtype=np.uint8)
@@ -205,7 +205,7 @@ def scrubber_data(runs: ListOf[ScoredRun], shown: SequenceOnPage) -> dict[str, A
         "frames": frames,
         "seconds": np.round(seconds, 4).tolist(),
         "step_ms": round(1e3 * float(np.diff(seconds).mean())) if len(frames) > 1 else 100,
-        "truth": [flat(view.projected(sequence.true_cam_from_world(frame))) for frame in frames],
+        "ground_truth": [flat(view.projected(sequence.true_cam_from_world(frame))) for frame in frames],
         "runs": [_scrubbed_run(run, view, frames) for run in runs],
     }
 
@@ -282,10 +282,10 @@ def environment() -> Environment:
 
 
 def _inlined(value: Any) -> Markup:
-    """JSON that may stand in a script element."""
+    """JSON that is safe in a script element."""
     return Markup(json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def asset(name: str) -> Markup:
-    """A file that stands whole in a page."""
+    """A file that is embedded in a page."""
     return Markup((HERE / name).read_text(encoding="utf-8"))

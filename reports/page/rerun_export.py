@@ -37,14 +37,14 @@ def write_rrd(run: ScoredRun, path: Path) -> None:
 
 
 def _log_structure(rr: Any, recording: Any, run: ScoredRun) -> None:
-    structure, truth = run.sequence.structure, run.sequence.truth.positions_m
+    structure, ground_truth = run.sequence.structure, run.sequence.ground_truth.positions_m
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     mesh = rr.Mesh3D(
         vertex_positions=structure.vertices, triangle_indices=structure.triangles, albedo_factor=(176, 150, 120)
     )
     recording.log("world/structure", mesh, static=True)
     recording.log("world/edges", rr.LineStrips3D(structure.edge_segments, colors=(90, 80, 70)), static=True)
-    recording.log("world/path/truth", rr.LineStrips3D([truth], colors=TRUE), static=True)
+    recording.log("world/path/ground_truth", rr.LineStrips3D([ground_truth], colors=TRUE), static=True)
     estimate = run.errors.tracked.estimate_m
     if len(estimate):
         recording.log("world/path/estimate", rr.LineStrips3D([estimate], colors=ESTIMATED), static=True)
@@ -53,20 +53,22 @@ def _log_structure(rr: Any, recording: Any, run: ScoredRun) -> None:
 def _log_frame(rr: Any, recording: Any, run: ScoredRun, frame: int) -> None:
     sequence = run.sequence
     camera, view = sequence.camera, View.of(sequence.image(frame), sequence.camera, sequence.structure)
-    truth, estimate = sequence.true_cam_from_world(frame), run.latest_pose[frame]
+    ground_truth, estimate = sequence.true_cam_from_world(frame), run.latest_pose[frame]
     lens = rr.Pinhole(
         image_from_camera=camera.K, resolution=[camera.width, camera.height], camera_xyz=rr.ViewCoordinates.RDF
     )
-    for name, pose, colour in (("truth", truth, TRUE), ("estimate", estimate, ESTIMATED)):
+    for name, pose, colour in (("ground_truth", ground_truth, TRUE), ("estimate", estimate, ESTIMATED)):
         if pose is None:
             recording.log(f"world/{name}", rr.Clear(recursive=True))
             continue
         at = pose.inverse()
         recording.log(f"world/{name}", rr.Transform3D(translation=at.translation, mat3x3=at.rotation))
         recording.log(f"world/{name}/camera", lens)
-        recording.log(f"world/truth/camera/model_{name}", rr.LineStrips2D(_strips(view.projected(pose)), colors=colour))
+        recording.log(
+            f"world/ground_truth/camera/model_{name}", rr.LineStrips2D(_strips(view.projected(pose)), colors=colour)
+        )
     jpeg = cv2.imencode(".jpg", view.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
-    recording.log("world/truth/camera", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
+    recording.log("world/ground_truth/camera", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
     row = int(np.searchsorted(run.errors.frames, frame, side="right")) - 1
     if run.errors.ok[row]:
         recording.log("error/position_cm", rr.Scalars(100 * float(run.errors.translation_m[row])))

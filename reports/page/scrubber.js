@@ -65,7 +65,7 @@
     const picture = image(i);
     if (picture.complete && picture.naturalWidth) pen.drawImage(picture, 0, 0, view.width, view.height);
     else { pen.fillStyle = "#111"; pen.fillRect(0, 0, view.width, view.height); }
-    lines(data.truth[i], "rgba(255,255,255,.85)", 1.2);
+    lines(data.ground_truth[i], "rgba(255,255,255,.85)", 1.2);
     lines(now.edges[i], "#3cdc46", 2.2);
     at("shown").textContent = data.frames[i];
     at("seconds").textContent = data.seconds[i].toFixed(2) + " s";

@@ -1,7 +1,7 @@
 """Protocols beside the free run: reset on failure, anchored restarts, replay in real time.
 
 Conventions: a protocol drives the same tracker over the same frames as a free run does and gives the same kind of
-results. Frames near a reset are burn-in: they follow a pose that was given, so they are told apart and left out of
+results. Frames near a reset are burn-in: they follow a pose that was given, so they are scored apart and left out of
 accuracy.
 """
 
@@ -66,14 +66,14 @@ class Restarted:
 def run_with_resets(
     tracker: Tracker, sequence: Sequence, *, rate_hz: float, seed: int, burn_in: int = BURN_IN_FRAMES
 ) -> Restarted:
-    """Reset protocol: after a frame beyond 5 cm or 5 deg, or without a pose, the next one starts from the truth."""
+    """Reset protocol: after a frame beyond 5 cm or 5 deg, or without a pose, the next starts from the ground truth."""
     return _drive(tracker, sequence, rate_hz, seed, burn_in, anchors=frozenset([0]), on_failure=True)
 
 
 def run_from_anchors(
     tracker: Tracker, sequence: Sequence, *, rate_hz: float, seed: int, every_s: float = 5.0, burn_in: int = 0
 ) -> Restarted:
-    """Anchored restarts: the run starts anew from the truth every so many seconds, whatever happened before."""
+    """Anchored restarts: the run starts anew from the ground truth every so many seconds, whatever happened before."""
     if not every_s > 0:
         raise UserError(f"every_s = {every_s}: must be positive")
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
@@ -110,10 +110,10 @@ PROTOCOLS = {"reset": run_with_resets, "anchors": run_from_anchors}
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """What a user of the poses has in real time: at each frame of the sequence the newest pose that was out by then.
+    """Poses available in real time: at each frame of the sequence the newest pose that was out by then.
 
     dropped: share of frames that came while the tracker was busy; age_ms: median age of the pose in hand, None when
-    none came in time; errors against the truth of the moment, infinite before the first pose.
+    none came in time; errors against the ground truth of the moment, infinite before the first pose.
     """
 
     dropped: float
@@ -138,13 +138,14 @@ def replay_in_real_time(sequence: Sequence, results: Results) -> Replay | None:
         free_at = stamp + round(1e6 * row.stage_ms["total"])
         out_at.append(free_at)
         rows.append(k)
-    truth = sequence.truth
+    ground_truth = sequence.ground_truth
     newest = np.searchsorted(np.array(out_at), sequence.stamps_ns, side="right") - 1
     positions, quaternions = estimated_bodies(results)
     row_of = np.array(rows)[np.maximum(newest, 0)]
     known = (newest >= 0) & np.isfinite(positions[row_of]).all(axis=1)
     pairs = PosePairs(
-        truth.stamps_ns[known], truth.positions_m[known], normalized(truth.quaternions_wxyz[known]),
+        ground_truth.stamps_ns[known], ground_truth.positions_m[known],
+        normalized(ground_truth.quaternions_wxyz[known]),
         positions[row_of[known]], quaternions[row_of[known]],
     )  # fmt: skip
     metres, degrees = absolute_errors(pairs, "translation_m"), absolute_errors(pairs, "angle_deg")
@@ -196,11 +197,11 @@ def _drive(
 
 
 def succeeds(result: TrackResult, sequence: Sequence, frame: int) -> bool:
-    """Whether a result is within 5 cm and 5 deg of the truth."""
+    """Whether a result is within 5 cm and 5 deg of the ground truth."""
     if result.cam_from_world is None:
         return False
     estimate = result.cam_from_world.inverse() @ sequence.cam_from_body
-    error: Pose = sequence.truth.pose(frame).inverse() @ estimate
+    error: Pose = sequence.ground_truth.pose(frame).inverse() @ estimate
     angle_deg = np.degrees(np.linalg.norm(error.log()[3:]))
     return bool(np.linalg.norm(error.translation) <= SUCCESS_M and angle_deg <= SUCCESS_DEG)
 

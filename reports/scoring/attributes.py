@@ -42,7 +42,7 @@ class Part:
 
 def speed_m_s(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Speed of the body (n,)."""
-    return norm(sequence.truth_table[list(frames), 9:12])
+    return norm(sequence.ground_truth_table[list(frames), 9:12])
 
 
 def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
@@ -74,8 +74,8 @@ def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
 def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Share (n,) in percent of the length in px of the visible model edges that something else hides.
 
-    The structure's own edges at the true pose against those that the renderer saw; NaN where the dataset has no truth
-    of edges (`truth = ["edges"]`).
+    The structure's own edges at the true pose against those that the renderer saw; NaN where there are no annotations
+    of edges (`annotations = ["edges"]`).
     """
     out = np.full(len(frames), np.nan)
     for k, frame in enumerate(frames):
@@ -132,7 +132,7 @@ ATTRIBUTES: dict[str, tuple[str, Callable[[Sequence, ListOf[int]], Array]]] = {
 
 
 def breakdown(values: Array, success: Array, translation_m: Array, parts: int = PARTS) -> list[Part]:
-    """What became of the frames (n,) in parts of equal size by an attribute; fewer parts where values repeat."""
+    """Outcome of the frames (n,) in parts of equal size by an attribute; fewer parts where values repeat."""
     known = np.isfinite(values)
     if not known.any():
         return []

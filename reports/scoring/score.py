@@ -17,7 +17,7 @@ from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M, FrameE
 from uavbench.reports.metrics.latency import Latency, deadline_misses, stage_latencies
 from uavbench.reports.metrics.model_space import ModelSpace, model_space
 from uavbench.reports.metrics.nees import Consistency, consistency
-from uavbench.reports.metrics.rpe import Stretch, motion_error_sizes, stretches
+from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, motion_error_sizes
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.reports.protocols.restarting import Replay, replay_in_real_time
 from uavbench.reports.scoring.coverage import Tracking, tracking
@@ -48,7 +48,7 @@ class Score:
     """Score of one run.
 
     status: `complete` when every frame has a pose, `lost` when some have none, `crashed` when the tracker raised an
-    error or stopped early, `missing` when there is no result at all. ate by alignment and rpe by stretch (`1 frame`,
+    error or stopped early, `missing` when there is no result at all. ate by alignment and rpe by interval (`1 frame`,
     `1 s`) are over the frames that have a pose: read them with tracking.coverage. latency by stage, `total` first.
     replay, model, consistency and bound: what lateness costs, errors in the structure's space and the image, NEES,
     errors over their Cramer-Rao bound; None where times, covariances or bounds are missing.
@@ -116,7 +116,7 @@ _versions = lru_cache(versions)
 
 
 def score(sequence: Sequence, results: Results) -> Score:
-    """Score of results against the truth of their sequence; UserError when they do not belong together."""
+    """Score of results against the ground truth of their sequence; UserError when they do not belong together."""
     results, unsound = sound(results)
     errors = frame_errors(sequence, results)
     record = results.record
@@ -137,7 +137,10 @@ def score(sequence: Sequence, results: Results) -> Score:
         status=status,
         tracking=tracking(errors),
         ate={kind: absolute(errors.tracked, kind) for kind in ALIGNMENTS},
-        rpe={"1 frame": relative(errors, Stretch(1, "frames", True)), "1 s": relative(errors, Stretch(1, "s", True))},
+        rpe={
+            "1 frame": relative(errors, PairInterval(1, "frames", True)),
+            "1 s": relative(errors, PairInterval(1, "s", True)),
+        },
         latency=stage_latencies(results),
         deadline_misses=deadline_misses(results),
         replay=replay_in_real_time(sequence, results),
@@ -162,9 +165,9 @@ def absolute(pairs: PosePairs, kind: Alignment) -> PoseErrors:
     )
 
 
-def relative(errors: FrameErrors, over: Stretch) -> PoseErrors:
-    """RPE over all stretches of expected frames whose two ends have a pose."""
-    i, j = stretches(errors.pairs, over)
+def relative(errors: FrameErrors, over: PairInterval) -> PoseErrors:
+    """RPE over all pairs of expected frames whose two ends have a pose."""
+    i, j = interval_pairs(errors.pairs, over)
     both = errors.ok[i] & errors.ok[j]
     i, j = i[both], j[both]
     metres, radians = motion_error_sizes(errors.pairs, i, j)
@@ -183,7 +186,7 @@ def summary(errors: Any) -> ErrorSummary | None:
 def how(sequence: Sequence, results: Results) -> dict[str, Any]:
     """Record of how the numbers came about; scores whose records differ in it are not to be compared."""
     return {
-        "compared": "world_from_body with truth.csv",
+        "compared": "world_from_body with groundtruth.csv",
         "association": "by frame; every frame at the tracker's rate is expected",
         "rpe_pairs": "all pairs",
         "success": {"translation_m": SUCCESS_M, "rotation_deg": SUCCESS_DEG},

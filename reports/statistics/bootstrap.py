@@ -19,7 +19,7 @@ from uavbench.trajectories.random_streams import stream
 REPLICATES = 4000
 CONFIDENCE = 0.95
 LEAST_UNITS = 3
-"""Independent units that an interval needs: of two, the bootstrap's 95 % interval holds the truth 61 times in 100."""
+"""Independent units that an interval needs: of two, a bootstrap's 95 % interval covers the true value in 61 %."""
 FLIPS = 20_000
 ROUNDING = 1e-12
 

@@ -1,4 +1,4 @@
-"""Clutter of the size of people: figures that stand, and figures that walk to and fro."""
+"""Clutter of the size of people: standing figures, and figures that walk back and forth."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated

@@ -86,7 +86,7 @@ def _tree(
 
 
 def _leaves(rng: np.random.Generator) -> Texture:
-    """A twig's worth of leaves, cut out."""
+    """Texture of the leaves of a twig, with transparency."""
     n = 256
     image = np.zeros((n, n, 4), dtype=np.uint8)
     image[..., :3] = (74, 92, 44)

@@ -42,7 +42,7 @@ def write_mask(folder: Path, frame: int, source: CameraSimulator, view: View) ->
 def write_edges(
     folder: Path, frame: int, source: CameraSimulator, view: View, structure: Structure, image: NDArray[np.uint8]
 ) -> None:
-    """`edges/NNNNNN.csv`: each visible stretch of each edge: its ends, its share of the edge, its contrast."""
+    """`edges/NNNNNN.csv`: each visible part of each edge: its ends, its share of the edge, its contrast."""
     rows = visible_edges(structure, source, view, image)
     lines = [",".join(EDGE_COLUMNS)]
     lines += [f"{int(r[0])}," + ",".join(f"{value:.4f}" for value in r[1:]) for r in rows.tolist()]
@@ -52,10 +52,10 @@ def write_edges(
 
 
 def visible_edges(structure: Structure, source: CameraSimulator, view: View, image: NDArray[np.uint8]) -> Array:
-    """Visible stretches (n, 7) of the model's edges in a view, columns as EDGE_COLUMNS.
+    """Visible parts (n, 7) of the model's edges in a view, columns as EDGE_COLUMNS.
 
-    A stretch is visible where no surface lies before it in the depth of the view (within 1 %, one pixel around) and
-    it is inside the image. visible_share is the stretch's share of the whole edge, in metres; contrast the mean
+    A part is visible where no surface lies before it in the depth of the view (within 1 %, one pixel around) and
+    it is inside the image. visible_share is its share of the whole edge, in metres; contrast the mean
     difference of grey codes SIDE_PX to its left and right.
     """
     pinhole = source.pinhole
@@ -170,7 +170,7 @@ def read_depth(sequence: Sequence, frame: int) -> Array:
 
 
 def load_edges(sequence: Sequence, frame: int) -> Array:
-    """What `write_edges` wrote of a frame (n, 7)."""
+    """The edges of a frame (n, 7), as `write_edges` wrote them."""
     return read_numbers(edges_file(sequence, frame), EDGE_COLUMNS)
 
 

@@ -1,6 +1,6 @@
-"""What a tracker may know of the body that carries the camera: the mount, its sensors, and what these measured.
+"""The body as trackers are given it: the camera's mount, the sensors, and their samples.
 
-Everything that any tracker gets of a sequence beside images, camera, structure and first pose comes from here. It is
+Everything that any tracker gets of a sequence beside images, camera, structure and initial pose comes from here. It is
 a list of what may be known: of a sensor's file the columns that its class names in `measured`, of its parameters those
 in a data sheet or calibration. True values in the same files, such as the biases of an IMU, are on no list.
 """
@@ -25,7 +25,7 @@ from uavbench.trajectories.sensors.registry import SENSORS
 
 CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init)  # type: ignore[arg-type]
 """Parameters that may be known of a sensor: rates, noise, ranges and places, as the sensors here have them."""
-RESERVED = frozenset({"flight", "truth", "frames", "crlb", "edges", "estimates"})
+RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates"})
 """Names of tables that are no sensors."""
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 
@@ -52,7 +52,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What one sensor measured: stamps_ns (n,) int64, values (n, k) in the order of its columns, NaN where none."""
+    """Samples of one sensor: stamps_ns (n,) int64, values (n, k) in the order of its columns, NaN where none."""
 
     stamps_ns: NDArray[np.int64]
     values: Array

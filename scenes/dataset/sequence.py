@@ -5,7 +5,7 @@
     model.obj       the structure as designed, one group per planar face
     edges.csv       its true edges: vertices and the faces beside them
     frames.csv      frame, stamp_ns, file
-    truth.csv       world_from_body and its rates at each frame; a recording of real images has none
+    groundtruth.csv       world_from_body and its rates at each frame; a recording of real images has none
     frames/*.png    the images
     crlb.csv        Cramer-Rao bound of the camera's pose, of every n-th frame where the config asks for it
     flight.csv      the whole flight: motion, motors and wind, 100 times a second
@@ -39,7 +39,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
 
-TRUTH_COLUMNS = [
+GROUND_TRUTH_COLUMNS = [
     "frame", "stamp_ns",
     "px_m", "py_m", "pz_m",
     "qw", "qx", "qy", "qz",
@@ -51,7 +51,7 @@ TRUTH_COLUMNS = [
 DEPTH_M_PER_UNIT = 0.001
 """Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
 EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
-"""Of `edges/NNNNNN.csv`: a visible stretch of a model's edge, its ends, its share of the edge, its contrast."""
+"""Of `edges/NNNNNN.csv`: a visible part of a model's edge, its ends, its share of the edge, its contrast."""
 UPPER = np.triu_indices(6)
 BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
 """A covariance in `crlb.csv`: its upper triangle by rows."""
@@ -130,7 +130,7 @@ class Sequence:
         return hashlib.sha256(json.dumps(images).encode()).hexdigest() if images else ""
 
     def _said(self, key: str) -> Any:
-        """What `sequence.json` says of a key; UserError when it says nothing."""
+        """Value of a key of `sequence.json`; UserError where it is missing."""
         if key not in self.info:
             raise UserError(f"{self.folder / 'sequence.json'}: `{key}` is missing; render the sequence again")
         return self.info[key]
@@ -145,40 +145,42 @@ class Sequence:
 
     @property
     def recorded(self) -> bool:
-        """Whether its images are real: there is a first pose, and no truth."""
-        return "first_cam_from_world" in self.info
+        """Whether its images are real: there is an initial pose, and no ground truth."""
+        return "initial_cam_from_world" in self.info
 
     @property
-    def first_cam_from_world(self) -> Pose:
+    def initial_cam_from_world(self) -> Pose:
         """Pose of the camera at the first frame: the true one, or the one that a recording comes with."""
         if not self.recorded:
             return self.true_cam_from_world(0)
         try:
-            return Pose.from_matrix(self.info["first_cam_from_world"])
+            return Pose.from_matrix(self.info["initial_cam_from_world"])
         except (ValueError, TypeError, OverflowError) as error:
-            raise UserError(f"{self.folder / 'sequence.json'}: first_cam_from_world: {error}") from None
+            raise UserError(f"{self.folder / 'sequence.json'}: initial_cam_from_world: {error}") from None
 
     @cached_property
-    def truth(self) -> Trajectory:
+    def ground_truth(self) -> Trajectory:
         """True `world_from_body` at each frame."""
-        table = self.truth_table
+        table = self.ground_truth_table
         try:
             return Trajectory(self.stamps_ns, table[:, 2:5], table[:, 5:9])
         except ValueError as error:
-            raise UserError(f"{self.folder / 'truth.csv'}: {error}; render the sequence again") from None
+            raise UserError(f"{self.folder / 'groundtruth.csv'}: {error}; render the sequence again") from None
 
     @cached_property
-    def truth_table(self) -> Array:
-        """All of truth.csv (n, 18) in the order of TRUTH_COLUMNS."""
-        path = self.folder / "truth.csv"
+    def ground_truth_table(self) -> Array:
+        """All of groundtruth.csv (n, 18) in the order of TRUTH_COLUMNS."""
+        path = self.folder / "groundtruth.csv"
         if self.recorded:
-            raise UserError(f"{self.folder}: a recording of real images has no truth to compare with")
-        table = read_numbers(path, TRUTH_COLUMNS)
+            raise UserError(f"{self.folder}: a recording of real images has no ground truth to compare with")
+        table = read_numbers(path, GROUND_TRUTH_COLUMNS)
         if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():
             row = int(np.argmin((np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all(axis=1)))
             raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
         if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
-            raise UserError(f"{self.folder / 'truth.csv'}: its stamps differ from those of frames.csv; render it again")
+            raise UserError(
+                f"{self.folder / 'groundtruth.csv'}: its stamps differ from those of frames.csv; render it again"
+            )
         return table
 
     @cached_property
@@ -194,7 +196,7 @@ class Sequence:
 
     def true_cam_from_world(self, frame: int) -> Pose:
         """True pose of the camera at a frame."""
-        return self.cam_from_body @ self.truth.pose(frame).inverse()
+        return self.cam_from_body @ self.ground_truth.pose(frame).inverse()
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,12 +221,12 @@ class Frame:
 
     @property
     def world_from_body(self) -> Pose:
-        """True pose of the vehicle; UserError for a recording, which has no truth."""
-        return self.sequence.truth.pose(self.number)
+        """True pose of the vehicle; UserError for a recording, which has no ground truth."""
+        return self.sequence.ground_truth.pose(self.number)
 
     @property
     def cam_from_world(self) -> Pose:
-        """True pose of the camera; UserError for a recording, which has no truth."""
+        """True pose of the camera; UserError for a recording, which has no ground truth."""
         return self.sequence.true_cam_from_world(self.number)
 
     @property
@@ -244,7 +246,7 @@ class Frame:
 
     @property
     def edges(self) -> Array | None:
-        """Visible stretches (n, 7) of the model's edges, columns as EDGE_COLUMNS; None where there are none."""
+        """Visible parts (n, 7) of the model's edges, columns as EDGE_COLUMNS; None where there are none."""
         path = self._file("edges", "csv")
         return None if path is None else read_numbers(path, EDGE_COLUMNS)
 
@@ -256,7 +258,7 @@ class Frame:
 def open_sequence(folder: str | Path) -> Sequence:
     """A sequence folder, for its images and ground truth: iterate over it, or take `sequence[frame]`.
 
-    A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.truth`, the true
+    A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.ground truth`, the true
     `world_from_body` of all frames; each `Frame` has `.image` (h, w, 3) BGR, `.stamp_ns`, `.cam_from_world`,
     `.world_from_body`, `.depth_m` (h, w), `.mask` (h, w), `.edges` (n, 7). UserError naming the file that is missing
     or wrong.

@@ -22,7 +22,7 @@ MACHINE = ("versions",)
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found of one folder: how it was compared, how many files, and each problem in words."""
+    """Result for one folder: how it was compared, how many files, and each problem."""
 
     folder: Path
     method: Literal["hash", "tolerance"]
@@ -66,7 +66,7 @@ def compare(folder: Path, again: Path) -> Verdict:
             if _without_machine(folder) != _without_machine(again):
                 problems.append("sequence.json: differs by more than the machine")
         else:
-            problems.append(f"{name}: differs; truth and sensors must be the same to the byte")
+            problems.append(f"{name}: differs; ground truth and sensors must be the same to the byte")
     for name in images:
         share = _share_within(folder / name, again / name)
         if not share >= TOLERANCE_SHARE:

@@ -40,7 +40,7 @@ class Vignetting:
 class AutoExposure:
     """The camera steers its exposure towards a mean light of `target`, and takes time for it.
 
-    Each frame's exposure follows from the frames before it: it approaches the wish with time constant lag_s, within
+    Each frame's exposure follows from the frames before it: it approaches its target with time constant lag_s, within
     a factor `reach` of the scene's own light either way. The first frame is exposed as wished.
     """
 
@@ -56,12 +56,12 @@ class AutoExposure:
             seen = source.image(stamp_ns)
             if seen is None:
                 return None
-            wish = float(np.clip(self.target / max(float(seen.mean()), 1e-6), 1 / self.reach, self.reach))
-            gain = state.get("gain", wish)
+            target_gain = float(np.clip(self.target / max(float(seen.mean()), 1e-6), 1 / self.reach, self.reach))
+            gain = state.get("gain", target_gain)
             passed_s = (stamp_ns - state.get("stamp_ns", stamp_ns)) * 1e-9
             follow = 1 - np.exp(-passed_s / self.lag_s) if self.lag_s > 0 else 1.0
-            gain *= (state.get("wish", wish) / gain) ** follow
-            state.update(gain=gain, wish=wish, stamp_ns=stamp_ns)
+            gain *= (state.get("target_gain", target_gain) / gain) ** follow
+            state.update(gain=gain, target_gain=target_gain, stamp_ns=stamp_ns)
             return seen * np.float32(gain)
 
         return replace(source, image=image)

@@ -123,7 +123,7 @@ class State:
 def true_state(shown: Shown) -> State:
     """State at the rows of flight.csv and at the images, in order."""
     sequence = shown.sequence
-    stamps, values = sequence.stamps_ns, sequence.truth_table[:, 2:15]
+    stamps, values = sequence.stamps_ns, sequence.ground_truth_table[:, 2:15]
     path = sequence.folder / "flight.csv"
     if path.is_file():
         stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])

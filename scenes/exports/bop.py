@@ -29,7 +29,7 @@ LEAST_TARGET_SHARE = 0.1
 
 
 def export_bop(shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
-    """BOP layout: `models/`, and `test/000001/` with rgb, mask, depth and mask_visib (where there are any) and truth.
+    """BOP layout: `models/`, and `test/000001/` with rgb, mask, depth and mask_visib (where there are any), poses.
 
     One object, number 1: the structure. Lengths in millimetres.
     """
@@ -60,8 +60,8 @@ def export_bop(shown: Shown, folder: Path, on_frame: Callable[[int, int], None])
     for file, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
         write_text(scene / f"{file}.json", json.dumps(content, indent=1) + "\n")
     write_text(folder / "test_targets_bop19.json", json.dumps(targets, indent=1) + "\n")
-    truth = tuple(name for name in ("depth", "mask") if (sequence.folder / name).is_dir())
-    return Held(files=FILES, frames={}, truth=truth, limits=_limits(truth), readme="dataset_info.md")
+    annotations = tuple(name for name in ("depth", "mask") if (sequence.folder / name).is_dir())
+    return Held(files=FILES, frames={}, annotations=annotations, limits=_limits(annotations), readme="dataset_info.md")
 
 
 FILES = {
@@ -78,16 +78,16 @@ FILES = {
 }
 
 
-def _limits(truth: tuple[str, ...]) -> tuple[str, ...]:
+def _limits(annotations: tuple[str, ...]) -> tuple[str, ...]:
     lines = ["Stamps: images have numbers and no times."]
-    if "mask" not in truth:
+    if "mask" not in annotations:
         lines.append(
-            'Visible part: the sequence was rendered without truth = ["mask"], so there is no mask_visib/, and '
+            'Visible part: the sequence was rendered without annotations = ["mask"], so there is no mask_visib/, and '
             "scene_gt_info.json has no bbox_visib, px_count_visib and visib_fract."
         )
-    if "depth" not in truth:
+    if "depth" not in annotations:
         lines.append(
-            'Depth: the sequence was rendered without truth = ["depth"], so there is no depth/, and '
+            'Depth: the sequence was rendered without annotations = ["depth"], so there is no depth/, and '
             "scene_gt_info.json has no px_count_valid."
         )
     return tuple(lines)
@@ -135,7 +135,7 @@ def _write_images(shown: Shown, frame: int, scene: Path) -> dict[str, Any]:
 
 
 def silhouette(sequence: Sequence, frame: int, camera: Camera) -> NDArray[np.bool_]:
-    """Where the model's surface projects to, on a canvas of CANVAS times the image, which is in its middle."""
+    """Silhouette of the model, on a canvas of CANVAS times the image, centred on it."""
     canvas = np.zeros((CANVAS * camera.height, CANVAS * camera.width), dtype=np.uint8)
     points = sequence.true_cam_from_world(frame).transform(sequence.structure.vertices)
     triangles = _before(points[sequence.structure.triangles], NEAR_M)
@@ -165,7 +165,7 @@ def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
 
 
 def _box(mask: np.ndarray) -> list[int]:
-    """x, y, width, height of what is set; -1s when nothing is."""
+    """Bounding box x, y, width, height of a mask; -1s when it is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return [-1, -1, -1, -1]

@@ -56,11 +56,11 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
     imus = imus_of(sequence)
     for number, (name, imu) in enumerate(imus.items()):
         _write_imu(mav / f"imu{number}", sequence.folder / name, imu)
-    _write_truth(mav / "state_groundtruth_estimate0", sequence, next(iter(imus), None))
-    truth = "mav0/state_groundtruth_estimate0/data.csv"
+    _write_ground_truth(mav / "state_groundtruth_estimate0", sequence, next(iter(imus), None))
+    poses = "mav0/state_groundtruth_estimate0/data.csv"
     files = {
         "mav0/cam0": "images by stamp; sensor.yaml: body from camera, intrinsics, distortion",
-        truth: "body in the world, its velocity in the world, biases of imu0; 100 rows a second and one at each image",
+        poses: "body in the world, its velocity in the world, biases of imu0; 100 rows a second and one at each image",
     }
     files |= {f"mav0/imu{k}": f"rates and specific forces of `{name}`" for k, name in enumerate(imus)}
     limits = [f"Parameters: `{name}` is not described in sequence.json." for name, imu in imus.items() if not imu]
@@ -70,7 +70,7 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
             "Body: an IMU sits beside the body's origin (see its T_BS); a tool that takes the IMU as the body must "
             "move the ground truth by it."
         )
-    return Held(files=files, frames={truth: "world_from_body"}, sensors=tuple(imus), limits=tuple(limits))
+    return Held(files=files, frames={poses: "world_from_body"}, sensors=tuple(imus), limits=tuple(limits))
 
 
 def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
@@ -109,9 +109,9 @@ def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
     write_text(folder / "sensor.yaml", text)
 
 
-def _write_truth(folder: Path, sequence: Sequence, imu: str | None) -> None:
+def _write_ground_truth(folder: Path, sequence: Sequence, imu: str | None) -> None:
     """State at the rows of flight.csv and at the images, in order."""
-    stamps, state = sequence.stamps_ns, sequence.truth_table[:, 2:12]
+    stamps, state = sequence.stamps_ns, sequence.ground_truth_table[:, 2:12]
     path = sequence.folder / "flight.csv"
     if path.is_file():
         stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])

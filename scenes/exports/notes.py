@@ -14,17 +14,17 @@ from uavbench.trajectories.files.writing import write_text
 
 @dataclass(frozen=True, kw_only=True)
 class Held:
-    """What an exporter wrote.
+    """Content of an export.
 
     files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
-    it took over; truth: of depth, mask and edges those that it took over; limits: what it had to leave out or change;
+    it took over; annotations: depth, mask and edges if it took them over; limits: what it had to leave out or change;
     angular_rates: whether it took over those of the body.
     """
 
     files: dict[str, str]
     frames: dict[str, str]
     sensors: tuple[str, ...] = ()
-    truth: tuple[str, ...] = ()
+    annotations: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     angular_rates: bool = False
     readme: str = "README.md"
@@ -60,7 +60,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
         )
     lines += _link(sequence)
     for name in ("depth", "mask", "edges"):
-        if name not in held.truth and (sequence.folder / name).is_dir():
+        if name not in held.annotations and (sequence.folder / name).is_dir():
             lines.append(f"Truth of each frame: `{name}/` is not held.")
     if (sequence.folder / "crlb.csv").is_file():
         lines.append("Bounds: the Cramer-Rao bounds of `crlb.csv` are not held.")
@@ -104,7 +104,7 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
 
 
 def _link(sequence: Sequence) -> list[str]:
-    """What the link did to the frames."""
+    """Frames dropped and duplicated by the link."""
     effects = {effect.get("kind"): effect for effect in sequence.info.get("config", {}).get("effects", ())}
     lines = []
     if "drops" in effects:

@@ -31,7 +31,7 @@ LARGEST = 65535
 
 @dataclass(frozen=True)
 class Format:
-    """How a format is written, and which lenses it has a place for."""
+    """How a format is written, and which distortion models it can hold."""
 
     write: Write
     holds_lens: Callable[[Camera], bool]
@@ -81,7 +81,7 @@ def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     """`rgb/`, `rgb.txt`, `groundtruth.txt` of the camera (world from camera), `camera.txt`, and depth / 5000 m."""
     sequence = shown.sequence
     (folder / "rgb").mkdir()
-    write_tum(camera_truth(sequence), folder / "groundtruth.txt", "world_from_cam")
+    write_tum(camera_ground_truth(sequence), folder / "groundtruth.txt", "world_from_cam")
     lists: dict[str, list[str]] = {"rgb": []}
     far = measured = 0
     for frame, stamp in enumerate(sequence.stamps_ns.tolist()):
@@ -114,15 +114,17 @@ def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
             f"Depth: 16 bits end at {LARGEST / TUM_UNITS_PER_M:.3f} m; {100 * far / measured:.1f} % of the measured "
             "pixels are further away and are 0, no measurement."
         )
-    truth = ("depth",) if "depth" in lists else ()
-    return Held(files=files, frames={"groundtruth.txt": "world_from_cam"}, truth=truth, limits=tuple(limits))
+    annotations = ("depth",) if "depth" in lists else ()
+    return Held(
+        files=files, frames={"groundtruth.txt": "world_from_cam"}, annotations=annotations, limits=tuple(limits)
+    )
 
 
 def export_kitti(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     """`image_2/`, `times.txt`, `calib.txt` and `poses.txt`: the camera, relative to nothing (world from camera)."""
     sequence = shown.sequence
     (folder / "image_2").mkdir()
-    write_kitti(camera_truth(sequence), folder / "poses.txt")
+    write_kitti(camera_ground_truth(sequence), folder / "poses.txt")
     stamps = sequence.stamps_ns.tolist()
     write_text(folder / "times.txt", "".join(f"{seconds(stamp)}\n" for stamp in stamps))
     c = shown.camera
@@ -169,10 +171,10 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     return Held(files=files, frames={}, limits=limits)
 
 
-def camera_truth(sequence: Sequence) -> Trajectory:
+def camera_ground_truth(sequence: Sequence) -> Trajectory:
     """True `world_from_cam` at each frame."""
     body_from_cam = sequence.cam_from_body.inverse()
-    poses = [sequence.truth.pose(k) @ body_from_cam for k in range(len(sequence))]
+    poses = [sequence.ground_truth.pose(k) @ body_from_cam for k in range(len(sequence))]
     return Trajectory.from_poses(sequence.stamps_ns.tolist(), poses)
 
 

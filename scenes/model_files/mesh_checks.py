@@ -46,7 +46,7 @@ def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: boo
 
 
 def closedness(vertices: Array, triangles: np.ndarray) -> tuple[int, float]:
-    """How many directed edges lack their opposite once equal vertices are one, and the enclosed volume (m3)."""
+    """Number of directed edges without their opposite after merging equal vertices, and the enclosed volume (m3)."""
     scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
     _, same = np.unique(np.round(vertices / (1e-7 * scale)), axis=0, return_inverse=True)
     corners = same.reshape(-1)[triangles].astype(np.int64)

@@ -1,4 +1,4 @@
-"""What a model refers to (materials, buffers, textures), taken from the model's own folder and from nowhere else."""
+"""Files that a model refers to (materials, buffers, textures), from the model's own folder only."""
 
 from pathlib import Path
 from typing import Any, NoReturn

@@ -34,7 +34,7 @@ Map = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a pinhole camera sees at one moment: codes of the renderer, and depth in metres (0: nothing)."""
+    """A pinhole image at one instant: codes of the renderer, and depth in metres (0: background)."""
 
     color: NDArray[np.uint8]
     depth: NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""What lives on the GPU: programs, meshes, textures, and the images drawn into."""
+"""GPU resources: programs, meshes, textures, and framebuffers."""
 
 import ctypes
 from typing import Any

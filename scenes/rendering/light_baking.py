@@ -20,7 +20,7 @@ TEXTURE_PX = 2048
 def bake(
     parts: tuple[Part, ...], occluder: ObstacleMesh, light: Light, reach_m: float, rays: int = 48, lamp_rays: int = 24
 ) -> tuple[Part, ...]:
-    """The parts with tints darkened by what stands near them.
+    """The parts with tints darkened by ambient occlusion.
 
     Ambient occlusion (Zhukov et al. 1998) within reach_m by cosine-weighted rays; where the light throws no
     shadow map, also the share of a round lamp seen, whose radius makes shadows of width softness_m at reach_m.

@@ -1,4 +1,4 @@
-"""Codes and light: how 8-bit images stand for linear radiance."""
+"""Conversion between 8-bit codes and linear radiance."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What the lamp lights: which faces turn to it, and the map of what is nearest to it."""
+"""Shadow mapping of the lamp: faces turned to it, and the depth map seen from it."""
 
 from dataclasses import replace
 from typing import Any
@@ -29,7 +29,7 @@ def split_by_lamp(part: Part, light: Light) -> list[tuple[Part, bool]]:
 
 
 class ShadowMap:
-    """What the lamp sees of the still parts that cast shadows, drawn once."""
+    """Depth map of the static parts that cast shadows, seen from the lamp, rendered once."""
 
     def __init__(self, GL: Any, light: Light, meshes: list[Mesh], programs: tuple[Program, Program]) -> None:
         self._gl = GL

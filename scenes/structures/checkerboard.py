@@ -1,4 +1,4 @@
-"""A checkerboard that stands upright: the structure to calibrate a camera with."""
+"""An upright checkerboard: the structure for camera calibration."""
 
 from dataclasses import dataclass
 from typing import Annotated

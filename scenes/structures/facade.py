@@ -1,4 +1,4 @@
-"""What is on a facade: openings, and the sills, plinth, coping and pipe around them."""
+"""Details of a facade: openings, sills, plinth, coping and pipe."""
 
 from dataclasses import dataclass
 

@@ -16,7 +16,7 @@ ABOVE, BELOW = 1.0, 0.2
 
 @dataclass(frozen=True)
 class Studio:
-    """Nothing but the structure: each of its surfaces in one colour, the mean of its texture, before one grey.
+    """The structure alone: each surface in one colour, the mean of its texture, in front of uniform grey.
 
     Light comes from all around, more of it from above and along x; there is no lamp, and so no shadow. backdrop is
     the linear light of what is behind the structure.

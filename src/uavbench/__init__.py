@@ -1,10 +1,10 @@
-"""Ground truth for model-based UAV localization: rendered inspection flights, trackers, and honest scores.
+"""Ground truth for model-based UAV localization: rendered inspection flights, trackers, and scores.
 
 For scripts and notebooks; each name is imported when it is first used::
 
     import uavbench as ub
 
-    ub.evaluate("truth.tum", "estimate.tum", align="se3").frames()
+    ub.evaluate("groundtruth.tum", "estimate.tum", align="se3").frames()
     ub.render("tiny", out="out/tiny")
     ub.start("robust", "box.obj", "camera.toml", cam_from_world).track(image, stamp_ns)
     ub.load_scores("out/tiny")

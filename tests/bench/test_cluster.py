@@ -19,7 +19,7 @@ import pytest
 from tests.bench.process_trees import wait_until
 from tests.bench.small_suites import small_suite
 from uavbench.bench.inputs.content_hash import content_hash
-from uavbench.bench.runner.commands import Where, bring_up_to, run_shard
+from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, run_shard
 from uavbench.bench.runner.executors import dask_pool
 from uavbench.bench.runner.graph import Job, run_graph
 from uavbench.bench.runner.slurm import run_shards
@@ -101,8 +101,8 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(cluster, tmp_pa
 
 def test_a_suite_on_a_local_dask_cluster_is_the_suite_on_local_processes(tmp_path):
     suite = small_suite(tmp_path)
-    assert bring_up_to("score", str(suite), tmp_path / "dask", Where(workers=2, dask="local")) == 0
-    assert bring_up_to("score", str(suite), tmp_path / "here", Where(workers=1)) == 0
+    assert bring_up_to("score", str(suite), tmp_path / "dask", ExecutionOptions(workers=2, dask="local")) == 0
+    assert bring_up_to("score", str(suite), tmp_path / "here", ExecutionOptions(workers=1)) == 0
     for name in sorted((tmp_path / "here").glob("results/*/*/frames.csv")):
         there = tmp_path / "dask" / name.relative_to(tmp_path / "here")
         assert there.read_bytes() == name.read_bytes()
@@ -123,6 +123,6 @@ def test_shards_as_jobs_of_a_queue_then_the_rest_here(tmp_path):
     shard = partial(run_shard, "score", str(suite), out)
     assert run_shards(shard, out, 2, ("timeout_min=10",), cluster="local") == 0
     assert len(list(out.glob("results/*/*/score.json"))) == 2
-    assert bring_up_to("score", str(suite), out, Where(workers=1)) == 0
+    assert bring_up_to("score", str(suite), out, ExecutionOptions(workers=1)) == 0
     with pytest.raises(UserError, match="key=value"):
         run_shards(shard, out, 2, ("partition",), cluster="local")

@@ -188,7 +188,7 @@ def git(folder, *arguments):
 
 
 def off(folder, side, label):
-    """How far along the camera's x a side's first pose is from the truth, m."""
+    """How far along the camera's x a side's first pose is from the ground truth, m."""
     results = Results.load(folder / "out/compare" / side / "results/box-s0" / f"{label}@15hz")
     sequence = Sequence.load(folder / "out/compare/head/sequences/box-s0")
     return float((results.rows[0].cam_from_world @ sequence.true_cam_from_world(0).inverse()).translation[0])

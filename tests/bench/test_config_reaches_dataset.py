@@ -23,7 +23,7 @@ structure = { kind = "box", length_m = 0.5, width_m = 0.35, height_m = 0.25 }
 environment = { kind = "indoor", floor = "concrete" }
 mount = { pitch_deg = -31.0, yaw_deg = 4.0, roll_deg = 2.0, offset_m = [0.03, -0.01, 0.02] }
 clutter = [{ kind = "people", density = 0.1, nearest_m = 2.5, furthest_m = 4.0 }]
-truth = ["depth", "mask", "edges"]
+annotations = ["depth", "mask", "edges"]
 crlb_every = 4
 deviation = { scale_percent = 0.2 }
 sensors = [
@@ -120,7 +120,7 @@ def test_the_record_says_every_parameter(table, info):
 def test_each_sensor_of_the_suite_has_its_file_and_no_other_has_one(table, dataset, info):
     names = ["imu.csv", "imu-bmi088.csv", "imu-2.csv", "gnss.csv", "baro.csv"]
     assert list(info["sensors"]) == names
-    known = {"truth.csv", "frames.csv", "flight.csv", "edges.csv", "crlb.csv"}
+    known = {"groundtruth.csv", "frames.csv", "flight.csv", "edges.csv", "crlb.csv"}
     assert {path.name for path in dataset.glob("*.csv")} == {*names, *known}
     for name, said in zip(names, table["sensors"], strict=True):
         assert info["sensors"][name].items() >= said.items()

@@ -44,7 +44,7 @@ def contents(folder, *patterns):
     return {str(p.relative_to(folder)): p.read_bytes() for pattern in patterns for p in sorted(folder.glob(pattern))}
 
 
-def truth_and_estimates(folder):
+def ground_truth_and_estimates(folder):
     return contents(folder, "sequences/*/*.*", "sequences/*/frames/*", "results/*/*/frames.csv", "results/*/*/*.tum")
 
 
@@ -94,7 +94,7 @@ def test_the_same_suite_gives_the_same_truth_and_scores_elsewhere(suite, done, t
     out, _ = done
     run = uavbench("score", suite, "--out", tmp_path / "again", "--jobs", 1)
     assert run.returncode == 0, run.stderr
-    assert truth_and_estimates(out) == truth_and_estimates(tmp_path / "again")
+    assert ground_truth_and_estimates(out) == ground_truth_and_estimates(tmp_path / "again")
     assert contents(out, "results/*/*/score.json") == contents(tmp_path / "again", "results/*/*/score.json")
 
 
@@ -121,7 +121,7 @@ def test_an_interrupted_run_is_resumed_to_the_same_end(suite, done, tmp_path, ho
     resumed = uavbench("score", suite, "--out", out)
     assert resumed.returncode == 0, resumed.stderr
     assert not half_written(out)
-    assert truth_and_estimates(out) == truth_and_estimates(done[0])
+    assert ground_truth_and_estimates(out) == ground_truth_and_estimates(done[0])
 
 
 def test_mistakes_end_with_code_2_and_no_traceback(suite, done, tmp_path):
@@ -148,7 +148,7 @@ def test_mistakes_end_with_code_2_and_no_traceback(suite, done, tmp_path):
 def test_what_was_damaged_is_made_again_to_the_same_end(suite, done, tmp_path):
     out = tmp_path / "out"
     subprocess.run(["cp", "-r", done[0], out], check=True)
-    whole = truth_and_estimates(out)
+    whole = ground_truth_and_estimates(out)
     image = out / "sequences" / "box-s1" / "frames" / "000003.png"
     image.write_bytes(image.read_bytes()[:-100])
     table = out / "results" / "box-s0" / "lsd@15hz" / "frames.csv"
@@ -156,7 +156,7 @@ def test_what_was_damaged_is_made_again_to_the_same_end(suite, done, tmp_path):
     run = uavbench("score", suite, "--out", out)
     assert run.returncode == 0, run.stderr
     assert "11 jobs done, 7 were fresh" in run.stderr  # a sequence with four runs and scores, and a run with its score
-    assert truth_and_estimates(out) == whole
+    assert ground_truth_and_estimates(out) == whole
 
 
 def test_a_users_file_in_a_folder_of_results_is_named_and_nothing_is_done(suite, done, tmp_path):

@@ -30,7 +30,7 @@ hold = { kind = "hold" }
 """
 BODIES = (
     "sequence",
-    "sequence/truth.csv",
+    "sequence/groundtruth.csv",
     "sequence/flight.csv",
     "results/groundtruth_world_from_body.tum",
     "euroc",
@@ -94,11 +94,11 @@ def test_two_frames_are_refused_and_converted_by_the_mount(made, reference, esti
 def test_results_say_their_frame_and_have_their_ground_truth_beside(made):
     names = {path.name for path in (made / "results").glob("*.tum")}
     assert names == {"estimate_world_from_body.tum", "groundtruth_world_from_body.tum"}
-    truth, estimate = (made / "results" / f"{kind}_world_from_body.tum" for kind in ("groundtruth", "estimate"))
-    for path in (truth, estimate):
+    ground_truth, estimate = (made / "results" / f"{kind}_world_from_body.tum" for kind in ("groundtruth", "estimate"))
+    for path in (ground_truth, estimate):
         assert path.read_text().startswith("# frame: world_from_body\n")
         assert len(file_interface.read_tum_trajectory_file(str(path)).timestamps) == 13
-    by_file = evaluated(truth, estimate)
+    by_file = evaluated(ground_truth, estimate)
     for pair in ((made / "sequence", made / "results"), (made / "euroc", estimate)):
         assert evaluated(*pair)["ate"] == by_file["ate"]
     assert by_file["ate"]["translation_m"]["max"] > 1e-3  # hold stands still
@@ -142,10 +142,10 @@ def test_what_holds_no_trajectory_is_told(made, name, told):
 
 
 def test_a_damaged_own_file_is_told(made, tmp_path):
-    lines = (made / "sequence" / "truth.csv").read_text().splitlines()
+    lines = (made / "sequence" / "groundtruth.csv").read_text().splitlines()
     for change in (["x", *lines[1:]], [lines[0], lines[2], lines[1]], [lines[0], lines[1].replace(",", ",nan,", 1)]):
-        (tmp_path / "truth.csv").write_text("\n".join(change) + "\n")
-        assert "truth.csv" in refused(made / "sequence", tmp_path / "truth.csv")
+        (tmp_path / "groundtruth.csv").write_text("\n".join(change) + "\n")
+        assert "groundtruth.csv" in refused(made / "sequence", tmp_path / "groundtruth.csv")
     shutil.copytree(made / "results", tmp_path / "results")
     path = tmp_path / "results" / "frames.csv"
     path.write_text(path.read_text().replace(",ok,", ",lost,"))

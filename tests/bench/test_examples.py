@@ -28,8 +28,8 @@ def test_the_python_example_tracks_better_than_holding(tmp_path, monkeypatch):
     sequence = Sequence.load(TRIAL)
     results = track_external(tracker, sequence, rate_hz=15.0, seed=0, kept_folder=tmp_path / "kept")
     last = results.rows[-1].cam_from_world.inverse().translation
-    truth = [sequence.true_cam_from_world(f).inverse().translation for f in (0, len(sequence) - 1)]
-    assert np.linalg.norm(last - truth[1]) < 0.8 * np.linalg.norm(truth[0] - truth[1])
+    ground_truth = [sequence.true_cam_from_world(f).inverse().translation for f in (0, len(sequence) - 1)]
+    assert np.linalg.norm(last - ground_truth[1]) < 0.8 * np.linalg.norm(ground_truth[0] - ground_truth[1])
 
 
 @pytest.mark.skipif(shutil.which("c++") is None, reason="absent: a C++ compiler (Debian's g++)")

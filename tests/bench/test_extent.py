@@ -24,7 +24,7 @@ rate_hz = 10.0
 structure = { kind = "box" }
 environment = { kind = "indoor" }
 flight.path = { kind = "orbit", speed_m_s = 1.5 }
-truth = ["depth"]
+annotations = ["depth"]
 [sequences.never]
 structure = { kind = "box" }
 environment = { kind = "indoor" }

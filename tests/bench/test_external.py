@@ -237,10 +237,10 @@ open(%r, "w").write(json.dumps(seen))
         seen = json.loads((tmp_path / mode).read_text())
         names = {Path(name).name for name in seen["files"]}
         assert names >= {"job.toml", "camera.toml", "model.obj", "edges.csv", "init.toml"}
-        assert not names & {"truth.csv", "sequence.json", "manifest.json"}
+        assert not names & {"groundtruth.csv", "sequence.json", "manifest.json"}
         assert "SECRET_TOKEN" not in seen["environment"]
         assert str(sequence.folder) not in json.dumps(seen)
-        position = repr(float(sequence.truth.positions_m[5, 0]))
+        position = repr(float(sequence.ground_truth.positions_m[5, 0]))
         assert not any(position in text for text in seen["text"])
         assert not Path(seen["cwd"]).exists()
 

@@ -216,7 +216,9 @@ def test_models_of_sequences(folder, data, edges):
 
 @LENIENT
 @given(
-    name=st.sampled_from(["sequence.json", "manifest.json", "frames.csv", "truth.csv", "camera.toml", "edges.csv"]),
+    name=st.sampled_from(
+        ["sequence.json", "manifest.json", "frames.csv", "groundtruth.csv", "camera.toml", "edges.csv"]
+    ),
     data=st.data(),
 )
 def test_sequences(folder, name, data):
@@ -230,7 +232,7 @@ def test_sequences(folder, name, data):
 
     def use():
         sequence = Sequence.load(trial)
-        return sequence.truth, sequence.cam_from_body, sequence.name, sequence.content_hash
+        return sequence.ground_truth, sequence.cam_from_body, sequence.name, sequence.content_hash
 
     expect_named(use)
     expect_named(verify, trial)

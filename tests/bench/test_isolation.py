@@ -1,4 +1,4 @@
-"""A tracker that looks for the truth in every place it knows of: found when it is not isolated, and not when it is."""
+"""A tracker that looks for the ground truth in every place it knows of: found when it is not isolated, else not."""
 
 import json
 import os
@@ -40,7 +40,7 @@ for pid in pids:
 for pid in list(near) + PIDS:
     for link in glob.glob(f"/proc/{pid}/fd/*"): look(link)
     look(f"/proc/{pid}/cwd")
-    for truth in TRUTH: look_at(f"/proc/{pid}/root{truth}"); look_at(f"/proc/{pid}/cwd{truth}")
+    for ground truth in TRUTH: look_at(f"/proc/{pid}/root{ground truth}"); look_at(f"/proc/{pid}/cwd{ground truth}")
     try:
         memory = open(f"/proc/{pid}/mem", "rb", 0)
         for line in open(f"/proc/{pid}/maps"):
@@ -49,7 +49,7 @@ for pid in list(near) + PIDS:
             memory.seek(first)
             if SECRET in memory.read(last - first) and pid not in ("self", str(os.getpid())): found.append(f"mem {pid}")
     except (OSError, ValueError): pass
-for truth in TRUTH: look_at(truth)
+for ground truth in TRUTH: look_at(ground truth)
 for name in ("/tmp", "/dev/shm", "/run", "/var", "/home", "/root", "/mnt", ".."): look(name)
 if any(SECRET.decode() in value for value in os.environ.values()): found.append("environment")
 for family, address in ((socket.AF_INET, ("127.0.0.1", PORT)), (socket.AF_UNIX, "\\0" + NAME)):
@@ -74,8 +74,8 @@ def stolen(tmp_path, monkeypatch):
     """What a thief brought home, isolated in some way or not at all."""
     dataset = tmp_path / "dataset"
     shutil.copytree(TRIAL, dataset)
-    secret = (dataset / "truth.csv").read_bytes().splitlines()[5][:60]
-    held = (dataset / "truth.csv").open("rb")  # as a harness may
+    secret = (dataset / "groundtruth.csv").read_bytes().splitlines()[5][:60]
+    held = (dataset / "groundtruth.csv").open("rb")  # as a harness may
     tcp, unix, name = socket.create_server(("127.0.0.1", 0)), socket.socket(socket.AF_UNIX), f"uavbench-{os.getpid()}"
     unix.bind(f"\0{name}")
     unix.listen()
@@ -83,7 +83,7 @@ def stolen(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", secret.decode())
 
     def steal(mode, way, **options):
-        mine = {"SECRET": secret, "PIDS": [str(os.getpid())], "TRUTH": [str(dataset / "truth.csv")], "NAME": name}
+        mine = {"SECRET": secret, "PIDS": [str(os.getpid())], "TRUTH": [str(dataset / "groundtruth.csv")], "NAME": name}
         mine |= {"PORT": tcp.getsockname()[1], "WRITE": [str(dataset / "x"), "/proc/sys/kernel/x", str(tmp_path / "x")]}
         head = "".join(f"{key} = {value!r}\n" for key, value in mine.items())
         rest = STREAM.format(each="pass") if mode == "stream" else FOLDER.format(change="pass", after="pass")
@@ -119,11 +119,11 @@ def works(way):
 @pytest.mark.parametrize("mode", ["stream", "folder"])
 def test_a_thief_finds_the_truth_without_isolation(stolen, mode):
     loot = stolen(mode, None)
-    assert any(path.endswith("truth.csv") for path in loot["found"])
+    assert any(path.endswith("groundtruth.csv") for path in loot["found"])
     for way in (r"/proc/\d+/fd/", r"/proc/\d+/cwd/", r"/proc/\d+/root/", r"mem \d+", "network \0uavbench-"):
         assert any(re.match(way, path) for path in loot["found"]), f"the attack by {way} is none"
     assert str(os.getpid()) in loot["pids"]
-    assert any("truth.csv" in path or "fd" in path for path in loot["found"])
+    assert any("groundtruth.csv" in path or "fd" in path for path in loot["found"])
     assert any("127.0.0.1" in path for path in loot["found"])
     assert loot["written"]
 
@@ -168,14 +168,16 @@ def test_python_code_of_ones_own_cannot_be_isolated(monkeypatch):
 
 
 def test_an_isolated_program_sees_what_it_runs_and_not_what_it_names(tmp_path):
-    """Its helper and its weights, but no truth: neither of this dataset nor of another that a text in it leads to."""
+    """Its helper and its weights, but no ground truth: of this dataset or of another that a text in it names."""
     for name in ("one", "two"):
         shutil.copytree(TRIAL, tmp_path / name)
     program = tmp_path / "program"
     program.mkdir()
     (program / "weights").write_text("1")
-    (program / "helper.py").write_text(f"TRUTH = {str(tmp_path / 'two' / 'truth.csv')!r}\n")
-    text = f"import helper\nNAMES = ('notes', {str(tmp_path / 'one' / 'truth.csv')!r}, '../two/truth.csv')\n"
+    (program / "helper.py").write_text(f"TRUTH = {str(tmp_path / 'two' / 'groundtruth.csv')!r}\n")
+    text = (
+        f"import helper\nNAMES = ('notes', {str(tmp_path / 'one' / 'groundtruth.csv')!r}, '../two/groundtruth.csv')\n"
+    )
     (program / "track.py").write_text(text)
     (program / "notes").write_text("mine")
     command = (sys.executable, str(program / "track.py"))
@@ -189,6 +191,6 @@ def test_an_isolated_program_sees_what_it_runs_and_not_what_it_names(tmp_path):
 def test_a_dataset_that_would_be_seen_is_refused(tmp_path):
     inside = tmp_path / "sequence"
     shutil.copytree(TRIAL, inside)
-    tracker = External(command=("true",), input_files=(str(inside / "truth.csv"),), isolate=True)
+    tracker = External(command=("true",), input_files=(str(inside / "groundtruth.csv"),), isolate=True)
     with pytest.raises(UserError, match="would be seen"):
         track_external(tracker, Sequence.load(inside), rate_hz=15.0, seed=0, kept_folder=tmp_path / "kept")

@@ -1,4 +1,4 @@
-"""Recordings of real images: no truth is made up, and none is needed for the rest of the job."""
+"""Recordings of real images: no ground truth is made up, and none is needed for the rest of the job."""
 
 import json
 import shutil
@@ -41,7 +41,7 @@ lsd = { kind = "lsd" }
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
-    """The bundled trial's images, model and camera as a user has them, with a first pose."""
+    """The bundled trial's images, model and camera as a user has them, with an initial pose."""
     folder = tmp_path_factory.mktemp("own")
     shutil.copytree(TRIAL / "frames", folder / "frames")
     for name in ("model.obj", "camera.toml"):
@@ -66,8 +66,8 @@ def test_a_recording_is_a_sequence_without_truth(sequence):
     assert len(sequence) == len(trial)
     assert np.array_equal(sequence.image(3), trial.image(3))
     assert np.allclose(np.diff(sequence.stamps_ns), 1e9 / 15, atol=1)
-    assert np.allclose(sequence.first_cam_from_world.matrix, trial.true_cam_from_world(0).matrix)
-    with pytest.raises(UserError, match="no truth"):
+    assert np.allclose(sequence.initial_cam_from_world.matrix, trial.true_cam_from_world(0).matrix)
+    with pytest.raises(UserError, match="no ground truth"):
         sequence.true_cam_from_world(0)
 
 
@@ -114,10 +114,10 @@ def test_the_report_of_a_recording_has_no_error_in_it(own, tmp_path):
     assert done.returncode == 0, done.stderr
     scores = json.loads((tmp_path / "out" / "scores.json").read_text())
     assert {score["label"] for score in scores["scores"]} == {"hold", "lsd"}
-    assert scores["truth"] is None
+    assert scores["ground_truth"] is None
     assert not any({"ate", "rpe", "tracking"} & set(score) for score in scores["scores"])
     page = (tmp_path / "out" / "index.html").read_text()
-    assert "no truth" in page
+    assert "no ground truth" in page
     for name in ("lsd", "hold"):
         assert (tmp_path / "out" / "figures" / f"overlay_own-s0_{name}@15hz.webp").stat().st_size > 1000
     again = uavbench("run", own / "own.toml", "--out", tmp_path / "out", "--jobs", "1")
@@ -145,7 +145,7 @@ def test_the_cube_of_visp_is_found_or_named(tmp_path):
     numbers = [*pose.translation, *rotation_log(pose.rotation)]
     (tmp_path / "mbt/cube.0.pos").write_text("\n".join(map(repr, map(float, numbers))))
     found = VispCube(str(tmp_path)).find()
-    assert np.allclose(found.first_cam_from_world.matrix, pose.matrix)
+    assert np.allclose(found.initial_cam_from_world.matrix, pose.matrix)
     assert len(found.structure.edges) == len(trial.structure.edges)
     (tmp_path / "mbt/cube.0.pos").write_text("1 2 3")
     with pytest.raises(UserError, match=r"cube.0.pos.*3 numbers"):

@@ -23,7 +23,7 @@ environment = {{ kind = "indoor", floor = "carpet" }}
 flight.path = {{ kind = "hand-pilot", duration_s = 0.2 }}
 camera = {{ width = 64, height = 48, horizontal_fov_deg = 65.0 }}
 effects = [{{ kind = "motion-blur" }}, {{ kind = "noise" }}]
-truth = ["depth", "mask", "edges"]
+annotations = ["depth", "mask", "edges"]
 [trackers]
 hold = {{ kind = "hold" }}
 """

@@ -158,7 +158,7 @@ def use(folder):
     write_frames(job, sequence, [0])
     for name in ("euroc", "tum", "kitti", "bop", "mcap"):
         export(sequence, name, folder.parent / name)
-    return images, sequence.truth, (job / "imu.csv").read_text().splitlines()
+    return images, sequence.ground_truth, (job / "imu.csv").read_text().splitlines()
 
 
 def test_the_dataset_is_good_as_it_is(dataset):
@@ -172,7 +172,7 @@ FILES = [
     "model.obj",
     "edges.csv",
     "frames.csv",
-    "truth.csv",
+    "groundtruth.csv",
     "imu.csv",
     "frames/000003.png",
 ]

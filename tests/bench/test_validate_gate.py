@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from uavbench.bench.gate.validation import main
-from uavbench.bench.runner.commands import Where, bring_up_to
+from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 
 pytestmark = pytest.mark.slow
 SUITE = """
@@ -28,7 +28,7 @@ lsd = { kind = "lsd" }
 def rendered(tmp_path_factory):
     folder = tmp_path_factory.mktemp("validate")
     (folder / "few.toml").write_text(SUITE)
-    assert bring_up_to("render", str(folder / "few.toml"), folder / "few", Where(workers=1)) == 0
+    assert bring_up_to("render", str(folder / "few.toml"), folder / "few", ExecutionOptions(workers=1)) == 0
     return folder
 
 

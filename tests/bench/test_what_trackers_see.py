@@ -32,7 +32,7 @@ sensors = [
     { kind = "imu-bmi088", gyro_bias_rad_s = 0.1, rate_hz = 400.0 },
     { kind = "flow" }, { kind = "baro" }, { kind = "gnss" },
 ]
-truth = ["depth", "mask"]
+annotations = ["depth", "mask"]
 camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
 [trackers]
 hold = { kind = "hold" }
@@ -71,19 +71,23 @@ def sequence(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def truths(sequence):
+def ground_truths(sequence):
     """Every true number that nobody may see: flight, poses from the second frame on, and biases."""
     secret = set()
-    for name in ("flight.csv", "truth.csv", "imu.csv", "imu-bmi088.csv"):
+    for name in ("flight.csv", "groundtruth.csv", "imu.csv", "imu-bmi088.csv"):
         with (sequence.folder / name).open() as handle:
             rows = list(csv.DictReader(handle))
-        for row in rows[1:] if name in ("truth.csv", "flight.csv") else rows:
-            secret |= {value for key, value in row.items() if name in ("truth.csv", "flight.csv") or "bias" in key}
+        for row in rows[1:] if name in ("groundtruth.csv", "flight.csv") else rows:
+            secret |= {
+                value for key, value in row.items() if name in ("groundtruth.csv", "flight.csv") or "bias" in key
+            }
     return {value for value in secret if "." in value and len(value) > 8}
 
 
 @pytest.mark.parametrize("mode", ["stream", "folder"])
-def test_a_program_finds_in_its_folder_and_stream_what_is_listed_and_nothing_true(sequence, truths, tmp_path, mode):
+def test_a_program_finds_in_its_folder_and_stream_what_is_listed_and_nothing_true(
+    sequence, ground_truths, tmp_path, mode
+):
     program = tmp_path / "program.py"
     program.write_text(LOOT + (STREAM if mode == "stream" else "loot.close(); sys.exit(9)"))
     tracker = External(command=(sys.executable, str(program)), mode=mode)
@@ -96,8 +100,8 @@ def test_a_program_finds_in_its_folder_and_stream_what_is_listed_and_nothing_tru
     assert names - OWN - ours == COMMON | frames | more
     loot = (folder / "loot.bin").read_text()
     words = set(loot.replace(",", " ").replace("[", " ").replace("]", " ").split())
-    assert len(truths) > 1000
-    assert not words & truths
+    assert len(ground_truths) > 1000
+    assert not words & ground_truths
     assert "7701" not in words
     assert "bias_x" not in loot.replace("gyro_bias_rad_s", "").replace("accel_bias_m_s2", "")
     for name in READINGS:
@@ -171,7 +175,7 @@ def reached(value, seen):
             reached(item, seen)
 
 
-def test_no_object_that_a_plug_in_gets_leads_to_the_truth(sequence, truths):
+def test_no_object_that_a_plug_in_gets_leads_to_the_truth(sequence, ground_truths):
     Greedy.given.clear()
     results = track_sequence(Greedy(), sequence, rate_hz=15.0, seed=7701)
     assert results.record["errors"] == []
@@ -181,7 +185,7 @@ def test_no_object_that_a_plug_in_gets_leads_to_the_truth(sequence, truths):
     assert not [v for v in values if isinstance(v, Sequence | Path)]
     assert not [v for v in values if isinstance(v, str) and str(sequence.folder) in v]
     assert not [v for v in values if isinstance(v, int) and v == 7701]
-    true = {float(value) for value in truths}
+    true = {float(value) for value in ground_truths}
     for array in (v for v in values if isinstance(v, np.ndarray) and v.dtype == np.float64):
         assert not true & set(array.ravel().tolist())
     assert not [v for v in values if isinstance(v, float) and v in true]

@@ -26,7 +26,7 @@ from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.kernels.cache import KernelCache, folder_of, remove_old
 
-SILENT = {"list", "schema", "verify", "peers list"}
+SILENT = {"list", "schema", "verify", "third-party list"}
 """Commands that write nothing."""
 CAN_BE_BESIDE = {"evaluate", "tables"}
 """Commands that make a file beside what is there where its name is free."""
@@ -35,14 +35,14 @@ FILES = (
     "thesis.tex", ".git-credentials", ".pre-commit-config.yaml", ".a-b", "results/.my-notes", "sequences/box-s0/a.png",
     "results/box-s0/hold@15hz/score.json", "figures/mine.pdf", "index.html", "suite.json", "manifest.json", ".lock",
     "record.json", "report.json", "head/suite.json", "base/suite.json", "failures.txt", "seconds.json",
-    "gate/gate.json", "visp/peer.json", "opencv-rapid/venv/a",
+    "gate/gate.json", "visp/versions.json", "opencv-rapid/venv/a",
     "commands.md", "plugins.md", "suite.schema.json", "camera.toml",
     "made/a",
 )  # fmt: skip
 
 
 def leaves(group, before=""):
-    """Names of all commands, `peers list` of those in groups."""
+    """Names of all commands, `third-party list` of those in groups."""
     for name, command in group.commands.items():
         if isinstance(command, click.Group):
             yield from leaves(command, f"{before}{name} ")
@@ -112,7 +112,7 @@ def calls(inputs, target):
         "sensitivity": [
             ["sensitivity", inputs / "studied" / "small.toml", "--tracker", "rapid", "--jobs", 1, "--out", target]
         ],
-        "peers setup": [["peers", "setup", "visp"], ["peers", "setup", "opencv-rapid"]],
+        "third-party setup": [["third-party", "setup", "visp"], ["third-party", "setup", "opencv-rapid"]],
     }
 
 
@@ -143,8 +143,8 @@ def snapshot(folder):
     return {path.relative_to(folder).as_posix(): told(path) for path in sorted(folder.rglob("*"))}
 
 
-def invoke(arguments, peers):
-    environment = {"UAVBENCH_PEERS": str(peers)}
+def invoke(arguments, third_party):
+    environment = {"UAVBENCH_THIRD_PARTY": str(third_party)}
     return CliRunner().invoke(main, [str(a) for a in arguments], env=environment)
 
 
@@ -176,7 +176,7 @@ def test_what_is_precious_is_there_afterwards(inputs, tmp_path, monkeypatch, com
     monkeypatch.chdir(tmp_path)
     before, read = snapshot(home), snapshot(inputs)
     for arguments in calls(inputs, target)[command]:
-        result = invoke(arguments, peers=target)
+        result = invoke(arguments, third_party=target)
         assert_kept(home, before, result)
         assert result.exit_code or command in CAN_BE_BESIDE, f"{arguments} did not refuse"
         assert snapshot(inputs) == read

@@ -32,7 +32,7 @@ def test_a_notebook_runs_from_top_to_bottom(notebook, tmp_path, monkeypatch):
         shown = run_cell(text, names, f"{notebook.name}[{number}]")
     assert plt.get_fignums()
     found = names["found"]
-    assert found.ate["translation_m"].rmse < 0.05, "the estimate is near the truth"
+    assert found.ate["translation_m"].rmse < 0.05, "the estimate is near the ground truth"
     assert found.coverage == 1
     assert shown is not None
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uavbench.reports.evaluation.evaluate import MODES, Options, evaluate, evaluate_files
-from uavbench.reports.metrics.rpe import Stretch
+from uavbench.reports.metrics.rpe import PairInterval
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory import Trajectory
@@ -115,14 +115,14 @@ def test_kitti_mode_starts_a_segment_at_every_tenth_pose() -> None:
 
 
 def test_seconds_are_a_stretch() -> None:
-    moved = evaluate(circle(), circle(offset_m=0.5), Options(stretch=Stretch(1.0, "s", all_pairs=True)))
+    moved = evaluate(circle(), circle(offset_m=0.5), Options(interval=PairInterval(1.0, "s", all_pairs=True)))
     assert moved.rpe["translation_m"].n == 40
     assert moved.rpe["translation_m"].max == pytest.approx(0, abs=1e-12)
-    assert evaluate(circle(), circle(), Options(stretch=Stretch(1.0, "s"))).rpe["translation_m"].n == 4
+    assert evaluate(circle(), circle(), Options(interval=PairInterval(1.0, "s"))).rpe["translation_m"].n == 4
 
 
 def test_too_short_for_a_stretch_is_told_not_hidden(tmp_path: Path) -> None:
-    found = evaluate(circle(5), circle(5), Options(stretch=Stretch(100, "frames")))
+    found = evaluate(circle(5), circle(5), Options(interval=PairInterval(100, "frames")))
     assert found.rpe is None
     assert found.to_json()["rpe"] is None
 

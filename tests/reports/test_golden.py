@@ -15,7 +15,7 @@ from tests.golden.evo import make
 from uavbench.reports.metrics.align import align, alignment
 from uavbench.reports.metrics.ape import absolute_errors
 from uavbench.reports.metrics.association import PosePairs, associate
-from uavbench.reports.metrics.rpe import Stretch, relative_errors, stretches
+from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors
 from uavbench.reports.metrics.sub_trajectories import rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.trajectories.trajectory import Trajectory
@@ -94,8 +94,8 @@ def test_every_relative_error_equals_evo(pair: str) -> None:
     for row in figures("expected.json")["pairs"][pair]["rpe"]:
         pairs = aligned(pair, row["sync"], row["align"])
         pairs_from = "reference" if row["pairs_from_reference"] else "estimate"
-        over = Stretch(row["delta"], UNITS[row["unit"]], row["all_pairs"], pairs_from, row["rel_delta_tol"])
-        errors = relative_errors(pairs, *stretches(pairs, over), RELATIONS[row["relation"]])
+        over = PairInterval(row["delta"], UNITS[row["unit"]], row["all_pairs"], pairs_from, row["rel_delta_tol"])
+        errors = relative_errors(pairs, *interval_pairs(pairs, over), RELATIONS[row["relation"]])
         assert_equal(errors, {"n": row["n"], **row["stats"]}, row)
 
 

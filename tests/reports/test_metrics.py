@@ -9,11 +9,11 @@ from uavbench.reports.metrics.ape import absolute_errors, pose_error_sizes
 from uavbench.reports.metrics.association import NS, PosePairs
 from uavbench.reports.metrics.rpe import (
     BLOCK,
-    Stretch,
+    PairInterval,
+    interval_pairs,
     motion_error_sizes,
     relative_errors,
     relative_motion_errors,
-    stretches,
 )
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
@@ -67,7 +67,7 @@ def test_errors_in_blocks_are_those_of_the_whole() -> None:
     metres, radians = pose_error_sizes(pairs)
     np.testing.assert_allclose(metres, absolute_errors(pairs, "translation_m"), rtol=1e-12)
     np.testing.assert_allclose(radians, absolute_errors(pairs, "angle_rad"), rtol=1e-12)
-    i, j = stretches(pairs, Stretch(3, all_pairs=True))
+    i, j = interval_pairs(pairs, PairInterval(3, all_pairs=True))
     assert len(i) > BLOCK
     metres, radians = motion_error_sizes(pairs, i, j)
     np.testing.assert_allclose(metres, relative_errors(pairs, i, j, "translation_m"), rtol=1e-12)
@@ -117,7 +117,7 @@ def turning(degrees: list[float], estimate: list[float] | None = None) -> PosePa
 
 
 def rows(pairs: PosePairs, *over: object) -> list[tuple[int, int]]:
-    i, j = stretches(pairs, Stretch(*over))  # type: ignore[arg-type]
+    i, j = interval_pairs(pairs, PairInterval(*over))  # type: ignore[arg-type]
     return list(zip(i.tolist(), j.tolist(), strict=True))
 
 
@@ -198,12 +198,12 @@ def test_too_many_stretches_are_refused(monkeypatch: pytest.MonkeyPatch) -> None
 )
 def test_a_stretch_of_nonsense_is_refused(over: tuple[object, ...], told: str) -> None:
     with pytest.raises(UserError, match=told):
-        Stretch(*over)  # type: ignore[arg-type]
+        PairInterval(*over)  # type: ignore[arg-type]
 
 
 def test_a_stretch_is_one_frame_by_default_and_may_be_any_length_in_metres() -> None:
-    assert Stretch() == Stretch(1.0, "frames", False, "reference", 0.1)
-    assert Stretch(1.5, "m", tolerance=0.0).delta == 1.5
+    assert PairInterval() == PairInterval(1.0, "frames", False, "reference", 0.1)
+    assert PairInterval(1.5, "m", tolerance=0.0).delta == 1.5
 
 
 # Alignment

@@ -20,7 +20,7 @@ from uavbench.tracker.visible_edges import pinhole, visible_edges
 from uavbench.trajectories.pose import Pose
 
 CAMERA = Camera.from_field_of_view(320, 240, 70)
-TRUTH = Pose(np.eye(3), [0, 0, 3.0])
+GROUND_TRUTH = Pose(np.eye(3), [0, 0, 3.0])
 
 
 def one(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
@@ -36,10 +36,10 @@ def cuboid(x: float, y: float, z: float) -> Structure:
 @given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))
 def test_a_shift_is_its_own_error(x: float, y: float, z: float) -> None:
     points = box().vertices
-    shifted = Pose(np.eye(3), np.add(TRUTH.translation, [x, y, z]))
+    shifted = Pose(np.eye(3), np.add(GROUND_TRUTH.translation, [x, y, z]))
     length = float(np.linalg.norm([x, y, z]))
-    assert add(points, one(TRUTH), one(shifted)) == pytest.approx(length, abs=1e-12)
-    assert mssd(points, one(TRUTH), one(shifted), (Pose.identity(),)) == pytest.approx(length, abs=1e-12)
+    assert add(points, one(GROUND_TRUTH), one(shifted)) == pytest.approx(length, abs=1e-12)
+    assert mssd(points, one(GROUND_TRUTH), one(shifted), (Pose.identity(),)) == pytest.approx(length, abs=1e-12)
 
 
 def test_the_symmetries_of_a_box_are_found() -> None:
@@ -51,10 +51,10 @@ def test_the_symmetries_of_a_box_are_found() -> None:
 def test_a_half_turn_of_a_box_is_no_surface_error_but_an_add_error() -> None:
     structure = cuboid(0.3, 0.4, 0.5)
     symmetries = box_symmetries(structure)
-    turned = TRUTH @ symmetries[1]
-    assert add(structure.vertices, one(TRUTH), one(turned)) > 0.2
-    assert mssd(structure.vertices, one(TRUTH), one(turned), symmetries) == pytest.approx(0, abs=1e-12)
-    assert mspd(structure.vertices, one(TRUTH), one(turned), symmetries, CAMERA) == pytest.approx(0, abs=1e-9)
+    turned = GROUND_TRUTH @ symmetries[1]
+    assert add(structure.vertices, one(GROUND_TRUTH), one(turned)) > 0.2
+    assert mssd(structure.vertices, one(GROUND_TRUTH), one(turned), symmetries) == pytest.approx(0, abs=1e-12)
+    assert mspd(structure.vertices, one(GROUND_TRUTH), one(turned), symmetries, CAMERA) == pytest.approx(0, abs=1e-9)
 
 
 def test_a_sideways_shift_in_pixels() -> None:
@@ -66,7 +66,9 @@ def test_a_sideways_shift_in_pixels() -> None:
 
 
 def test_a_point_behind_the_camera_is_wholly_wrong() -> None:
-    assert mspd(box().vertices, one(TRUTH), one(Pose(np.eye(3), [0, 0, -0.1])), (Pose.identity(),), CAMERA) == 400
+    assert (
+        mspd(box().vertices, one(GROUND_TRUTH), one(Pose(np.eye(3), [0, 0, -0.1])), (Pose.identity(),), CAMERA) == 400
+    )
 
 
 def test_a_run_is_summarized_over_the_frames_with_a_pose(sequence: Sequence) -> None:
@@ -125,19 +127,19 @@ def test_component_sigmas_agree_with_sampling(sequence: Sequence) -> None:
 def test_the_position_bound_is_met_by_least_squares(sequence: Sequence) -> None:
     """Gauss-Newton on noisy normal distances at the true pose reaches the bound to a few percent."""
     sigma = 0.3
-    truth = sequence.true_cam_from_world(4)
-    points = control_points(visible_edges(sequence.structure, sequence.camera, truth))
+    ground_truth = sequence.true_cam_from_world(4)
+    points = control_points(visible_edges(sequence.structure, sequence.camera, ground_truth))
 
     def distances(xi: np.ndarray) -> np.ndarray:
-        moved = pinhole((Pose.exp(xi) @ truth).transform(points.points_m), sequence.camera)
+        moved = pinhole((Pose.exp(xi) @ ground_truth).transform(points.points_m), sequence.camera)
         return np.einsum("ij,ij->i", points.normals, moved - points.pixels)
 
     step = 1e-6
     J = np.column_stack([(distances(step * e) - distances(-step * e)) / (2 * step) for e in np.eye(6)])
     rng = np.random.default_rng(0)
     solve = np.linalg.pinv(J)
-    at = truth.inverse().translation
-    estimates = [Pose.exp(solve @ rng.normal(0, sigma, len(points))) @ truth for _ in range(2000)]
+    at = ground_truth.inverse().translation
+    estimates = [Pose.exp(solve @ rng.normal(0, sigma, len(points))) @ ground_truth for _ in range(2000)]
     errors = [np.linalg.norm(estimate.inverse().translation - at) for estimate in estimates]
     bound = edge_bounds(sequence, [4], sigma)[0]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(bound, rel=0.05)

@@ -27,7 +27,7 @@ from uavbench.trajectories.pose import Pose
 
 @dataclass(frozen=True)
 class DropsOut:
-    """Holds the first pose for a few frames, then is lost for ever."""
+    """Holds the initial pose for a few frames, then is lost for ever."""
 
     frames: int = 2
 
@@ -95,7 +95,7 @@ def test_a_late_tracker_drops_frames_and_its_poses_age(
     assert found is not None
     assert found.dropped == pytest.approx(dropped)
     assert found.age_ms == pytest.approx(age_ms, rel=0.02)
-    assert found.translation_m is not None and found.translation_m.min > 0  # the truth has moved on meanwhile
+    assert found.translation_m is not None and found.translation_m.min > 0  # the ground truth has moved on meanwhile
 
 
 def test_a_replay_without_a_pose_in_time_can_be_saved(sequence: Sequence, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def sequence():
 
 @pytest.fixture
 def good(sequence):
-    """Results 1 cm beside the truth, with an honest covariance."""
+    """Results 1 cm beside the ground truth, with an honest covariance."""
     beside = Pose(np.eye(3), np.array([0.01, 0.0, 0.0]))
     rows = tuple(
         TrackResult(

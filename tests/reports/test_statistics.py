@@ -29,7 +29,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
 
 UNTOLD = {"blur", "occlusion"}
-"""Attributes of which the drawn sequence knows nothing: it has neither a config nor a truth of its edges."""
+"""Attributes of which the drawn sequence knows nothing: it has neither a config nor a ground truth of its edges."""
 
 
 def test_the_interval_is_calibrated() -> None:

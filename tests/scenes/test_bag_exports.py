@@ -148,10 +148,10 @@ def test_the_camera_is_that_of_the_suite(plain, messages):
 
 def test_odometry_and_transforms_are_the_ground_truth(plain, messages):
     odometry = dict(messages["/odom"])
-    assert sorted(odometry) == sorted({*stamps(plain / "flight.csv"), *stamps(plain / "truth.csv")})
+    assert sorted(odometry) == sorted({*stamps(plain / "flight.csv"), *stamps(plain / "groundtruth.csv")})
     moved = {time: message.transforms[0] for time, message in messages["/tf"]}
     assert list(moved) == list(odometry)
-    for name in ("flight.csv", "truth.csv"):
+    for name in ("flight.csv", "groundtruth.csv"):
         velocity = numbers(plain / name, "vx_m_s", "vy_m_s", "vz_m_s")
         rates = numbers(plain / name, "wx_rad_s", "wy_rad_s", "wz_rad_s")
         for k, (stamp, body) in enumerate(zip(stamps(plain / name), bodies(plain / name), strict=True)):
@@ -169,7 +169,7 @@ def test_odometry_and_transforms_are_the_ground_truth(plain, messages):
 
 def test_the_static_tree_is_the_mounts_of_the_suite(plain, messages):
     ((time, message),) = messages["/tf_static"]
-    assert time == min(stamps(plain / "flight.csv")[0], stamps(plain / "truth.csv")[0])
+    assert time == min(stamps(plain / "flight.csv")[0], stamps(plain / "groundtruth.csv")[0])
     found = {
         each.child_frame_id: matrix(each.transform.translation, each.transform.rotation) for each in message.transforms
     }

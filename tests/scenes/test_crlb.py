@@ -109,21 +109,21 @@ def test_the_best_estimate_from_an_image_reaches_its_bound() -> None:
     )
     scene, camera, rng = build_scene(spec), spec.camera.camera(), np.random.default_rng(2)
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
-    truth = camera_path(flight, spec.mount.cam_from_body)(0)
+    ground_truth = camera_path(flight, spec.mount.cam_from_body)(0)
     with (
         scene.renderer(camera.width, camera.height) as renderer,
-        FrameBounds(scene.renderer, camera, lambda _: truth, (noise,), 0.6) as limit,
+        FrameBounds(scene.renderer, camera, lambda _: ground_truth, (noise,), 0.6) as limit,
     ):
 
         def light(pose: Pose) -> Radiance:
             return light_of(through_lens(renderer, pose, camera, 0.0, 0.6))
 
-        clean = light(truth)
+        clean = light(ground_truth)
         P = limit.covariance(encode(clean), 0)
         assert P is not None
         steps = 3 * np.linalg.cholesky(P).T
         weight = 1 / light_variance(clean, (noise,))
-        J = np.array([change.reshape(-1) for change in jacobian(lambda xi: light(Pose.exp(xi) @ truth), steps)])
+        J = np.array([change.reshape(-1) for change in jacobian(lambda xi: light(Pose.exp(xi) @ ground_truth), steps)])
         gain = np.linalg.solve((J * weight.reshape(-1)) @ J.T, J * weight.reshape(-1))
         misfits = []
         for _ in range(6):
@@ -132,7 +132,7 @@ def test_the_best_estimate_from_an_image_reaches_its_bound() -> None:
             assert noisy is not None
             seen, error = decode(encode(noisy)), Pose.exp(rng.standard_normal(6) @ steps)
             for _ in range(3):
-                error = Pose.exp(((seen - light(error @ truth)).reshape(-1) @ gain.T) @ steps) @ error
+                error = Pose.exp(((seen - light(error @ ground_truth)).reshape(-1) @ gain.T) @ steps) @ error
             misfits.append(error.log() @ np.linalg.solve(P, error.log()) / 6)
     assert 0.5 < np.mean(misfits) < 2.0
 

@@ -12,7 +12,7 @@ from uavbench.scenes.dataset.contact_sheet import LEGEND_PX, write_contact_sheet
 from uavbench.scenes.dataset.sequence import Sequence, write_manifest
 from uavbench.scenes.dataset.verify import compare, verify
 from uavbench.scenes.effects.exposure import RollingShutter
-from uavbench.scenes.exports.registry import camera_truth, export
+from uavbench.scenes.exports.registry import camera_ground_truth, export
 from uavbench.scenes.generate import generate
 from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.structures.box import Box
@@ -34,7 +34,7 @@ SPEC = SequenceSpec(
     mount=Mount(pitch_deg=-3.0, offset_m=(0.02, 0.0, 0.01)),
     camera=CameraSpec(width=320, height=240, horizontal_fov_deg=65.0),
     sensors=(SENSORS["imu"](),),
-    truth=("depth", "mask", "edges"),
+    annotations=("depth", "mask", "edges"),
 )
 
 
@@ -98,7 +98,7 @@ def test_visible_edges_are_those_of_the_faces_seen(sequence: Sequence) -> None:
 
 
 def test_edge_truth_lies_on_the_rendered_edge(sequence: Sequence) -> None:
-    """Across an edge of the outline the mask changes within a pixel of where the truth says."""
+    """Across an edge of the outline the mask changes within a pixel of where the ground truth says."""
     mask = cv2.imread(str(sequence.folder / "mask" / "000000.png"), cv2.IMREAD_GRAYSCALE)
     assert mask is not None
     outline = cv2.morphologyEx((mask == 1).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), dtype=np.uint8))
@@ -111,23 +111,23 @@ def test_edge_truth_lies_on_the_rendered_edge(sequence: Sequence) -> None:
 
 
 def test_a_rolling_shutter_leaves_the_pose_of_every_row(tmp_path: Path) -> None:
-    spec = replace(SPEC, effects=(RollingShutter(readout_ms=24.0),), truth=())
+    spec = replace(SPEC, effects=(RollingShutter(readout_ms=24.0),), annotations=())
     generate(spec, tmp_path / "rolling", content_hash="abc")
     sequence = Sequence.load(tmp_path / "rolling")
     rows = np.load(tmp_path / "rolling" / "row_poses.npy")
     assert rows.shape == (len(sequence), 240, 7)
     middle = (rows[:, 119] + rows[:, 120]) / 2
-    assert middle[:, :3] == pytest.approx(sequence.truth.positions_m, abs=1e-5)
+    assert middle[:, :3] == pytest.approx(sequence.ground_truth.positions_m, abs=1e-5)
     speed = np.linalg.norm(rows[:, -1, :3] - rows[:, 0, :3], axis=1) / 0.024
-    assert speed == pytest.approx(np.linalg.norm(sequence.truth_table[:, 9:12], axis=1), rel=0.2)
+    assert speed == pytest.approx(np.linalg.norm(sequence.ground_truth_table[:, 9:12], axis=1), rel=0.2)
     assert sequence.info["row_delay_ns"] == pytest.approx(24e6 / 239)
 
 
 def test_evo_and_we_read_the_tum_export(sequence: Sequence, tmp_path: Path) -> None:
     export(sequence, "tum", tmp_path / "tum")
-    same(read_tum(tmp_path / "tum" / "groundtruth.txt"), camera_truth(sequence))
+    same(read_tum(tmp_path / "tum" / "groundtruth.txt"), camera_ground_truth(sequence))
     evo = file_interface.read_tum_trajectory_file(str(tmp_path / "tum" / "groundtruth.txt"))
-    assert evo.positions_xyz == pytest.approx(camera_truth(sequence).positions_m, abs=1e-6)
+    assert evo.positions_xyz == pytest.approx(camera_ground_truth(sequence).positions_m, abs=1e-6)
     line = (tmp_path / "tum" / "depth.txt").read_text().splitlines()[1].split()
     depth = cv2.imread(str(tmp_path / "tum" / line[1]), cv2.IMREAD_UNCHANGED)
     assert depth / 5000.0 == pytest.approx(read_depth(sequence, 0), abs=2e-4)
@@ -135,10 +135,10 @@ def test_evo_and_we_read_the_tum_export(sequence: Sequence, tmp_path: Path) -> N
 
 def test_evo_and_we_read_the_euroc_export(sequence: Sequence, tmp_path: Path) -> None:
     export(sequence, "euroc", tmp_path / "euroc")
-    truth = tmp_path / "euroc" / "mav0" / "state_groundtruth_estimate0" / "data.csv"
-    written = read_euroc(truth)
-    same(written.select(np.isin(written.stamps_ns, sequence.stamps_ns)), sequence.truth)
-    evo = file_interface.read_euroc_csv_trajectory(str(truth))
+    ground_truth = tmp_path / "euroc" / "mav0" / "state_groundtruth_estimate0" / "data.csv"
+    written = read_euroc(ground_truth)
+    same(written.select(np.isin(written.stamps_ns, sequence.stamps_ns)), sequence.ground_truth)
+    evo = file_interface.read_euroc_csv_trajectory(str(ground_truth))
     assert evo.positions_xyz == pytest.approx(written.positions_m, abs=1e-6)
     stamp = int(sequence.stamps_ns[1])
     assert (tmp_path / "euroc" / "mav0" / "cam0" / "data" / f"{stamp}.png").is_file()
@@ -154,9 +154,9 @@ def test_evo_and_we_read_the_euroc_export(sequence: Sequence, tmp_path: Path) ->
 def test_evo_and_we_read_the_kitti_export(sequence: Sequence, tmp_path: Path) -> None:
     export(sequence, "kitti", tmp_path / "kitti")
     ours = read_kitti(tmp_path / "kitti" / "poses.txt")
-    assert ours.positions_m == pytest.approx(camera_truth(sequence).positions_m, abs=1e-6)
+    assert ours.positions_m == pytest.approx(camera_ground_truth(sequence).positions_m, abs=1e-6)
     evo = file_interface.read_kitti_poses_file(str(tmp_path / "kitti" / "poses.txt"))
-    assert evo.positions_xyz == pytest.approx(camera_truth(sequence).positions_m, abs=1e-6)
+    assert evo.positions_xyz == pytest.approx(camera_ground_truth(sequence).positions_m, abs=1e-6)
 
 
 def test_the_bop_export_has_its_layout_and_millimetres(sequence: Sequence, tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_verify_finds_what_was_changed(sequence: Sequence, tmp_path: Path) -> No
     assert verify(sequence.folder).ok
     copy = tmp_path / "copy"
     shutil.copytree(sequence.folder, copy)
-    (copy / "truth.csv").write_text("x")
+    (copy / "groundtruth.csv").write_text("x")
     (copy / "frames" / "000001.png").unlink()
     (copy / "extra.txt").write_text("x")
     verdict = verify(copy)
@@ -207,7 +207,7 @@ def test_verify_finds_what_was_changed(sequence: Sequence, tmp_path: Path) -> No
     assert verdict.problems == (
         "extra.txt: is not in the manifest",
         "frames/000001.png: is missing",
-        "truth.csv: has changed since it was rendered",
+        "groundtruth.csv: has changed since it was rendered",
     )
 
 
@@ -232,9 +232,9 @@ def test_two_renders_are_compared_by_hash_then_by_tolerance(sequence: Sequence, 
     cv2.imwrite(str(again / "frames" / "000000.png"), image // 2)
     list_anew(again)
     assert "differ by more than 3 levels" in compare(sequence.folder, again).problems[0]
-    (again / "truth.csv").write_text("x")
+    (again / "groundtruth.csv").write_text("x")
     list_anew(again)
-    assert any(p.startswith("truth.csv: differs") for p in compare(sequence.folder, again).problems)
+    assert any(p.startswith("groundtruth.csv: differs") for p in compare(sequence.folder, again).problems)
 
 
 def test_a_contact_sheet_is_one_picture(sequence: Sequence, tmp_path: Path) -> None:

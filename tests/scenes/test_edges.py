@@ -1,4 +1,4 @@
-"""The edges that the truth tells of lie where they are drawn, by measurement below the pixel."""
+"""The edges that the ground truth tells of lie where they are drawn, by measurement below the pixel."""
 
 import numpy as np
 import pytest

@@ -11,8 +11,8 @@ import pytest
 
 from tests.reports.drawn import CAM_FROM_BODY, make_sequence
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence
-from uavbench.scenes.exports.registry import EXPORTS, camera_truth, export
+from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence
+from uavbench.scenes.exports.registry import EXPORTS, camera_ground_truth, export
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
 
@@ -47,10 +47,10 @@ def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     made = make_sequence(tmp_path_factory.mktemp("exports") / "arc", FRAMES)
     (made.folder / "camera.toml").unlink()  # what is there is not overwritten
     LENS.save(made.folder / "camera.toml")
-    table = made.truth_table.copy()
+    table = made.ground_truth_table.copy()
     table[:, 9:] = np.random.default_rng(0).normal(size=(FRAMES, 9))
     rows = [",".join([str(int(r[0])), str(int(r[1])), *map(repr, r[2:].tolist())]) for r in table]
-    (made.folder / "truth.csv").write_text("\n".join([",".join(TRUTH_COLUMNS), *rows]) + "\n")
+    (made.folder / "groundtruth.csv").write_text("\n".join([",".join(GROUND_TRUTH_COLUMNS), *rows]) + "\n")
     (made.folder / "imu.csv").write_text(IMU)
     for kind in ("depth", "mask"):
         (made.folder / kind).mkdir()
@@ -65,7 +65,7 @@ def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    """Images and truth, and no more."""
+    """Images and ground truth, and no more."""
     return make_sequence(tmp_path_factory.mktemp("exports") / "plain", 2)
 
 
@@ -123,11 +123,11 @@ def test_euroc_t_bs_takes_points_of_the_camera_to_the_body(sequence: Sequence, e
 
 def test_euroc_truth_is_the_body_and_its_velocity(sequence: Sequence, exported: dict[str, Path]) -> None:
     rows = np.array(listed(exported["euroc"] / "mav0" / "state_groundtruth_estimate0" / "data.csv", ","), dtype=float)
-    names = [TRUTH_COLUMNS.index(name) for name in ("vx_m_s", "vy_m_s", "vz_m_s")]
+    names = [GROUND_TRUTH_COLUMNS.index(name) for name in ("vx_m_s", "vy_m_s", "vz_m_s")]
     np.testing.assert_array_equal(rows[:, 0], sequence.stamps_ns)
-    np.testing.assert_allclose(rows[:, 1:4], sequence.truth.positions_m)
-    np.testing.assert_allclose(rows[:, 4:8], sequence.truth.quaternions_wxyz)
-    np.testing.assert_array_equal(rows[:, 8:11], sequence.truth_table[:, names])
+    np.testing.assert_allclose(rows[:, 1:4], sequence.ground_truth.positions_m)
+    np.testing.assert_allclose(rows[:, 4:8], sequence.ground_truth.quaternions_wxyz)
+    np.testing.assert_array_equal(rows[:, 8:11], sequence.ground_truth_table[:, names])
     np.testing.assert_array_equal(rows[:, 11:17], 0.0)
     assert rows.shape[1] == 17
 
@@ -180,8 +180,8 @@ def test_euroc_inertial_readings(exported: dict[str, Path], plain: Sequence, tmp
 def test_camera_truth_is_where_the_camera_is(sequence: Sequence) -> None:
     for frame in range(FRAMES):
         expected = sequence.true_cam_from_world(frame).inverse()
-        np.testing.assert_allclose(camera_truth(sequence).pose(frame).matrix, expected.matrix, atol=1e-12)
-    np.testing.assert_array_equal(camera_truth(sequence).stamps_ns, sequence.stamps_ns)
+        np.testing.assert_allclose(camera_ground_truth(sequence).pose(frame).matrix, expected.matrix, atol=1e-12)
+    np.testing.assert_array_equal(camera_ground_truth(sequence).stamps_ns, sequence.stamps_ns)
 
 
 def test_tum_lists_images_depths_and_poses(sequence: Sequence, exported: dict[str, Path]) -> None:
@@ -189,10 +189,10 @@ def test_tum_lists_images_depths_and_poses(sequence: Sequence, exported: dict[st
     seconds = ["0.000000000", "0.066666666", "0.133333333", "0.200000000"]
     assert listed(folder / "rgb.txt", " ") == [[s, f"rgb/{s}.png"] for s in seconds]
     assert listed(folder / "depth.txt", " ") == [[s, f"depth/{s}.png"] for s in seconds]
-    truth = camera_truth(sequence)
+    ground_truth = camera_ground_truth(sequence)
     rows = np.array(listed(folder / "groundtruth.txt", " "), dtype=float)
-    np.testing.assert_allclose(rows[:, 1:4], truth.positions_m, atol=1e-9)
-    np.testing.assert_allclose(rows[:, [7, 4, 5, 6]], truth.quaternions_wxyz, atol=1e-9)
+    np.testing.assert_allclose(rows[:, 1:4], ground_truth.positions_m, atol=1e-9)
+    np.testing.assert_allclose(rows[:, [7, 4, 5, 6]], ground_truth.quaternions_wxyz, atol=1e-9)
     for frame, s in enumerate(seconds):
         assert (folder / "rgb" / f"{s}.png").read_bytes() == source(sequence, frame)
         depth = cv2.imread(str(folder / "depth" / f"{s}.png"), cv2.IMREAD_UNCHANGED)
@@ -227,7 +227,7 @@ def test_kitti_has_times_a_projection_and_poses(sequence: Sequence, exported: di
         expected = np.column_stack([LENS.K, np.zeros(3)])
         np.testing.assert_allclose(np.array(row[1:], dtype=float).reshape(3, 4), expected)
     poses = np.loadtxt(folder / "poses.txt").reshape(-1, 3, 4)
-    expected = [camera_truth(sequence).pose(k).matrix[:3] for k in range(FRAMES)]
+    expected = [camera_ground_truth(sequence).pose(k).matrix[:3] for k in range(FRAMES)]
     np.testing.assert_allclose(poses, expected, atol=1e-9)
     for frame in range(FRAMES):
         assert (folder / "image_2" / f"{frame:06d}.png").read_bytes() == source(sequence, frame)
@@ -241,11 +241,11 @@ def bop(folder: Path, name: str) -> dict[str, list[dict[str, list[float]]]]:
 
 
 def test_bop_poses_and_cameras_are_in_millimetres(sequence: Sequence, exported: dict[str, Path]) -> None:
-    truth, cameras = bop(exported["bop"], "scene_gt"), bop(exported["bop"], "scene_camera")
-    assert list(truth) == list(cameras) == [str(k) for k in range(FRAMES)]
+    ground_truth, cameras = bop(exported["bop"], "scene_gt"), bop(exported["bop"], "scene_camera")
+    assert list(ground_truth) == list(cameras) == [str(k) for k in range(FRAMES)]
     for frame in range(FRAMES):
         pose, camera = sequence.true_cam_from_world(frame), cameras[str(frame)]
-        (one,) = truth[str(frame)]
+        (one,) = ground_truth[str(frame)]
         assert one["obj_id"] == 1
         np.testing.assert_allclose(np.reshape(one["cam_R_m2c"], (3, 3)), pose.rotation, atol=1e-12)
         np.testing.assert_allclose(one["cam_t_m2c"], 1000 * pose.translation, atol=1e-9)

@@ -32,7 +32,7 @@ environment = {{ kind = "outdoor" }}
 mount = {{ pitch_deg = -33.0, yaw_deg = 6.0, roll_deg = 1.0, offset_m = [0.05, 0.02, -0.01] }}
 flight.path = {{ {PATH} }}
 camera = {{ width = 120, height = 90, fx_px = 80.0, fy_px = 81.0, cx_px = 58.0, cy_px = 44.0 }}
-truth = ["depth", "mask"]
+annotations = ["depth", "mask"]
 sensors = [
     {{ kind = "baro" }},
     {{ kind = "imu-bmi088", rate_hz = 250.0, offset_m = [0.01, -0.02, 0.03], gyro_bias_rad_s = 0.02 }},
@@ -47,7 +47,7 @@ environment = {{ kind = "indoor" }}
 mount = {{ pitch_deg = -35.0 }}
 flight.path = {{ {PATH} }}
 effects = [{{ kind = "rolling-shutter", readout_ms = 9.0 }}, {{ kind = "drops", lost = 0.4, repeated = 0.2 }}]
-truth = ["depth", "mask"]
+annotations = ["depth", "mask"]
 
 [sequences.lens.camera]
 width = 120
@@ -110,7 +110,7 @@ def cam_from_body(folder: Path) -> np.ndarray:
 
 def cameras(folder: Path) -> np.ndarray:
     """Matrices (n, 4, 4) of world from camera at each image."""
-    return bodies(folder / "truth.csv") @ np.linalg.inv(cam_from_body(folder))
+    return bodies(folder / "groundtruth.csv") @ np.linalg.inv(cam_from_body(folder))
 
 
 def values(path: Path) -> list[list[str]]:
@@ -188,8 +188,8 @@ def test_euroc_ground_truth(plain, tmp_path):
     rows = values(mav / "state_groundtruth_estimate0" / "data.csv")
     at = {int(row[0]): k for k, row in enumerate(rows)}
     found, state = poses([row[1:8] for row in rows], "wxyz"), np.array(rows, dtype=float)
-    assert list(at) == sorted({*stamps(plain / "flight.csv"), *stamps(plain / "truth.csv")})
-    for name in ("flight.csv", "truth.csv"):
+    assert list(at) == sorted({*stamps(plain / "flight.csv"), *stamps(plain / "groundtruth.csv")})
+    for name in ("flight.csv", "groundtruth.csv"):
         here = [at[stamp] for stamp in stamps(plain / name)]
         np.testing.assert_allclose(found[here], bodies(plain / name), atol=1e-14)
         np.testing.assert_array_equal(state[here, 8:11], numbers(plain / name, "vx_m_s", "vy_m_s", "vz_m_s"))
@@ -256,7 +256,7 @@ def test_tum(plain, tmp_path):
     tum = exported(plain, "tum", tmp_path)
     assert "# frame: world_from_cam" in (tum / "groundtruth.txt").read_text()
     rows = values(tum / "groundtruth.txt")
-    assert [nanoseconds(row[0]) for row in rows] == stamps(plain / "truth.csv")
+    assert [nanoseconds(row[0]) for row in rows] == stamps(plain / "groundtruth.csv")
     np.testing.assert_allclose(poses([row[1:] for row in rows], "xyzw"), cameras(plain), atol=1e-12)
     asked = suite(plain)["camera"]
     (intrinsics,) = values(tum / "camera.txt")
@@ -284,7 +284,7 @@ def test_tum(plain, tmp_path):
 
 def test_kitti(plain, tmp_path):
     kitti = exported(plain, "kitti", tmp_path)
-    found = np.tile(np.eye(4), (len(stamps(plain / "truth.csv")), 1, 1))
+    found = np.tile(np.eye(4), (len(stamps(plain / "groundtruth.csv")), 1, 1))
     found[:, :3] = np.array(values(kitti / "poses.txt"), dtype=float).reshape(-1, 3, 4)
     np.testing.assert_allclose(found, cameras(plain), atol=1e-12)
     assert [nanoseconds(row[0]) for row in values(kitti / "times.txt")] == stamps(plain / "frames.csv")
@@ -428,7 +428,7 @@ def test_what_a_sequence_does_not_know_is_left_out_of_bop(lens, tmp_path):
     info = json.loads((bop / "test" / "000001" / "scene_gt_info.json").read_text())["0"][0]
     assert set(info) == {"bbox_obj", "px_count_all"}
     assert not (bop / "test" / "000001" / "mask_visib").exists()
-    assert 'without truth = ["mask"]' in notes(bop)
+    assert 'without annotations = ["mask"]' in notes(bop)
 
 
 @pytest.mark.parametrize("format", sorted(EXPORTS))

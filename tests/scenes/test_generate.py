@@ -62,7 +62,7 @@ def test_the_same_seed_gives_the_same_bytes(folder: Path, tmp_path: Path) -> Non
 
 def test_another_seed_gives_another_sequence(folder: Path, tmp_path: Path) -> None:
     generate(replace(SPEC, seed=6), tmp_path / "other", content_hash="abc")
-    for name in ("truth.csv", "frames/000000.png"):
+    for name in ("groundtruth.csv", "frames/000000.png"):
         assert (tmp_path / "other" / name).read_bytes() != (folder / name).read_bytes()
 
 

@@ -15,8 +15,8 @@ from uavbench.scenes.hidden_lines import seen_parts
 from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.overlay import draw_edges
+from uavbench.tracker.images.seen_edges import seen_edges_px
 from uavbench.tracker.protocol import TrackResult
-from uavbench.tracker.seen_edges import seen_edges_px
 from uavbench.trajectories.pose import Array
 
 CAMERA = Camera.from_field_of_view(320, 240, 60.0)

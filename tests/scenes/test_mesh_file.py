@@ -324,7 +324,7 @@ def test_a_textured_glb_goes_from_file_to_sequence(tmp_path: Path) -> None:
         flight=FlightSpec(path=PATHS["orbit"](distance_m=6.0, height_m=3.0, turns=0.02, speed_m_s=1.0)),
         camera=CameraSpec(width=160, height=120),
         rate_hz=1.0,
-        truth=("mask",),
+        annotations=("mask",),
     )
     generate(spec, tmp_path / "hall", content_hash="x")
     sequence = Sequence.load(tmp_path / "hall")

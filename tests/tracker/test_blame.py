@@ -155,7 +155,7 @@ def test_check_tells_it_too_and_calls_it_faulty(mine, tmp_path):
 
 @dataclass(frozen=True)
 class Fickle:
-    """Repeats the true first pose in another convention."""
+    """Repeats the true initial pose in another convention."""
 
     way: str
 
@@ -249,7 +249,7 @@ def test_a_tracker_gets_the_body_and_each_sample_once_before_its_frame(tmp_path,
     (tmp_path / "imu.csv").write_text("\n".join([header, *(f"{t},0,0,0.25,0,0,9.81,0.666" for t in times)]) + "\n")
     moved = replace(sequence, folder=tmp_path)
     shutil.copytree(TRIAL / "frames", tmp_path / "frames")
-    shutil.copy(TRIAL / "truth.csv", tmp_path)
+    shutil.copy(TRIAL / "groundtruth.csv", tmp_path)
     for run in (track_sequence, run_from_anchors):
         Inertial.notes.clear()
         run(Inertial(), moved, rate_hz=5.0, seed=0)

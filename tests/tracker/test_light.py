@@ -5,7 +5,7 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, box, flown, pose_error
 from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
-from uavbench.tracker.robust.preprocessing.gain_offset import Stretch, light_change
+from uavbench.tracker.robust.preprocessing.gain_offset import ContrastStretch, brightness_ratio
 from uavbench.tracker.robust.tracker import Robust
 
 CONFIG = PreprocessingConfig()
@@ -27,22 +27,22 @@ def test_a_change_of_light_is_measured_for_each_colour():
     rng = np.random.default_rng(0)
     image = rng.integers(60, 160, (40, 160, 3)).astype(np.uint8)
     brighter = np.round(image * np.array([1.0, 1.2, 1.5])).astype(np.uint8)
-    assert light_change(brighter, image, CONFIG) == pytest.approx([1.0, 1.2, 1.5], abs=0.01)
-    assert light_change(brighter[..., 1], image[..., 1], CONFIG) == pytest.approx([1.2], abs=0.01)
-    assert (light_change(image, np.roll(image, 48, axis=1), CONFIG) == 1).all()
-    assert (light_change(np.zeros_like(image), image, CONFIG) == 1).all()
+    assert brightness_ratio(brighter, image, CONFIG) == pytest.approx([1.0, 1.2, 1.5], abs=0.01)
+    assert brightness_ratio(brighter[..., 1], image[..., 1], CONFIG) == pytest.approx([1.2], abs=0.01)
+    assert (brightness_ratio(image, np.roll(image, 48, axis=1), CONFIG) == 1).all()
+    assert (brightness_ratio(np.zeros_like(image), image, CONFIG) == 1).all()
 
 
 def test_an_image_of_enough_contrast_stays_as_it_is():
     image = np.tile(np.arange(256, dtype=np.uint8), (64, 1))
-    assert Stretch.needed(image, CONFIG) == Stretch()
-    assert Stretch().of(image) is image
+    assert ContrastStretch.needed(image, CONFIG) == ContrastStretch()
+    assert ContrastStretch().of(image) is image
 
 
 @pytest.mark.parametrize("ratio", [1.0, 1.6])
 def test_colours_follow_from_one_stretch_to_another(ratio):
     levels = np.arange(100, 121, dtype=np.uint8)
-    one, two = Stretch(4.0, 110.0), Stretch(2.5, 110.0 * ratio)
+    one, two = ContrastStretch(4.0, 110.0), ContrastStretch(2.5, 110.0 * ratio)
     factor, offset = one.towards(two, np.array([ratio]))
     there = two.of(np.round(levels * ratio).astype(np.uint8)[None])[0]
     assert one.of(levels[None])[0] * factor[0] + offset[0] == pytest.approx(there, abs=4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, hidden, tree_arrays
+from uavbench.tracker.robust.edges.hidden_line_kernels import MARGIN, Triangles, hidden
 from uavbench.trajectories.geometry.bvh import LEAF, build_tree
 
 EYE = np.zeros(3)
@@ -15,7 +15,7 @@ def hides(corners, point, eye=EYE, face=None, beside=(-1, -2)):
     tree = build_tree(corners)
     face = np.arange(len(corners)) if face is None else np.asarray(face)
     eye, point = np.asarray(eye, float), np.asarray(point, float)
-    return bool(hidden(eye, point, tree.corners, face[tree.rows], *tree_arrays(tree), *beside))
+    return bool(hidden(eye, point, Triangles.of(tree, face), *beside))
 
 
 def crosses(corners, eye, point):
@@ -116,7 +116,8 @@ def test_a_way_along_an_axis_is_as_any_other(axis, sign, aside, expected):
 def test_every_triangle_is_in_one_leaf_and_every_box_holds_its_own():
     corners = np.random.default_rng(0).normal(size=(37, 3, 3))
     tree = build_tree(corners)
-    (boxes, nodes), order = tree_arrays(tree), tree.rows
+    triangles, order = Triangles.of(tree, np.arange(37)), tree.rows
+    boxes, nodes = triangles.boxes, triangles.nodes
     assert sorted(order.tolist()) == list(range(37))
     seen = []
 

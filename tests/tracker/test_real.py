@@ -1,4 +1,4 @@
-"""First poses and real images: files in, files out."""
+"""Initial poses and real images: files in, files out."""
 
 import cv2
 import numpy as np
@@ -38,7 +38,7 @@ CAO = """V1
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """Images, model, camera and first pose of six frames."""
+    """Images, model, camera and initial pose of six frames."""
     folder = tmp_path_factory.mktemp("real")
     (folder / "images").mkdir()
     scene, rng = Scene([box_corners()], seed=7), np.random.default_rng(7)
@@ -70,7 +70,7 @@ def test_every_initialization_comes_near_the_true_pose():
     image = Scene([box_corners()], seed=1).render(POSES[0])
     limits = {"known": 0.0, "picked-points": 0.05, "coarse-guess": 0.15}
     for name, kind in INITIALIZATIONS.items():
-        poses = [kind().first_pose(BOX, CAMERA, POSES[0], image, np.random.default_rng(3)) for _ in range(2)]
+        poses = [kind().initial_pose(BOX, CAMERA, POSES[0], image, np.random.default_rng(3)) for _ in range(2)]
         assert pose_error(poses[0], POSES[0])[0] <= limits[name]
         np.testing.assert_array_equal(poses[0].matrix, poses[1].matrix)
     assert {Known, PickedPoints, CoarseGuess} == set(INITIALIZATIONS.values())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
-from uavbench.scenes.dataset.sequence import TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence, write_manifest
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.protocol import TrackResult
@@ -28,18 +28,18 @@ def sequence(tmp_path_factory):
     scene = Scene([box_corners()])
     rng = np.random.default_rng(5)
     (folder / "frames").mkdir()
-    rows, truth = [], []
+    rows, ground_truth = [], []
     for i, pose in enumerate(poses):
         stamp = i * 66_666_667
         cv2.imwrite(str(folder / f"frames/{i:06d}.png"), scene.render(pose, noise_rng=rng))
         rows.append(f"{i},{stamp},frames/{i:06d}.png")
         body = pose.inverse() @ MOUNT
         numbers = [*body.translation.tolist(), *body.quaternion_wxyz.tolist(), *[0.0] * 9]
-        truth.append(f"{i},{stamp}," + ",".join(map(repr, numbers)))
+        ground_truth.append(f"{i},{stamp}," + ",".join(map(repr, numbers)))
     CAMERA.save(folder / "camera.toml")
     save_structure(box(), folder)
     (folder / "frames.csv").write_text("frame,stamp_ns,file\n" + "\n".join(rows) + "\n")
-    (folder / "truth.csv").write_text(",".join(TRUTH_COLUMNS) + "\n" + "\n".join(truth) + "\n")
+    (folder / "groundtruth.csv").write_text(",".join(GROUND_TRUTH_COLUMNS) + "\n" + "\n".join(ground_truth) + "\n")
     info = {"name": "orbit", "cam_from_body": MOUNT.matrix.tolist(), "content_hash": "f00"}
     (folder / "sequence.json").write_text(json.dumps(info))
     write_manifest(folder)
@@ -96,7 +96,7 @@ def test_lsd_follows_the_box(sequence):
     results = track_sequence(TRACKERS["lsd"](), sequence, rate_hz=15, seed=0, on_frame=lambda f, r: seen.append(f))
     assert results.ok.all()
     assert seen == list(range(12))
-    error = np.linalg.norm(results.estimate.positions_m - sequence.truth.positions_m, axis=1)
+    error = np.linalg.norm(results.estimate.positions_m - sequence.ground_truth.positions_m, axis=1)
     assert error.max() < 0.03
     assert results.record["tracker"]["kind"] == "lsd"
     assert all(row.segments > 0 and row.stage_ms["total"] > 0 for row in results.rows)
@@ -113,7 +113,7 @@ def test_every_kth_frame_is_taken(sequence):
 def test_hold_stays_at_the_first_pose(sequence):
     results = track_sequence(Hold(), sequence, rate_hz=15, seed=0)
     assert isinstance(results.estimate, Trajectory)
-    np.testing.assert_allclose(results.estimate.positions_m, sequence.truth.positions_m[[0] * 12], atol=1e-12)
+    np.testing.assert_allclose(results.estimate.positions_m, sequence.ground_truth.positions_m[[0] * 12], atol=1e-12)
 
 
 class Crashing:

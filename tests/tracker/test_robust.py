@@ -5,17 +5,20 @@ import pytest
 
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at, pose_error
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.geometry_kernels import camera_array, move, normal_row, project, solve6, twist_between
+from uavbench.tracker.geometry_kernels import camera_array, normal_row, project, se3_exp_left, se3_log_left, solve6
 from uavbench.tracker.protocol import ImageError
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.weight_kernels import support
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
 from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.robust.view import View
+from uavbench.tracker.visible_edges import near_depth
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
@@ -85,7 +88,7 @@ def test_a_right_first_pose_is_kept_and_a_wrong_one_is_searched(flight):
     wrong = Pose.exp([0.03, -0.02, 0.03, 0.04, -0.05, 0.03]) @ poses[0]
     for first, searched in ((poses[0], False), (wrong, True)):
         result = started(first).track(images[0], 0)
-        assert ("recover" in result.stage_ms) == searched
+        assert ("relocalize" in result.stage_ms) == searched
         assert pose_error(result.cam_from_world, poses[0])[0] < 0.01
         assert np.linalg.eigvalsh(result.covariance).min() > 0
 
@@ -100,9 +103,16 @@ def test_a_frozen_image_is_lost_until_it_moves_again(flight):
 def test_a_patch_that_is_missed_counts_for_less_than_one_that_is_found():
     points, known = np.full(10, 0.8), np.zeros((10, 8))
     known[:, 6] = 1.0
-    seen = (points, np.ones(10), np.arange(10), known, np.full((10, 4), 50.0))
+    seen = EdgeMeasurements(
+        ControlPoints(np.zeros((10, 3)), np.zeros((10, 3), np.int64), np.arange(10), np.array([0, 10])),
+        SearchLines(np.zeros((10, 4)), np.zeros((10, 6)), np.zeros(10, np.int64)),
+        Candidates(np.zeros((10, 4)), np.zeros((10, 4)), np.full((10, 4), 50.0)),
+        np.ones(10),
+        np.ones(10),
+    )
     found, missed, untried = (np.array([1.0, 0.9]), np.ones(2)), (np.zeros(2), np.zeros(2)), (np.zeros(2), -np.ones(2))
-    shares = [support(*seen, *patches, kernel_values(CONFIG.edges.weights)) for patches in (found, missed, untried)]
+    values = kernel_values(CONFIG.edges.weights)
+    shares = [support(seen, points, *patches, known, values) for patches in (found, missed, untried)]
     assert [edges for _, edges in shares] == pytest.approx([0.8] * 3)
     assert shares[0][0] == pytest.approx((8 + 4) / (10 + 4))
     assert shares[1][0] == pytest.approx(8 / (10 + 2))
@@ -188,11 +198,8 @@ def test_hidden_lines_are_removed():
     both = Structure.from_mesh(np.concatenate([front, back]), np.concatenate([BOX_TRIANGLES, BOX_TRIANGLES + 8]))
     m = edge_map(both)
     pose = look_at(np.array([3.0, 0.0, 0.1]), (0, 0, 0.1))
-    points, _ = sample_edges(
-        m.ends, m.faces, m.smooth, m.rounded, m.planes, m.corners, m.owner, m.boxes, m.nodes, pose.rotation,
-        pose.translation, camera_array(CAMERA), np.array([640.0, 480.0]), np.array([-0.5, -0.5, 639.5, 479.5]),
-        kernel_values(SamplingConfig(spacing_px=4.0, max_points=400)),
-    )  # fmt: skip
+    config = kernel_values(SamplingConfig(spacing_px=4.0, max_points=400))
+    points = sample_edges(m, View.of(CAMERA, both).at(pose), config).points
     assert len(points) > 100
     assert (points[:, 0] > 0).all()
 
@@ -201,11 +208,11 @@ def test_compiled_geometry_is_that_of_pose_and_camera():
     rng = np.random.default_rng(4)
     cam = camera_array(CAMERA)
     pose, twist = Pose.exp(rng.normal(size=6)), rng.normal(size=6) * 0.3
-    R, t = move(pose.rotation, pose.translation, twist)
+    R, t = se3_exp_left(pose.rotation, pose.translation, twist)
     np.testing.assert_allclose(R, (Pose.exp(twist) @ pose).rotation, atol=1e-12)
     np.testing.assert_allclose(t, (Pose.exp(twist) @ pose).translation, atol=1e-12)
-    np.testing.assert_allclose(twist_between(pose.rotation, pose.translation, R, t), twist, atol=1e-12)
-    still = twist_between(pose.rotation, pose.translation, pose.rotation, pose.translation)
+    np.testing.assert_allclose(se3_log_left(pose.rotation, pose.translation, R, t), twist, atol=1e-12)
+    still = se3_log_left(pose.rotation, pose.translation, pose.rotation, pose.translation)
     np.testing.assert_allclose(still, 0, atol=1e-12)
     np.testing.assert_allclose(project(0.1, -0.2, 1.3, cam), CAMERA.project(np.array([[0.1, -0.2, 1.3]]))[0])
     row = np.zeros(6)
@@ -237,25 +244,26 @@ def test_nothing_is_seen_between_the_sides_of_a_column():
 
 def test_patches_taken_at_a_pose_are_found_again_there(flight):
     poses, images = flight
-    texture = Texture(edge_map(box()), CAMERA, CONFIG.patches)
+    texture = Texture(edge_map(box()), CAMERA, View.of(CAMERA, box()), CONFIG.patches)
+    view = View.of(CAMERA, box()).at(poses[1])
     texture.take(images[0], poses[0], np.zeros((0, 2)))
     assert len(texture) > 10
-    texture.choose(poses[1].rotation, poses[1].translation)
-    observed, score, variance = texture.align(images[1], poses[1].rotation, poses[1].translation)
-    moved = observed - CAMERA.project(poses[1].transform(texture.places()))
+    texture.choose(view)
+    places, observed, score, variance = texture.align(images[1], view)
+    moved = observed - CAMERA.project(poses[1].transform(places))
     assert np.count_nonzero(score > 0) > 0.7 * len(texture.chosen)
     assert np.median(np.linalg.norm(moved[score > 0], axis=1)) < 0.3
     noise = np.random.default_rng(0).normal(0, 5, images[1].shape)
     noisy = np.clip(images[1] + noise, 0, 255).astype(np.uint8)
-    _, less, vaguer = texture.align(noisy, poses[1].rotation, poses[1].translation)
+    _, _, less, vaguer = texture.align(noisy, view)
     both = (score > 0) & (less > 0)
     assert (vaguer[both] > variance[both]).mean() > 0.9
 
 
 def test_pose_search_ranks_a_near_pose_first(flight):
     poses, images = flight
-    search = PoseSearch(edge_map(box()), CAMERA, CONFIG.relocalization.search)
-    found = search.best_poses(images[19], [poses[0]], search.spread(0.4, 0.12, 0.25, 0.3), 8)
+    search = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), CONFIG.relocalization.search)
+    found = search.best_poses(images[19], [poses[0]], search.search_range(0.4, 0.12, 0.25, 0.3), 8)
     scores = [score for score, _ in found]
     assert scores == sorted(scores, reverse=True)
     assert min(pose_error(pose, poses[19])[0] for _, pose in found) < 0.15

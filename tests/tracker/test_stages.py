@@ -72,13 +72,13 @@ def test_search_finds_the_edges_of_a_drawn_box(detector):
         candidates = search_edge_pixels(points, detect_edge_pixels(gray), CAMERA)
     else:
         candidates = search_gradient(points, gray, CAMERA)
-    truth = points_at(MOVE @ POSE, 1.0)
+    ground_truth = points_at(MOVE @ POSE, 1.0)
     found = candidates.counts > 0
     assert found.mean() > 0.9
     chosen = np.array([np.nan] * len(points))
     for i in np.flatnonzero(found):
         # The true distance along this normal: where it meets the moved projection of the same edge
-        line = truth.pixels[truth.edge == points.edge[i]]
+        line = ground_truth.pixels[ground_truth.edge == points.edge[i]]
         offset = line - points.pixels[i]
         along = offset @ np.array([-points.normals[i, 1], points.normals[i, 0]])
         nearest = np.argmin(np.abs(along))

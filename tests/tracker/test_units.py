@@ -1,4 +1,4 @@
-"""A model in millimetres is tracked like the same one in metres."""
+"""A model in millimetres or kilometres is tracked like the same one in metres."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def flight():
     return poses, [scene.render(pose, noise_rng=rng) for pose in poses]
 
 
-@pytest.mark.parametrize("unit", [0.1, 1000.0])
+@pytest.mark.parametrize("unit", [0.001, 0.1, 1000.0])
 def test_the_unit_of_the_model_does_not_matter(flight, unit):
     poses, images = flight
     first = Pose(poses[0].rotation, poses[0].translation * unit)
@@ -36,7 +36,7 @@ def test_the_unit_of_the_model_does_not_matter(flight, unit):
 
 def test_motion_is_expected_in_ranges_where_the_structure_is_far():
     motion = Motion(Pose(np.eye(3), np.zeros(3)), np.zeros((6, 6)), np.zeros(6))
-    near, far, farther = (motion.predict(0.1, range_m, MotionConfig())[1] for range_m in (0.1, 100.0, 1000.0))
+    near, far, farther = (motion.predict(0.1, range_m, MotionConfig()).covariance for range_m in (0.1, 100.0, 1000.0))
     assert farther[0, 0] == pytest.approx(100.0 * far[0, 0])
     assert 0 < near[0, 0] < far[0, 0]
     assert far[3, 3] == near[3, 3]

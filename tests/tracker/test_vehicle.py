@@ -44,5 +44,5 @@ def test_the_example_goes_from_frames_to_poses_and_loads_no_renderer(saved):
     assert len(said) == len(list((folder / "vehicle" / "frames").iterdir()))
     status, *at = said[0].split()
     assert status == "ok"
-    truth = Sequence.load(TRIAL).truth.positions_m[0]
-    assert [float(v) for v in at] == pytest.approx(truth.tolist(), abs=0.1)
+    ground_truth = Sequence.load(TRIAL).ground_truth.positions_m[0]
+    assert [float(v) for v in at] == pytest.approx(ground_truth.tolist(), abs=0.1)

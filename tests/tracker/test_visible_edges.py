@@ -9,8 +9,8 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.shang_shen.control_points import control_points
 from uavbench.tracker.visible_edges import (
-    NEAR_M,
     clip_to_view,
+    near_depth,
     pinhole,
     to_image,
     undistorted_bounds,
@@ -20,6 +20,7 @@ from uavbench.tracker.visible_edges import (
 from uavbench.trajectories.pose import Pose
 
 BOX = box()
+NEAR = 0.02
 angles = st.floats(0.0, 2 * np.pi)
 
 
@@ -70,7 +71,7 @@ def test_the_bounds_of_a_lens_are_those_of_its_whole_border(k1):
 
 
 def test_a_segment_through_the_view_is_cut_at_both_borders_and_before_the_camera():
-    """Along x at 1 m: it enters and leaves at the borders of the image; along the axis: it begins NEAR_M ahead."""
+    """Along x at 1 m: it enters and leaves at the borders of the image; along the axis: it begins NEAR ahead."""
     half_left, half_right = (320.0 - -0.5) / CAMERA.fx, (639.5 - 320.0) / CAMERA.fx
     cx = (CAMERA.cx - 320.0) / CAMERA.fx
     segments = np.array(
@@ -81,10 +82,10 @@ def test_a_segment_through_the_view_is_cut_at_both_borders_and_before_the_camera
             [[-2.0, 0, 1], [-1.9, 0, 1]],
         ]
     )
-    start, end = clip_to_view(segments, CAMERA)
+    start, end = clip_to_view(segments, CAMERA, NEAR)
     assert (start[0], end[0]) == pytest.approx(((2 - half_left - cx) / 4, (2 + half_right - cx) / 4))
-    assert (start[1], end[1]) == pytest.approx(((1 + NEAR_M) / 2, 1.0))
-    assert (start[2], end[2]) == pytest.approx((0.0, (1 - NEAR_M) / 2))
+    assert (start[1], end[1]) == pytest.approx(((1 + NEAR) / 2, 1.0))
+    assert (start[2], end[2]) == pytest.approx((0.0, (1 - NEAR) / 2))
     assert start[3] >= end[3]
 
 
@@ -92,7 +93,7 @@ def test_visible_parts_are_those_of_the_clipped_edge_in_world_camera_and_image()
     pose = look_at(np.array([0.35, 0.05, 0.2]), (0, 0.1, 0.15))
     seen = visible_edges(BOX, CAMERA, pose)
     whole = BOX.edge_segments[seen.edges]
-    start, end = clip_to_view(pose.transform(whole.reshape(-1, 3)).reshape(-1, 2, 3), CAMERA)
+    start, end = clip_to_view(pose.transform(whole.reshape(-1, 3)).reshape(-1, 2, 3), CAMERA, near_depth(BOX))
     assert (start > 0).any() and (end < 1).any() and (start < end).all()
     for k, part in enumerate((start, end)):
         points = whole[:, 0] + part[:, None] * (whole[:, 1] - whole[:, 0])
@@ -114,7 +115,7 @@ def test_projected_edges_lie_in_the_image_and_agree_with_their_points(angle, rad
     x0, y0, x1, y1 = undistorted_bounds(CAMERA)
     assert (seen.segments_px >= [x0 - 1e-6, y0 - 1e-6]).all()
     assert (seen.segments_px <= [x1 + 1e-6, y1 + 1e-6]).all()
-    assert (seen.depths_m >= NEAR_M - 1e-9).all()
+    assert (seen.depths_m >= near_depth(BOX) - 1e-9).all()
     cam = pose.transform(seen.segments_m.reshape(-1, 3))
     np.testing.assert_allclose(pinhole(cam, CAMERA), seen.segments_px.reshape(-1, 2), atol=1e-6)
 
@@ -123,10 +124,10 @@ def test_projected_edges_lie_in_the_image_and_agree_with_their_points(angle, rad
 @given(st.lists(st.floats(-2, 2), min_size=6, max_size=6))
 def test_clipping_agrees_with_sampling(numbers):
     segment = np.array(numbers).reshape(1, 2, 3)
-    start, end = clip_to_view(segment, CAMERA)
+    start, end = clip_to_view(segment, CAMERA, NEAR)
     parts = np.linspace(0, 1, 401)
     points = segment[0, 0] + parts[:, None] * (segment[0, 1] - segment[0, 0])
-    px = pinhole(np.where(points[:, 2:] >= NEAR_M, points, np.nan), CAMERA)
+    px = pinhole(np.where(points[:, 2:] >= NEAR, points, np.nan), CAMERA)
     x0, y0, x1, y1 = undistorted_bounds(CAMERA)
     with np.errstate(invalid="ignore"):
         inside = (px[:, 0] >= x0) & (px[:, 0] <= x1) & (px[:, 1] >= y0) & (px[:, 1] <= y1)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from tests.trajectories.scene import BOX, standing
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.sensors.barometer import Barometer, height_at, pressure_at
-from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_truth
+from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_ground_truth
 from uavbench.trajectories.wind.dryden import first_order
 
 SCALE = 35.0 / 0.71674
@@ -38,23 +38,23 @@ def test_height_follows_from_the_pressure_that_was_read() -> None:
 
 def test_noise_is_white_and_the_drift_slow() -> None:
     still = standing(10_000.0, step_ns=500_000_000)
-    truth = pressure_at(np.array([1.0]), 101325.0)[0]
+    ground_truth = pressure_at(np.array([1.0]), 101325.0)[0]
     drift = (
         Barometer(rate_hz=2.0, noise_pa=0.0, drift_pa=20.0, drift_s=25.0).measure(still, BOX, rng()).values[:, 0]
-        - truth
+        - ground_truth
     )
     assert drift.std() == pytest.approx(20.0, rel=0.1)
     for lag in (25, 50, 100):
         alike = np.corrcoef(drift[lag:], drift[:-lag])[0, 1]
         assert alike == pytest.approx(np.exp(-lag / 50.0), abs=0.1)
-    white = Barometer(rate_hz=2.0, noise_pa=3.0).measure(still, BOX, rng()).values[:, 0] - truth
+    white = Barometer(rate_hz=2.0, noise_pa=3.0).measure(still, BOX, rng()).values[:, 0] - ground_truth
     assert white.std() == pytest.approx(3.0, rel=0.03)
     noise_rng, drift_rng = rng().spawn(2)
     np.testing.assert_allclose(white, 3.0 * noise_rng.standard_normal(len(white)), atol=1e-6)
     np.testing.assert_allclose(drift, 20.0 * first_order(len(drift), 0.5, 25.0, drift_rng), atol=1e-6)
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
     both = Barometer(rate_hz=2.0, noise_pa=3.0, drift_pa=20.0, drift_s=25.0).measure(still, BOX, rng()).values[:, 0]
-    np.testing.assert_allclose(both - truth, white + drift, atol=1e-6)
+    np.testing.assert_allclose(both - ground_truth, white + drift, atol=1e-6)
 
 
 @pytest.mark.parametrize("sensor", [Barometer(drift_pa=5.0), FlowDeck()])
@@ -151,7 +151,7 @@ def tilted(R: Rotation, velocity=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0)):
 
 def test_a_tilted_deck_looks_aslant() -> None:
     R = Rotation.from_euler("ZYX", [40.0, 25.0, -10.0], degrees=True)
-    flow, distance = flow_truth(tilted(R, (1.0, 2.0, 0.5), (0.3, -0.2, 0.1)), BOX)
+    flow, distance = flow_ground_truth(tilted(R, (1.0, 2.0, 0.5), (0.3, -0.2, 0.1)), BOX)
     slant = 2.0 / (np.cos(np.radians(25.0)) * np.cos(np.radians(10.0)))
     assert distance == pytest.approx([slant])
     v = R.inv().apply([1.0, 2.0, 0.5])
@@ -160,7 +160,9 @@ def test_a_tilted_deck_looks_aslant() -> None:
 
 @pytest.mark.parametrize("roll_deg", [90.0, 120.0, 180.0])
 def test_upside_down_there_is_no_floor(roll_deg: float) -> None:
-    flow, distance = flow_truth(tilted(Rotation.from_euler("x", roll_deg + 1e-3, degrees=True), (1.0, 0, 0)), BOX)
+    flow, distance = flow_ground_truth(
+        tilted(Rotation.from_euler("x", roll_deg + 1e-3, degrees=True), (1.0, 0, 0)), BOX
+    )
     assert distance == pytest.approx([np.inf])
     assert flow[0] == pytest.approx([0.0, 0.0])
     table = FlowDeck().measure(tilted(Rotation.from_euler("x", roll_deg + 1e-3, degrees=True)), BOX, rng())
@@ -171,4 +173,4 @@ def test_the_nearer_of_structure_and_floor_is_what_lies_beneath() -> None:
     roof = ObstacleMesh(np.array([[4.0, -1, 1], [6.0, -1, 1], [5.0, 2, 1]]), np.array([[0, 1, 2]]))
     cellar = ObstacleMesh(np.array([[4.0, -1, -1], [6.0, -1, -1], [5.0, 2, -1]]), np.array([[0, 1, 2]]))
     for mesh, expected in ((roof, 1.0), (cellar, 2.0)):
-        assert flow_truth(standing(0.0, height=2.0), mesh)[1] == pytest.approx([expected])
+        assert flow_ground_truth(standing(0.0, height=2.0), mesh)[1] == pytest.approx([expected])

@@ -91,6 +91,6 @@ def test_sticks_move_no_faster_than_thumbs() -> None:
     held = []
     for block in range(100):
         pilot.rows(-pilot.warm_up + 10 * block, 10, far)
-        held.append(pilot._sticks.copy())
+        held.append(pilot._stick_input.copy())
     assert np.abs(np.diff(held, axis=0)).max() <= 3.0 * 10 * STEP_S + 1e-12
     assert np.abs(held).max() > 0.9

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.trajectories.scene import BOX, standing
-from uavbench.trajectories.sensors.imu import Imu, ImuBmi088, inertial_truth
+from uavbench.trajectories.sensors.imu import Imu, ImuBmi088, inertial_ground_truth
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
 QUIET = Imu(
@@ -37,7 +37,7 @@ def skew(v):
 
 def test_specific_force_is_that_of_a_point_of_a_turning_body() -> None:
     flight, r = tumbling(), np.array([0.3, -0.2, 0.1])
-    omega, force = inertial_truth(flight, r)
+    omega, force = inertial_ground_truth(flight, r)
     np.testing.assert_array_equal(omega, flight.angular_velocities_rad_s)
     for k in range(len(flight)):
         R = Rotation.from_quat(flight.quaternions_wxyz[k, [1, 2, 3, 0]]).as_matrix()
@@ -55,7 +55,7 @@ def test_without_noise_readings_are_the_truth_and_the_bias_that_is_told() -> Non
         "gyro_bias_x_rad_s", "gyro_bias_y_rad_s", "gyro_bias_z_rad_s",
         "accel_bias_x_m_s2", "accel_bias_y_m_s2", "accel_bias_z_m_s2",
     )  # fmt: skip
-    omega, force = inertial_truth(flight, np.array(sensor.offset_m))
+    omega, force = inertial_ground_truth(flight, np.array(sensor.offset_m))
     np.testing.assert_allclose(table.values[:, :6], np.hstack([omega, force]) + table.values[:, 6:], atol=1e-12)
     assert (table.values[:, 6:] == table.values[0, 6:]).all()
     assert len(set(table.values[0, 6:].tolist())) == 6

@@ -12,11 +12,11 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
 from uavbench.trajectories.paths.around import Approach, FigureEight, Hover, Orbit, PierSpiral
-from uavbench.trajectories.paths.pace import asked_speed
 from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.paths.reference import Planned
 from uavbench.trajectories.paths.registry import PATHS, PathSpec
 from uavbench.trajectories.paths.smooth_motion import fly_through, progress, stop_and_go
+from uavbench.trajectories.paths.timing import requested_speed
 from uavbench.trajectories.pose import rotation_from_quaternion
 from uavbench.trajectories.simulation.flight import FlightSpec, fly
 from uavbench.trajectories.simulation.summary import flown_summary, planned_summary
@@ -90,7 +90,7 @@ def test_a_plan_is_smooth_starts_at_rest_and_keeps_its_limits(
     assert np.linalg.norm(t[0, 3:6]) < 1e-3 and np.linalg.norm(t[-1, 3:6]) < 1e-3
     assert np.abs(np.diff(t[:, 6:9], axis=0)).max() / STEP_S < 60.0  # jerk, m/s^3
     if hasattr(path, "speed_m_s"):
-        assert np.linalg.norm(t[:, 3:6], axis=1).max() <= (asked_speed(path) or np.inf) * (1 + 1e-6)
+        assert np.linalg.norm(t[:, 3:6], axis=1).max() <= (requested_speed(path) or np.inf) * (1 + 1e-6)
         assert np.linalg.norm(t[:, 6:9], axis=1).max() <= path.acceleration_m_s2 * 1.01
     resting = plan.rows(-3, 5, None)
     np.testing.assert_array_equal(resting[:3, 0:3], np.tile(t[0, 0:3], (3, 1)))

@@ -14,8 +14,8 @@ from uavbench.trajectories.pose import rotation_exp, rotation_from_quaternion
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.barometer import Barometer, height_at, pressure_at
 from uavbench.trajectories.sensors.gnss import Gnss
-from uavbench.trajectories.sensors.imu import Imu, inertial_truth
-from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_truth
+from uavbench.trajectories.sensors.imu import Imu, inertial_ground_truth
+from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_ground_truth
 from uavbench.trajectories.sensors.registry import SENSORS, flight_table, measure, write_flight
 from uavbench.trajectories.sensors.satellites import sky
 from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled, write_table
@@ -86,7 +86,7 @@ def test_an_imu_off_centre_feels_the_turning() -> None:
         angular_velocities_rad_s=np.tile([0.0, 0.0, 2.0], (501, 1)),
         angular_accelerations_rad_s2=np.tile([0.0, 0.0, 5.0], (501, 1)),
     )
-    _, force = inertial_truth(spun, offset)
+    _, force = inertial_ground_truth(spun, offset)
     expected = [-4.0 * 0.3 + 5.0 * 0.1, 4.0 * 0.1 + 5.0 * 0.3, GRAVITY_M_S2]
     np.testing.assert_allclose(force, np.tile(expected, (501, 1)), atol=1e-12)
     clipped = Imu(accel_range_m_s2=5.0).measure(spun, BOX, np.random.default_rng(0))
@@ -108,14 +108,14 @@ def test_flow_gathers_to_the_way_flown_over_the_range() -> None:
     assert noisy.column("dx_px").mean() == pytest.approx(35.0 / 0.71674 * 0.25 / 0.8 / 50.0, abs=0.15)
     assert np.nanmean(table.column("range_m")) == pytest.approx(0.8, abs=1e-3)
     turning = replace(standing(1.0, 0.8), angular_velocities_rad_s=np.tile([0.3, 0.2, 0.0], (501, 1)))
-    flow, distance = flow_truth(turning, BOX)
+    flow, distance = flow_ground_truth(turning, BOX)
     np.testing.assert_allclose(flow, np.tile([-0.2, 0.3], (501, 1)), atol=1e-12)
     np.testing.assert_allclose(distance, 0.8)
 
 
 def test_the_deck_ranges_to_the_structure_beneath_and_goes_blind_high_up() -> None:
     above = replace(standing(1.0), positions_m=np.tile([0.0, 0.0, 1.0], (501, 1)))
-    np.testing.assert_allclose(flow_truth(above, BOX)[1], 0.7)
+    np.testing.assert_allclose(flow_ground_truth(above, BOX)[1], 0.7)
     high = FlowDeck().measure(standing(1.0, height=5.0), BOX, np.random.default_rng(0))
     assert np.isnan(high.values).all()
 

@@ -1,4 +1,4 @@
-"""`hold`: repeats the first pose, the floor that every other variant must beat."""
+"""`hold`: repeats the initial pose, the floor that every other variant must beat."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ class Hold:
     """Parameters of `hold`: none."""
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at the pose that will be repeated."""
+        """Start a run from the pose that will be repeated."""
         return HoldRun(cam_from_world, camera)
 
 
@@ -27,6 +27,6 @@ class HoldRun:
     camera: Camera
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """The first pose again; ImageError for an image of another size or type."""
+        """The initial pose again; ImageError for an image of another size or type."""
         check_image(image, self.camera)
         return TrackResult(status="ok", cam_from_world=self.cam_from_world)

@@ -1,7 +1,7 @@
-"""`vo`: monocular visual odometry on features, which knows nothing of the structure but where it starts.
+"""`vo`: monocular visual odometry on features, which uses the structure for its initial pose only.
 
 Corners are followed by optical flow (Lucas & Kanade 1981) and triangulated once their rays have turned; each frame's
-pose is PnP on the corners that have a place. Frame and scale come from the first pose: the first corners on the
+pose is PnP on the corners that have a place. Frame and scale come from the initial pose: the first corners on the
 structure are put where their rays meet it. After that the structure is forgotten: it shows how a model-free method
 drifts.
 """
@@ -37,7 +37,7 @@ class Vo:
     parallax_rad: Annotated[float, Gt(0)] = 0.03
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at a known first pose."""
+        """Start a run from a known initial pose."""
         prepare(__name__)
         return VoRun(self, structure, camera, cam_from_world)
 

@@ -206,7 +206,7 @@ def update(state: Array, P: Array, residual: Array, H: Array, N: Array) -> tuple
     for i in range(3):
         for j in range(3):
             out[6 + 3 * i + j] = R[i, j]
-    # Reset: the attitude error is now told about the new attitude (eq. 287).
+    # Reset: the attitude error is now expressed at the new attitude (eq. 287).
     G = combination(error[6:9], 1.0, -0.5, 0.0)
     rows = product(G, np.ascontiguousarray(P_new[6:9, :]))
     P_new[6:9, :] = rows

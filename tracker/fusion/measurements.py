@@ -1,4 +1,4 @@
-"""What the filter is told besides the IMU: camera poses, positions, heights, optical flow; each predicts itself.
+"""Measurements of the filter besides the IMU: camera poses, positions, heights, optical flow; each predicts itself.
 
 A measurement at the nominal state gives its residual, the Jacobian of that by the error (sign: residual = H error +
 noise), and its noise covariance.
@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from uavbench.tracker.fusion.state import ERROR
-from uavbench.tracker.geometry_kernels import twist_between
+from uavbench.tracker.geometry_kernels import se3_log_left
 from uavbench.trajectories.pose import Array, Pose, hat, read_only
 
 POSITION, VELOCITY, ATTITUDE, CAMERA_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(15, 21)
@@ -65,7 +65,7 @@ class CameraPose:
         rotation = C.rotation @ R.T
         translation = C.translation - rotation @ state[0:3]
         measured = self.cam_from_world
-        e = twist_between(measured.rotation, measured.translation, rotation, translation)
+        e = se3_log_left(measured.rotation, measured.translation, rotation, translation)
         # log(exp(d) exp(e)) = e + d - 1/2 ad(e) d to first order in d and in e; ad acts on (translation, rotation).
         after = np.eye(6)
         after[:3, :3] -= 0.5 * hat(e[3:])

@@ -22,7 +22,7 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, kw_only=True)
 class FusionConfig:
-    """What the filter assumes of its sensors; every value is a noise, a physical bound or a probability.
+    """The filter's assumptions on its sensors; every value is a noise, a physical bound or a probability.
 
     IMU densities as Kalibr's model has them; the defaults are those of EuRoC's ADIS16448 (Burri et al. 2016). The
     error of the camera's poses has a white part, which comes with each pose, and a slow one: a first-order
@@ -66,7 +66,7 @@ class FusionConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """What the filter knows at a stamp.
+    """State of the filter at a stamp.
 
     velocity_m_s in the world; biases as they are added to the readings; angular_velocity_rad_s (3,) in the body, None
     before the first IMU sample. covariance (15, 15) of the error, in the order of this module's docstring without the

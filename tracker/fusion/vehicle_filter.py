@@ -38,7 +38,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a measurement.
+    """Outcome of a measurement.
 
     d2: its squared normalized innovation, dof its degrees of freedom; both None where it was not compared. why: empty
     when it was taken.
@@ -117,11 +117,11 @@ class VehicleFilter:
 
     @property
     def verdicts(self) -> list[Verdict]:
-        """What became of every measurement so far, in the order of their stamps."""
+        """Outcome of every measurement so far, in the order of their stamps."""
         return self._past + [c.verdict for c in self._done if c.verdict is not None]
 
     def estimate(self, stamp_ns: int | None = None) -> Estimate:
-        """What is known at a stamp (default: the last IMU sample's), carried on with the last reading beyond that.
+        """State at a stamp (default: the last IMU sample's), propagated with the last reading beyond that.
 
         ValueError for a stamp older than the history.
         """

@@ -5,8 +5,8 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.images.seen_edges import seen_edges_px
 from uavbench.tracker.protocol import Image, TrackResult
-from uavbench.tracker.seen_edges import seen_edges_px
 from uavbench.tracker.visible_edges import to_image
 
 OK_COLOUR = (60, 220, 60)

@@ -1,6 +1,6 @@
-"""Recorded sequences: real images of a structure whose model and first pose are known, and no truth.
+"""Recorded sequences: real images of a structure whose model and initial pose are known, and no ground truth.
 
-`record` makes a sequence folder of them, without truth.csv; `sequence.json` says `first_cam_from_world` instead.
+`record` writes them as a sequence folder without groundtruth.csv; `sequence.json` has `initial_cam_from_world`.
 """
 
 import json
@@ -37,7 +37,7 @@ class Recording:
     images: tuple[Path, ...]
     camera: Camera
     structure: Structure
-    first_cam_from_world: Pose
+    initial_cam_from_world: Pose
 
 
 class RecordingSource(Protocol):
@@ -74,7 +74,7 @@ class Files:
 class VispCube:
     """218 real frames of a cube of 8.4 cm, from Debian's package visp-images-data; images_path where it is elsewhere.
 
-    images_path is the folder `ViSP-images`. Camera and first pose are those that come with the images.
+    images_path is the folder `ViSP-images`. Camera and initial pose are those that come with the images.
     """
 
     images_path: str = ""
@@ -158,7 +158,7 @@ def record(
             "seed": spec.seed,
             "rate_hz": spec.rate_hz,
             "cam_from_body": np.eye(4).tolist(),
-            "first_cam_from_world": recording.first_cam_from_world.matrix.tolist(),
+            "initial_cam_from_world": recording.initial_cam_from_world.matrix.tolist(),
             "content_hash": content_hash,
             "versions": versions(),
         }

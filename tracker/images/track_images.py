@@ -1,4 +1,4 @@
-"""Real images, a model, a camera and a first pose in; results and an overlay video out.
+"""Real images, a model, a camera and an initial pose in; results and an overlay video out.
 
 Images come from a folder, a video or a topic of a ROS 2 bag.
 """
@@ -31,6 +31,8 @@ from uavbench.trajectories.random_streams import stream
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 UNKNOWN_BODY = Body(Pose.identity(), {})
 """Of what carries the camera nothing is known."""
+SEED = 0
+"""Of the tracker's random numbers."""
 
 
 def track_images(
@@ -42,7 +44,6 @@ def track_images(
     init: Path,
     out: Path,
     rate_hz: float = 30.0,
-    seed: int = 0,
 ) -> Results:
     """Track the images of a folder, of a video or of a topic of a ROS 2 bag, and write `out`.
 
@@ -55,7 +56,7 @@ def track_images(
     lens = Camera.load(camera)
     structure = load_model(model)
     first = read_init(init, lens)
-    rng = stream(seed, "tracker", tracker_kind(tracker))
+    rng = stream(SEED, "tracker", tracker_kind(tracker))
     run = started(tracker, structure, lens, first, rng, UNKNOWN_BODY)
     rate_hz = rate_of(source, rate_hz)
     rows: list[TrackResult] = []
@@ -80,7 +81,7 @@ def track_images(
             raise UserError(f"{source}: no images ({', '.join(IMAGE_SUFFIXES)}) in it")
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
-        record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=seed, errors=errors)
+        record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results

@@ -7,278 +7,292 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.geometry_kernels import camera_array, inverse6, move
+from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.config.edges import (
-    AppearanceConfig,
-    SamplingConfig,
-    SearchConfig,
-    SubpixelConfig,
-    WeightConfig,
-)
-from uavbench.tracker.robust.config.solver import EstimatorConfig, HypothesesConfig
-from uavbench.tracker.robust.edges.columns import EDGE, OUTSIDE
+from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, EDGE, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import learn, search, search_range
-from uavbench.tracker.robust.edges.sampling_kernels import BINS, edge_rows, place, sample_edges
-from uavbench.tracker.robust.edges.step_kernels import sharpen
-from uavbench.tracker.robust.edges.weight_kernels import crowding, support, trust, variances
-from uavbench.tracker.robust.kernel_values import kernel_values
+from uavbench.tracker.robust.edges.sampling_kernels import BINS, sample_edges, search_lines
+from uavbench.tracker.robust.edges.step_kernels import FittedPoints, refine_subpixel
+from uavbench.tracker.robust.edges.weight_kernels import (
+    edge_spacing,
+    offset_variances,
+    point_variances,
+    point_weights,
+    support,
+)
+from uavbench.tracker.robust.kernel_config import KernelConfig
+from uavbench.tracker.robust.patches.patch_kernels import PatchMatches
 from uavbench.tracker.robust.patches.patches import Texture
-from uavbench.tracker.robust.pose_fit import Evidence, Fit
-from uavbench.tracker.robust.solver.bias_kernels import surprise
-from uavbench.tracker.robust.solver.hypothesis_kernels import hypotheses
-from uavbench.tracker.robust.solver.nuisance_biases import CommonErrors
-from uavbench.tracker.robust.solver.solve_kernels import refine
+from uavbench.tracker.robust.pose_fit import Fit, FitResiduals
+from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, normalized_innovation
+from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, best_motion
+from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
+from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Weighting, refine
+from uavbench.tracker.robust.view import View
 from uavbench.tracker.stage_clock import StageClock
-from uavbench.tracker.visible_edges import undistorted_bounds
 from uavbench.trajectories.pose import Array, Pose
 
-NOTHING = (
-    *(np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros(0), np.zeros(0)),
-    np.zeros(1, dtype=np.int64),
+Indices = NDArray[np.int64]
+NO_ROWS: Indices = np.zeros(0, dtype=np.int64)
+NO_MEASUREMENTS = EdgeMeasurements(
+    ControlPoints(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), NO_ROWS, np.zeros(1, dtype=np.int64)),
+    SearchLines(np.zeros((0, 4)), np.zeros((0, 6)), NO_ROWS),
+    Candidates(np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1))),
+    np.zeros(0),
+    np.zeros(0),
 )
-NO_EDGES = (np.zeros(0, dtype=np.int64), np.zeros(0))
-"""No control points, and no edges with offsets."""
-LEAST_POINTS = 6
+NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+MIN_POINTS = 6
 """With fewer control points and fewer patches nothing is fitted."""
 
-Indices = NDArray[np.int64]
+
+class Problem(NamedTuple):
+    """An image (h, w, c), the prediction with its covariance (6, 6), and the control points that it shows.
+
+    lines are those at the prediction; spacing_px (n,) to the nearest other edge; weight (n,) of each control point;
+    edges (g,) rows of the edges in view among the offsets.
+    """
+
+    image: Image
+    view: View
+    covariance: Array
+    prior: PosePrior
+    points: ControlPoints
+    lines: SearchLines
+    spacing_px: Array
+    weight: Array
+    edges: Indices
 
 
-class Widths(NamedTuple):
-    """Widths of Tukey's weights in px, one after the other, of each fit of a frame."""
+class Aligned(NamedTuple):
+    """A view near enough for a short search, and where the patches are found from it."""
 
-    coarse: Array
-    patches: Array
-    fine: Array
-    last: Array
+    view: View
+    matches: PatchMatches
 
 
-class FitValues(NamedTuple):
-    """The config as the kernels of a fit take it."""
+class Solution(NamedTuple):
+    """An estimate, the measurements that it is made of, and the offsets of the edges in view."""
 
-    sampling: SamplingConfig
-    search: SearchConfig
-    appearance: AppearanceConfig
-    weights: WeightConfig
-    subpixel: SubpixelConfig
-    hypotheses: HypothesesConfig
-    estimator: EstimatorConfig
-    widths: Widths
+    estimate: Estimate
+    measured: EdgeMeasurements
+    edges: EdgeOffsets
 
-    @classmethod
-    def of(cls, config: RobustConfig) -> "FitValues":
-        """The values of a config."""
-        edges, solver, e = config.edges, config.solver, config.solver.estimator
-        return cls(
-            kernel_values(edges.sampling),
-            kernel_values(edges.search),
-            kernel_values(edges.appearance),
-            kernel_values(edges.weights),
-            kernel_values(edges.subpixel),
-            kernel_values(solver.hypotheses),
-            kernel_values(solver.estimator),
-            Widths(*map(np.array, (e.coarse_widths_px, e.patch_widths_px, e.fine_widths_px, e.last_widths_px))),
-        )
+
+class SeenEdges(NamedTuple):
+    """Visible control points (n, 3) and the unit directions (n, 3) of their edges."""
+
+    points: Array
+    direction: Array
 
 
 class EdgeFitter:
     """Fits poses to images, and learns the appearance of the edges."""
 
     def __init__(self, structure: Structure, camera: Camera, rng: np.random.Generator, config: RobustConfig) -> None:
-        self.config, self.values = config, FitValues.of(config)
-        self.map = EdgeMap.of(structure, config.edges.sampling.rounded_deg)
-        self.cam = camera_array(camera)
-        self.size = np.array([camera.width, camera.height], dtype=np.float64)
-        self.bounds = np.array(undistorted_bounds(camera))
-        self.texture = Texture(self.map, camera, config.patches)
-        self.common = CommonErrors(len(self.map.ends) * 3, config.solver.bias)
-        self.appearance = np.zeros((len(self.map.ends) * 3 * BINS, 8))
-        self.learned, self.spread = 0, 1.0
+        self.config, self.values = config, KernelConfig.of(config)
+        self.edges = EdgeMap.of(structure, config.edges.sampling.rounded_deg)
+        self.view = View.of(camera, structure)
+        self.texture = Texture(self.edges, camera, self.view, config.patches)
+        self.biases = NuisanceBiases(len(self.edges.ends) * 3, config.solver.bias)
+        self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
+        self.learned, self.offset_scale = 0, 1.0
         self.sharp = True
-        self.draws = rng.random((config.solver.hypotheses.count, 12))
+        self.draws = rng.random((config.solver.hypotheses.count, EDGES_DRAWN * DRAWS_PER_EDGE))
 
     def begin(self, stamp_ns: int, sharp: bool) -> None:
-        """Begin with the frame of a stamp; whether it is as sharp as the lens left it, and not smoothed."""
+        """Begin with the frame of a stamp; sharp: its image was not smoothed."""
         self.texture.now_s, self.sharp = stamp_ns * 1e-9, sharp
 
     def fit(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
     ) -> Fit:
-        """Fit to an image (h, w) or (h, w, 3) from a predicted pose with its covariance (6, 6).
+        """Fit to an image (h, w) or (h, w, c) from a predicted pose with its covariance (6, 6).
 
         Search lines are no longer than half_px to either side, where it is given.
         """
-        values, widths, solver = self.values, self.values.widths, self.config.solver
         most_px = self.config.edges.search.max_half_px if half_px is None else half_px
-        image = layered(image)
-        R, t = predicted.rotation, predicted.translation
+        problem = self.project(layered(image), predicted, covariance, clock)
+        n = len(problem.points.points)
+        if n < MIN_POINTS and len(self.texture.chosen) < MIN_POINTS:
+            return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
+        aligned = self.align(problem, most_px, clock)
+        found = self.update(problem, aligned, clock)
+        best = self.refine_subpixel(problem, aligned, found, clock) if self.sharp else found.estimate
+        with clock.stage("support"):
+            return self.judge(problem, aligned.matches, found, best)
+
+    def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
+        """The control points and the patches that a prediction shows, with the weights of the points."""
+        weights, view = self.values.weights, self.view.at(predicted)
         with clock.stage("project"):
-            points, keys = self.sample(R, t)
-            n = len(points)
-            self.texture.choose(R, t)
-            if n < LEAST_POINTS and len(self.texture.chosen) < LEAST_POINTS:
-                return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
-            lines, J, side = self.place(points, keys, R, t)
-            rows, first = edge_rows(keys)
-            gap = crowding(lines, keys, side, values.weights)
-            trusted = trust(gap, rows, self.appearance, values.weights)
-            prior, edges = inverse6(covariance), rows[first[:-1]] // BINS
+            points = self.sample(view)
+            self.texture.choose(view)
+            lines = self.search_lines(points, view)
+            spacing_px = edge_spacing(lines, points.keys, weights)
+            weight = point_weights(spacing_px, points.rows, self.appearance, weights)
+            prior = PosePrior(inverse6(covariance), view.R, view.t)
+            edges = points.rows[points.first[:-1]] // BINS
+        return Problem(image, view, covariance, prior, points, lines, spacing_px, weight, edges)
+
+    def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
+        """A first estimate: by the patches where enough of them are found, else by hypotheses over a wide search."""
+        view, widths, solver = problem.view, self.values.widths, self.config.solver
         with clock.stage("texture"):
-            observed, found, vague = self.texture.align(image, R, t)
-            places, expected = self.texture.places(), (prior, R, t)
-            sure = np.count_nonzero(found > 0) >= self.config.patches.enough_to_predict
-            if sure:
-                patches = (places, observed, found, vague)
-                shared = self.common.at(*NO_EDGES, R, t)
-                R, t, *_ = refine(
-                    *NOTHING, *patches, shared, *expected, R, t, self.cam, widths.patches, values.estimator
-                )
-        if not sure and n:
-            with clock.stage("search"):
-                half = search_range(J, covariance, most_px, values.search)
-                distance, penalty, contrast = search(image, lines, side, rows, self.appearance, half, values.search)
-            with clock.stage("choose"):
-                x, _ = hypotheses(
-                    J,
-                    distance,
-                    penalty,
-                    trusted,
-                    first,
-                    solver.hypotheses.prior_weight * prior,
-                    self.draws,
-                    values.hypotheses,
-                )
-                R, t = move(R, t, x)
-                own, spread = self.variances(keys, side, rows, first, distance, contrast, trusted)
-                alone = (places[:0], observed[:0], found[:0], vague[:0])
-                evidence = (points, lines, distance, penalty, trusted, own, first)
-                shared = self.common.at(edges, spread, R, t)
-                R, t, *_ = refine(*evidence, *alone, shared, *expected, R, t, self.cam, widths.coarse, values.estimator)
-            with clock.stage("texture"):
-                observed, found, vague = self.texture.align(image, R, t)
-        patches, half = (places, observed, found, vague), np.full(n, self.config.edges.search.fine_half_px)
+            matches = self.texture.align(problem.image, view)
+            if np.count_nonzero(matches.correlation > 0) >= self.config.patches.enough_to_predict:
+                estimate = self.solve(problem, NO_MEASUREMENTS, matches, NO_EDGES, view, widths.patches)
+                return Aligned(view.to(estimate.R, estimate.t), matches)
+        if not len(problem.points.points):
+            return Aligned(view, matches)
+        with clock.stage("search"):
+            half_px = search_range(problem.lines.jacobian, problem.covariance, most_px, self.values.search)
+            measured = self.measure(problem, problem.lines, half_px)
+        with clock.stage("hypotheses"):
+            prior = solver.hypotheses.prior_weight * problem.prior.information
+            motion = best_motion(measured, prior, self.draws, self.values.hypotheses)
+            view = view.to(*se3_exp_left(view.R, view.t, motion))
+            edges = self.offsets(problem, measured)
+            estimate = self.solve(problem, measured, NO_MATCHES, edges, view, widths.coarse)
+            view = view.to(estimate.R, estimate.t)
+        with clock.stage("texture"):
+            return Aligned(view, self.texture.align(problem.image, view))
+
+    def update(self, problem: Problem, aligned: Aligned, clock: StageClock) -> Solution:
+        """The estimate by a short search, made again where the first one moved the control points far."""
+        view, widths = aligned.view, self.values.widths
+        half_px = np.full(len(problem.points.points), self.config.edges.search.fine_half_px)
         for scales in (widths.fine, widths.last):
             with clock.stage("search"):
-                lines, J, side = self.place(points, keys, R, t)
-                distance, penalty, contrast = search(image, lines, side, rows, self.appearance, half, values.search)
+                measured = self.measure(problem, self.search_lines(problem.points, view), half_px)
             with clock.stage("update"):
-                own, spread = self.variances(keys, side, rows, first, distance, contrast, trusted)
-                evidence = (points, lines, distance, penalty, trusted, own, first)
-                shared = self.common.at(edges, spread, R, t)
-                R, t, information, residual, weights, patch_weights, sums, to_patches, to_fit, moved = refine(
-                    *evidence, *patches, shared, *expected, R, t, self.cam, scales, values.estimator
-                )
-            if moved < solver.estimator.repeat_px:
+                edges = self.offsets(problem, measured)
+                estimate = self.solve(problem, measured, aligned.matches, edges, view, scales)
+                view = view.to(estimate.R, estimate.t)
+            if estimate.farthest_px < self.config.solver.estimator.repeat_px:
                 break
-        candidates = int(np.count_nonzero(distance < np.inf))
-        held, patches_held = weights, patch_weights  # what is found by a fit near a pose does not support it
-        if self.sharp:
-            with clock.stage("sharpen"):
-                lines, J, side = self.place(points, keys, R, t)
-                distance, own = sharpen(
-                    image, lines, side, rows, first, self.appearance, gap, residual, weights, own, values.subpixel
-                )
-                evidence = (points, lines, distance, np.zeros_like(distance), trusted, own, first)
-                shared = self.common.at(edges, spread, R, t)
-                R, t, information, residual, weights, patch_weights, sums, to_patches, to_fit, moved = refine(
-                    *evidence, *patches, shared, *expected, R, t, self.cam, widths.last, values.estimator
-                )
-        with clock.stage("judge"):
-            whole, by_edges = support(
-                held, trusted, rows, self.appearance, contrast, patches_held, found, values.weights
+        return Solution(estimate, measured, edges)
+
+    def refine_subpixel(self, problem: Problem, aligned: Aligned, found: Solution, clock: StageClock) -> Estimate:
+        """The estimate by steps of light fitted to the pixels about the control points."""
+        with clock.stage("subpixel"):
+            view = aligned.view.to(found.estimate.R, found.estimate.t)
+            lines, weighting = self.search_lines(problem.points, view), found.estimate.weighting
+            fitted = FittedPoints(weighting.residual, weighting.weight, found.measured.variance_px2)
+            steps = refine_subpixel(
+                problem.image,
+                lines,
+                problem.points,
+                self.appearance,
+                problem.spacing_px,
+                fitted,
+                self.values.subpixel,
             )
-            patches_found = self.config.edges.weights.patch_weight * np.count_nonzero(patch_weights)
-            return Fit(
-                Pose(R, t),
-                inverse6(information),
-                whole,
-                n,
-                candidates,
-                int(np.count_nonzero(weights) + np.count_nonzero(patch_weights)),
-                float(R[2] @ points[n // 2] + t[2]) if n else float("nan"),
-                by_edges,
-                float(weights.sum() + patches_found),
-                Evidence(
-                    points,
-                    keys,
-                    rows,
-                    residual,
-                    weights,
-                    self.texture.chosen,
-                    patch_weights,
-                    found,
-                    edges,
-                    spread,
-                    sums,
-                    to_patches,
-                    to_fit,
-                    prior,
-                ),
-            )
+            candidates = Candidates(steps.distance, np.zeros_like(steps.distance), found.measured.candidates.contrast)
+            measured = EdgeMeasurements(problem.points, lines, candidates, problem.weight, steps.variance_px2)
+            return self.solve(problem, measured, aligned.matches, found.edges, view, self.values.widths.last)
 
-    def sample(self, R: Array, t: Array) -> tuple[Array, Indices]:
-        """Visible control points at a pose."""
-        m = self.map
-        return sample_edges(
-            m.ends, m.faces, m.smooth, m.rounded, m.planes, m.corners, m.owner, m.boxes, m.nodes,
-            R, t, self.cam, self.size, self.bounds, self.values.sampling,
-        )  # fmt: skip
-
-    def seen(self, pose: Pose) -> tuple[Array, Array]:
-        """Visible control points (n, 3) at a pose, and the directions (n, 3) of their edges."""
-        points, keys = self.sample(pose.rotation, pose.translation)
-        along = self.map.ends[keys[:, EDGE], 1] - self.map.ends[keys[:, EDGE], 0]
-        return points, along / np.linalg.norm(along, axis=1, keepdims=True)
-
-    def place(self, points: Array, keys: Indices, R: Array, t: Array) -> tuple[Array, Array, Indices]:
-        """Lines, Jacobian and silhouette side of control points at a pose."""
-        margin_px = self.config.edges.sampling.margin_px
-        return place(points, keys, self.map.ends, self.map.inward, R, t, self.cam, self.size, margin_px)
-
-    def variances(
-        self,
-        keys: Indices,
-        side: Indices,
-        rows: Indices,
-        first: Indices,
-        distance: Array,
-        contrast: Array,
-        trusted: Array,
-    ) -> tuple[Array, Array]:
-        """Variance in px^2 of each control point (n,), and of the offset that those of an edge share (g,)."""
-        stands, appearance = self.map.stands, self.appearance
-        initial = self.config.edges.appearance.initial_error_px_grey
-        own, spread = variances(
-            keys, side, rows, first, stands, distance, contrast, trusted, appearance, self.values.weights, initial
+    def judge(self, problem: Problem, matches: PatchMatches, found: Solution, best: Estimate) -> Fit:
+        """The fit, supported by what a search found: what a fit near a pose finds does not support that pose."""
+        values, points, weighting = self.values.weights, problem.points, best.weighting
+        searched: Weighting = found.estimate.weighting
+        share = support(
+            found.measured, searched.weight, searched.patch_weight, matches.correlation, self.appearance, values
         )
-        return own, self.spread * spread
+        n, patches = len(points.points), np.count_nonzero(weighting.patch_weight)
+        return Fit(
+            Pose(best.R, best.t),
+            inverse6(best.step.information),
+            share.whole,
+            n,
+            int(np.count_nonzero(found.measured.candidates.distance < np.inf)),
+            int(np.count_nonzero(weighting.weight) + patches),
+            float(best.R[2] @ points.points[n // 2] + best.t[2]) if n else float("nan"),
+            share.edges,
+            float(weighting.weight.sum() + self.config.edges.weights.patch_weight * patches),
+            FitResiduals(
+                points,
+                self.texture.chosen,
+                matches.correlation,
+                weighting,
+                found.edges,
+                best.sums,
+                best.step,
+                problem.prior.information,
+            ),
+        )
+
+    def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
+        """Candidates on search lines no longer than half_px (n,) to either side, with variances of their points."""
+        points, initial = problem.points, self.config.edges.appearance.initial_error_px_grey
+        found = search(problem.image, lines, points.rows, self.appearance, half_px, self.values.search)
+        variance_px2 = point_variances(points, found, self.appearance, self.values.weights, initial)
+        return EdgeMeasurements(points, lines, found, problem.weight, variance_px2)
+
+    def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
+        """The offsets of the edges in view, with the prior variances that measurements give them."""
+        variance_px2 = offset_variances(measured, self.edges.on_ground, self.values.weights)
+        return EdgeOffsets(problem.edges, self.offset_scale * variance_px2)
+
+    def solve(
+        self,
+        problem: Problem,
+        measured: EdgeMeasurements,
+        matches: PatchMatches,
+        edges: EdgeOffsets,
+        view: View,
+        widths_px: Array,
+    ) -> Estimate:
+        """M-estimation over measurements and matches from a view on."""
+        biases = self.biases.at(edges, view.R, view.t)
+        return refine(measured, matches, biases, problem.prior, view, widths_px, self.values.estimator)
+
+    def sample(self, view: View) -> ControlPoints:
+        """Visible control points in a view."""
+        return sample_edges(self.edges, view, self.values.sampling)
+
+    def seen(self, pose: Pose) -> SeenEdges:
+        """Visible control points at a pose, with the directions of their edges."""
+        points = self.sample(self.view.at(pose))
+        ends = self.edges.ends[points.keys[:, EDGE]]
+        along = ends[:, 1] - ends[:, 0]
+        return SeenEdges(points.points, along / np.linalg.norm(along, axis=1, keepdims=True))
+
+    def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
+        """Search lines of control points in a view."""
+        return search_lines(points, self.edges, view, self.config.edges.sampling.margin_px)
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
-        """Take up the appearance of edges and faces at the pose of a fit, dt_s after the one before."""
-        bias, patches = self.config.solver.bias, self.config.patches
-        seen, pose, image = fit.evidence, fit.cam_from_world, layered(image)
-        if seen is None:
+        """Update the appearance of edges, the patches and the biases with a fit, dt_s after the one before."""
+        patches, used, pose, image = self.config.patches, fit.residuals, fit.cam_from_world, layered(image)
+        if used is None:
             return
-        lines, _, side = self.place(seen.points, seen.keys, pose.rotation, pose.translation)
-        learn(image, lines, side, seen.rows, seen.weights, seen.residual, self.appearance, self.values.appearance)
-        hits = self.texture.count_hits(seen.chosen, seen.patch_weights, seen.found)
+        lines, weighting = self.search_lines(used.points, self.view.at(pose)), used.weighting
+        rows, values = used.points.rows, self.values.appearance
+        learn(image, lines, rows, weighting.weight, weighting.residual, self.appearance, values)
+        hits = self.texture.count_hits(used.chosen, weighting.patch_weight, used.correlation)
         if hits >= patches.min_hits:
-            twist = self.common.learn(seen.edges, seen.spread, seen.sums, seen.to_patches, pose, dt_s)
+            twist = self.biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
             self.texture.shift(twist, pose)
         self.learned += 1
-        squares, expected = surprise(seen.spread, seen.sums, seen.to_fit, fit.covariance)
-        if expected > bias.min_freedom:
-            ratio = min(bias.max_innovation, squares / expected)
-            grown = self.spread * (1.0 + bias.spread_rate * (ratio - 1.0))
-            self.spread = min(bias.max_spread, max(bias.min_spread, grown))
+        self.learn_offset_scale(used, fit.covariance)
         due = hits < patches.enough_to_predict or self.learned % patches.take_every == 0
         if due and hits < patches.enough_found and fit.edge_support >= patches.take_support:
             if hits < patches.min_hits:
-                self.common.begin(seen.edges, seen.spread, seen.sums, seen.to_fit, seen.prior, pose)
-            self.texture.take(image, pose, lines[side != OUTSIDE, :2])
+                self.biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)
+            self.texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
+
+    def learn_offset_scale(self, used: FitResiduals, covariance: Array) -> None:
+        """Update the factor of the offsets' variances with the innovation of a frame."""
+        bias = self.config.solver.bias
+        innovation = normalized_innovation(used.edges.variance_px2, used.sums, used.step.to_fit, covariance)
+        if innovation.expected > bias.min_freedom:
+            ratio = min(bias.max_innovation, innovation.squares / innovation.expected)
+            grown = self.offset_scale * (1.0 + bias.offset_scale_rate * (ratio - 1.0))
+            self.offset_scale = min(bias.max_offset_scale, max(bias.min_offset_scale, grown))
 
 
 def layered(image: Image) -> Image:

@@ -19,7 +19,7 @@ PLAIN = {word: plain for plain, word in WORDS.items()}
 
 
 def kernel_values(config: T) -> T:
-    """The numbers of a stage's config as a named tuple, which stands for the config in kernels."""
+    """The numbers of a stage's config as a named tuple, which replaces the config in kernels."""
     of: type = type(config)
     numbers = {name: PLAIN[word](getattr(config, name)) for name, word in _numbers(of).items()}
     return cast(T, values_class(of)(**numbers))

@@ -1,15 +1,15 @@
-"""Prediction: where the camera will be at the next frame, and how sure that is."""
+"""Prediction: the pose at the next frame with its covariance, by first-order Gauss-Markov motion."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from uavbench.tracker.geometry_kernels import move, twist_between
+from uavbench.tracker.geometry_kernels import se3_exp_left, se3_log_left
 from uavbench.tracker.robust.config.robust import MotionConfig
 from uavbench.trajectories.pose import Array, Pose
 
 MOVES, TURNS = slice(0, 21, 7), slice(21, 36, 7)
-"""Where the variances of translation and rotation stand in a flat covariance (36,)."""
+"""Places of the variances of translation and rotation in a flat covariance (36,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,11 +20,11 @@ class Motion:
     covariance: Array
     velocity: Array | None = None
 
-    def predict(self, dt_s: float, range_m: float, config: MotionConfig) -> tuple[Pose, Array]:
-        """Pose after dt_s and its covariance (6, 6), at a range_m from what is looked at."""
+    def predict(self, dt_s: float, range_m: float, config: MotionConfig) -> "Motion":
+        """Pose after dt_s with its covariance, at a range_m from what is looked at; its velocity is left out."""
         velocity = np.zeros(6) if self.velocity is None else self.velocity
         xi = velocity * config.memory_s * (1 - np.exp(-dt_s / config.memory_s))
-        pose = Pose(*move(self.cam_from_world.rotation, self.cam_from_world.translation, xi))
+        pose = Pose(*se3_exp_left(self.cam_from_world.rotation, self.cam_from_world.translation, xi))
         acceleration = max(config.acceleration_m_s2, config.acceleration_ranges_s2 * range_m)
         shift, turn = 0.5 * acceleration * dt_s**2, 0.5 * config.angular_acceleration_rad_s2 * dt_s**2
         if self.velocity is None:
@@ -33,14 +33,12 @@ class Motion:
         covariance = self.covariance.copy()
         covariance.flat[MOVES] += min(shift, config.max_sigma_range_part * range_m) ** 2
         covariance.flat[TURNS] += min(turn, config.max_sigma_rad) ** 2
-        return pose, covariance
+        return Motion(pose, covariance)
 
-    def misfit(self, cam_from_world: Pose) -> float:
-        """Squared distance of a pose from this one in standard deviations (Mahalanobis)."""
-        away = twist_between(
-            self.cam_from_world.rotation, self.cam_from_world.translation, cam_from_world.rotation,
-            cam_from_world.translation,
-        )  # fmt: skip
+    def squared_mahalanobis(self, cam_from_world: Pose) -> float:
+        """Squared Mahalanobis distance of a pose from this one."""
+        at = self.cam_from_world
+        away = se3_log_left(at.rotation, at.translation, cam_from_world.rotation, cam_from_world.translation)
         return float(away @ np.linalg.solve(self.covariance, away))
 
     def update(self, cam_from_world: Pose, covariance: Array, dt_s: float, smoothing: float) -> "Motion":
@@ -48,7 +46,7 @@ class Motion:
         if dt_s <= 0:
             return Motion(cam_from_world, covariance, self.velocity)
         was = self.cam_from_world
-        moved = twist_between(was.rotation, was.translation, cam_from_world.rotation, cam_from_world.translation) / dt_s
+        moved = se3_log_left(was.rotation, was.translation, cam_from_world.rotation, cam_from_world.translation) / dt_s
         if self.velocity is None:
             return Motion(cam_from_world, covariance, moved)
         return Motion(cam_from_world, covariance, smoothing * self.velocity + (1 - smoothing) * moved)

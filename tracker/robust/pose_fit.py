@@ -1,48 +1,42 @@
-"""A pose fitted to an image, how well the image supports it, and what it rests on."""
+"""A pose fitted to an image, how well the image supports it, and the residuals that it leaves."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.solver.bias_kernels import Sums
+from uavbench.tracker.robust.edges.measurements import ControlPoints
+from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, FrameSums
+from uavbench.tracker.robust.solver.solve_kernels import Step, Weighting
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a fit rests on.
+class FitResiduals:
+    """What a fit was made of, for the appearance and the biases to be learned from.
 
-    Control points with their keys, rows of appearance, residuals and weights; the patches, their weights and
-    correlations; the edges in view and the variance of their offsets, the sums over them, the twists from the pose of
-    the sums to the patches' pose and to that of the fit; the information (6, 6) of the prediction.
+    points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
+    view, the sums over a frame and the last step; prior_information (6, 6) of the prediction.
     """
 
-    points: Array
-    keys: Indices
-    rows: Indices
-    residual: Array
-    weights: Array
+    points: ControlPoints
     chosen: Indices
-    patch_weights: Array
-    found: Array
-    edges: Indices
-    spread: Array
-    sums: Sums
-    to_patches: Array
-    to_fit: Array
-    prior: Array
+    correlation: Array
+    weighting: Weighting
+    edges: EdgeOffsets
+    sums: FrameSums
+    step: Step
+    prior_information: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A pose and how well the edges support it.
+    """A pose with its covariance (6, 6), and how well the image supports it.
 
-    covariance (6, 6); support in [0, 1]: weighted share of the control points and patches that were found, and
-    edge_support that of the control points alone; found: weight of all that was found, control points
-    and patches as much as in the support.
+    support in [0, 1]: weighted inlier ratio of the control points and patches, edge_support that of the control points
+    alone; found: weight of all inliers; range_m: depth of a control point amid the others, nan where there is none.
     """
 
     cam_from_world: Pose
@@ -54,7 +48,7 @@ class Fit:
     range_m: float
     edge_support: float = 0.0
     found: float = 0.0
-    evidence: Evidence | None = None
+    residuals: FitResiduals | None = None
 
     @property
     def finite(self) -> bool:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import move, normal_row, solve6, twist_between
+from uavbench.tracker.geometry_kernels import normal_row, se3_exp_left, se3_log_left, solve6
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -97,7 +97,7 @@ def gauss_newton(
     row, xi = np.zeros(6), np.zeros(6)
     for _ in range(iterations):
         information = prior.copy()
-        b = prior @ twist_between(R, t, R_first, t_first)
+        b = prior @ se3_log_left(R, t, R_first, t_first)
         for n in range(len(points_m)):
             p = points_m[n]
             x = R[0, 0] * p[0] + R[0, 1] * p[1] + R[0, 2] * p[2] + t[0]
@@ -112,5 +112,5 @@ def gauss_newton(
                     information[i, j] += row[i] * row[j]
         if not solve6(information, b, xi):
             xi[:] = np.nan
-        R, t = move(R, t, xi)
+        R, t = se3_exp_left(R, t, xi)
     return R, t, information

@@ -1,6 +1,6 @@
 """The published loop (Shang & Shen): project, detect, search, choose, update; the new pose predicts the next frame.
 
-Step 1, the model, is `scenes.structure`; step 2, calibration, `scenes.calibration`; step 3, the first pose,
+Step 1, the model, is `scenes.structure`; step 2, calibration, `scenes.calibration`; step 3, the initial pose,
 `uavbench.tracker.initialization`. The variants differ in what they detect and how they choose among the candidates.
 """
 
@@ -33,7 +33,7 @@ PASSES = 3
 
 @dataclass(frozen=True)
 class Published(ABC):
-    """What the variants of the published loop share: its parameters, and its start."""
+    """Base of the variants of the published loop: its parameters, and its start."""
 
     counts_segments: ClassVar[bool] = False
 
@@ -56,7 +56,7 @@ class Published(ABC):
         return Matches(candidates.distances[:, 0], candidates.counts > 0)
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run at a known first pose."""
+        """Start a run from a known initial pose."""
         prepare(__name__)
         return PublishedRun(self, structure, camera, cam_from_world, rng)
 
@@ -91,7 +91,7 @@ class PublishedRun:
             found |= {"control_points": len(points), "candidates": int(candidates.counts.sum()), "inliers": 0}
             if np.count_nonzero(candidates.counts) < MIN_MATCHES:
                 return TrackResult(status="lost", stage_ms=clock.ms, **found)
-            with clock.stage("choose"):
+            with clock.stage("hypotheses"):
                 cam = pose.transform(points.points_m)
                 J = normal_jacobian(cam, points.normals, camera)
                 prior = prior_information(float(np.median(cam[:, 2])))

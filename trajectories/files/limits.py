@@ -18,7 +18,7 @@ class FileLimit:
 
 
 SETTINGS = FileLimit("settings file", 4 * MB, "is it the file that was meant?")
-"""Suites, trackers, cameras, first poses, airframes, baselines: the longest of ours has 0.1 MB."""
+"""Suites, trackers, cameras, initial poses, airframes, baselines: the longest of ours has 0.1 MB."""
 JSON = FileLimit("JSON file", 256 * MB, "score fewer runs in one suite")
 """Scores of 1,000 runs are about 20 MB."""
 TABLE = FileLimit("table", 256 * MB, "cut the flight into shorter ones")

@@ -1,4 +1,4 @@
-"""Seals: a file that uavbench wrote ends with the digest of all that stands before, so that it proves itself.
+"""Seals: a file that uavbench wrote ends with the digest of its content, which proves its origin.
 
 A seal stands in a comment of the file's own format. A file that somebody changed, or that only looks alike, has none
 that holds.

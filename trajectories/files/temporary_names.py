@@ -117,7 +117,7 @@ def _answers(pid: int) -> bool:
 
 @cache
 def _machine() -> str:
-    """What tells this machine since its start, and the name space of its process numbers, from others."""
+    """Identifies this machine since its boot, and the namespace of its process numbers."""
     about = [socket.gethostname()]
     with contextlib.suppress(OSError):
         about.append(Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii"))

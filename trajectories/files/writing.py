@@ -1,4 +1,4 @@
-"""Files and folders appear whole or not at all, and take the place of nothing but what uavbench wrote itself.
+"""Atomic writing of files and folders, which overwrites nothing but what uavbench wrote itself.
 
 What proves that it did: a seal at the end of a file (`seals`), the list of a folder's files in a sealed
 file of it, its marker, or a job's own record of what it wrote (`owning`).

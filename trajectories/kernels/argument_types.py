@@ -32,9 +32,9 @@ def argument_types(text: str, tuples: Mapping[str, Any]) -> tuple[tuple[Any, ...
     return tuple(_form(form, tuples) for form in text.split("|"))
 
 
-def named_tuple(cls: type, text: str) -> Any:
-    """Numba's type of a named tuple, by the types of its fields."""
-    ((*fields,),) = argument_types(text, {})
+def named_tuple(cls: type, text: str, **tuples: Any) -> Any:
+    """Numba's type of a named tuple, by the types of its fields, with the named tuples among them."""
+    ((*fields,),) = argument_types(text, tuples)
     return types.BaseTuple.from_types(fields, cls)
 
 

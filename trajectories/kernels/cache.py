@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept between processes, and what they are known by.
+"""Cache of compiled kernels between processes, and its keys.
 
 numba's own cache looks for a change in the file of a kernel alone. What a kernel calls and the constants that it reads
 may stand in other files, so here kernels lie in a folder named by the hash of all of them, of the compiler and the CPU;

@@ -15,9 +15,9 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.files.reading import read_text
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.paths.pace import paced
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import fly_through, stop_and_go
+from uavbench.trajectories.paths.timing import timed_rows
 from uavbench.trajectories.pose import Array
 
 YAW_RATE_RAD_S = np.radians(45.0)
@@ -167,7 +167,7 @@ def _stopping(
     def through(speed_m_s: float) -> Array:
         return np.column_stack(stop_and_go(points, yaws, speed_m_s, path.acceleration_m_s2, YAW_RATE_RAD_S, dwell_s))
 
-    table = paced(path, through, _length(points))
+    table = timed_rows(path, through, _length(points))
     return planned(table[:, :3], table[:, 3])
 
 
@@ -215,7 +215,7 @@ class Waypoints:
         def past(speed_m_s: float) -> Array:
             return np.column_stack(fly_through(points, yaws, speed_m_s, self.acceleration_m_s2, YAW_RATE_RAD_S))
 
-        table = paced(self, past, _length(points))
+        table = timed_rows(self, past, _length(points))
         return planned(table[:, :3], table[:, 3])
 
 

@@ -11,9 +11,9 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.paths.pace import paced
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import progress
+from uavbench.trajectories.paths.timing import timed_rows
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
@@ -101,7 +101,7 @@ def _helix(path: Orbit | PierSpiral, centre: Array, radius: float, angle: float,
     def way_at(speed_m_s: float) -> Array:
         return progress(angle * per_radian, min(speed_m_s, fastest), 0.5 * path.acceleration_m_s2) / per_radian
 
-    way = paced(path, way_at, angle * per_radian)
+    way = timed_rows(path, way_at, angle * per_radian)
     sign = 1.0 if path.direction == "counter-clockwise" else -1.0
     around = np.radians(path.start_deg) + sign * way
     positions = np.column_stack(
@@ -143,7 +143,7 @@ class Approach:
             there_and_back = np.concatenate([way, way[::-1][1:]])
             return np.concatenate([there_and_back, *[there_and_back[1:]] * (self.cycles - 1)])
 
-        travelled = paced(self, travelled_at, 2 * self.cycles * length)
+        travelled = timed_rows(self, travelled_at, 2 * self.cycles * length)
         distance = reach(obstacles) + self.far_m - travelled
         xy = obstacles.centre[:2] + distance[:, None] * bearing(self.from_deg)
         positions = np.column_stack([xy, np.full(len(xy), self.height_m)])

@@ -40,7 +40,7 @@ class Imu:
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Rates and specific forces in the body, and the biases that are in them."""
         stamps = sample_stamps(flight, self.rate_hz)
-        rates, forces = inertial_truth(flight, np.array(self.offset_m))
+        rates, forces = inertial_ground_truth(flight, np.array(self.offset_m))
         rates, forces = sampled(flight, rates, stamps), sampled(flight, forces, stamps)
         dt = 1.0 / self.rate_hz
         gyro_rng, accel_rng, *bias_rngs = rng.spawn(4)  # so that a longer flight begins with the same noise
@@ -78,7 +78,7 @@ class ImuBmi088(Imu):
     accel_range_m_s2: Annotated[float, Gt(0)] = 235.0
 
 
-def inertial_truth(flight: Flight, offset_m: Array) -> tuple[Array, Array]:
+def inertial_ground_truth(flight: Flight, offset_m: Array) -> tuple[Array, Array]:
     """Angular velocity (n, 3) and specific force (n, 3) in the body's axes at a place of the body.
 
     f = R' (a - g) + alpha x r + omega x (omega x r).

@@ -41,7 +41,7 @@ class FlowDeck:
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Flow dx, dy in px (whole counts) and range in m; none where the ground is out of range."""
         stamps = sample_stamps(flight, self.rate_hz)
-        flow, distance = flow_truth(flight, obstacles)
+        flow, distance = flow_ground_truth(flight, obstacles)
         # Flow gathered since the last reading: the integral of the rate from row to row.
         step_s = np.diff(flight.stamps_ns, prepend=flight.stamps_ns[0])[:, None] / 1e9
         before = np.concatenate([flow[:1], flow[:-1]])
@@ -60,7 +60,7 @@ class FlowDeck:
         return Table(self.measured, stamps, np.column_stack([counts, ranged]))
 
 
-def flow_truth(flight: Flight, obstacles: "ObstacleMesh") -> tuple[Array, Array]:
+def flow_ground_truth(flight: Flight, obstacles: "ObstacleMesh") -> tuple[Array, Array]:
     """Flow rate (n, 2), rad/s, of what lies beneath along the body's -z, and the distance (n,) to it, metres.
 
     What lies beneath is the structure or the floor at z = 0, whichever comes first; inf when the body is upside down.

@@ -29,7 +29,7 @@ __all__ = ["Flight", "FlightSpec", "fly", "path_name"]
 
 @dataclass(frozen=True)
 class FlightSpec:
-    """What is flown: a path, a vehicle, its controller, the wind, and what is asked of the flight.
+    """A flight: path, vehicle, controller, wind, and requirements.
 
     A plan must keep clearance_m between the vehicle's sphere and everything else. Motors may be at their limits for
     saturation_share of the time. A crash is an error, or, with on_crash "record", ends the record there.

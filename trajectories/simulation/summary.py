@@ -1,4 +1,4 @@
-"""How long and how fast a path was asked to be flown, is planned, and was flown."""
+"""Duration and speed of a path: requested, planned and flown."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -9,8 +9,8 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.obstacles import ObstacleMesh
-from uavbench.trajectories.paths.pace import asked_speed
 from uavbench.trajectories.paths.reference import Planned, Replay
+from uavbench.trajectories.paths.timing import requested_speed
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import FlightSpec, path_name
@@ -44,7 +44,7 @@ class FlightSummary:
         return {key: round(value, 6) if isinstance(value, float) else value for key, value in asdict(self).items()}
 
     def shortfall(self) -> str:
-        """What was asked for and is not reached, "" where nothing is."""
+        """Requests that are not reached, "" where nothing is."""
         asked, planned = self.speed_asked_m_s, self.speed_planned_m_s
         if asked is None or planned is None or planned >= REACHED * asked:
             return ""
@@ -64,7 +64,7 @@ def planned_summary(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, see
         path=path_name(spec.path),
         duration_s=(steps - 1) * STEP_S,
         duration_asked_s=getattr(spec.path, "duration_s", None),
-        speed_asked_m_s=asked_speed(spec.path),
+        speed_asked_m_s=requested_speed(spec.path),
         speed_planned_m_s=None if speeds is None else float(speeds.max()),
         nearly_still_s=None if speeds is None else _nearly_still_s(speeds),
     )

@@ -69,7 +69,7 @@ def guess_format(path: Path) -> str:
 
 
 def declared_frame(path: Path) -> str | None:
-    """What a trajectory file says that it holds, such as `world_from_body`, in its first comments or in its name.
+    """Frame that a trajectory file declares, such as `world_from_body`, in its first comments or its name.
 
     None where it says nothing; UserError where comment and name differ.
     """

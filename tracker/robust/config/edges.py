@@ -80,12 +80,12 @@ class AppearanceConfig:
 
 @dataclass(frozen=True)
 class WeightConfig:
-    """How far each control point is trusted, how much it errs, and what a patch counts in the support."""
+    """Weights and variances of control points, and the weight of a patch in the support."""
 
     separate_px: Positive = 8.0
     """Edges farther apart do not disturb each other. Chosen on rendered seeds."""
     touching_px: NotNegative = 2.0
-    """Edges nearer to each other cannot be told apart. Chosen on rendered seeds."""
+    """Edges nearer to each other cannot be distinguished. Chosen on rendered seeds."""
     min_spacing_weight: Annotated[float, Interval(gt=0, le=1)] = 0.02
     """Weight of edges that touch. Chosen on rendered seeds."""
     parallel_cosine: Part = 0.85
@@ -141,12 +141,12 @@ class EdgesConfig:
     """Everything about edges."""
 
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
-    """Where control points lie."""
+    """Sampling of control points."""
     search: SearchConfig = field(default_factory=SearchConfig)
-    """How their candidates are found."""
+    """Search of candidates."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
-    """What is learned of them."""
+    """Learned appearance."""
     weights: WeightConfig = field(default_factory=WeightConfig)
-    """What they count."""
+    """Weights and variances."""
     subpixel: SubpixelConfig = field(default_factory=SubpixelConfig)
-    """How they are refined."""
+    """Sub-pixel refinement."""

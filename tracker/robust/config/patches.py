@@ -43,10 +43,10 @@ class AlignmentConfig:
 
 @dataclass(frozen=True)
 class PatchesConfig:
-    """Which patches are taken, used and dropped."""
+    """Selection, use and removal of patches."""
 
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
-    """How they are found again."""
+    """Alignment in later frames."""
     max_used: Count = 32
     """Patches looked for in a frame. Chosen on rendered seeds, for time."""
     enough_found: Count = 24
@@ -79,8 +79,8 @@ class PatchesConfig:
     min_hits: Annotated[int, Ge(1)] = 2
     """With fewer patches found new ones begin a new nuisance bias. Chosen on rendered seeds."""
     young_s: NotNegative = 1.0
-    """Age at which a patch's variance is twice that of an old one: it may lie on what passes by. Chosen on one rendered
-    seed of the suite occlusion."""
+    """Age at which a patch's variance is twice that of an old one: it may lie on a moving occluder. Chosen on one
+    rendered seed of the suite occlusion."""
     min_age_s: Annotated[float, Interval(gt=0, le=1)] = 0.05
     """Least age of a patch. Chosen on rendered seeds."""
     max_misses: Annotated[int, Ge(0)] = 6

@@ -46,7 +46,7 @@ class PoseSearchConfig:
 
 @dataclass(frozen=True)
 class RelocalizationConfig:
-    """Where poses are searched, and which of them are fitted and taken."""
+    """Range of the pose search, and which of its poses are fitted and accepted."""
 
     search: PoseSearchConfig = field(default_factory=PoseSearchConfig)
     """The search on a small image."""
@@ -87,7 +87,7 @@ class RelocalizationConfig:
     guess_sigma: Positive = 0.06
     """One standard deviation by which a guess of a young run may be wrong. Chosen on rendered seeds."""
     found_support: NotNegative = 0.3
-    """Support that it is worth where e times as much of a pose is found. Measured on a box seen level: 0.77 of a pose
+    """Support added where e times as much weight of inliers is found. Measured on a box seen level: 0.77 of a pose
     that hid its top, 0.68 of 1.6 times as much at the true one."""
     distance_cost: NotNegative = 0.02
     """Support that each squared standard deviation from the guess costs. Chosen on rendered seeds."""

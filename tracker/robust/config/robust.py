@@ -46,7 +46,7 @@ class MotionConfig:
 
 @dataclass(frozen=True)
 class InitializationConfig:
-    """The first pose: kept while the image supports it, and searched else."""
+    """The initial pose: kept while the image supports it, else searched."""
 
     sigma: Positive = 0.005
     """One standard deviation of the initial pose, in parts of the range and in rad. Chosen on rendered seeds."""
@@ -73,7 +73,7 @@ class InitializationConfig:
 
 @dataclass(frozen=True)
 class LossConfig:
-    """When a pose is `lost`, and when others are searched."""
+    """Loss, and when a pose search is due."""
 
     min_support: Part = 0.5
     """With less support the track is lost. Chosen on rendered seeds."""
@@ -106,18 +106,18 @@ class RobustConfig:
     """Every tuned value of `robust`."""
 
     preprocessing: PreprocessingConfig = field(default_factory=PreprocessingConfig)
-    """Before anything is measured."""
+    """Preprocessing of images."""
     motion: MotionConfig = field(default_factory=MotionConfig)
     """Prediction."""
     edges: EdgesConfig = field(default_factory=EdgesConfig)
-    """Edges of the model in the image."""
+    """Edges of the model."""
     patches: PatchesConfig = field(default_factory=PatchesConfig)
-    """Texture on its faces."""
+    """Texture patches on its faces."""
     solver: SolverConfig = field(default_factory=SolverConfig)
-    """The pose from both."""
+    """The pose from edges and patches."""
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
-    """The first frame."""
+    """Initialization."""
     loss: LossConfig = field(default_factory=LossConfig)
-    """Loss."""
+    """Loss of the track."""
     relocalization: RelocalizationConfig = field(default_factory=RelocalizationConfig)
-    """Recovery."""
+    """Relocalization."""

@@ -39,8 +39,8 @@ class EstimatorConfig:
     fine_widths_px: Widths = (4.0, 3.0, 2.0, 1.5, 1.5)
     """Widths after the short search. Chosen on rendered seeds."""
     last_widths_px: Widths = (1.5, 1.5)
-    """Widths when it is made again, and of the sub-pixel steps. Chosen on rendered seeds: narrower ones lose edges that
-    lie off."""
+    """Widths when it is made again, and of the sub-pixel steps. Chosen on rendered seeds: narrower ones lose edges with
+    large offsets."""
     colour_cost: NotNegative = 0.1
     """Cost of a candidate for each unit of its colour penalty. Chosen on rendered seeds."""
     repeat_px: Positive = 1.0
@@ -54,15 +54,15 @@ class BiasConfig:
     """Nuisance biases: the patches' common error and the offset of each edge."""
 
     correlation_s: Positive = 1.0
-    """Time over which the edges of frames err alike beside their offsets. Chosen on rendered seeds."""
+    """Time over which errors of edges beside their offsets are correlated. Chosen on rendered seeds."""
     forgotten_part: Part = 0.6
     """Part forgotten in that time: other patches are found by then. Measured on 8 to 10 sequences; with ten seconds in
     place of one, depth drifts by 2 to 5 mm at 1 Hz."""
-    spread_rate: Part = 0.1
+    offset_scale_rate: Part = 0.1
     """Rate at which the factor of the offsets' variances is learned. Chosen on rendered seeds."""
-    min_spread: Positive = 0.6
+    min_offset_scale: Positive = 0.6
     """Least factor. Chosen on rendered seeds."""
-    max_spread: Positive = 16.0
+    max_offset_scale: Positive = 16.0
     """Largest factor. Chosen on rendered seeds."""
     min_freedom: Positive = 0.3
     """Least expected sum of squared offsets from which it is learned: more edges than six unknowns take up. Chosen on
@@ -73,11 +73,11 @@ class BiasConfig:
 
 @dataclass(frozen=True)
 class SolverConfig:
-    """Everything about the solver."""
+    """The solver."""
 
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
-    """The choice among candidates."""
+    """Hypotheses on the camera's motion."""
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
-    """The fit."""
+    """M-estimation."""
     bias: BiasConfig = field(default_factory=BiasConfig)
-    """What frames err alike in."""
+    """Biases shared across frames."""

@@ -1,4 +1,4 @@
-"""Names of what stands in the columns and codes of arrays that kernels share."""
+"""Names of the columns and codes of arrays that kernels share."""
 
 SILHOUETTE_POSITIVE, SILHOUETTE_NEGATIVE, CREASE, OUTSIDE = 1, -1, 0, 9
 """Side of a control point: of its normal on which the only visible face lies; both are visible; not in the image."""
@@ -6,5 +6,9 @@ BOTH_FACES = 3
 """Bits of the visible faces of an edge, both set."""
 EDGE, FACES, PART = 0, 1, 2
 """Columns of a control point's key: its edge, the bits of its visible faces, the part of the edge."""
-TIMES_SEEN, MEAN_SQUARE = 6, 7
-"""Columns of a row of appearance behind its six colours: how often it was seen; mean square of its residuals, px^2."""
+U, V, NORMAL_U, NORMAL_V = 0, 1, 2, 3
+"""Columns of a search line: pixel of its middle, unit normal of the edge there."""
+NEGATIVE_COLOUR, POSITIVE_COLOUR, TIMES_SEEN, MEAN_SQUARE = 0, 3, 6, 7
+"""Columns of a row of appearance: mean colour (three columns) on the negative and on the positive side of the normal;
+how often it was seen; mean square of its residuals, px^2."""
+APPEARANCE_COLUMNS = 8

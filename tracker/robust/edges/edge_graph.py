@@ -1,41 +1,41 @@
 """The structure as the compiled kernels take it: edges, faces, and a tree of triangles for hidden-line removal."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.structure import COPLANAR_ANGLE_DEG, Structure
-from uavbench.tracker.robust.edges.hidden_line_kernels import tree_arrays
+from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles
 from uavbench.trajectories.geometry.bvh import build_tree
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
+
+ON_GROUND_PART = 1e-6
+"""An edge no higher above the lowest point stands on the ground; in diagonals of the bounding box. For round-off."""
 
 Indices = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class EdgeMap:
+class EdgeMap(NamedTuple):
     """Arrays of a structure.
 
     ends (e, 2, 3); faces (e, 2), -1 where there is none; inward (e, 2, 3) unit vectors from an edge into each of its
     faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
-    corners (m, 3, 3) and owner (m,) of the triangles in the order of the tree (boxes, nodes); extent (8, 3) the
-    corners of the box around it all; stands (e,) whether an edge lies at the bottom of it;
-    smooth (e,) whether the faces beside it are of one rounded surface, so that nothing is seen of it between them;
-    rounded (e,) whether it is an edge within such a surface or at the border of one.
+    triangles for hidden-line removal; extent (8, 3) the corners of the box around it all; on_ground (e,) whether an
+    edge lies at the bottom of it; smooth (e,) whether the faces beside it are of one rounded surface, so that nothing
+    is seen of it between them; rounded (e,) whether it is an edge within such a surface or at the border of one.
     """
 
     ends: Array
     faces: Indices
     inward: Array
     planes: Array
-    corners: Array
-    owner: Indices
-    boxes: Array
-    nodes: Indices
+    triangles: Triangles
     extent: Array
-    stands: NDArray[np.bool_]
+    on_ground: NDArray[np.bool_]
     smooth: NDArray[np.bool_]
     rounded: NDArray[np.bool_]
 
@@ -44,24 +44,23 @@ class EdgeMap:
         """Edge map of a structure; faces that turn by less than rounded_deg are parts of one rounded surface."""
         structure = with_silhouettes(structure, rounded_deg)
         corners = structure.vertices[structure.triangles]
+        size = float(np.linalg.norm(np.diff(structure.bounds, axis=0)))
         _, first = np.unique(structure.triangle_face, return_index=True)
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
-        tree = build_tree(corners)
-        boxes, nodes = tree_arrays(tree)
         return cls(
-            np.ascontiguousarray(structure.edge_segments),
-            np.ascontiguousarray(structure.edge_faces),
+            np.array(structure.edge_segments, order="C"),
+            np.array(structure.edge_faces, order="C"),
             _inward(structure, corners),
             np.column_stack([structure.face_normals, offsets]),
-            tree.corners,
-            np.ascontiguousarray(structure.triangle_face[tree.rows]),
-            boxes,
-            nodes,
+            Triangles.of(build_tree(corners), structure.triangle_face),
             np.array(list(product(*structure.bounds.T))),
-            (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + 1e-6).all(axis=1),
+            (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + ON_GROUND_PART * size).all(axis=1),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
         )
+
+
+EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! b1!", triangles=TRIANGLES)
 
 
 def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:

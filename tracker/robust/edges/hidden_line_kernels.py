@@ -1,10 +1,13 @@
-"""Compiled hidden-line removal: does a triangle of the structure stand between the camera and a point of an edge."""
+"""Compiled hidden-line removal: whether a triangle of the structure occludes a point of an edge."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.trajectories.geometry.bvh import Tree
 from uavbench.trajectories.geometry.ray_triangle import ray_triangle
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -13,28 +16,34 @@ MARGIN = 5e-4
 STACK = 64
 
 
-def tree_arrays(tree: Tree) -> tuple[Array, NDArray[np.int64]]:
-    """Boxes (k, 2, 3) and nodes (k, 2) of a tree of triangles, as `hidden` takes them.
+class Triangles(NamedTuple):
+    """Triangles in a tree of boxes.
 
-    A node is (first child, second child), or (-first - 1, count) of the triangles of a leaf.
+    corners (m, 3, 3) in the order of the tree; face (m,) that each belongs to; boxes (k, 2, 3) low and high corner of
+    each node; nodes (k, 2): (first child, second child), or (-first - 1, count) of the triangles of a leaf.
     """
-    inner = np.column_stack([tree.child, tree.child + 1])
-    leaf = np.column_stack([-tree.first - 1, tree.counts])
-    return np.stack([tree.low, tree.high], axis=1), np.where(tree.counts[:, None] > 0, leaf, inner)
+
+    corners: Array
+    face: NDArray[np.int64]
+    boxes: Array
+    nodes: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, tree: Tree, face: NDArray[np.int64]) -> "Triangles":
+        """Triangles of a tree, with the face (m,) of each in the order before the tree was built."""
+        inner = np.column_stack([tree.child, tree.child + 1])
+        leaf = np.column_stack([-tree.first - 1, tree.counts])
+        nodes = np.where(tree.counts[:, None] > 0, leaf, inner)
+        return cls(np.array(tree.corners), np.array(face[tree.rows]), np.stack([tree.low, tree.high], axis=1), nodes)
 
 
-@compiled("f1 f1 f3 i1 f3 i2 i0 i0", inner=True)
-def hidden(
-    eye: Array,
-    point: Array,
-    corners: Array,
-    face: NDArray[np.int64],
-    boxes: Array,
-    nodes: NDArray[np.int64],
-    face_a: int,
-    face_b: int,
-) -> bool:
-    """Whether a triangle hides a point of the edge between face_a and face_b; boxes and nodes are of `tree_arrays`."""
+TRIANGLES = named_tuple(Triangles, "f3! i1! f3! i2!")
+
+
+@compiled("f1 f1 triangles i0 i0", inner=True, triangles=TRIANGLES)
+def hidden(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
+    """Whether a triangle hides a point (3,) of the edge between face_a and face_b from the eye (3,)."""
+    corners, face, boxes, nodes = triangles.corners, triangles.face, triangles.boxes, triangles.nodes
     ray = np.empty(3)
     for k in range(3):
         ray[k] = point[k] - eye[k]

@@ -1,7 +1,6 @@
 """Compiled search: candidates on the search line of each control point, by gradient and by learned appearance.
 
-The appearance of a part of an edge is a row (8,): mean colour on the negative and on the positive side of its normal
-(b g r each, or grey alone), how often it was seen, and the mean square in px^2 by which it was found beside the pose.
+The appearance of a part of an edge is a row of the columns in `columns`; colours are b g r, or grey alone.
 """
 
 import math
@@ -12,11 +11,18 @@ from numpy.typing import NDArray
 from uavbench.tracker.robust.config.edges import AppearanceConfig, SearchConfig
 from uavbench.tracker.robust.edges.columns import (
     MEAN_SQUARE,
+    NEGATIVE_COLOUR,
+    NORMAL_U,
+    NORMAL_V,
     OUTSIDE,
+    POSITIVE_COLOUR,
     SILHOUETTE_NEGATIVE,
     SILHOUETTE_POSITIVE,
     TIMES_SEEN,
+    U,
+    V,
 )
+from uavbench.tracker.robust.edges.measurements import SEARCH_LINES, Candidates, SearchLines
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -35,13 +41,14 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 f0 f0 f0 f0 i0 f2!", inner=True)
-def sample_profile(image: Image, u: float, v: float, nu: float, nv: float, m: int, out: Array) -> bool:
-    """Colours (2 m + 1, 3) at steps of 1 px along the normal, bilinear; False when it leaves the image.
+@compiled("u3 f1 i0 f2!", inner=True)
+def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
+    """Colours (2 m + 1, 3) at steps of 1 px along a search line (4,), bilinear; False when it leaves the image.
 
     A grey image (h, w, 1) fills the first column alone.
     """
     h, w, channels = image.shape
+    u, v, nu, nv = line[U], line[V], line[NORMAL_U], line[NORMAL_V]
     for end in (-m, m):
         x, y = u + end * nu, v + end * nv
         if not (0.0 <= x < w - 1.0 and 0.0 <= y < h - 1.0):
@@ -80,16 +87,17 @@ def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> floa
     return max(-1.0, min(1.0, 0.5 * (slope[0] - slope[2]) / bend)) if bend < 0.0 else 0.0
 
 
-@compiled("u3 f2 i1 i1 f2 f1 search", search=SEARCH)
+@compiled("u3 lines i1 f2 f1 search", lines=SEARCH_LINES, search=SEARCH)
 def search(
-    image: Image, lines: Array, side: Indices, rows: Indices, appearance: Array, half: Array, config: SearchConfig
-) -> tuple[Array, Array, Array]:
-    """Candidates of each control point: distance, penalty and contrast, each (n, candidates), inf where none.
+    image: Image, at: SearchLines, rows: Indices, appearance: Array, half: Array, config: SearchConfig
+) -> Candidates:
+    """Candidates of each control point on its search line.
 
     rows (n,) are those of `appearance`; half (n,) the half lengths of the search lines in px. The penalty grows with
     the squared distance between the colours beside a candidate and those learned. Contrast is signed along the learned
     step, in grey levels; where nothing is learned it is that of the grey image, without sign.
     """
+    lines, side = at.lines, at.side
     n, candidates = len(lines), config.candidates
     distance = np.full((n, candidates), np.inf)
     penalty = np.full((n, candidates), np.inf)
@@ -103,7 +111,7 @@ def search(
         if side[p] == OUTSIDE:
             continue
         m = min(MAX_HALF_PX, int(half[p] + 1.0)) + REACH
-        while not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], m, colours):
+        while not sample_profile(image, lines[p], m, colours):
             m -= 2
             if m <= REACH:
                 break
@@ -114,9 +122,10 @@ def search(
         if grey:
             w0, w1, w2 = 1.0, 0.0, 0.0
         if learned:
-            d0 = appearance[rows[p], 3] - appearance[rows[p], 0]
-            d1 = appearance[rows[p], 4] - appearance[rows[p], 1]
-            d2 = appearance[rows[p], 5] - appearance[rows[p], 2]
+            learned_row = appearance[rows[p]]
+            d0 = learned_row[POSITIVE_COLOUR] - learned_row[NEGATIVE_COLOUR]
+            d1 = learned_row[POSITIVE_COLOUR + 1] - learned_row[NEGATIVE_COLOUR + 1]
+            d2 = learned_row[POSITIVE_COLOUR + 2] - learned_row[NEGATIVE_COLOUR + 2]
             step = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
             if step > config.min_learned_step_grey:
                 w0, w1, w2 = d0 / step, d1 / step, d2 / step
@@ -142,8 +151,8 @@ def search(
                 for c in range(3):
                     before = 0.5 * (colours[k - 2, c] + colours[k - 3, c])
                     after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
-                    low += (before - appearance[rows[p], c]) ** 2
-                    high += (after - appearance[rows[p], 3 + c]) ** 2
+                    low += (before - appearance[rows[p], NEGATIVE_COLOUR + c]) ** 2
+                    high += (after - appearance[rows[p], POSITIVE_COLOUR + c]) ** 2
                 if side[p] == SILHOUETTE_POSITIVE:  # the background beside a silhouette edge changes
                     low *= config.background_weight
                 elif side[p] == SILHOUETTE_NEGATIVE:
@@ -158,24 +167,24 @@ def search(
             if value > rank[slot]:
                 rank[slot] = value
                 distance[p, slot], penalty[p, slot], contrast[p, slot] = d, cost, g[k]
-    return distance, penalty, contrast
+    return Candidates(distance, penalty, contrast)
 
 
-@compiled("u3 f2 i1 i1 f1 f1 f2! appearance", appearance=APPEARANCE)
+@compiled("u3 lines i1 f1 f1 f2! appearance", lines=SEARCH_LINES, appearance=APPEARANCE)
 def learn(
     image: Image,
-    lines: Array,
-    side: Indices,
+    at: SearchLines,
     rows: Indices,
     found: Array,
     residual: Array,
     appearance: Array,
     config: AppearanceConfig,
 ) -> None:
-    """Take up the colours beside each control point that was found (n,) > 0 near its edge into `appearance`, in place.
+    """Update `appearance`, in place, with the colours beside each control point that was found (n,) > 0 near its edge.
 
     residual (n,) in px is how far from the pose's edge each was found, inf where nothing was.
     """
+    lines, side = at.lines, at.side
     colours = np.zeros((2 * BESIDE + 1, 3))
     for p in range(len(lines)):
         r = rows[p]
@@ -186,7 +195,7 @@ def learn(
             appearance[r, MEAN_SQUARE] += gain * (residual[p] * residual[p] - appearance[r, MEAN_SQUARE])
         if not found[p] > 0.0 or abs(residual[p]) > config.max_colour_residual_px:
             continue
-        if not sample_profile(image, lines[p, 0], lines[p, 1], lines[p, 2], lines[p, 3], BESIDE, colours):
+        if not sample_profile(image, lines[p], BESIDE, colours):
             continue
         gain = max(config.min_colour_rate, 1.0 / (1.0 + appearance[r, TIMES_SEEN]))
         step = 0.0
@@ -194,8 +203,8 @@ def learn(
             before = 0.5 * (colours[BESIDE - 2, c] + colours[BESIDE - 3, c])
             after = 0.5 * (colours[BESIDE + 2, c] + colours[BESIDE + 3, c])
             step += (after - before) ** 2
-            appearance[r, c] += gain * (before - appearance[r, c])
-            appearance[r, 3 + c] += gain * (after - appearance[r, 3 + c])
+            appearance[r, NEGATIVE_COLOUR + c] += gain * (before - appearance[r, NEGATIVE_COLOUR + c])
+            appearance[r, POSITIVE_COLOUR + c] += gain * (after - appearance[r, POSITIVE_COLOUR + c])
         if appearance[r, TIMES_SEEN] == 0.0:
             appearance[r, MEAN_SQUARE] = first_square(math.sqrt(step), config.initial_error_px_grey)
         appearance[r, TIMES_SEEN] += 1.0
@@ -203,7 +212,7 @@ def learn(
 
 @compiled("f0 f0", inner=True)
 def first_square(step: float, initial_error: float) -> float:
-    """Mean square error in px^2 to expect of an edge with a step in grey levels, before any was seen."""
+    """Expected mean square residual in px^2 of an edge with a step in grey levels, before any was seen."""
     return min(1.0, 0.01 + (initial_error / max(step, 1.0)) ** 2)
 
 

@@ -1,67 +1,65 @@
 """Compiled control points: sampled on the visible edges, hidden ones removed, and brought to another pose."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import clip_segment, normal_row, project
+from uavbench.tracker.geometry_kernels import camera_centre, clip_segment, normal_row, project
 from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edges.columns import (
     BOTH_FACES,
     CREASE,
     EDGE,
     FACES,
+    NORMAL_U,
+    NORMAL_V,
     OUTSIDE,
     PART,
     SILHOUETTE_NEGATIVE,
     SILHOUETTE_POSITIVE,
+    U,
+    V,
 )
+from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
+from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
 from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 BINS = 8
 """Parts of an edge, each with an appearance of its own."""
-NEAR_M = 0.02
-"""Edges are clipped at this depth."""
 SAMPLING = kernel_type(SamplingConfig)
 
 Indices = NDArray[np.int64]
 
 
-@compiled("f3 i2 b1 b1 f2 f3 i1 f3 i2 f2 f1 f1 f1 f1 sampling", sampling=SAMPLING)
-def sample_edges(
-    ends: Array,
-    faces: Indices,
-    smooth: NDArray[np.bool_],
-    rounded: NDArray[np.bool_],
-    planes: Array,
-    corners: Array,
-    owner: Indices,
-    boxes: Array,
-    nodes: Indices,
-    R: Array,
-    t: Array,
-    cam: Array,
-    size: Array,
-    bounds: Array,
-    config: SamplingConfig,
-) -> tuple[Array, Indices]:
-    """Visible control points: points_m (n, 3) and keys (n, 3): edge, which faces are visible (1, 2 or 3), bin.
+class VisibleParts(NamedTuple):
+    """The part of each edge (e,) that lies in the image.
 
-    About one for `spacing_px` of projected length, wider where that would make many more than `max_points`. size is
-    width and height; bounds the smallest and largest undistorted pixel.
+    faces (e,) bits of the visible faces beside it, 0 where it is not visible; part (e, 2) shares of its length at which
+    the part starts and ends, depth (e, 2) there; length_px (e,) its projected length.
     """
-    eye = np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            eye[i] -= R[j, i] * t[j]
-    fx, fy, cx, cy = cam[0], cam[1], cam[2], cam[3]
+
+    faces: Indices
+    part: Array
+    depth: Array
+    length_px: Array
+
+
+@compiled("edges view", inner=True, edges=EDGE_MAP, view=VIEW)
+def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
+    """Parts of the edges of visible faces inside the image (Liang & Barsky 1984), hidden lines among them."""
+    ends, faces, smooth, planes, R, t = edges.ends, edges.faces, edges.smooth, edges.planes, view.R, view.t
+    eye = camera_centre(R, t)
+    fx, fy, cx, cy = view.lens[0], view.lens[1], view.lens[2], view.lens[3]
+    bounds = view.bounds_px
     clip = np.array(
         [
-            [0.0, 0.0, 1.0, -NEAR_M],
+            [0.0, 0.0, 1.0, -view.near],
             [fx, 0.0, cx - bounds[0], 0.0],
             [-fx, 0.0, bounds[2] - cx, 0.0],
             [0.0, fy, cy - bounds[1], 0.0],
@@ -73,7 +71,6 @@ def sample_edges(
     part = np.empty((n_edges, 2))
     depth = np.empty((n_edges, 2))
     length = np.zeros(n_edges)
-    total = 0.0
     a, b = np.empty(3), np.empty(3)
     for e in range(n_edges):
         state = 0
@@ -99,6 +96,37 @@ def sample_edges(
         visible[e] = state
         part[e, 0], part[e, 1], depth[e, 0], depth[e, 1] = low, high, z0, z1
         length[e] = math.sqrt(fx * fx * du * du + fy * fy * dv * dv)
+    return VisibleParts(visible, part, depth, length)
+
+
+@compiled("f2! i2!", inner=True)
+def by_edge(points: Array, keys: Indices) -> ControlPoints:
+    """Control points with their rows of appearance, and the rows at which each edge starts."""
+    n = len(keys)
+    rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    e = 0
+    for p in range(n):
+        rows[p] = (keys[p, EDGE] * 3 + keys[p, FACES] - 1) * BINS + keys[p, PART]
+        if p == 0 or keys[p, EDGE] != keys[p - 1, EDGE]:
+            first[e] = p
+            e += 1
+    first[e] = n
+    return ControlPoints(points, keys, rows, first[: e + 1].copy())
+
+
+@compiled("edges view sampling", edges=EDGE_MAP, view=VIEW, sampling=SAMPLING)
+def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlPoints:
+    """Control points on the visible edges, hidden ones removed.
+
+    About one for `spacing_px` of projected length, wider where that would make many more than `max_points`.
+    """
+    ends, faces, size, R, t, lens = edges.ends, edges.faces, view.size_px, view.R, view.t, view.lens
+    eye, triangles, rounded = camera_centre(R, t), edges.triangles, edges.rounded
+    seen = visible_parts(edges, view)
+    visible, part, depth, length = seen.faces, seen.part, seen.depth, seen.length_px
+    n_edges = len(ends)
+    total = 0.0
+    for e in range(n_edges):
         total += length[e]
     spacing_px, most, margin_px = config.spacing_px, config.max_points, config.margin_px
     spacing = max(spacing_px, total / most)
@@ -122,10 +150,10 @@ def sample_edges(
                     q[i] = ends[e, 0, i] + s * (ends[e, 1, i] - ends[e, 0, i])
                 for i in range(3):
                     c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
-                u, v = project(c[0], c[1], c[2], cam)
+                u, v = project(c[0], c[1], c[2], lens)
                 if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
                     continue
-                if n == len(points) or hidden(eye, q, corners, owner, boxes, nodes, faces[e, 0], faces[e, 1]):
+                if n == len(points) or hidden(eye, q, triangles, faces[e, 0], faces[e, 1]):
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
                 keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
@@ -133,42 +161,14 @@ def sample_edges(
         if n > config.enough_part * most or spacing <= spacing_px:
             break
         spacing = max(spacing_px, spacing * max(n, config.min_shrink * most) / most)
-    return points[:n].copy(), keys[:n].copy()
+    return by_edge(points[:n].copy(), keys[:n].copy())
 
 
-@compiled("i2")
-def edge_rows(keys: Indices) -> tuple[Indices, Indices]:
-    """Row of appearance (n,) of each control point, and the rows (e + 1,) where each edge's control points start."""
-    n = len(keys)
-    rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
-    e = 0
-    for p in range(n):
-        rows[p] = (keys[p, EDGE] * 3 + keys[p, FACES] - 1) * BINS + keys[p, PART]
-        if p == 0 or keys[p, EDGE] != keys[p - 1, EDGE]:
-            first[e] = p
-            e += 1
-    first[e] = n
-    return rows, first[: e + 1].copy()
-
-
-@compiled("f2 i2 f3 f3 f2 f1 f1 f1 f0")
-def place(
-    points: Array,
-    keys: Indices,
-    ends: Array,
-    inward: Array,
-    R: Array,
-    t: Array,
-    cam: Array,
-    size: Array,
-    margin_px: float,
-) -> tuple[Array, Array, Indices]:
-    """Control points at a pose: lines (n, 4) of pixel and unit normal, J (n, 6), side (n,).
-
-    side is +1 where the only visible face lies on the positive side of the normal, -1 where on the other, 0 where both
-    faces are visible, and OUTSIDE where the point is not in the image.
-    """
-    n = len(points)
+@compiled("points edges view f0", points=CONTROL_POINTS, edges=EDGE_MAP, view=VIEW)
+def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: float) -> SearchLines:
+    """Search lines of control points at a pose; outside where nearer than margin_px to the image's border."""
+    places, keys, ends, inward = points.points, points.keys, edges.ends, edges.inward
+    n, R, t, lens, size, near = len(places), view.R, view.t, view.lens, view.size_px, view.near
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
     c, d, w = np.empty(3), np.empty(3), np.empty(3)
     for k in range(n):
@@ -179,29 +179,29 @@ def place(
             length += d[i] * d[i]
         h = 1e-3 / math.sqrt(length)
         for i in range(3):
-            c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
+            c[i] = R[i, 0] * places[k, 0] + R[i, 1] * places[k, 1] + R[i, 2] * places[k, 2] + t[i]
             w[i] = (R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]) * h
         side[k] = OUTSIDE
-        if c[2] <= NEAR_M:
+        if c[2] <= near:
             continue
-        u, v = project(c[0], c[1], c[2], cam)
+        u, v = project(c[0], c[1], c[2], lens)
         if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
             continue
         step = c[2]  # a thousandth of the depth along the edge
-        u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], cam)
+        u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], lens)
         tu, tv = u1 - u, v1 - v
         norm = math.sqrt(tu * tu + tv * tv)
         if norm < 1e-6:
             continue
         nu, nv = -tv / norm, tu / norm
-        lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3] = u, v, nu, nv
-        normal_row(c[0], c[1], c[2], nu, nv, cam, J[k])
+        lines[k, U], lines[k, V], lines[k, NORMAL_U], lines[k, NORMAL_V] = u, v, nu, nv
+        normal_row(c[0], c[1], c[2], nu, nv, lens, J[k])
         side[k] = CREASE
         if keys[k, FACES] != BOTH_FACES:
-            s = keys[k, FACES] - 1
+            f = keys[k, FACES] - 1
             for i in range(3):
-                w[i] = R[i, 0] * inward[e, s, 0] + R[i, 1] * inward[e, s, 1] + R[i, 2] * inward[e, s, 2]
-            u1 = cam[0] * (w[0] - c[0] / c[2] * w[2])
-            v1 = cam[1] * (w[1] - c[1] / c[2] * w[2])
+                w[i] = R[i, 0] * inward[e, f, 0] + R[i, 1] * inward[e, f, 1] + R[i, 2] * inward[e, f, 2]
+            u1 = lens[0] * (w[0] - c[0] / c[2] * w[2])
+            v1 = lens[1] * (w[1] - c[1] / c[2] * w[2])
             side[k] = SILHOUETTE_POSITIVE if u1 * nu + v1 * nv > 0 else SILHOUETTE_NEGATIVE
-    return lines, J, side
+    return SearchLines(lines, J, side)

@@ -5,14 +5,32 @@ is a + b H(s) - b d H'(s), linear in a, b and b d: three sums of squares, whose 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from uavbench.tracker.order_kernels import insert
 from uavbench.tracker.robust.config.edges import SubpixelConfig
-from uavbench.tracker.robust.edges.columns import MEAN_SQUARE, OUTSIDE, TIMES_SEEN
-from uavbench.tracker.robust.edges.profile_kernels import Image, Indices
+from uavbench.tracker.robust.edges.columns import (
+    MEAN_SQUARE,
+    NEGATIVE_COLOUR,
+    NORMAL_U,
+    NORMAL_V,
+    OUTSIDE,
+    POSITIVE_COLOUR,
+    TIMES_SEEN,
+    U,
+    V,
+)
+from uavbench.tracker.robust.edges.measurements import (
+    CONTROL_POINTS,
+    SEARCH_LINES,
+    ControlPoints,
+    SearchLines,
+)
+from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -31,27 +49,59 @@ SLOPE = np.exp(-0.5 * np.square(AT / BLUR_PX)) / (math.sqrt(2 * math.pi) * BLUR_
 SUBPIXEL = kernel_type(SubpixelConfig)
 
 
-@compiled("u3 f2 i1 i1 i1 f2 f1 f1 f1 f1 subpixel", subpixel=SUBPIXEL)
-def sharpen(
-    image: Image,
-    lines: Array,
-    side: Indices,
-    rows: Indices,
-    first: Indices,
-    appearance: Array,
-    gap: Array,
-    residual: Array,
-    weights: Array,
-    own: Array,
-    config: SubpixelConfig,
-) -> tuple[Array, Array]:
-    """Distance (n, 1) of each control point's edge from its line (n, 4), and its variance (n,) in px^2.
+class FittedPoints(NamedTuple):
+    """Control points after a fit: signed residual (n,) in px, weight (n,) in it, variance_px2 (n,) before it."""
 
-    Where no step can be fitted they are the residual (n,) and own (n,), and inf where the weight (n,) is 0. The control
-    points of an edge start at rows first (g + 1,); gap (n,) is the distance in px to another edge.
+    residual: Array
+    weight: Array
+    variance_px2: Array
+
+
+class SubpixelEdges(NamedTuple):
+    """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,)."""
+
+    distance: Array
+    variance_px2: Array
+
+
+class Step(NamedTuple):
+    """Distance of a step in px along a normal, its variance in px^2, and the variance of the light about it."""
+
+    distance: float
+    variance_px2: float
+    noise: float
+
+
+NO_STEP = Step(np.inf, np.inf, np.inf)
+FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
+
+
+@compiled(
+    "u3 lines points f2 f1 fitted subpixel",
+    lines=SEARCH_LINES,
+    points=CONTROL_POINTS,
+    fitted=FITTED_POINTS,
+    subpixel=SUBPIXEL,
+)
+def refine_subpixel(
+    image: Image,
+    at: SearchLines,
+    points: ControlPoints,
+    appearance: Array,
+    spacing: Array,
+    fitted: FittedPoints,
+    config: SubpixelConfig,
+) -> SubpixelEdges:
+    """Sub-pixel refinement: where a blurred step fits the pixels about each control point.
+
+    Where no step can be fitted, distance and variance are those of `fitted`, and the distance is inf where the weight
+    is 0. spacing (n,) is the distance in px to another edge.
     """
-    distance, variance = np.full((len(lines), 1), np.inf), own.copy()
-    colour, found = np.empty(3), np.empty((len(lines), 3))
+    lines, side, rows, first = at.lines, at.side, points.rows, points.first
+    residual, weights = fitted.residual, fitted.weight
+    distance, variance = np.full((len(lines), 1), np.inf), fitted.variance_px2.copy()
+    colour, n = np.empty(3), len(lines)
+    places, spreads, noises_of = np.empty(n), np.empty(n), np.empty(n)
     for g in range(len(first) - 1):
         start, total = 0.0, 0.0
         for p in range(first[g], first[g + 1]):
@@ -61,24 +111,24 @@ def sharpen(
         noises = np.empty(first[g + 1] - first[g])
         count = 0
         for p in range(first[g], first[g + 1]):
-            found[p, 2] = np.inf
+            noises_of[p] = np.inf
             step = learned_light(appearance[rows[p]], image.shape[2], colour)
-            reach = min(config.reach_px, int(gap[p] - config.clearance_px))
+            reach = min(config.reach_px, int(spacing[p] - config.clearance_px))
             if weights[p] > 0.0 and side[p] != OUTSIDE and step > 0.0 and reach >= config.min_reach_px:
                 least = config.min_step_part * step
-                place, spread, noise = fit_step(image, lines[p], start, reach, config.along_px, colour, least)
-                found[p, 0], found[p, 1], found[p, 2] = place, spread, noise
-                if found[p, 2] < np.inf:
-                    insert(noises, count, found[p, 2])
+                found = fit_step(image, lines[p], start, reach, config.along_px, colour, least)
+                places[p], spreads[p], noises_of[p] = found.distance, found.variance_px2, found.noise
+                if found.noise < np.inf:
+                    insert(noises, count, found.noise)
                     count += 1
         most = config.max_noise_ratio * noises[count // 2] if count > 0 else 0.0
         for p in range(first[g], first[g + 1]):
-            if found[p, 2] <= most and abs(found[p, 0] - start) < config.max_shift_px:
-                distance[p, 0] = found[p, 0]
-                variance[p] = config.variance_px2 + found[p, 1] + appearance[rows[p], MEAN_SQUARE]
+            if noises_of[p] <= most and abs(places[p] - start) < config.max_shift_px:
+                distance[p, 0] = places[p]
+                variance[p] = config.variance_px2 + spreads[p] + appearance[rows[p], MEAN_SQUARE]
             elif weights[p] > 0.0:
                 distance[p, 0] = residual[p]
-    return distance, variance
+    return SubpixelEdges(distance, variance)
 
 
 @compiled("f1 i0 f1!", inner=True)
@@ -89,7 +139,8 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
         return 0.0
     square = 0.0
     for c in range(channels):
-        colour[c] = LIGHT[min(255, int(row[3 + c] + 0.5))] - LIGHT[min(255, int(row[c] + 0.5))]
+        high, low = row[POSITIVE_COLOUR + c], row[NEGATIVE_COLOUR + c]
+        colour[c] = LIGHT[min(255, int(high + 0.5))] - LIGHT[min(255, int(low + 0.5))]
         square += colour[c] * colour[c]
     step = math.sqrt(square)
     if step > 0.0:
@@ -99,21 +150,20 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
 
 
 @compiled("u3 f1 f0 i0 i0 f1 f0", inner=True)
-def fit_step(
-    image: Image, line: Array, start: float, reach: int, along: int, colour: Array, least: float
-) -> tuple[float, float, float]:
-    """Distance in px from a line (u, v, nu, nv) along its normal, its variance, and that of the light; inf if no step.
+def fit_step(image: Image, line: Array, start: float, reach: int, along: int, colour: Array, least: float) -> Step:
+    """The step of light on a search line (4,); inf where there is none that is stronger than `least`.
 
     Pixels of `along` rows, or columns, to either side that cross the edge most steeply, about the place at distance
     `start`, `reach` of each to either side of the edge.
     """
     h, w, channels = image.shape
-    u, v = line[0] + start * line[2], line[1] + start * line[3]
-    by_rows = abs(line[2]) >= abs(line[3])
+    nu, nv = line[NORMAL_U], line[NORMAL_V]
+    u, v = line[U] + start * nu, line[V] + start * nv
+    by_rows = abs(nu) >= abs(nv)
     if by_rows:
-        x0, y0, nx, ny, width, height = u, v, line[2], line[3], w, h
+        x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
     else:
-        x0, y0, nx, ny, width, height = v, u, line[3], line[2], h, w
+        x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
     middle = int(y0 + 0.5)
     n, s01, s02, s11, s12, s22, t0, t1, t2, tt = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for y in range(max(0, middle - along), min(height, middle + along + 1)):
@@ -131,12 +181,12 @@ def fit_step(
             t0, t1, t2, tt = t0 + f, t1 + f * g, t2 + f * d, tt + f * f
             n += 1
     if n < 3 * (2 * reach + 1):
-        return np.inf, np.inf, np.inf
+        return NO_STEP
     a11, a12, a22 = s11 - s01 * s01 / n, s12 - s01 * s02 / n, s22 - s02 * s02 / n
     b1, b2 = t1 - s01 * t0 / n, t2 - s02 * t0 / n
     det = a11 * a22 - a12 * a12
     step, slope = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
     if not step > least:
-        return np.inf, np.inf, np.inf
+        return NO_STEP
     noise = max(0.0, tt - t0 * t0 / n - step * b1 - slope * b2) / (n - 3)
-    return start - slope / step, noise * a11 / det / (step * step), noise
+    return Step(start - slope / step, noise * a11 / det / (step * step), noise)

@@ -1,10 +1,34 @@
-"""Compiled weights: how far each control point is to be trusted, and how much it errs."""
+"""Compiled weights and variances of control points, and the weighted inlier ratio."""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.edges import WeightConfig
-from uavbench.tracker.robust.edges.columns import CREASE, EDGE, MEAN_SQUARE, OUTSIDE, TIMES_SEEN
+from uavbench.tracker.robust.edges.columns import (
+    CREASE,
+    EDGE,
+    MEAN_SQUARE,
+    NEGATIVE_COLOUR,
+    NORMAL_U,
+    NORMAL_V,
+    OUTSIDE,
+    POSITIVE_COLOUR,
+    TIMES_SEEN,
+    U,
+    V,
+)
+from uavbench.tracker.robust.edges.measurements import (
+    CANDIDATES,
+    CONTROL_POINTS,
+    EDGE_MEASUREMENTS,
+    SEARCH_LINES,
+    Candidates,
+    ControlPoints,
+    EdgeMeasurements,
+    SearchLines,
+)
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -14,9 +38,10 @@ WEIGHTS = kernel_type(WeightConfig)
 Indices = NDArray[np.int64]
 
 
-@compiled("f2 i2 i1 weights", weights=WEIGHTS)
-def crowding(lines: Array, keys: Indices, side: Indices, config: WeightConfig) -> Array:
+@compiled("lines i2 weights", lines=SEARCH_LINES, weights=WEIGHTS)
+def edge_spacing(at: SearchLines, keys: Indices, config: WeightConfig) -> Array:
     """Distance in px (n,) along each normal to the nearest control point of another, nearly parallel edge."""
+    lines, side = at.lines, at.side
     n = len(lines)
     gap = np.full(n, config.separate_px)
     for p in range(n):
@@ -25,24 +50,25 @@ def crowding(lines: Array, keys: Indices, side: Indices, config: WeightConfig) -
         for q in range(p + 1, n):
             if keys[q, EDGE] == keys[p, EDGE] or side[q] == OUTSIDE:
                 continue
-            du, dv = lines[q, 0] - lines[p, 0], lines[q, 1] - lines[p, 1]
+            du, dv = lines[q, U] - lines[p, U], lines[q, V] - lines[p, V]
             if abs(du) > config.separate_px or abs(dv) > config.separate_px:
                 continue
-            if abs(lines[p, 2] * lines[q, 2] + lines[p, 3] * lines[q, 3]) < config.parallel_cosine:
+            nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
+            if abs(nu * lines[q, NORMAL_U] + nv * lines[q, NORMAL_V]) < config.parallel_cosine:
                 continue
-            across = abs(du * lines[p, 2] + dv * lines[p, 3])
+            across = abs(du * nu + dv * nv)
             gap[p] = min(gap[p], across)
             gap[q] = min(gap[q], across)
     return gap
 
 
 @compiled("f1 i1 f2 weights", weights=WEIGHTS)
-def trust(gap: Array, rows: Indices, appearance: Array, config: WeightConfig) -> Array:
-    """Weight (n,) of each control point: less where edges crowd, contrast is low or appearance is not learned yet.
+def point_weights(spacing: Array, rows: Indices, appearance: Array, config: WeightConfig) -> Array:
+    """Weight (n,) of each control point: less where edges are close, contrast is low or appearance is not learned yet.
 
-    gap (n,) is the distance in px to another edge, as of `crowding`.
+    spacing (n,) is the distance in px to another edge, of `edge_spacing`.
     """
-    out = gap.copy()
+    out = spacing.copy()
     touching_px, least = config.touching_px, config.min_spacing_weight
     for p in range(len(out)):
         r = rows[p]
@@ -50,7 +76,7 @@ def trust(gap: Array, rows: Indices, appearance: Array, config: WeightConfig) ->
         known = min(1.0, appearance[r, TIMES_SEEN] / config.known_frames)
         step = 0.0
         for c in range(3):
-            step += (appearance[r, 3 + c] - appearance[r, c]) ** 2
+            step += (appearance[r, POSITIVE_COLOUR + c] - appearance[r, NEGATIVE_COLOUR + c]) ** 2
         out[p] = apart * (
             config.unknown_weight * (1.0 - known)
             + known * step / (step + config.weak_step_grey * config.weak_step_grey)
@@ -58,75 +84,84 @@ def trust(gap: Array, rows: Indices, appearance: Array, config: WeightConfig) ->
     return out
 
 
-@compiled("i2 i1 i1 i1 b1 f2 f2 f1 f2 weights f0", weights=WEIGHTS)
-def variances(
-    keys: Indices,
-    side: Indices,
-    rows: Indices,
-    first: Indices,
-    stands: NDArray[np.bool_],
-    distance: Array,
-    contrast: Array,
-    trusted: Array,
-    appearance: Array,
-    config: WeightConfig,
-    initial_error: float,
-) -> tuple[Array, Array]:
-    """Variance in px^2 of each control point by itself (n,), and of the offset that all those of an edge share (g,).
+@compiled("points candidates f2 weights f0", points=CONTROL_POINTS, candidates=CANDIDATES, weights=WEIGHTS)
+def point_variances(
+    points: ControlPoints, found: Candidates, appearance: Array, config: WeightConfig, initial_error: float
+) -> Array:
+    """Variance (n,) in px^2 of each control point by itself, beside the offset that those of its edge share.
 
-    distance, contrast (n, k) are of the candidates, inf where nothing was found; the control points of an edge, keys
-    (n, 3), start at rows first (g + 1,). An edge that is trusted (n,) less may lie farther off.
     initial_error is the error in px of an edge not seen yet times its step in grey levels.
     """
-    own, shared = np.empty(len(keys)), np.empty(len(first) - 1)
+    own = np.empty(len(points.rows))
+    for p in range(len(own)):
+        row = appearance[points.rows[p]]
+        if row[TIMES_SEEN] > 0.0:
+            own[p] = config.point_variance_px2 + row[MEAN_SQUARE]
+        else:
+            error = initial_error / max(initial_error, found.contrast[p].max())
+            own[p] = config.point_variance_px2 + error**2
+    return own
+
+
+@compiled("measured b1 weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
+def offset_variances(measured: EdgeMeasurements, on_ground: NDArray[np.bool_], config: WeightConfig) -> Array:
+    """Variance (g,) in px^2 of the offset that all control points of an edge share.
+
+    on_ground (e,) tells the edges of the structure that touch the ground. An edge of less weight may lie farther off.
+    """
+    points, own = measured.points, measured.variance_px2
+    first = points.first
+    shared = np.empty(len(first) - 1)
     for g in range(len(shared)):
         p = first[g]
-        shared[g] = config.crease_variance_px2 if side[p] == CREASE else config.silhouette_variance_px2
-        if stands[keys[p, EDGE]]:
+        crease = measured.lines.side[p] == CREASE
+        shared[g] = config.crease_variance_px2 if crease else config.silhouette_variance_px2
+        if on_ground[points.keys[p, EDGE]]:
             shared[g] = config.contact_variance_px2
         mean, weight, found = 0.0, 0.0, 0
         for p in range(first[g], first[g + 1]):
-            if appearance[rows[p], TIMES_SEEN] > 0.0:
-                own[p] = config.point_variance_px2 + appearance[rows[p], MEAN_SQUARE]
-            else:
-                own[p] = config.point_variance_px2 + (initial_error / max(initial_error, contrast[p].max())) ** 2
-            if distance[p, 0] < np.inf:
-                mean, weight, found = mean + own[p], weight + trusted[p], found + 1
+            if measured.candidates.distance[p, 0] < np.inf:
+                mean, weight, found = mean + own[p], weight + measured.weight[p], found + 1
         if found > 0:
             shared[g] = (
                 (shared[g] + config.shared_part * mean / found) * found / max(weight, config.min_spacing_weight * found)
             )
-    return own, shared
+    return shared
 
 
-@compiled("f1 f1 i1 f2 f2 f1 f1 weights", weights=WEIGHTS)
+class Support(NamedTuple):
+    """Weighted inlier ratio in [0, 1]: of control points and patches together, and of the control points alone."""
+
+    whole: float
+    edges: float
+
+
+@compiled("measured f1 f1 f1 f2 weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
 def support(
+    measured: EdgeMeasurements,
     weights: Array,
-    trusted: Array,
-    rows: Indices,
+    patch_weights: Array,
+    correlation: Array,
     appearance: Array,
-    contrast: Array,
-    patches: Array,
-    tried: Array,
     config: WeightConfig,
-) -> tuple[float, float]:
-    """Weighted share of control points and patches that were found, and that of the control points alone.
+) -> Support:
+    """Weighted share of the control points and patches that were found.
 
-    weights, trusted (n,) are of the control points; patches (m,) > 0 where a patch took part, tried (m,) < 0 where it
-    was not looked for.
+    weights (n,) of the control points and patch_weights (m,) are those of the M-estimator, > 0 where one took part;
+    correlation (m,) < 0 where a patch was not looked for.
     """
     have, want, patch_weight = 0.0, 0.0, config.patch_weight
     for p in range(len(weights)):
-        want += trusted[p]
-        if appearance[rows[p], TIMES_SEEN] > 0.0:
+        want += measured.weight[p]
+        if appearance[measured.points.rows[p], TIMES_SEEN] > 0.0:
             have += weights[p]
         else:  # an edge not known yet that is found by a weak step may be anything
-            step = contrast[p].max()
+            step = measured.candidates.contrast[p].max()
             have += weights[p] * step * step / (step * step + config.weak_step_grey * config.weak_step_grey)
     edges = have / max(1.0, want)
-    for p in range(len(patches)):
-        if patches[p] > 0.0:
+    for p in range(len(patch_weights)):
+        if patch_weights[p] > 0.0:
             have, want = have + patch_weight, want + patch_weight
-        elif tried[p] >= 0.0:
+        elif correlation[p] >= 0.0:
             want += config.missed_weight * patch_weight
-    return have / max(1.0, want), edges
+    return Support(have / max(1.0, want), edges)

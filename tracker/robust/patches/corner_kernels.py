@@ -1,13 +1,16 @@
-"""Compiled search for corners on the structure that are worth a patch."""
+"""Compiled search for corners on the structure to take patches at."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.order_kernels import falling
+from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles
 from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE
 from uavbench.trajectories.geometry.ray_triangle import ray_triangle
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
@@ -15,6 +18,16 @@ Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 CLIMB = 6
 """Farthest that a corner is from its spot along either axis, px."""
+
+
+class KeepOut(NamedTuple):
+    """Pixels (k, 2) within radius_px of which no corner is taken."""
+
+    pixels: Array
+    radius_px: float
+
+
+KEEP_OUT = named_tuple(KeepOut, "f2! f0")
 
 
 @compiled("u3 i0 i0", inner=True)
@@ -34,11 +47,13 @@ def corner_strength(image: Image, x: int, y: int) -> float:
     return (0.5 * (xx + yy) - math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)) / texels
 
 
-@compiled("u3 i2 f2 f0 f2 f0 f0 i0")
-def strong_pixels(
-    image: Image, spots: Indices, away: Array, away_px: float, known: Array, apart_px: float, least: float, most: int
-) -> Array:
-    """Pixels (n, 2) of the strongest corners near spots (s, 2), away from pixels (m, 2) and from those known (k, 2)."""
+@compiled("u3 i2 keepout keepout f0 i0", keepout=KEEP_OUT)
+def strong_pixels(image: Image, spots: Indices, edges: KeepOut, patches: KeepOut, least: float, most: int) -> Array:
+    """Pixels (n, 2) of the strongest corners near spots (s, 2), away from edges, patches and each other.
+
+    At most `most`, of a strength of at least `least`; patches.radius_px is also the distance from one to the next.
+    """
+    known, apart_px = patches.pixels, patches.radius_px
     h, w = image.shape[0], image.shape[1]
     near = int(HALF) + 3
     strength = np.zeros(len(spots))
@@ -68,7 +83,7 @@ def strong_pixels(
         if (
             far_from(x, y, out, n, apart_px)
             and far_from(x, y, known, len(known), apart_px)
-            and far_from(x, y, away, len(away), away_px)
+            and far_from(x, y, edges.pixels, len(edges.pixels), edges.radius_px)
         ):
             out[n, 0], out[n, 1] = x, y
             n += 1
@@ -85,9 +100,10 @@ def far_from(x: float, y: float, others: Array, count: int, distance: float) -> 
     return True
 
 
-@compiled("f1 f1 f3 i1 f3 i2")
-def first_hit(eye: Array, ray: Array, corners: Array, owner: Indices, boxes: Array, nodes: Indices) -> int:
+@compiled("f1 f1 triangles", triangles=TRIANGLES)
+def first_hit(eye: Array, ray: Array, triangles: Triangles) -> int:
     """The face that a ray (3,) from the eye meets first, -1 for none."""
+    corners, boxes, nodes = triangles.corners, triangles.boxes, triangles.nodes
     tiny = 1e-300
     i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)
     nearest, face = np.inf, -1
@@ -113,5 +129,5 @@ def first_hit(eye: Array, ray: Array, corners: Array, owner: Indices, boxes: Arr
         for m in range(first, first + nodes[node, 1]):
             along = ray_triangle(eye, ray, corners[m, 0], corners[m, 1], corners[m, 2])
             if 1e-6 < along < nearest:
-                nearest, face = along, owner[m]
+                nearest, face = along, triangles.face[m]
     return face

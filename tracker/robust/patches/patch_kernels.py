@@ -1,40 +1,104 @@
 """Compiled texture: small patches on known planes, found again by aligning them (Baker & Matthews 2004).
 
-A patch is a grid of SIDE x SIDE texels on a plane: its middle (3,), the steps of one texel along its two axes (2, 3) in
-metres, and its grey values with mean 0 and norm 1.
+A patch is a grid of SIDE x SIDE texels on a plane of the structure.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import normal_row, project
+from uavbench.tracker.geometry_kernels import camera_centre, normal_row, project
 from uavbench.tracker.order_kernels import sort_falling
 from uavbench.tracker.robust.config.patches import AlignmentConfig
+from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
 from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.view import VIEW, View
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 SIDE = 9
 HALF = (SIDE - 1) / 2
-NEAR_M = 0.02
-"""Points nearer to the camera's plane than this are not projected."""
 ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 
 
-@compiled("u3 f0 f0 f2 f0 f0 f2! f0", inner=True)
-def sample_patch(
-    image: Image, u: float, v: float, A: Array, da: float, db: float, out: Array, least_grey: float
-) -> bool:
+class Patches(NamedTuple):
+    """Patches, a row for each.
+
+    middles (n, 3); axes (n, 2, 3) the step of one texel along either axis in units of the model; texels
+    (n, SIDE, SIDE) grey values of mean 0 and norm 1; face (n,) on which a patch lies; hits (n,) frames in which it took
+    part, missed (n,) those since in which it was not found; taken_s (n,) stamp at which it was taken.
+    """
+
+    middles: Array
+    axes: Array
+    texels: Array
+    face: Indices
+    hits: Indices
+    missed: Indices
+    taken_s: Array
+
+    @classmethod
+    def room_for(cls, count: int) -> "Patches":
+        """Rows to fill."""
+        middles, axes, texels = np.zeros((count, 3)), np.zeros((count, 2, 3)), np.zeros((count, SIDE, SIDE))
+        face, hits, missed = (np.zeros(count, dtype=np.int64) for _ in range(3))
+        return cls(middles, axes, texels, face, hits, missed, np.zeros(count))
+
+
+class Warp(NamedTuple):
+    """A patch at a pose: pixel (u, v) of its middle, step A (2, 2) in px of a texel along either axis, and whether its
+    area and stretch are near those that it was taken with.
+    """
+
+    u: float
+    v: float
+    A: Array
+    alike: bool
+
+
+class Shift(NamedTuple):
+    """Shift (da, db) of a patch in texels, its correlation there, and the mean variance of da and db for texels that
+    differ by a variance of one.
+    """
+
+    da: float
+    db: float
+    correlation: float
+    spread: float
+
+
+class PatchMatches(NamedTuple):
+    """Where patches are found in an image.
+
+    places (m, 3) of their middles in the world; observed (m, 2) px; correlation (m,), 0 where a patch is not found and
+    -1 where it is not looked for; variance_px2 (m,) of the pixel along either axis.
+    """
+
+    places: Array
+    observed: Array
+    correlation: Array
+    variance_px2: Array
+
+
+PATCHES = named_tuple(Patches, "f2! f3! f3! i1! i1! i1! f1!")
+WARP = named_tuple(Warp, "f0 f0 f2! b0")
+PATCH_MATCHES = named_tuple(PatchMatches, "f2! f2! f1! f1!")
+
+
+@compiled("u3 warp f0 f0 f2! f0", inner=True, warp=WARP)
+def sample_patch(image: Image, at: Warp, da: float, db: float, out: Array, least_grey: float) -> bool:
     """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or with less contrast.
 
-    (u, v) is the pixel of its middle, A (2, 2) the px of a texel step along either axis. Green is taken of colours.
+    Of the second channel of a colour image.
     """
+    u, v, A = at.u, at.v, at.A
     h, w = image.shape[0], image.shape[1]
     channel = 1 if image.shape[2] > 1 else 0
     total = 0.0
@@ -81,51 +145,34 @@ def correlation(a: Array, b: Array) -> float:
     return total
 
 
-@compiled("f1 f2 f2 f1 f1 f2! alignment", inner=True, alignment=ALIGNMENT)
-def warp(
-    middle: Array, axes: Array, R: Array, t: Array, cam: Array, A: Array, config: AlignmentConfig
-) -> tuple[float, float, bool]:
-    """Pixel of a patch's middle, its texel steps in px into A (2, 2), and whether it is seen like when it was taken."""
+@compiled("f1 f2 view alignment", inner=True, view=VIEW, alignment=ALIGNMENT)
+def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> Warp:
+    """How a view shows a patch with its middle (3,) and texel steps (2, 3); zeros where it is too near."""
+    R, t, cam = view.R, view.t, view.lens
+    A = np.zeros((2, 2))
     x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
     y = R[1, 0] * middle[0] + R[1, 1] * middle[1] + R[1, 2] * middle[2] + t[1]
     z = R[2, 0] * middle[0] + R[2, 1] * middle[1] + R[2, 2] * middle[2] + t[2]
-    if z < NEAR_M:
-        return 0.0, 0.0, False
+    if z < view.near:
+        return Warp(0.0, 0.0, A, False)
     u, v = project(x, y, z, cam)
     for k in range(2):
         xk = x + R[0, 0] * axes[k, 0] + R[0, 1] * axes[k, 1] + R[0, 2] * axes[k, 2]
         yk = y + R[1, 0] * axes[k, 0] + R[1, 1] * axes[k, 1] + R[1, 2] * axes[k, 2]
         zk = z + R[2, 0] * axes[k, 0] + R[2, 1] * axes[k, 1] + R[2, 2] * axes[k, 2]
-        u1, v1 = project(xk, yk, max(zk, 0.01), cam)
+        u1, v1 = project(xk, yk, max(zk, view.near), cam)
         A[0, k], A[1, k] = u1 - u, v1 - v
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
     largest = max(abs(A[0, 0]), abs(A[0, 1]), abs(A[1, 0]), abs(A[1, 1]))
-    return u, v, config.min_area < area < config.max_area and largest < config.max_stretch
+    return Warp(u, v, A, config.min_area < area < config.max_area and largest < config.max_stretch)
 
 
-@compiled("i0 f2 i1 i1 f2 f3 i1 f3 i2 f2 f1 f1 f1 i0 f0")
-def choose(
-    count: int,
-    middles: Array,
-    face: Indices,
-    hits: Indices,
-    planes: Array,
-    corners: Array,
-    owner: Indices,
-    boxes: Array,
-    nodes: Indices,
-    R: Array,
-    t: Array,
-    cam: Array,
-    size: Array,
-    most: int,
-    border: float,
-) -> Indices:
-    """Rows of at most `most` patches that a pose shows, those found most often first taken, in order."""
-    eye = np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            eye[i] -= R[j, i] * t[j]
+@compiled("patches i0 edges view i0 f0", patches=PATCHES, edges=EDGE_MAP, view=VIEW)
+def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int, border_px: float) -> Indices:
+    """Rows, in order, of at most `most` of the first `count` patches that a pose shows: those found most often."""
+    middles, face, planes = patches.middles, patches.face, edges.planes
+    R, t, cam, size = view.R, view.t, view.lens, view.size_px
+    eye = camera_centre(R, t)
     rows = np.empty(count, np.int64)
     n = 0
     for p in range(count):
@@ -133,98 +180,79 @@ def choose(
         if planes[f, 0] * eye[0] + planes[f, 1] * eye[1] + planes[f, 2] * eye[2] <= planes[f, 3]:
             continue
         z = R[2, 0] * middles[p, 0] + R[2, 1] * middles[p, 1] + R[2, 2] * middles[p, 2] + t[2]
-        if z < NEAR_M:
+        if z < view.near:
             continue
         x = R[0, 0] * middles[p, 0] + R[0, 1] * middles[p, 1] + R[0, 2] * middles[p, 2] + t[0]
         y = R[1, 0] * middles[p, 0] + R[1, 1] * middles[p, 1] + R[1, 2] * middles[p, 2] + t[1]
         u, v = project(x, y, z, cam)
-        if not (border < u < size[0] - border and border < v < size[1] - border):
+        if not (border_px < u < size[0] - border_px and border_px < v < size[1] - border_px):
             continue
         rows[n] = p
         n += 1
     rows = rows[:n]
     if n > most:
-        sort_falling(rows, hits)
+        sort_falling(rows, patches.hits)
     shown = np.zeros(count, np.bool_)
     m = 0
     for k in range(n):
         if m == most:
             break
-        if not hidden(eye, middles[rows[k]], corners, owner, boxes, nodes, face[rows[k]], face[rows[k]]):
+        if not hidden(eye, middles[rows[k]], edges.triangles, face[rows[k]], face[rows[k]]):
             shown[rows[k]] = True
             m += 1
     return np.flatnonzero(shown)
 
 
-@compiled("u3 f2 f3 f3 i1 f2 f1 f1 alignment", alignment=ALIGNMENT)
-def align(
-    image: Image,
-    middles: Array,
-    axes: Array,
-    texels: Array,
-    chosen: Indices,
-    R: Array,
-    t: Array,
-    cam: Array,
-    config: AlignmentConfig,
-) -> tuple[Array, Array, Array]:
-    """Pixels (n, 2) at which the chosen patches are found near where a pose puts them, with correlation and variance.
+@compiled("u3 patches i1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
+def align(image: Image, patches: Patches, chosen: Indices, view: View, config: AlignmentConfig) -> PatchMatches:
+    """Pixels at which the chosen patches (m,) are found near where a view puts them.
 
-    The correlation (n,) is 0 where a patch is not found, -1 where it is seen too differently from when it was taken.
-    The variance (n,) in px^2 is that of a place along either axis, by how much of a patch is not as it was.
+    Patches that are seen too differently from when they were taken are not looked for. The variance grows with how much
+    of a patch is not as it was.
     """
     n = len(chosen)
+    places = np.empty((n, 3))
     observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.full(n, config.variance_px2)
     reach, least = config.reach_texels, config.min_contrast_grey
-    A = np.empty((2, 2))
     now = np.empty((SIDE, SIDE))
     coarse = 0
     for k in range(n):
         p = chosen[k]
-        u, v, alike = warp(middles[p], axes[p], R, t, cam, A, config)
-        if not alike:
+        for i in range(3):
+            places[k, i] = patches.middles[p, i]
+        at = warp(patches.middles[p], patches.axes[p], view, config)
+        A = at.A
+        if not at.alike:
             score[k] = -1.0
             continue
-        ref = texels[p]
-        da, db, best, spread = _refine(image, u, v, A, 0.0, 0.0, ref, now, config)
+        ref = patches.texels[p]
+        fine = _refine(image, at, 0.0, 0.0, ref, now, config)
+        da, db, best, spread = fine.da, fine.db, fine.correlation, fine.spread
         if best < config.min_correlation and coarse < config.max_coarse:
             coarse += 1
             top, ta, tb = -1.0, 0, 0
             for i in range(-reach, reach + 1, 2):
                 for j in range(-reach, reach + 1, 2):
-                    if sample_patch(image, u, v, A, float(j), float(i), now, least):
+                    if sample_patch(image, at, float(j), float(i), now, least):
                         value = correlation(now, ref)
                         if value > top:
                             top, ta, tb = value, j, i
             if top > config.coarse_correlation:
-                ca, cb, value, _ = _refine(image, u, v, A, float(ta), float(tb), ref, now, config)
-                if value > best:
-                    da, db, best = ca, cb, value
+                other = _refine(image, at, float(ta), float(tb), ref, now, config)
+                if other.correlation > best:
+                    da, db, best = other.da, other.db, other.correlation
         if best >= config.min_correlation:
             score[k] = best
-            observed[k, 0] = u + A[0, 0] * da + A[0, 1] * db
-            observed[k, 1] = v + A[1, 0] * da + A[1, 1] * db
+            observed[k, 0] = at.u + A[0, 0] * da + A[0, 1] * db
+            observed[k, 1] = at.v + A[1, 0] * da + A[1, 1] * db
             area = abs(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])
             variance[k] += 2.0 * (1.0 - best) / (SIDE * SIDE) * spread * area
-    return observed, score, variance
+    return PatchMatches(places, observed, score, variance)
 
 
-@compiled("u3 f0 f0 f2 f0 f0 f2 f2! alignment", inner=True, alignment=ALIGNMENT)
-def _refine(
-    image: Image,
-    u: float,
-    v: float,
-    A: Array,
-    da: float,
-    db: float,
-    ref: Array,
-    now: Array,
-    config: AlignmentConfig,
-) -> tuple[float, float, float, float]:
-    """Shift (da, db) in texels that aligns a patch with its reference, their correlation there, and its spread.
-
-    The spread is the mean variance of da and db for texels that differ by a variance of one.
-    """
+@compiled("u3 warp f0 f0 f2 f2! alignment", inner=True, warp=WARP, alignment=ALIGNMENT)
+def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, config: AlignmentConfig) -> Shift:
+    """The shift that aligns a patch with its reference `ref`, from (da, db) on; its texels there are left in `now`."""
     h00, h01, h11 = 1e-9, 0.0, 1e-9
     for i in range(1, SIDE - 1):
         for j in range(1, SIDE - 1):
@@ -234,12 +262,12 @@ def _refine(
             h11 += gb * gb
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
-        return da, db, -1.0, 0.0
+        return Shift(da, db, -1.0, 0.0)
     reach, longest, least = config.reach_texels, config.max_step_texels, config.min_contrast_grey
     begin_a, begin_b = da, db
     for _ in range(config.max_steps):
-        if not sample_patch(image, u, v, A, da, db, now, least):
-            return da, db, -1.0, 0.0
+        if not sample_patch(image, at, da, db, now, least):
+            return Shift(da, db, -1.0, 0.0)
         ea, eb = 0.0, 0.0
         for i in range(1, SIDE - 1):
             for j in range(1, SIDE - 1):
@@ -250,52 +278,51 @@ def _refine(
         da -= max(-longest, min(longest, step_a))
         db -= max(-longest, min(longest, step_b))
         if abs(da - begin_a) > reach or abs(db - begin_b) > reach:
-            return da, db, -1.0, 0.0
+            return Shift(da, db, -1.0, 0.0)
         if abs(step_a) + abs(step_b) < config.settled_texels:
             break
-    return da, db, correlation(now, ref), 0.5 * (h00 + h11) / det
+    return Shift(da, db, correlation(now, ref), 0.5 * (h00 + h11) / det)
 
 
-@compiled("i1 f1 f1 i1! i1! i0")
-def count_hits(
-    chosen: Indices, weights: Array, found: Array, hits: Indices, missed: Indices, most: int
-) -> tuple[int, bool]:
-    """Number of chosen patches with weight, and whether one was missed more than `most` times; counts both in place."""
-    n, tired = 0, False
+class Hits(NamedTuple):
+    """Number of patches that took part in a fit, and whether one was missed too often."""
+
+    number: int
+    any_lost: bool
+
+
+@compiled("patches i1 f1 f1 i0", patches=PATCHES)
+def count_hits(patches: Patches, chosen: Indices, weights: Array, correlation: Array, most: int) -> Hits:
+    """Count hits and misses of the chosen patches (m,), in place; a patch is lost when missed more than `most` times.
+
+    weights (m,) > 0 are the patches that took part, correlation (m,) < 0 those that were not looked for.
+    """
+    n, any_lost = 0, False
     for k in range(len(chosen)):
         p = chosen[k]
         if weights[k] > 0.0:
             n += 1
-            hits[p] += 1
-            missed[p] = 0
-        elif found[k] >= 0.0:
-            missed[p] += 1
-            tired |= missed[p] > most
-    return n, tired
+            patches.hits[p] += 1
+            patches.missed[p] = 0
+        elif correlation[k] >= 0.0:
+            patches.missed[p] += 1
+            any_lost |= patches.missed[p] > most
+    return Hits(n, any_lost)
 
 
-@compiled("i0 f2! f3 f1 f2 f1 f1 alignment", alignment=ALIGNMENT)
-def shift_places(
-    count: int,
-    middles: Array,
-    axes: Array,
-    twist: Array,
-    R: Array,
-    t: Array,
-    cam: Array,
-    config: AlignmentConfig,
-) -> None:
+@compiled("patches i0 f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
+def shift_places(patches: Patches, count: int, twist: Array, view: View, config: AlignmentConfig) -> None:
     """Move the patches on their planes so that a pose moved by -twist (6,) sees them where it saw them."""
-    A = np.empty((2, 2))
+    middles, axes, R, t, cam = patches.middles, patches.axes, view.R, view.t, view.lens
     row, c = np.empty(6), np.empty(3)
     for p in range(count):
-        warp(middles[p], axes[p], R, t, cam, A, config)
+        A = warp(middles[p], axes[p], view, config).A
         det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
         if abs(det) < 0.05:
             continue
         for i in range(3):
             c[i] = R[i, 0] * middles[p, 0] + R[i, 1] * middles[p, 1] + R[i, 2] * middles[p, 2] + t[i]
-        if c[2] < NEAR_M:
+        if c[2] < view.near:
             continue
         du, dv = 0.0, 0.0
         normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, row)

@@ -1,4 +1,4 @@
-"""What is done to an image before anything is measured in it: denoising, gain-offset compensation, contrast.
+"""Preprocessing of images: denoising, contrast stretch, gain-offset compensation.
 
 In: an image. Out: an image. Imports compiled kernels only.
 """

@@ -1,6 +1,7 @@
-"""Light and exposure: images of little contrast are stretched, and colours follow a light that changed."""
+"""Gain-offset compensation: contrast stretch of flat images, and learned colours that follow a change of exposure."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -8,52 +9,60 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
+from uavbench.tracker.robust.edges.columns import NEGATIVE_COLOUR, POSITIVE_COLOUR
 from uavbench.trajectories.pose import Array
 
 APART_PX = 16
-"""Every such column of every such row of a frame speaks for its light."""
+"""Step between the columns and rows of a frame that its light is measured on."""
 MIDDLE = 128.0
 """Grey level to which the middle of a stretched image is brought: that of the code's range."""
 USABLE = 8
-"""At least one pixel in so many must follow the light for their median to tell it."""
+"""At least one pixel in so many must be neither dark nor saturated for a median of ratios to be used."""
+
+
+class GainOffset(NamedTuple):
+    """Colours c (channels,) become gain * c + offset."""
+
+    gain: Array
+    offset: Array
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Stretches the contrast of images by a gain about their middle grey level."""
+class ContrastStretch:
+    """Contrast stretch of images by a gain about their median grey level."""
 
     gain: float = 1.0
     middle: float = MIDDLE
 
     @classmethod
-    def needed(cls, image: Image, config: PreprocessingConfig) -> "Stretch":
+    def needed(cls, image: Image, config: PreprocessingConfig) -> "ContrastStretch":
         """The stretch that an image needs; none where it has enough contrast."""
         low, middle, high = np.percentile(image[::APART_PX, ::APART_PX], (5, 50, 95))
         gain = min(config.max_gain, config.usual_range_grey / max(float(high - low), 1.0))
         return cls(gain, float(middle)) if gain > config.min_gain else cls()
 
     def of(self, image: Image) -> Image:
-        """The image as it should be looked at."""
-        return image if self == Stretch() else np.asarray(cv2.LUT(image, self.table()), dtype=np.uint8)
+        """The stretched image."""
+        return image if self == ContrastStretch() else np.asarray(cv2.LUT(image, self.table()), dtype=np.uint8)
 
     def table(self) -> NDArray[np.uint8]:
         """What each grey level (256,) becomes."""
         return np.clip(np.round(MIDDLE + self.gain * (np.arange(256.0) - self.middle)), 0, 255).astype(np.uint8)
 
-    def differs(self, other: "Stretch", min_gain: float) -> bool:
-        """Whether another stretch is another one by more than the smallest gain that is applied."""
+    def differs(self, other: "ContrastStretch", min_gain: float) -> bool:
+        """Whether the gains differ by at least the smallest gain that is applied."""
         return not 1 / min_gain < self.gain / other.gain < min_gain
 
-    def towards(self, other: "Stretch", ratio: Array) -> tuple[Array, Array]:
-        """Factor and offset (c,) that take colours to another stretch, the light brighter by a ratio (c,)."""
-        factor = other.gain * ratio / self.gain
-        return factor, MIDDLE + other.gain * (self.middle * ratio - other.middle) - MIDDLE * factor
+    def towards(self, other: "ContrastStretch", ratio: Array) -> GainOffset:
+        """Gain and offset that take colours to another stretch of an image brighter by a ratio (channels,)."""
+        gain = other.gain * ratio / self.gain
+        return GainOffset(gain, MIDDLE + other.gain * (self.middle * ratio - other.middle) - MIDDLE * gain)
 
 
-def light_change(now: Image, then: Image, config: PreprocessingConfig) -> Array:
-    """Ratio (c,) by which most pixels are brighter than in an image before; 1 where nothing tells.
+def brightness_ratio(now: Image, then: Image, config: PreprocessingConfig) -> Array:
+    """Median ratio (channels,) of brightness to that of an earlier image; 1 where too few pixels are usable.
 
-    now and then are some rows (h, w) or (h, w, c) of either, h and w the same.
+    now and then are some rows (h, w) or (h, w, c) of each, h and w the same.
     """
     a, b = (rows[:, ::APART_PX].reshape(len(rows), -1, rows.shape[2] if rows.ndim == 3 else 1) for rows in (now, then))
     out = np.ones(a.shape[2])
@@ -62,12 +71,13 @@ def light_change(now: Image, then: Image, config: PreprocessingConfig) -> Array:
         usable = (low > config.dark_grey) & (high < config.bright_grey)
         if np.count_nonzero(usable) > usable.size // USABLE:
             out[c] = np.median(a[usable, c].astype(np.float64) / b[usable, c])
-    return np.ones(len(out)) if np.abs(np.log(out)).max() < config.min_light_change_log else out
+    return np.ones(len(out)) if np.abs(np.log(out)).max() < config.min_brightness_change_log else out
 
 
-def relit(appearance: Array, factor: Array, offset: Array) -> Array:
-    """Learned colours, in the first six columns, in another light by a factor and an offset (c,)."""
-    out = appearance.copy()
-    for side in (slice(0, len(factor)), slice(3, 3 + len(factor))):
-        out[:, side] = out[:, side] * factor + offset
+def compensated(appearance: Array, change: GainOffset) -> Array:
+    """Rows of appearance with the colours of both sides after a change of gain and offset."""
+    out, channels = appearance.copy(), len(change.gain)
+    for start in (NEGATIVE_COLOUR, POSITIVE_COLOUR):
+        side = slice(start, start + channels)
+        out[:, side] = out[:, side] * change.gain + change.offset
     return out

@@ -7,6 +7,7 @@ chamfer matching: Shotton, Blake & Cipolla 2008).
 
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,9 +16,13 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
+from uavbench.tracker.robust.edge_fit import SeenEdges
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
+    EdgePoints,
+    NearGuess,
+    SmallCamera,
     edge_channels,
     score_poses,
     search_about,
@@ -27,12 +32,24 @@ from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
 SMALL_WIDTH = 160
 """Width of the small image, px."""
-NEAR_M = 0.02
-"""Points nearer to the camera's plane than this are not projected."""
+
+
+class ScoredPose(NamedTuple):
+    """A pose and its score in [0, 1]."""
+
+    score: float
+    pose: Pose
+
+
+class UndistortionMaps(NamedTuple):
+    """For each pixel of an undistorted image (h, w) the x and y of it in the distorted one."""
+
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Spread:
+class SearchRange:
     """How far from the guess to search: offsets in azimuth, elevation and roll (rad), ratios of range, px of shift."""
 
     azimuth_rad: tuple[float, ...]
@@ -52,8 +69,8 @@ def grid(half: float, step: float) -> tuple[float, ...]:
 class PoseSearch:
     """Edge points of a structure and the small camera, ready to search images."""
 
-    def __init__(self, edges: EdgeMap, camera: Camera, config: PoseSearchConfig) -> None:
-        self.planes, self.config, self.values = edges.planes, config, kernel_values(config)
+    def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: PoseSearchConfig) -> None:
+        self.config, self.values = config, kernel_values(config)
         count = config.edge_points
         lengths = np.linalg.norm(edges.ends[:, 1] - edges.ends[:, 0], axis=1)
         spread_out = np.argsort(np.arange(count) * 0.6180339887498949 % 1.0)  # any first few lie all over
@@ -61,20 +78,21 @@ class PoseSearch:
         edge = np.minimum(np.searchsorted(np.cumsum(lengths), at), len(lengths) - 1)
         part = (at - (np.cumsum(lengths) - lengths)[edge]) / lengths[edge]
         along = edges.ends[edge, 1] - edges.ends[edge, 0]
-        self.points = np.ascontiguousarray(edges.ends[edge, 0] + part[:, None] * along)
-        self.direction = np.ascontiguousarray(along / lengths[edge, None])
-        self.faces = np.ascontiguousarray(edges.faces[edge])
+        points = np.ascontiguousarray(edges.ends[edge, 0] + part[:, None] * along)
+        direction = np.ascontiguousarray(along / lengths[edge, None])
+        self.edges = EdgePoints(points, direction, np.ascontiguousarray(edges.faces[edge]), edges.planes)
         self.scale = max(1.0, camera.width / SMALL_WIDTH)
         self.f = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) / self.scale
         self.f[2:] -= 0.5
         self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
+        self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near)
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
 
-    def spread(self, view_rad: float, roll_rad: float, range_part: float, shift_part: float) -> Spread:
-        """Spread of half widths: change of viewing direction, roll, range as a part, shift as a part of the width."""
+    def search_range(self, view_rad: float, roll_rad: float, range_part: float, shift_part: float) -> SearchRange:
+        """Range of half widths: change of viewing direction, roll, range as a part, shift as a part of the width."""
         c = self.config
         ratios = tuple(float(np.exp(v)) for v in grid(float(np.log1p(range_part)), c.range_step_log))
-        return Spread(
+        return SearchRange(
             grid(view_rad, c.view_step_rad),
             grid(view_rad / 2, c.view_step_rad),
             grid(roll_rad, c.roll_step_rad),
@@ -87,13 +105,13 @@ class PoseSearch:
         """Distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, as a part of the truncation."""
         small = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
         if self.maps is not None:
-            small = cv2.remap(small, self.maps[0], self.maps[1], cv2.INTER_LINEAR)
+            small = cv2.remap(small, self.maps.x, self.maps.y, cv2.INTER_LINEAR)
         small = small[..., None] if small.ndim == 2 else small
         channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.config.min_gradient_grey)
         far = [cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels]
         return np.asarray(np.minimum(np.array(far) / self.config.truncation_px, 1.0), dtype=np.float32)
 
-    def best_poses(self, image: Image, guesses: list[Pose], around: Spread, most: int) -> list[tuple[float, Pose]]:
+    def best_poses(self, image: Image, guesses: list[Pose], around: SearchRange, most: int) -> list[ScoredPose]:
         """The best poses around the guesses with their scores in [0, 1], best first."""
         poses = [pose for guess in guesses for pose in self._around(guess, around)]
         if not poses:
@@ -101,56 +119,52 @@ class PoseSearch:
         step = self.config.shift_step_px
         shifts = np.array(list(product(grid(around.shift_x, step), grid(around.shift_y, step))), dtype=np.float64)
         scores, best = score_poses(
-            self.points,
-            self.direction,
-            self.faces,
-            self.planes,
+            self.edges,
             np.array([pose.rotation for pose in poses]),
             np.array([pose.translation for pose in poses]),
-            self.f,
+            self.camera,
             self.edge_distance(image),
             shifts,
             self.values,
         )
         order = np.argsort(-scores, kind="stable")[:most]
-        return [(float(scores[k]), self._shifted(poses[k], shifts[best[k]])) for k in order if scores[k] > 0]
+        return [ScoredPose(float(scores[k]), self._shifted(poses[k], shifts[best[k]])) for k in order if scores[k] > 0]
 
     def near_poses(
-        self, image: Image, guess: Pose, points: Array, direction: Array, reach_rad: float, shift_rad: float, most: int
-    ) -> list[tuple[float, Pose]]:
-        """The best poses within reach_rad, that part of the range and shift_rad of a guess, with scores in [0, 1].
-
-        points (n, 3) with their edges' directions (n, 3) are what the guess sees.
-        """
+        self, image: Image, guess: Pose, seen: SeenEdges, reach_rad: float, shift_rad: float, most: int
+    ) -> list[ScoredPose]:
+        """The best poses within reach_rad, that part of the range and shift_rad of a guess that sees these edges."""
         c = self.config
-        if len(points) < c.min_points:
+        if len(seen.points) < c.min_points:
             return []
-        focus = guess.transform(points).mean(axis=0)
+        focus = guess.transform(seen.points).mean(axis=0)
         shift = grid(shift_rad, c.near_shift_px / self.f[0])
         turn, ratio = grid(reach_rad, c.near_turn_rad), grid(reach_rad, c.near_turn_rad)
         changes = np.array(list(product((0.0,), (0.0,), turn, ratio, shift, shift)))
         steps = np.array([c.near_turn_rad] * 4 + [c.near_shift_px / self.f[0]] * 2)
-        given = (points, direction, guess.rotation, guess.translation, focus, self.f, self.edge_distance(image))
-        found, _ = search_about(*given, changes, steps, most // 2, self.values)
+        around = NearGuess(np.array(guess.rotation), np.array(guess.translation), seen.points, seen.direction, focus)
+        distance = self.edge_distance(image)
+        found = search_about(around, self.camera, distance, changes, steps, most // 2, self.values)
         views = product((-c.near_view_rad, c.near_view_rad), repeat=2)
         beside = np.array([[a, b, 0, 0, 0, 0] for a, b in ((0, 0), *views)])
-        found, scores = search_about(*given, (found[:, None] + beside).reshape(-1, 6), steps, most, self.values)
-        order = np.argsort(-scores, kind="stable")
-        return [
-            (float(scores[k]), Pose(*turned_about(guess.rotation, guess.translation, focus, found[k]))) for k in order
-        ]
+        again = (found.changes[:, None] + beside).reshape(-1, 6)
+        found = search_about(around, self.camera, distance, again, steps, most, self.values)
+        order = np.argsort(-found.scores, kind="stable")
+        poses = (Pose(*turned_about(around.R, around.t, focus, found.changes[k])) for k in order)
+        return [ScoredPose(float(found.scores[k]), pose) for k, pose in zip(order, poses, strict=True)]
 
-    def _around(self, guess: Pose, around: Spread) -> list[Pose]:
+    def _around(self, guess: Pose, around: SearchRange) -> list[Pose]:
         """Poses on the grid about what the guess looks at."""
-        cam = guess.transform(self.points)
+        points, near = self.edges.points, self.camera.near
+        cam = guess.transform(points)
         u = self.f[0] * cam[:, 0] / cam[:, 2] + self.f[2]
         v = self.f[1] * cam[:, 1] / cam[:, 2] + self.f[3]
-        inside = (cam[:, 2] > NEAR_M) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
+        inside = (cam[:, 2] > near) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
         if np.count_nonzero(inside) < self.config.min_points:
-            inside = cam[:, 2] > NEAR_M
+            inside = cam[:, 2] > near
         if not inside.any():
             return []
-        focus = self.points[inside].mean(axis=0)
+        focus = points[inside].mean(axis=0)
         eye = guess.inverse().translation
         sight = (focus - eye) / np.linalg.norm(focus - eye)
         side = np.cross(sight, [0.0, 0.0, 1.0])
@@ -172,13 +186,11 @@ class PoseSearch:
         return Pose.exp([0, 0, 0, -np.arctan(shift[1] / fy), np.arctan(shift[0] / fx), 0]) @ pose
 
 
-def _undistortion_maps(
-    camera: Camera, f: Array, size: tuple[int, int], scale: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
-    """Maps that take the lens out of a small image; None for a camera without distortion."""
+def _undistortion_maps(camera: Camera, f: Array, size: tuple[int, int], scale: float) -> UndistortionMaps | None:
+    """Maps that take the distortion out of a small image; None for a camera without distortion."""
     if camera.distortion_model == "none":
         return None
     x, y = np.meshgrid((np.arange(size[0]) - f[2]) / f[0], (np.arange(size[1]) - f[3]) / f[1])
     pixels = camera.project(np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]))
     small = ((pixels + 0.5) / scale - 0.5).astype(np.float32).reshape(size[1], size[0], 2)
-    return np.ascontiguousarray(small[..., 0]), np.ascontiguousarray(small[..., 1])
+    return UndistortionMaps(np.ascontiguousarray(small[..., 0]), np.ascontiguousarray(small[..., 1]))

@@ -1,26 +1,84 @@
 """Compiled pose search: how well do the edges seen from a pose lie on the edge pixels of a small image."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import move
+from uavbench.tracker.geometry_kernels import RigidMotion, camera_centre, se3_exp_left
 from uavbench.tracker.order_kernels import falling
 from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 ORIENTATIONS = 8
 """Edge pixels are kept apart by their direction, in so many bins of half a turn."""
-NEAR_M = 0.02
-"""Points nearer to the camera's plane than this are not projected."""
 DIAGONAL = 2.4
 """Ratio of a gradient's components above which it lies along an axis of the pixels: tan(67.5 degrees)."""
 SEARCH = kernel_type(PoseSearchConfig)
 
 Indices = NDArray[np.int64]
+
+
+class EdgePoints(NamedTuple):
+    """Points (n, 3) on the model's edges, unit direction (n, 3) of each edge, the faces (n, 2) beside it (-1: none),
+    and the planes (f, 4) of all faces: outward normal n and offset d, n . p = d on the face.
+    """
+
+    points: Array
+    direction: Array
+    faces: Indices
+    planes: Array
+
+
+class SmallCamera(NamedTuple):
+    """Pinhole camera of the small image: f (4,) fx fy cx cy in its px, size_px (2,), near the least depth."""
+
+    f: Array
+    size_px: Array
+    near: float
+
+
+class ImagePoints(NamedTuple):
+    """Pixels (n, 2) and orientation bins (n,) of edge points; the first `filled` are set."""
+
+    pixels: Array
+    bins: Indices
+    filled: int
+
+
+class PoseScores(NamedTuple):
+    """Best score (h,) of each pose over all shifts, -1 where it was not scored, and the row (h,) of that shift."""
+
+    scores: Array
+    shifts: Indices
+
+
+class NearGuess(NamedTuple):
+    """A guess R (3, 3), t (3,), the points (n, 3) that it sees with their edges' direction (n, 3), and their mean,
+    focus (3,), in the camera.
+    """
+
+    R: Array
+    t: Array
+    points: Array
+    direction: Array
+    focus: Array
+
+
+class NearChanges(NamedTuple):
+    """Changes (k, 6) of a guess as `turned_about` takes them, and their scores (k,)."""
+
+    changes: Array
+    scores: Array
+
+
+EDGE_POINTS = named_tuple(EdgePoints, "f2! f2! i2! f2!")
+SMALL_CAMERA = named_tuple(SmallCamera, "f1! f1! f0")
+NEAR_GUESS = named_tuple(NearGuess, "f2! f1! f2! f2! f1!")
 
 
 @compiled("u3 f0")
@@ -63,19 +121,16 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     return out
 
 
-@compiled("f2 f2 i2 f2 f2 f1 f1 f1", inner=True)
-def seen_points(
-    points: Array, direction: Array, faces: Indices, planes: Array, R: Array, t: Array, f: Array, size: Array
-) -> tuple[Array, Indices, int]:
-    """Pixels (n, 2) of the small image, direction bins (n,) and their number, of edge points that a pose shows.
+@compiled("points f2 f1 camera", inner=True, points=EDGE_POINTS, camera=SMALL_CAMERA)
+def seen_points(edges: EdgePoints, R: Array, t: Array, camera: SmallCamera) -> ImagePoints:
+    """The edge points that a pose shows in the small image.
 
-    A point shows when a face beside its edge is turned to the camera. f is fx fy cx cy of the small image; points
-    outside it are kept within a third of its width, so that a shift may bring them in.
+    A point shows when a face beside its edge is turned to the camera. Points outside the image are kept within a third
+    of its width, so that a shift may bring them in.
     """
-    eye = np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            eye[i] -= R[j, i] * t[j]
+    points, direction, faces, planes = edges.points, edges.direction, edges.faces, edges.planes
+    f, size = camera.f, camera.size_px
+    eye = camera_centre(R, t)
     pixel, bins = np.empty((len(points), 2)), np.empty(len(points), np.int64)
     n = 0
     c, d = np.empty(3), np.empty(3)
@@ -90,7 +145,7 @@ def seen_points(
         for i in range(3):
             c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
             d[i] = R[i, 0] * direction[k, 0] + R[i, 1] * direction[k, 1] + R[i, 2] * direction[k, 2]
-        if c[2] <= NEAR_M:
+        if c[2] <= camera.near:
             continue
         u, v = f[0] * c[0] / c[2] + f[2], f[1] * c[1] / c[2] + f[3]
         reach = size[0] / 3
@@ -101,35 +156,32 @@ def seen_points(
         pixel[n, 0], pixel[n, 1] = u, v
         bins[n] = math.floor(turn) % ORIENTATIONS
         n += 1
-    return pixel, bins, n
+    return ImagePoints(pixel, bins, n)
 
 
-@compiled("f2 f2 i2 f2 f3 f2 f1 s3 f2 search", search=SEARCH)
+@compiled("points f3 f2 camera s3 f2 search", points=EDGE_POINTS, camera=SMALL_CAMERA, search=SEARCH)
 def score_poses(
-    points: Array,
-    direction: Array,
-    faces: Indices,
-    planes: Array,
+    edges: EdgePoints,
     rotations: Array,
     translations: Array,
-    f: Array,
+    camera: SmallCamera,
     distance: NDArray[np.float32],
     shifts: Array,
     config: PoseSearchConfig,
-) -> tuple[Array, Indices]:
-    """Best score (h,) of each pose over all shifts (s, 2) in px of the small image, and that shift (h,).
+) -> PoseScores:
+    """Scores of poses (h, 3, 3) and (h, 3), with the best of shifts (s, 2) in px of the small image.
 
     The score is the mean over the edge points of 1 - distance, with distance (ORIENTATIONS, h, w) to the nearest edge
     pixel of that direction, cut at 1; a point out of the image counts `outside_score`. Poses worse by
     `hopeless_score` than the best so far may score less than they would.
     """
     h, w = distance.shape[1], distance.shape[2]
-    size = np.array([float(w), float(h)])
     top = 0.0
     scores = np.full(len(rotations), -1.0)
     best = np.zeros(len(rotations), np.int64)
     for k in range(len(rotations)):
-        pixel, bins, n = seen_points(points, direction, faces, planes, rotations[k], translations[k], f, size)
+        seen = seen_points(edges, rotations[k], translations[k], camera)
+        pixel, bins, n = seen.pixels, seen.bins, seen.filled
         if n < config.min_points:
             continue
         for s in range(len(shifts)):
@@ -144,11 +196,11 @@ def score_poses(
                 scores[k] = total / n
                 best[k] = s
                 top = max(top, scores[k])
-    return scores, best
+    return PoseScores(scores, best)
 
 
 @compiled("f2 f1 f1 f1")
-def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Array]:
+def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
     """Pose (R, t) changed by a (6,).
 
     The object turns by a[:3] about the focus (3,) in the camera, its range grows by the part a[3], and the image moves
@@ -158,17 +210,22 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> tuple[Array, Arr
     for i in range(3):
         still[3 + i] = a[i]
     shift[3], shift[4] = -a[5], a[4]
-    R1, t1 = move(R, t - focus, still)
+    turned = se3_exp_left(R, t - focus, still)
     for i in range(3):
-        t1[i] += (1.0 + a[3]) * focus[i]
-    return move(R1, t1, shift)
+        turned.t[i] += (1.0 + a[3]) * focus[i]
+    return se3_exp_left(turned.R, turned.t, shift)
 
 
-@compiled("f2 f2 f2 f1 f1 s3 f0", inner=True)
+@compiled("guess f1 camera s3 f0", inner=True, guess=NEAR_GUESS, camera=SMALL_CAMERA)
 def chamfer(
-    points: Array, direction: Array, R: Array, t: Array, f: Array, distance: NDArray[np.float32], outside: float
+    guess: NearGuess, change: Array, camera: SmallCamera, distance: NDArray[np.float32], outside: float
 ) -> float:
-    """Mean over points (n, 3) of 1 - distance to the nearest edge pixel of their direction; `outside` out of view."""
+    """Score of a guess with a change (6,): mean over its points of 1 - distance to the nearest edge pixel of their
+    direction; `outside` out of view.
+    """
+    points, direction, f = guess.points, guess.direction, camera.f
+    pose = turned_about(guess.R, guess.t, guess.focus, change)
+    R, t = pose.R, pose.t
     h, w = distance.shape[1], distance.shape[2]
     total = 0.0
     for k in range(len(points)):
@@ -182,7 +239,7 @@ def chamfer(
             dy += R[1, i] * direction[k, i]
             dz += R[2, i] * direction[k, i]
         value = outside
-        if z > NEAR_M:
+        if z > camera.near:
             a, b = x / z, y / z
             u, v = f[0] * a + f[2], f[1] * b + f[3]
             if -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5:
@@ -192,28 +249,22 @@ def chamfer(
     return total / max(1, len(points))
 
 
-@compiled("f2 f2 f2 f1 f1 f1 s3 f2 f1 i0 search", search=SEARCH)
+@compiled("guess camera s3 f2 f1 i0 search", guess=NEAR_GUESS, camera=SMALL_CAMERA, search=SEARCH)
 def search_about(
-    points: Array,
-    direction: Array,
-    R: Array,
-    t: Array,
-    focus: Array,
-    f: Array,
+    guess: NearGuess,
+    camera: SmallCamera,
     distance: NDArray[np.float32],
     changes: Array,
     steps: Array,
     most: int,
     config: PoseSearchConfig,
-) -> tuple[Array, Array]:
-    """The best changes (most, 6) of a pose, made better by a pattern search from `steps` (6,) down, and their scores.
-
-    changes (m, 6) as `turned_about` takes them are all tried first.
+) -> NearChanges:
+    """At most `most` of the changes (m, 6) of a guess that score best, improved by a pattern search from `steps` (6,)
+    down (Hooke & Jeeves 1961).
     """
     first = np.empty(len(changes))
     for k in range(len(changes)):
-        R1, t1 = turned_about(R, t, focus, changes[k])
-        first[k] = chamfer(points, direction, R1, t1, f, distance, config.outside_score)
+        first[k] = chamfer(guess, changes[k], camera, distance, config.outside_score)
     order = falling(first)
     out, scores = np.zeros((most, 6)), np.full(most, -1.0)
     n = 0
@@ -236,8 +287,7 @@ def search_about(
                 for i in range(6):
                     for sign in (-1.0, 1.0):
                         a[i] += sign * step[i]
-                        R1, t1 = turned_about(R, t, focus, a)
-                        value = chamfer(points, direction, R1, t1, f, distance, config.outside_score)
+                        value = chamfer(guess, a, camera, distance, config.outside_score)
                         if value > best:
                             best, moved = value, True
                             break
@@ -249,4 +299,4 @@ def search_about(
         for i in range(6):
             out[n, i] = a[i]
         n += 1
-    return out[:n], scores[:n]
+    return NearChanges(out[:n].copy(), scores[:n].copy())

@@ -1,6 +1,7 @@
-"""Where is the camera, when the prediction does not fit: poses that agree with the image are searched and fitted."""
+"""Relocalization: pose search without a usable prediction, each pose found refined by a fit."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,13 +10,20 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.pose_fit import Fit
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, Spread
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, SearchRange
 from uavbench.tracker.robust.relocalization.pose_search_kernels import turned_about
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
 
 ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
 """Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
+
+
+class Relocalized(NamedTuple):
+    """The best supported fit, and how much better it is than the one at hand; inf where there was none."""
+
+    fit: Fit
+    advantage: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +37,12 @@ class Relocator:
     @classmethod
     def of(cls, fitter: EdgeFitter, camera: Camera, config: RelocalizationConfig) -> "Relocator":
         """Relocator that fits with a fitter."""
-        return cls(fitter, PoseSearch(fitter.map, camera, config.search), config)
+        return cls(fitter, PoseSearch(fitter.edges, camera, fitter.view.near, config.search), config)
 
     def best(
         self, image: Image, guesses: list[Pose], covariance: Array, range_m: float, first: Fit | None = None
-    ) -> tuple[Fit, float]:
-        """The best supported fit of all, and how much better it is than the first one that was made already.
+    ) -> Relocalized:
+        """The best supported fit of all, against the first one that was made already.
 
         guesses are poses around which to search, the likeliest one first with its covariance (6, 6).
         """
@@ -51,7 +59,7 @@ class Relocator:
         near = [pose for guess in guesses for pose in self.near(image, guess)]
         fits += [self.fitter.fit(image, pose, found, clock, config.near_half_px) for pose in [*guesses, *near]]
         if not max(fit.support for fit in fits) >= config.good_support:
-            far = [pose for _, pose in self.searcher.best_poses(image, guesses, self.far(), config.far_fits)]
+            far = [scored.pose for scored in self.searcher.best_poses(image, guesses, self.far(), config.far_fits)]
             fits += [self.fitter.fit(image, pose, found, clock, config.far_half_px) for pose in far]
         fitted = sigmas(config.fitted_sigma, range_m)
         for _ in range(config.refits):
@@ -63,29 +71,28 @@ class Relocator:
             if not fits or fits[-1].support >= config.sure_support:
                 break
             turns = range(generation * config.refitted, (generation + 1) * config.refitted)
-            sampled = [pose for turn, fit in zip(turns, fits, strict=False) for pose in self.beside(fit, turn)]
+            sampled = [pose for turn, fit in zip(turns, fits, strict=False) for pose in self.perturbed(fit, turn)]
             fits += [self.fitter.fit(image, pose, found, clock, config.refit_half_px) for pose in sampled]
         top = max((fit for fit in fits if fit.finite), key=score, default=fits[0])
-        return top, score(top) - score(first) if first is not None and first.finite else np.inf
+        return Relocalized(top, score(top) - score(first) if first is not None and first.finite else np.inf)
 
     def near(self, image: Image, guess: Pose) -> list[Pose]:
-        """Poses near a guess at which what it sees agrees with the image."""
-        points, direction = self.fitter.seen(guess)
-        config = self.config
+        """Poses near a guess whose projected edges agree with the image."""
+        config, seen = self.config, self.fitter.seen(guess)
         reach = (config.near_reach_rad, config.near_shift_rad)
-        return [pose for _, pose in self.searcher.near_poses(image, guess, points, direction, *reach, config.near_fits)]
+        return [scored.pose for scored in self.searcher.near_poses(image, guess, seen, *reach, config.near_fits)]
 
-    def far(self) -> Spread:
-        """How far poses are searched where none near a guess fits."""
+    def far(self) -> SearchRange:
+        """Range of the pose search where no pose near a guess fits."""
         c = self.config
-        return self.searcher.spread(c.far_view_rad, c.far_roll_rad, c.far_range_part, c.far_shift_part)
+        return self.searcher.search_range(c.far_view_rad, c.far_roll_rad, c.far_range_part, c.far_shift_part)
 
-    def beside(self, fit: Fit, turn: int) -> list[Pose]:
-        """Poses sampled about that of a fit, others in every turn (evolution strategy: Rechenberg 1973)."""
-        if fit.evidence is None or not len(fit.evidence.points):
+    def perturbed(self, fit: Fit, turn: int) -> list[Pose]:
+        """Perturbations of a fit's pose, others in every turn (evolution strategy: Rechenberg 1973)."""
+        if fit.residuals is None or not len(fit.residuals.points.points):
             return []
         R, t = fit.cam_from_world.rotation, fit.cam_from_world.translation
-        focus = fit.cam_from_world.transform(fit.evidence.points).mean(axis=0)
+        focus = fit.cam_from_world.transform(fit.residuals.points.points).mean(axis=0)
         count = self.config.perturbations
         k = np.arange(1, count + 1)[:, None] + turn * count
         changes = (k * ROBERTS % 1.0 * 2 - 1) * self.reach()

@@ -1,25 +1,107 @@
-"""Compiled filter of what errs alike in all frames: the place of all patches (6), and each edge by an offset (1).
+"""Compiled filter of the biases shared across frames: the pose error D of all patches (6), and one offset per edge (1).
 
-With D the common error of the patches' places as a twist in the world and b the offset of an edge in px, a frame whose
-pose the patches tell finds the control points of that edge at J D + b. So the information on all of it is an arrow:
-each offset is tied to D alone, and can be taken out by itself.
+With D the patches' pose error as a twist in the world and b the offset of an edge in px, a frame whose pose the patches
+tell finds the control points of that edge at J D + b. So the information matrix is an arrowhead: each offset is
+correlated with D alone, and can be marginalized by itself.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import eliminate
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
-Sums = tuple[Array, Array, Array, Array, Array, Array]
-"""What the control points and the patches of a frame say.
 
-Sums over the control points of each edge in view of weight (g,), weight times Jacobian (g, 6) and weight times residual
-(g,); sums over all of them of weight times J J^T (6, 6) and weight times J times residual (6,); the former of the
-patches.
-"""
+
+class FrameSums(NamedTuple):
+    """Normal equations of a frame, before the biases and the prior.
+
+    For each edge in view: offset_weight (g,) sum of weights, offset_jacobian (g, 6) of weight times Jacobian,
+    offset_residual (g,) of weight times residual. Over all control points: edge_information (6, 6), edge_vector (6,);
+    over the patches: patch_information (6, 6), patch_vector (6,).
+    """
+
+    offset_weight: Array
+    offset_jacobian: Array
+    offset_residual: Array
+    edge_information: Array
+    edge_vector: Array
+    patch_information: Array
+    patch_vector: Array
+
+
+class BiasState(NamedTuple):
+    """Information on D and on the offsets of all edges (e,).
+
+    information (6, 6) and vector (6,) on D; cross (e, 6) information between D and an offset; offset_information (e,)
+    and offset_vector (e,) on the offset itself, offset_prior (e,) its prior information.
+    """
+
+    information: Array
+    vector: Array
+    cross: Array
+    offset_information: Array
+    offset_vector: Array
+    offset_prior: Array
+
+    @classmethod
+    def unknown(cls, edges: int) -> "BiasState":
+        """Unit information on D, and nothing on the offsets of so many edges."""
+        offsets = np.zeros((edges, 6)), np.zeros(edges), np.zeros(edges), np.ones(edges)
+        return cls(np.eye(6), np.zeros(6), *offsets)
+
+
+class EdgeOffsets(NamedTuple):
+    """Edges in view: their rows (g,) in the state, and the prior variance_px2 (g,) of their offsets."""
+
+    rows: Indices
+    variance_px2: Array
+
+
+class LocalBiases(NamedTuple):
+    """Information on the biases at a linearization point, with D as a twist (6,) of the camera there.
+
+    information (6, 6) and vector (6,) on D, with the offsets of the edges in view not marginalized; cross (g, 6),
+    offset_information (g,) and offset_vector (g,) of those.
+    """
+
+    information: Array
+    vector: Array
+    cross: Array
+    offset_information: Array
+    offset_vector: Array
+
+
+class Marginal(NamedTuple):
+    """Information (6, 6) and vector (6,) on D."""
+
+    information: Array
+    vector: Array
+
+
+class PatchError(NamedTuple):
+    """Twist (6,) of the camera by which the patches err, and the information (6, 6) on D that is left."""
+
+    twist: Array
+    information: Array
+
+
+class Innovation(NamedTuple):
+    """Sum of squared normalized innovations, and its expectation."""
+
+    squares: float
+    expected: float
+
+
+FRAME_SUMS = named_tuple(FrameSums, "f1! f2! f1! f2! f1! f2! f1!")
+BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1!")
+EDGE_OFFSETS = named_tuple(EdgeOffsets, "i1! f1!")
+LOCAL_BIASES = named_tuple(LocalBiases, "f2! f1! f2! f1! f1!")
 
 
 @compiled("f2 f1")
@@ -37,7 +119,7 @@ def adjoint(R: Array, t: Array) -> Array:
 
 
 @compiled("f2 f1", inner=True)
-def times(X: Array, v: Array) -> Array:
+def product(X: Array, v: Array) -> Array:
     """X v of a square matrix."""
     out = np.zeros(len(v))
     for i in range(len(v)):
@@ -57,7 +139,7 @@ def transposed(X: Array) -> Array:
 
 
 @compiled("f2 f2")
-def turned(X: Array, C: Array) -> Array:
+def congruence(X: Array, C: Array) -> Array:
     """X C X^T of matrices (6, 6)."""
     half, out = np.zeros((6, 6)), np.zeros((6, 6))
     for i in range(6):
@@ -72,51 +154,36 @@ def turned(X: Array, C: Array) -> Array:
 
 
 @compiled("f2 f1 f1 f1")
-def explained(tie: Array, seen: Array, moment: Array, least: Array) -> tuple[Array, Array]:
-    """Information (6, 6) and vector (6,) on D that the edges' offsets may explain instead.
-
-    tie (e, 6) is the information between D and an offset, seen (e,) and moment (e,) information and vector of the
-    offset itself, least (e,) its information beforehand.
-    """
+def explained_by_offsets(cross: Array, information: Array, vector: Array, prior: Array) -> Marginal:
+    """Information and vector on D that the offsets (e,) may explain instead: what marginalizing them takes away."""
     A, v = np.zeros((6, 6)), np.zeros(6)
-    for e in range(len(seen)):
-        if seen[e] > 0.0:
-            part = 1.0 / (seen[e] + least[e])
+    for e in range(len(information)):
+        if information[e] > 0.0:
+            part = 1.0 / (information[e] + prior[e])
             for i in range(6):
-                v[i] += tie[e, i] * moment[e] * part
+                v[i] += cross[e, i] * vector[e] * part
                 for j in range(6):
-                    A[i, j] += tie[e, i] * tie[e, j] * part
-    return A, v
+                    A[i, j] += cross[e, i] * cross[e, j] * part
+    return Marginal(A, v)
 
 
-@compiled("f2 f2 f1 f1 f1 i1 f1 f2 f1")
-def shared_at(
-    known: Array,
-    tie: Array,
-    seen: Array,
-    moment: Array,
-    least: Array,
-    edges: Indices,
-    spread: Array,
-    R: Array,
-    t: Array,
-) -> tuple[Array, Array, Array, Array, Array]:
-    """What is known of the common errors at a pose (R, t) by the edges (g,) in view and by all others.
+@compiled("state f2 edges f2 f1", state=BIAS_STATE, edges=EDGE_OFFSETS)
+def linearize(state: BiasState, known: Array, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
+    """Biases as the edges in view and all others tell them, at the linearization point (R, t).
 
-    known (6, 6) is the information on D with all offsets taken out, of which nothing is expected. spread (g,) is the
-    variance of each edge's offset in px^2 beforehand. Returns information (6, 6) and vector (6,) on D as a twist of the
-    camera with the offsets of the edges in view left in, and the tie (g, 6), information (g,) and vector (g,) of those.
+    known (6, 6) is the information on D with all offsets marginalized; D's expectation is 0.
     """
-    n = len(edges)
-    ties, information, vector, lower = np.empty((n, 6)), np.empty(n), np.empty(n), np.empty(n)
+    n = len(edges.rows)
+    cross, information, vector, prior = np.empty((n, 6)), np.empty(n), np.empty(n), np.empty(n)
     for g in range(n):
-        k = edges[g]
-        information[g], vector[g], lower[g] = seen[k], moment[k], least[k]
+        k = edges.rows[g]
+        information[g], vector[g] = state.offset_information[k], state.offset_vector[k]
+        prior[g] = state.offset_prior[k]
         for i in range(6):
-            ties[g, i] = tie[k, i]
-    A, v = explained(ties, information, vector, lower)
-    back = transposed(R)
-    centre = times(back, t)
+            cross[g, i] = state.cross[k, i]
+    spared = explained_by_offsets(cross, information, vector, prior)
+    A, back = spared.information, transposed(R)
+    centre = product(back, t)
     for i in range(3):
         centre[i] = -centre[i]
     X = transposed(adjoint(back, centre))
@@ -124,87 +191,68 @@ def shared_at(
         for j in range(6):
             A[i, j] += known[i, j]
     for g in range(n):
-        row = times(X, ties[g])
-        information[g] += 1.0 / spread[g]
+        row = product(X, cross[g])
+        information[g] += 1.0 / edges.variance_px2[g]
         for i in range(6):
-            ties[g, i] = row[i]
-    return turned(X, A), times(X, v), ties, information, vector
+            cross[g, i] = row[i]
+    return LocalBiases(congruence(X, A), product(X, spared.vector), cross, information, vector)
 
 
-@compiled("f2! f1! f2! f1! f1! f1! i1 f1 (f1 f2 f1 f2 f1 f2) f1 f2 f1 f0")
-def take_up(
-    whole: Array,
-    vector: Array,
-    tie: Array,
-    seen: Array,
-    moment: Array,
-    least: Array,
-    edges: Indices,
-    spread: Array,
-    sums: Sums,
-    aside: Array,
-    R: Array,
-    t: Array,
-    part: float,
+@compiled("state edges sums f1 f2 f1 f0", state=BIAS_STATE, edges=EDGE_OFFSETS, sums=FRAME_SUMS)
+def accumulate(
+    state: BiasState, edges: EdgeOffsets, sums: FrameSums, to_patches: Array, R: Array, t: Array, part: float
 ) -> None:
-    """Take up, in place, a part of what a frame's sums over the edges (g,) in view say.
+    """Add a part of a frame's sums over the edges in view to the state, in place.
 
-    whole (6, 6) and vector (6,) are information and vector on D. aside (6,) is the twist from the pose (R, t) of the
-    sums to that which the patches tell.
+    to_patches (6,) is the twist from the linearization point (R, t) of the sums to the pose that the patches tell.
     """
-    S, s, d, E, e, _ = sums
     X = transposed(adjoint(R, t))
-    by_edges, rest = turned(X, E), times(E, aside)
+    information, rest = congruence(X, sums.edge_information), product(sums.edge_information, to_patches)
     for i in range(6):
-        rest[i] = e[i] - rest[i]
-    rest = times(X, rest)
+        rest[i] = sums.edge_vector[i] - rest[i]
+    vector = product(X, rest)
     for i in range(6):
-        vector[i] += part * rest[i]
+        state.vector[i] += part * vector[i]
         for j in range(6):
-            whole[i, j] += part * by_edges[i, j]
-    for g in range(len(edges)):
-        k, left = edges[g], d[g]
+            state.information[i, j] += part * information[i, j]
+    for g in range(len(edges.rows)):
+        k, left = edges.rows[g], sums.offset_residual[g]
         for i in range(6):
-            left -= s[g, i] * aside[i]
-        least[k] = 1.0 / spread[g]
-        seen[k] += part * S[g]
-        moment[k] += part * left
-        row = times(X, s[g])
+            left -= sums.offset_jacobian[g, i] * to_patches[i]
+        state.offset_prior[k] = 1.0 / edges.variance_px2[g]
+        state.offset_information[k] += part * sums.offset_weight[g]
+        state.offset_vector[k] += part * left
+        row = product(X, sums.offset_jacobian[g])
         for i in range(6):
-            tie[k, i] += part * row[i]
+            state.cross[k, i] += part * row[i]
 
 
-@compiled("f2 f1! f2 f1 f1! f1 f2 f1")
-def centre(
-    whole: Array, vector: Array, tie: Array, seen: Array, moment: Array, least: Array, R: Array, t: Array
-) -> tuple[Array, Array]:
-    """The twist (6,) of the camera at (R, t) by which the patches err, and the information (6, 6) left on D.
-
-    Offsets are taken out; the twist is taken off vector and moment, in place.
-    """
-    A, v = explained(tie, seen, moment, least)
+@compiled("state f2 f1", state=BIAS_STATE)
+def centre(state: BiasState, R: Array, t: Array) -> PatchError:
+    """The patches' error as a twist of the camera at (R, t), taken off the state's vectors in place."""
+    spared = explained_by_offsets(state.cross, state.offset_information, state.offset_vector, state.offset_prior)
     known, used_up, column, D = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 1)), np.empty(6)
     for i in range(6):
-        column[i, 0] = vector[i] - v[i]
+        column[i, 0] = state.vector[i] - spared.vector[i]
         for j in range(6):
-            known[i, j] = used_up[i, j] = whole[i, j] - A[i, j]
+            known[i, j] = used_up[i, j] = state.information[i, j] - spared.information[i, j]
     eliminate(used_up, column)
     for i in range(6):
         D[i] = column[i, 0]
-    taken = times(whole, D)
+    explained = product(state.information, D)
     for i in range(6):
-        vector[i] -= taken[i]
-    for e in range(len(seen)):
+        state.vector[i] -= explained[i]
+    for e in range(len(state.offset_vector)):
         for i in range(6):
-            moment[e] -= tie[e, i] * D[i]
-    return times(adjoint(R, t), D), known
+            state.offset_vector[e] -= state.cross[e, i] * D[i]
+    return PatchError(product(adjoint(R, t), D), known)
 
 
 @compiled("f2 f2")
-def pinned(E: Array, P: Array) -> float:
-    """How well patches of information P (6, 6) tell the pose against what edges of information E say of it, 0 to 1.
+def observability(E: Array, P: Array) -> float:
+    """How well patches of information P (6, 6) observe the pose beside edges of information E (6, 6), 0 to 1.
 
-    The mean of the parts that the patches have in each direction of a twist.
+    The mean share that the patches have of the information in each direction of a twist.
     """
     M, N = np.empty((6, 6)), np.empty((6, 6))
     for i in range(6):
@@ -214,24 +262,24 @@ def pinned(E: Array, P: Array) -> float:
     return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
 
 
-@compiled("f1 (f1 f2 f1 f2 f1 f2) f1 f2")
-def surprise(spread: Array, sums: Sums, step: Array, covariance: Array) -> tuple[float, float]:
-    """Squared offsets of a frame's edges (g,) over their variance, summed, and how large that sum should be.
+@compiled("f1 sums f1 f2", sums=FRAME_SUMS)
+def normalized_innovation(variance_px2: Array, sums: FrameSums, to_fit: Array, covariance: Array) -> Innovation:
+    """Squared offsets of a frame's edges (g,) over their variance, summed, and the expectation of that sum.
 
-    The sums are of a pose that a twist step (6,) brings to the fit, whose covariance (6, 6) says how much of an offset
-    the pose takes up; spread (g,) is the variance of each edge's offset in px^2.
+    to_fit (6,) is the twist from the linearization point of the sums to the fit, whose covariance (6, 6) tells how much
+    of an offset the pose takes up; variance_px2 (g,) is the prior variance of each offset.
     """
-    S, s, d = sums[0], sums[1], sums[2]
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
     squares, expected = 0.0, 0.0
     for g in range(len(S)):
         if S[g] <= 0.0:
             continue
         left, taken = d[g], 0.0
         for i in range(6):
-            left -= s[g, i] * step[i]
+            left -= s[g, i] * to_fit[i]
             for j in range(6):
                 taken += s[g, i] * covariance[i, j] * s[g, j]
-        variance = spread[g] + 1.0 / S[g]
+        variance = variance_px2[g] + 1.0 / S[g]
         squares += left * left / (S[g] * S[g] * variance)
         expected += max(0.0, 1.0 - taken / (S[g] * S[g] * variance))
-    return squares, expected
+    return Innovation(squares, expected)

@@ -5,40 +5,100 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import solve6
 from uavbench.tracker.robust.config.solver import HypothesesConfig
+from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.solver.solve_kernels import add_row
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 HYPOTHESES = kernel_type(HypothesesConfig)
+EDGES_DRAWN = 3
+"""Edges of a hypothesis: two candidates on each fix the six unknowns."""
+DRAWS_PER_EDGE = 4
+"""Columns of the drawn numbers for each edge: control point, other point of its edge, candidate, and one unused."""
 
 Indices = NDArray[np.int64]
 
 
-@compiled("f2 f2 f2 f1 i1 f2 f2 hypotheses", hypotheses=HYPOTHESES)
-def hypotheses(
-    J: Array,
-    distance: Array,
-    penalty: Array,
-    trust: Array,
-    first: Indices,
-    prior: Array,
-    draws: Array,
-    config: HypothesesConfig,
-) -> tuple[Array, float]:
-    """The best of many camera motions (6,), and its mean cost per control point in [0, 1].
+@compiled("measured i1 f1 hypotheses f2! f1!", inner=True, measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
+def add_drawn(
+    measured: EdgeMeasurements, counts: Indices, draws: Array, config: HypothesesConfig, A: Array, b: Array
+) -> None:
+    """Add the candidates that `draws` (12,) choose to the normal equations (A, b), in place.
 
-    trust (n,) in [0, 1] weighs the control points; first (e + 1,) are the rows where each edge's control points start.
-    draws (h, 12) are uniform numbers: each hypothesis takes two candidates on each of three edges. prior (6, 6) is the
-    information of the predicted pose.
-    The first hypothesis is no motion.
+    counts (n,) are the candidates of each control point. Edges are drawn by their number of control points: a point
+    first, then its edge.
     """
+    distance, J, first = measured.candidates.distance, measured.lines.jacobian, measured.points.first
+    n, k = distance.shape
+    information = 1.0 / (config.candidate_sigma_px * config.candidate_sigma_px)
+    for s in range(EDGES_DRAWN):
+        column = DRAWS_PER_EDGE * s
+        p = min(n - 1, int(draws[column] * n))
+        e = 0
+        while first[e + 1] <= p:
+            e += 1
+        on_edge = first[e + 1] - first[e]
+        q = first[e] + min(on_edge - 1, int(draws[column + 1] * on_edge))
+        if counts[p] == 0:
+            continue
+        pick = min(counts[p] - 1, int(draws[column + 2] * counts[p]))
+        d = np.inf
+        for c in range(k):
+            if distance[p, c] < np.inf:
+                if pick == 0:
+                    d = distance[p, c]
+                    break
+                pick -= 1
+        add_row(A, b, J[p], d, information)
+        near = np.inf
+        for c in range(k):
+            if abs(distance[q, c] - d) < abs(near - d):
+                near = distance[q, c]
+        if q != p and near < np.inf:
+            add_row(A, b, J[q], near, information)
+
+
+@compiled("measured f1 f2 f0 hypotheses", inner=True, measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
+def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, config: HypothesesConfig) -> float:
+    """Cost of a twist x (6,): truncated squared distances of the control points, and of the prior; given up at `most`.
+
+    Control points are thinned to `scored_points`.
+    """
+    distance, penalty = measured.candidates.distance, measured.candidates.penalty
+    J, weight = measured.lines.jacobian, measured.weight
+    n, k = distance.shape
+    stride = max(1, n // config.scored_points)
+    cost = 0.0
+    for i in range(6):
+        for j in range(6):
+            cost += 0.5 * x[i] * prior[i, j] * x[j]
+    for p in range(0, n, stride):
+        moved = 0.0
+        for i in range(6):
+            moved += J[p, i] * x[i]
+        least = 1.0
+        for c in range(k):
+            r = (distance[p, c] - moved) / config.inlier_px
+            least = min(least, r * r + config.colour_cost * penalty[p, c])
+        cost += weight[p] * least
+        if cost > most:
+            break
+    return cost
+
+
+@compiled("measured f2 f2 hypotheses", measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
+def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, config: HypothesesConfig) -> Array:
+    """The twist (6,) of the camera that candidates agree on best, of many that are tried.
+
+    draws (h, 12) are uniform numbers: each hypothesis takes two candidates on each of three edges. prior (6, 6) is the
+    information of the predicted pose. The first hypothesis is no motion.
+    """
+    distance = measured.candidates.distance
     n, k = distance.shape
     best, best_cost = np.zeros(6), np.inf
     x = np.zeros(6)
     A, b = np.empty((6, 6)), np.empty(6)
-    stride = max(1, n // config.scored_points)
-    information = 1.0 / (config.candidate_sigma_px * config.candidate_sigma_px)
     counts = np.zeros(n, np.int64)
     for p in range(n):
         for c in range(k):
@@ -50,51 +110,12 @@ def hypotheses(
                 b[i] = 0.0
                 for j in range(6):
                     A[i, j] = prior[i, j]
-            for s in range(3):
-                # Edges are drawn by their number of control points: a point first, then its edge.
-                p = min(n - 1, int(draws[h - 1, 4 * s] * n))
-                e = 0
-                while first[e + 1] <= p:
-                    e += 1
-                q = first[e] + min(
-                    first[e + 1] - first[e] - 1, int(draws[h - 1, 4 * s + 1] * (first[e + 1] - first[e]))
-                )
-                if counts[p] == 0:
-                    continue
-                pick = min(counts[p] - 1, int(draws[h - 1, 4 * s + 2] * counts[p]))
-                d = np.inf
-                for c in range(k):
-                    if distance[p, c] < np.inf:
-                        if pick == 0:
-                            d = distance[p, c]
-                            break
-                        pick -= 1
-                add_row(A, b, J[p], d, information)
-                near = np.inf
-                for c in range(k):
-                    if abs(distance[q, c] - d) < abs(near - d):
-                        near = distance[q, c]
-                if q != p and near < np.inf:
-                    add_row(A, b, J[q], near, information)
+            add_drawn(measured, counts, draws[h - 1], config, A, b)
             if not solve6(A, b, x):
                 continue
-        cost = 0.0
-        for i in range(6):
-            for j in range(6):
-                cost += 0.5 * x[i] * prior[i, j] * x[j]
-        for p in range(0, n, stride):
-            moved = 0.0
-            for i in range(6):
-                moved += J[p, i] * x[i]
-            least = 1.0
-            for c in range(k):
-                r = (distance[p, c] - moved) / config.inlier_px
-                least = min(least, r * r + config.colour_cost * penalty[p, c])
-            cost += trust[p] * least
-            if cost > best_cost:
-                break
+        cost = motion_cost(measured, x, prior, best_cost, config)
         if cost < best_cost:
             best_cost = cost
             for i in range(6):
                 best[i] = x[i]
-    return best, best_cost / max(1, n // stride)
+    return best

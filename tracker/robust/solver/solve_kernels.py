@@ -1,20 +1,73 @@
 """Compiled update: an M-estimator over the candidates of the control points and the patches."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import eliminate, move, normal_row, project, solve6, twist_between
+from uavbench.tracker.geometry_kernels import eliminate, normal_row, project, se3_exp_left, se3_log_left, solve6
 from uavbench.tracker.robust.config.solver import EstimatorConfig
+from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
+from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.tracker.robust.solver.bias_kernels import Sums
+from uavbench.tracker.robust.patches.patch_kernels import PATCH_MATCHES, PatchMatches
+from uavbench.tracker.robust.solver.bias_kernels import FRAME_SUMS, LOCAL_BIASES, FrameSums, LocalBiases
+from uavbench.tracker.robust.view import VIEW, View
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-NEAR_M = 0.02
-"""Points nearer to the camera's plane than this are not projected."""
 ESTIMATOR = kernel_type(EstimatorConfig)
 
 Indices = NDArray[np.int64]
+
+
+class PosePrior(NamedTuple):
+    """Predicted pose R (3, 3), t (3,) and its information (6, 6)."""
+
+    information: Array
+    R: Array
+    t: Array
+
+
+class Weighting(NamedTuple):
+    """Residuals and weights of the M-estimator.
+
+    residual (n,) signed, px, and weight (n,) in [0, weight before] of each control point; patch_weight (m,) in [0, 1].
+    """
+
+    residual: Array
+    weight: Array
+    patch_weight: Array
+
+
+class Step(NamedTuple):
+    """Normal equations solved: information (6, 6) of the pose, and the twists (6,) to the pose that the patches alone
+    tell and to that of all measurements.
+    """
+
+    information: Array
+    to_patches: Array
+    to_fit: Array
+
+
+class Estimate(NamedTuple):
+    """A pose R (3, 3), t (3,), the last step to it, the sums that step was made of, and the weighting in them.
+
+    farthest_px: how far the control points were moved along their lines at most.
+    """
+
+    R: Array
+    t: Array
+    step: Step
+    sums: FrameSums
+    weighting: Weighting
+    farthest_px: float
+
+
+POSE_PRIOR = named_tuple(PosePrior, "f2! f2! f1!")
+WEIGHTING = named_tuple(Weighting, "f1! f1! f1!")
+STEP = named_tuple(Step, "f2! f1! f1!")
 
 
 @compiled("f2! f1! f1 f0 f0", inner=True)
@@ -27,148 +80,210 @@ def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
             A[i, j] += wi * row[j]
 
 
-@compiled("f2 f2 f2 f2 f1 f1 i1 f2 f2 f1 f1 (f2 f1 f2 f1 f1) f2 f2 f1 f2 f1 f1 f1 estimator", estimator=ESTIMATOR)
-def refine(
-    points: Array,
-    lines: Array,
-    distance: Array,
-    penalty: Array,
-    trust: Array,
-    variance: Array,
-    first: Indices,
-    places: Array,
-    observed: Array,
-    found: Array,
-    patch_variance: Array,
-    shared: tuple[Array, Array, Array, Array, Array],
-    prior: Array,
-    R_predicted: Array,
-    t_predicted: Array,
-    R: Array,
-    t: Array,
-    cam: Array,
-    scales: Array,
-    config: EstimatorConfig,
-) -> tuple[Array, Array, Array, Array, Array, Array, Sums, Array, Array, float]:
-    """The pose that brings control points onto their best candidates and patches to where they were observed.
-
-    Gauss-Newton with Tukey's weights of the widths `scales` in px one after the other, over variance in px^2. The
-    candidates of points (n, 3) lie at distance (n, k) from lines (n, 4), those of an edge from row first (g + 1,) on;
-    patches, at places (m, 3) in the world, are observed (m, 2) with patch_variance (m,) where found (m,) > 0. What errs
-    alike, all places as a pose and each edge by an offset, is known as `shared` says (see map_kernels.shared_at).
-    Returns R, t, the information (6, 6) with that of the prediction, the signed residual (n,) and weight (n,) in
-    [0, trust] of each control point, the weight (m,) in [0, 1] of each patch, the sums that the common errors are
-    learned from, the twists (6,) from the pose of those sums to the one that the patches tell and to the one returned,
-    and how far in px the control points were moved along their lines at most.
-    """
-    n, k = distance.shape
-    m, edges = len(places), len(first) - 1
-    R, t = R.copy(), t.copy()
-    weights, residual, patch_weights = np.zeros(n), np.zeros(n), np.zeros(m)
-    row, c, step, x_patch = np.zeros(6), np.empty(3), np.zeros(6), np.zeros(6)
-    E, e, P, q, A, b = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)
-    S, s, d = np.zeros(edges), np.zeros((edges, 6)), np.zeros(edges)
-    known, known_vector, ties, offset_information, offset_vector = shared
-    M, N, mixed, held, farthest = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6)), np.empty((6, 6)), 0.0
-    for scale in scales:
-        farthest = 0.0
-        for matrix in (E, P, s):
-            matrix.fill(0.0)
-        for column in (e, q, S, d):
-            column.fill(0.0)
-        for g in range(edges):
-            for p in range(first[g], first[g + 1]):
-                weights[p], residual[p] = 0.0, np.inf
-                if trust[p] <= 0.0:
-                    continue
-                for i in range(3):
-                    c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
-                if c[2] < NEAR_M:
-                    continue
-                u, v = project(c[0], c[1], c[2], cam)
-                moved = (u - lines[p, 0]) * lines[p, 2] + (v - lines[p, 1]) * lines[p, 3]
-                farthest = max(farthest, abs(moved))
-                best, r_best = np.inf, np.inf
-                for candidate in range(k):
-                    r = distance[p, candidate] - moved
-                    cost = r * r / (scale * scale) + config.colour_cost * penalty[p, candidate]
-                    if cost < best:
-                        best, r_best = cost, r
-                residual[p] = r_best
-                if best < 1.0:
-                    weights[p] = trust[p] * (1.0 - best) * (1.0 - best)
-                    normal_row(c[0], c[1], c[2], lines[p, 2], lines[p, 3], cam, row)
-                    w = weights[p] / variance[p]
-                    add_row(E, e, row, r_best, w)
-                    S[g] += w
-                    d[g] += w * r_best
-                    for i in range(6):
-                        s[g, i] += w * row[i]
-        for p in range(m):
-            patch_weights[p] = 0.0
-            if found[p] <= 0.0:
-                continue
-            for i in range(3):
-                c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
-            if c[2] < NEAR_M:
-                continue
-            u, v = project(c[0], c[1], c[2], cam)
-            ru, rv = observed[p, 0] - u, observed[p, 1] - v
-            cost = (ru * ru + rv * rv) / (scale * scale)
-            if cost < 1.0:
-                w = (1.0 - cost) * (1.0 - cost)
-                patch_weights[p] = w
-                normal_row(c[0], c[1], c[2], 1.0, 0.0, cam, row)
-                add_row(P, q, row, ru, w / patch_variance[p])
-                normal_row(c[0], c[1], c[2], 0.0, 1.0, cam, row)
-                add_row(P, q, row, rv, w / patch_variance[p])
-        mirror(E)
-        mirror(P)
-        # Normal equations of the pose (A, b) and of the patches' common error (M, last column of N), tied by `mixed`
-        offset = twist_between(R, t, R_predicted, t_predicted)
-        for i in range(6):
-            b[i], N[i, 6] = e[i] + q[i], known_vector[i] - q[i]
-            for j in range(6):
-                b[i] += prior[i, j] * offset[j]
-                A[i, j] = E[i, j] + P[i, j] + prior[i, j]
-                M[i, j], mixed[i, j] = P[i, j] + known[i, j], -P[i, j]
-        for g in range(edges):  # each edge's offset is taken out (Schur's complement)
-            if S[g] <= 0.0 and ties[g, 0] == 0.0:
-                continue
-            scale_g = 1.0 / (offset_information[g] + S[g])
-            f = (offset_vector[g] + d[g]) * scale_g
-            for i in range(6):
-                b[i] -= s[g, i] * f
-                N[i, 6] -= ties[g, i] * f
-                for j in range(6):
-                    A[i, j] -= s[g, i] * s[g, j] * scale_g
-                    M[i, j] -= ties[g, i] * ties[g, j] * scale_g
-                    mixed[i, j] -= s[g, i] * ties[g, j] * scale_g
-        part = config.patches_prior_part  # of the rest holds the pose where the patches alone put it
-        for i in range(6):
-            row[i] = q[i] + part * b[i]
-            for j in range(6):
-                held[i, j] = P[i, j] + part * A[i, j]
-        if not solve6(held, row, x_patch):
-            break
-        for i in range(6):
-            for j in range(6):
-                N[i, j] = mixed[j, i]
-        eliminate(M, N)
-        for i in range(6):
-            for h in range(6):
-                b[i] -= mixed[i, h] * N[h, 6]
-                for j in range(6):
-                    A[i, j] -= mixed[i, h] * N[h, j]
-        if not solve6(A, b, step):
-            break
-        R, t = move(R, t, step)
-    return R, t, A, residual, weights, patch_weights, (S, s, d, E, e, P), x_patch, step, farthest
-
-
 @compiled("f2!", inner=True)
 def mirror(A: Array) -> None:
     """Copy the lower half of a matrix (6, 6) to the upper one."""
     for i in range(6):
         for j in range(i):
             A[j, i] = A[i, j]
+
+
+@compiled(
+    "measured view f0 weighting sums estimator",
+    inner=True,
+    measured=EDGE_MEASUREMENTS,
+    view=VIEW,
+    weighting=WEIGHTING,
+    sums=FRAME_SUMS,
+    estimator=ESTIMATOR,
+)
+def add_points(
+    measured: EdgeMeasurements,
+    view: View,
+    width_px: float,
+    weighting: Weighting,
+    sums: FrameSums,
+    config: EstimatorConfig,
+) -> float:
+    """Weigh the control points at a pose and make the sums over the edges anew, in place.
+
+    Returns how far in px the control points are along their lines at most.
+    """
+    points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
+    distance, penalty = measured.candidates.distance, measured.candidates.penalty
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    E, e, R, t, lens = sums.edge_information, sums.edge_vector, view.R, view.t, view.lens
+    weight, variance_px2 = measured.weight, measured.variance_px2
+    weights, residual = weighting.weight, weighting.residual
+    for matrix in (E, s):
+        matrix.fill(0.0)
+    for column in (S, d, e):
+        column.fill(0.0)
+    row, c, farthest = np.empty(6), np.empty(3), 0.0
+    for g in range(len(first) - 1):
+        for p in range(first[g], first[g + 1]):
+            weights[p], residual[p] = 0.0, np.inf
+            if weight[p] <= 0.0:
+                continue
+            for i in range(3):
+                c[i] = R[i, 0] * points[p, 0] + R[i, 1] * points[p, 1] + R[i, 2] * points[p, 2] + t[i]
+            if c[2] < view.near:
+                continue
+            u, v = project(c[0], c[1], c[2], lens)
+            nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
+            moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
+            farthest = max(farthest, abs(moved))
+            best, r_best = np.inf, np.inf
+            for candidate in range(distance.shape[1]):
+                r = distance[p, candidate] - moved
+                cost = r * r / (width_px * width_px) + config.colour_cost * penalty[p, candidate]
+                if cost < best:
+                    best, r_best = cost, r
+            residual[p] = r_best
+            if best < 1.0:
+                weights[p] = weight[p] * (1.0 - best) * (1.0 - best)
+                normal_row(c[0], c[1], c[2], nu, nv, lens, row)
+                w = weights[p] / variance_px2[p]
+                add_row(E, e, row, r_best, w)
+                S[g] += w
+                d[g] += w * r_best
+                for i in range(6):
+                    s[g, i] += w * row[i]
+    mirror(E)
+    return farthest
+
+
+@compiled(
+    "matches view f0 weighting sums", inner=True, matches=PATCH_MATCHES, view=VIEW, weighting=WEIGHTING, sums=FRAME_SUMS
+)
+def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
+    """Weigh the patches at a pose and make the sums over them anew, in place."""
+    places, R, t, lens = matches.places, view.R, view.t, view.lens
+    P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
+    correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
+    P.fill(0.0)
+    q.fill(0.0)
+    row, c = np.empty(6), np.empty(3)
+    for p in range(len(places)):
+        weights[p] = 0.0
+        if correlation[p] <= 0.0:
+            continue
+        for i in range(3):
+            c[i] = R[i, 0] * places[p, 0] + R[i, 1] * places[p, 1] + R[i, 2] * places[p, 2] + t[i]
+        if c[2] < view.near:
+            continue
+        u, v = project(c[0], c[1], c[2], lens)
+        ru, rv = observed[p, 0] - u, observed[p, 1] - v
+        cost = (ru * ru + rv * rv) / (width_px * width_px)
+        if cost < 1.0:
+            w = (1.0 - cost) * (1.0 - cost)
+            weights[p] = w
+            normal_row(c[0], c[1], c[2], 1.0, 0.0, lens, row)
+            add_row(P, q, row, ru, w / variance_px2[p])
+            normal_row(c[0], c[1], c[2], 0.0, 1.0, lens, row)
+            add_row(P, q, row, rv, w / variance_px2[p])
+    mirror(P)
+
+
+@compiled(
+    "sums biases prior view step estimator",
+    inner=True,
+    sums=FRAME_SUMS,
+    biases=LOCAL_BIASES,
+    prior=POSE_PRIOR,
+    view=VIEW,
+    step=STEP,
+    estimator=ESTIMATOR,
+)
+def solve_step(
+    sums: FrameSums, biases: LocalBiases, prior: PosePrior, view: View, step: Step, config: EstimatorConfig
+) -> bool:
+    """Solve the normal equations of pose and biases, the biases marginalized, into `step`; False where singular.
+
+    (A, b) are those of the pose, (M, last column of N) those of the patches' pose error, `mixed` is between them.
+    """
+    E, e, P, q = sums.edge_information, sums.edge_vector, sums.patch_information, sums.patch_vector
+    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
+    A, b, row = step.information, np.empty(6), np.empty(6)
+    M, N, mixed, held = np.empty((6, 6)), np.empty((6, 7)), np.empty((6, 6)), np.empty((6, 6))
+    to_prior = se3_log_left(view.R, view.t, prior.R, prior.t)
+    information, known, known_vector = prior.information, biases.information, biases.vector
+    offset_information, offset_vector = biases.offset_information, biases.offset_vector
+    for i in range(6):
+        b[i], N[i, 6] = e[i] + q[i], known_vector[i] - q[i]
+        for j in range(6):
+            b[i] += information[i, j] * to_prior[j]
+            A[i, j] = E[i, j] + P[i, j] + information[i, j]
+            M[i, j], mixed[i, j] = P[i, j] + known[i, j], -P[i, j]
+    cross = biases.cross
+    for g in range(len(S)):  # each edge's offset is marginalized (Schur complement)
+        if S[g] <= 0.0 and cross[g, 0] == 0.0:
+            continue
+        scale = 1.0 / (offset_information[g] + S[g])
+        f = (offset_vector[g] + d[g]) * scale
+        for i in range(6):
+            b[i] -= s[g, i] * f
+            N[i, 6] -= cross[g, i] * f
+            for j in range(6):
+                A[i, j] -= s[g, i] * s[g, j] * scale
+                M[i, j] -= cross[g, i] * cross[g, j] * scale
+                mixed[i, j] -= s[g, i] * cross[g, j] * scale
+    part = config.patches_prior_part  # of the rest constrains the pose that the patches alone tell
+    for i in range(6):
+        row[i] = q[i] + part * b[i]
+        for j in range(6):
+            held[i, j] = P[i, j] + part * A[i, j]
+    if not solve6(held, row, step.to_patches):
+        return False
+    for i in range(6):
+        for j in range(6):
+            N[i, j] = mixed[j, i]
+    eliminate(M, N)
+    for i in range(6):
+        for h in range(6):
+            b[i] -= mixed[i, h] * N[h, 6]
+            for j in range(6):
+                A[i, j] -= mixed[i, h] * N[h, j]
+    return solve6(A, b, step.to_fit)
+
+
+@compiled(
+    "measured matches biases prior view f1 estimator",
+    measured=EDGE_MEASUREMENTS,
+    matches=PATCH_MATCHES,
+    biases=LOCAL_BIASES,
+    prior=POSE_PRIOR,
+    view=VIEW,
+    estimator=ESTIMATOR,
+)
+def refine(
+    measured: EdgeMeasurements,
+    matches: PatchMatches,
+    biases: LocalBiases,
+    prior: PosePrior,
+    view: View,
+    widths_px: Array,
+    config: EstimatorConfig,
+) -> Estimate:
+    """The pose that brings control points onto their best candidates and patches to where they were observed.
+
+    Gauss-Newton from the pose of the view on, with Tukey's weights of the widths_px one after the other, over the
+    variances of the measurements.
+    """
+    n, m, edges = len(measured.weight), len(matches.places), len(measured.points.first) - 1
+    R, t, farthest = view.R.copy(), view.t.copy(), 0.0
+    weighting = Weighting(np.zeros(n), np.zeros(n), np.zeros(m))
+    step = Step(np.zeros((6, 6)), np.zeros(6), np.zeros(6))
+    sums = FrameSums(
+        *(np.zeros(edges), np.zeros((edges, 6)), np.zeros(edges)),
+        *(np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6)), np.zeros(6)),
+    )
+    for width_px in widths_px:
+        now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
+        farthest = add_points(measured, now, width_px, weighting, sums, config)
+        add_patches(matches, now, width_px, weighting, sums)
+        if not solve_step(sums, biases, prior, now, step, config):
+            break
+        moved = se3_exp_left(R, t, step.to_fit)
+        R, t = moved.R, moved.t
+    return Estimate(R, t, step, sums, weighting, farthest)

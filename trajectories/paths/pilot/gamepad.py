@@ -43,11 +43,11 @@ class Gamepad:
             [self.top_speed_m_s, self.top_speed_m_s, self.top_climb_m_s, np.radians(self.top_yaw_rate_deg_s)]
         )
 
-    def command(self, sticks: Array) -> Array:
+    def command(self, stick_input: Array) -> Array:
         """Commands (4,) of stick deflections (4,) in -1..1."""
-        beyond = np.clip((np.abs(sticks) - self.dead_zone) / (1 - self.dead_zone), 0.0, 1.0)
+        beyond = np.clip((np.abs(stick_input) - self.dead_zone) / (1 - self.dead_zone), 0.0, 1.0)
         bent = self.expo * (beyond * beyond * beyond) + (1 - self.expo) * beyond
-        return np.asarray(np.sign(sticks) * bent * self.tops)
+        return np.asarray(np.sign(stick_input) * bent * self.tops)
 
     def deflection(self, command: Array) -> Array:
         """Stick deflections (4,) that give a command (4,), within -1..1: the inverse of `command`."""
@@ -82,7 +82,7 @@ class Wander:
 
 
 class Assist:
-    """Velocity assist: holds position and heading, not quite, and moves them as the sticks say."""
+    """Velocity assist: holds position and heading, not quite, and moves them by the stick input."""
 
     def __init__(self, position_m: Array, yaw_rad: float, wander: Wander, steps: int) -> None:
         # position 0:3, velocity 3:6, acceleration 6:9, yaw 9, yaw rate 10, yaw acceleration 11

@@ -125,18 +125,18 @@ class Pilot:
         self.steps = round(path.duration_s / STEP_S) + 1
         self._path, self._stage, self._rng = path, stage, rng
         self._sign = 1.0 if path.direction == "counter-clockwise" else -1.0
-        self._wishes = [Wish(rng) for _ in range(3)]
+        self._signals = [SlowSignal(rng) for _ in range(3)]
         bearing = np.radians(path.start_deg) - self._sign * path.speed_m_s * WARM_UP_S / np.mean(path.range_m)
         distance, height = self._place(-WARM_UP_S)
         start = np.array([*(stage.centre + distance * np.array([math.cos(bearing), math.sin(bearing)])), height])
         wander = Wander(path.wander_m, np.radians(path.wander_deg), rng)
         self._assist = Assist(start, bearing + np.pi, wander, self.warm_up + self.steps)
         self._memory: deque[VehicleState] = deque()
-        self._sticks, self._target = np.zeros(4), np.zeros(4)
+        self._stick_input, self._target = np.zeros(4), np.zeros(4)
         self._decide_at = -WARM_UP_S
 
     def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
-        """Reference rows of the next steps, from what the pilot does with his sticks."""
+        """Reference rows of the next steps, from the pilot's stick input."""
         if state is None:
             return np.tile(self._assist.now(), (count, 1))
         now = first * STEP_S
@@ -148,44 +148,44 @@ class Pilot:
             self._target = self._decide(now, late)
             self._decide_at = now + self._rng.uniform(*DECISION_S)
         way = self._path.pad.thumb_rate_1_s * count * STEP_S
-        self._sticks += np.clip(self._target - self._sticks, -way, way)
-        held = self._sticks + self._path.pad.tremor * self._rng.standard_normal(4)
+        self._stick_input += np.clip(self._target - self._stick_input, -way, way)
+        held = self._stick_input + self._path.pad.tremor * self._rng.standard_normal(4)
         return self._assist.rows(self._path.pad.command(held), count)
 
     def _place(self, now_s: float) -> tuple[float, float]:
-        return self._stage.place(self._wishes[0].at(now_s), self._wishes[1].at(now_s))
+        return self._stage.place(self._signals[0].at(now_s), self._signals[1].at(now_s))
 
     def _decide(self, now_s: float, late: VehicleState) -> Array:
         """Stick deflections (4,) that correct the state observed with delay."""
         to_centre = np.array(self._stage.centre) - late.position_m[:2]
         distance = float(exact.length(to_centre))
-        wished_distance, wished_height = self._place(now_s)
+        desired_distance, desired_height = self._place(now_s)
         turn = math.atan2(to_centre[1], to_centre[0]) - late.yaw_rad
         error = np.array(
             [
-                distance - wished_distance,
+                distance - desired_distance,
                 0.0,
-                wished_height - late.position_m[2],
+                desired_height - late.position_m[2],
                 math.atan2(math.sin(turn), math.cos(turn)),
             ]
         )
         command = EAGERNESS_1_S * np.where(np.abs(error) > NOTICED, error, 0.0)
-        pace = self._sign * self._path.speed_m_s * (0.4 + 1.2 * self._wishes[2].at(now_s))
-        command[1] -= pace  # Facing the structure, counter-clockwise is to the right.
-        command[3] += pace / distance
+        sideways_m_s = self._sign * self._path.speed_m_s * (0.4 + 1.2 * self._signals[2].at(now_s))
+        command[1] -= sideways_m_s  # Facing the structure, counter-clockwise is to the right.
+        command[3] += sideways_m_s / distance
         return np.asarray(
             np.clip(self._path.pad.deflection(command) * (1 + CLUMSINESS * self._rng.standard_normal(4)), -1.0, 1.0)
         )
 
 
-class Wish:
-    """A slow random wish in 0..1: four sine waves of random period and phase."""
+class SlowSignal:
+    """A slow random signal in 0..1: four sine waves of random period and phase."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rates = 2 * np.pi / rng.uniform(12.0, 45.0, 4)
         self._phases = rng.uniform(0.0, 2 * np.pi, 4)
 
     def at(self, now_s: float) -> float:
-        """The wish at a time."""
+        """The signal at a time."""
         waves = float(exact.sin(self._rates * now_s + self._phases).sum())
         return 0.5 + 0.5 * math.tanh(0.8 * waves)

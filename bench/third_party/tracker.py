@@ -1,4 +1,4 @@
-"""What every peer has in common: a folder it is set up in, and a program that is there or absent."""
+"""Base of third-party trackers: a folder it is set up in, and a program that is there or absent."""
 
 import json
 import os
@@ -18,11 +18,11 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
 
 
-class Peer(ABC):
-    """A tracker of others; a frozen dataclass of its parameters, with `command`.
+class ThirdPartyTracker(ABC):
+    """A tracker by other authors; a frozen dataclass of its parameters, with `command`.
 
-    It is absent until `uavbench peers setup NAME` has set it up: then its folder holds `peer.json` with the versions of
-    what it is made of, and they enter the hash of every result.
+    It is absent until `uavbench third-party setup NAME` has set it up: then its folder holds `versions.json` with the
+    versions of what it is made of, and they enter the hash of every result.
     """
 
     name: ClassVar[str]
@@ -30,16 +30,16 @@ class Peer(ABC):
 
     @classmethod
     def folder(cls) -> Path:
-        """Where it is set up: `$UAVBENCH_PEERS/NAME`, by default under the user's cache."""
+        """Where it is set up: `$UAVBENCH_THIRD_PARTY/NAME`, by default under the user's cache."""
         cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-        return Path(os.environ.get("UAVBENCH_PEERS") or f"{cache}/uavbench/peers") / cls.name
+        return Path(os.environ.get("UAVBENCH_THIRD_PARTY") or f"{cache}/uavbench/third-party") / cls.name
 
     @classmethod
     def absence(cls) -> str:
         """Why it cannot run here, "" when it can."""
-        if (cls.folder() / "peer.json").is_file():
+        if (cls.folder() / "versions.json").is_file():
             return ""
-        return f"not set up on this machine; `uavbench peers setup {cls.name}` does it"
+        return f"not set up on this machine; `uavbench third-party setup {cls.name}` does it"
 
     @classmethod
     @abstractmethod
@@ -49,7 +49,7 @@ class Peer(ABC):
     @classmethod
     def mark(cls, versions: dict[str, str]) -> None:
         """Note that it is set up."""
-        write_text(cls.folder() / "peer.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", sealed=True)
+        write_text(cls.folder() / "versions.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", sealed=True)
 
     @abstractmethod
     def command(self) -> tuple[str, ...]:
@@ -58,13 +58,13 @@ class Peer(ABC):
     @property
     def entering_files(self) -> tuple[Path, ...]:
         """Files whose content enters every result."""
-        marker = self.folder() / "peer.json"
+        marker = self.folder() / "versions.json"
         return (*self.program.entering_files, marker) if marker.is_file() else ()
 
     @property
     def record(self) -> dict[str, Any]:
-        """What the record of a run says of its tracker."""
-        versions = json.loads((self.folder() / "peer.json").read_text(encoding="utf-8"))
+        """The tracker's entry in the record of a run."""
+        versions = json.loads((self.folder() / "versions.json").read_text(encoding="utf-8"))
         return {"kind": self.name, "parameters": parameters(self), "versions": versions}
 
     @property
@@ -73,11 +73,11 @@ class Peer(ABC):
         return External(command=self.command(), pixels=self.pixels)
 
     def present(self) -> External:
-        """The program; UserError where the peer is absent."""
+        """The program; UserError where the third-party tracker is absent."""
         if why := self.absence():
             raise UserError(f"{self.name}: {why}")
         return self.program
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run; UserError where the peer is absent."""
+        """Begin a run; UserError where the third-party tracker is absent."""
         return self.present().start(structure, camera, cam_from_world, rng)

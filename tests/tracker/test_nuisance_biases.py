@@ -1,11 +1,11 @@
-"""What errs alike in all frames: the patches' common error and the offsets of edges, against dense linear algebra."""
+"""Biases shared across frames: the patches' pose error and the offsets of edges, against dense linear algebra."""
 
 import numpy as np
 import pytest
 
 from uavbench.tracker.robust.config.solver import BiasConfig
-from uavbench.tracker.robust.solver.bias_kernels import adjoint, pinned
-from uavbench.tracker.robust.solver.nuisance_biases import CommonErrors
+from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, FrameSums, adjoint, observability
+from uavbench.tracker.robust.solver.nuisance_biases import NuisanceBiases
 from uavbench.trajectories.pose import Pose
 
 EDGES, POINTS = 7, 12
@@ -23,7 +23,7 @@ def sums_of(edge, J, residual, weight):
     S = np.array([weight[edge == e].sum() for e in views])
     s = np.array([(weight[edge == e, None] * J[edge == e]).sum(axis=0) for e in views])
     d = np.array([(weight[edge == e] * residual[edge == e]).sum() for e in views])
-    return views, (S, s, d, (J.T * weight) @ J, J.T @ (weight * residual), SURE)
+    return views, FrameSums(S, s, d, (J.T * weight) @ J, J.T @ (weight * residual), SURE, np.zeros(6))
 
 
 def frame(rng, pose, D, offsets, noise_px=0.0):
@@ -43,7 +43,7 @@ def test_a_twist_in_the_world_is_the_same_motion_as_its_adjoint_of_the_camera():
 
 def test_the_arrow_is_solved_as_the_whole_system_is():
     config, rng = BiasConfig(forgotten_part=0.0), np.random.default_rng(2)
-    common, spread = CommonErrors(EDGES, config), np.full(EDGES, 0.2**2)
+    common, spread = NuisanceBiases(EDGES, config), np.full(EDGES, 0.2**2)
     prior, first, second = np.diag(rng.uniform(1e3, 1e4, 6)), a_pose(rng), a_pose(rng)
     offsets, nothing = rng.normal(size=EDGES) * 0.2, np.zeros(6)
     X = [adjoint(p.rotation, p.translation) for p in (first, second)]
@@ -54,7 +54,7 @@ def test_the_arrow_is_solved_as_the_whole_system_is():
         edge, J, residual = frame(rng, pose, rng.normal(size=6) * 1e-3, offsets)
         views, sums = sums_of(edge, J, residual, np.full(POINTS, 50.0))
         if k == 0:
-            common.begin(views, spread[views], sums, nothing, prior, pose)
+            common.begin(EdgeOffsets(views, spread[views]), sums, nothing, prior, pose)
         rows = np.concatenate([J @ X[k], np.eye(EDGES)[edge]], axis=1)
         part = 50.0 if k == 0 else 50.0 / 4
         dense += part * rows.T @ rows
@@ -63,13 +63,13 @@ def test_the_arrow_is_solved_as_the_whole_system_is():
         else:  # the patches are taken where the frame puts them: the first frame says nothing of D beside the offsets
             right[6:] += part * rows[:, 6:].T @ residual
             right[:6] = dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], right[6:])
-    twist = common.learn(views, spread[views], sums, nothing, second, config.correlation_s / 4)
+    twist = common.learn(EdgeOffsets(views, spread[views]), sums, nothing, second, config.correlation_s / 4)
     solution = np.linalg.solve(dense, right)
     np.testing.assert_allclose(twist, X[1] @ solution[:6], rtol=1e-6, atol=1e-12)
     schur = dense[:6, :6] - dense[:6, 6:] @ np.linalg.solve(dense[6:, 6:], dense[6:, :6])
     np.testing.assert_allclose(common.known, schur, rtol=1e-8)
     every = np.arange(EDGES)
-    A, v, ties, seen, moment = common.at(every, spread, second.rotation, second.translation)
+    A, v, ties, seen, moment = common.at(EdgeOffsets(every, spread), second.rotation, second.translation)
     here = np.linalg.inv(X[1])
     np.testing.assert_allclose(A - (ties.T / seen) @ ties, here.T @ schur @ here, rtol=1e-6)
     np.testing.assert_allclose(v, ties.T @ (moment / seen), rtol=1e-6)  # centred: nothing is expected of D
@@ -78,16 +78,16 @@ def test_the_arrow_is_solved_as_the_whole_system_is():
 
 def test_a_frame_counts_for_as_much_as_its_patches_tell_the_pose():
     E = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    assert pinned(E, SURE) == pytest.approx(1.0)
-    assert pinned(E, E) == pytest.approx(0.5)
-    assert pinned(E, np.zeros((6, 6))) == 0.0
+    assert observability(E, SURE) == pytest.approx(1.0)
+    assert observability(E, E) == pytest.approx(0.5)
+    assert observability(E, np.zeros((6, 6))) == 0.0
 
 
 @pytest.mark.parametrize("offset_px", [0.0, 0.3])
 def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(offset_px):
     config = BiasConfig(forgotten_part=0.02)
     rng = np.random.default_rng(3)
-    common, spread = CommonErrors(EDGES, config), np.full(EDGES, 0.3**2)
+    common, spread = NuisanceBiases(EDGES, config), np.full(EDGES, 0.3**2)
     offsets = offset_px * rng.choice([-1.0, 1.0], EDGES)
     left = rng.normal(size=6) * 1e-3  # of the places of the patches, as a twist in the world
     for k in range(100):
@@ -95,11 +95,13 @@ def test_frames_from_many_sides_tell_the_patches_error_from_the_edges_offsets(of
         edge, J, residual = frame(rng, pose, left, offsets, noise_px=0.05)
         views, sums = sums_of(edge, J, residual, np.full(POINTS, 1 / 0.05**2))
         if k == 0:
-            common.begin(views, spread[views], sums, np.zeros(6), np.eye(6) * 1e-2, pose)
+            common.begin(EdgeOffsets(views, spread[views]), sums, np.zeros(6), np.eye(6) * 1e-2, pose)
             continue
         X = adjoint(pose.rotation, pose.translation)
         left = left - np.linalg.solve(
-            X, common.learn(views, spread[views], sums, np.zeros(6), pose, config.correlation_s)
+            X, common.learn(EdgeOffsets(views, spread[views]), sums, np.zeros(6), pose, config.correlation_s)
         )
     assert np.abs(left).max() < 1e-4
-    np.testing.assert_allclose(common.moment / (common.seen + common.least), offsets, atol=0.03)
+    np.testing.assert_allclose(
+        common.state.offset_vector / (common.state.offset_information + common.state.offset_prior), offsets, atol=0.03
+    )

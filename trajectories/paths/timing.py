@@ -13,7 +13,7 @@ FASTER = 1.05
 """Factor between the speeds that are tried."""
 
 
-class Pace(Protocol):
+class TimedPath(Protocol):
     """A path that takes a duration or a speed, and how fast it is flown where neither is given."""
 
     @property
@@ -37,7 +37,7 @@ class Pace(Protocol):
         ...
 
 
-def asked_speed(path: object) -> float | None:
+def requested_speed(path: object) -> float | None:
     """Speed that a path was asked to be flown at, or is by default; None where a duration rules, or it has none."""
     speed = getattr(path, "speed_m_s", None)
     if speed is None and getattr(path, "duration_s", None) is None:
@@ -45,7 +45,7 @@ def asked_speed(path: object) -> float | None:
     return None if speed is None else float(speed)
 
 
-def paced(path: Pace, rows_at: Callable[[float], Array], length_m: float) -> Array:
+def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: float) -> Array:
     """Rows (n, ...) of a path, one per control step, at its speed or of its duration; rows_at(speed) plans them.
 
     UserError when both are given, or when its acceleration does not let it be flown in that time.

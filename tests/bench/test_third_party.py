@@ -1,4 +1,4 @@
-"""Peers: absent ones are told and counted nowhere; those that are set up on this machine keep the protocol."""
+"""Third-party trackers: absent ones are reported and never scored; those set up here keep the protocol."""
 
 import json
 import re
@@ -10,13 +10,13 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.third_party import visp
 from uavbench.bench.third_party.opencv_rapid import OpencvRapid
-from uavbench.bench.third_party.registry import PEERS, absent, setup, status
+from uavbench.bench.third_party.registry import THIRD_PARTY, absent, setup, status
 from uavbench.bench.third_party.visp import Visp
 from uavbench.bench.trial.check import check
 from uavbench.trajectories.errors import UserError
 
 SUITE = """
-title = "With peers"
+title = "With third-party trackers"
 rates_hz = [15.0]
 [sequences.box]
 structure = { kind = "box" }
@@ -32,7 +32,7 @@ opencv-rapid = { kind = "opencv-rapid" }
 
 @pytest.fixture
 def nowhere(tmp_path, monkeypatch):
-    monkeypatch.setenv("UAVBENCH_PEERS", str(tmp_path / "peers"))
+    monkeypatch.setenv("UAVBENCH_THIRD_PARTY", str(tmp_path / "third-party"))
     return tmp_path
 
 
@@ -40,7 +40,7 @@ def test_absent_peers_are_told_and_the_rest_runs(nowhere):
     (nowhere / "suite.toml").write_text(SUITE)
     done = uavbench("run", nowhere / "suite.toml", "--out", nowhere / "out", "--jobs", "1")
     assert done.returncode == 0, done.stderr
-    assert "absent: visp-klt: not set up on this machine; `uavbench peers setup visp` does it" in done.stderr
+    assert "absent: visp-klt: not set up on this machine; `uavbench third-party setup visp` does it" in done.stderr
     assert re.search(r"^\| opencv-rapid \|( absent \|)+$", done.stdout, re.MULTILINE)
     scores = json.loads((nowhere / "out" / "scores.json").read_text())
     assert {score["label"] for score in scores["scores"]} == {"hold"}
@@ -70,16 +70,16 @@ def test_a_peer_that_comes_makes_the_report_stale_and_its_version_the_results(no
     }
 
 
-@pytest.mark.parametrize("name", list(PEERS))
+@pytest.mark.parametrize("name", list(THIRD_PARTY))
 def test_a_peer_keeps_the_protocol_or_says_how_to_get_it(name, tmp_path):
-    peer = PEERS[name]()
-    if why := absent({"it": peer}).get("it"):
-        with pytest.raises(UserError, match=f"{name}: .*uavbench peers setup {name}"):
-            list(check(peer, tmp_path / "kept"))
+    third_party = THIRD_PARTY[name]()
+    if why := absent({"it": third_party}).get("it"):
+        with pytest.raises(UserError, match=f"{name}: .*uavbench third-party setup {name}"):
+            list(check(third_party, tmp_path / "kept"))
         assert any(line.startswith(name) and line.endswith(why) for line in status())
     else:
-        assert list(check(peer, tmp_path / "kept"))[-1] == "good: the protocol is kept"
-        assert peer.record["versions"]
+        assert list(check(third_party, tmp_path / "kept"))[-1] == "good: the protocol is kept"
+        assert third_party.record["versions"]
 
 
 def test_visp_says_what_to_install(nowhere, monkeypatch):
@@ -91,5 +91,5 @@ def test_visp_says_what_to_install(nowhere, monkeypatch):
 
 
 def test_an_unknown_peer_is_named(nowhere):
-    with pytest.raises(UserError, match=r"unknown peer 'vips'.*visp"):
+    with pytest.raises(UserError, match=r"unknown third-party tracker 'vips'.*visp"):
         setup("vips")

@@ -1,0 +1,70 @@
+"""Named arrays that the stages of a fit pass on: control points, their search lines, candidates and weights."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.pose import Array
+
+Indices = NDArray[np.int64]
+
+
+class ControlPoints(NamedTuple):
+    """Points on the visible edges, those of an edge together.
+
+    points (n, 3) in the world; keys (n, 3): see `columns`; rows (n,) of appearance; first (g + 1,) the row at which
+    each of the g edges in view starts, and n.
+    """
+
+    points: Array
+    keys: Indices
+    rows: Indices
+    first: Indices
+
+
+class SearchLines(NamedTuple):
+    """Control points at a pose.
+
+    lines (n, 4) pixel and unit normal; jacobian (n, 6) motion in px along the normal per unit of a twist of the
+    camera; side (n,) a code of `columns`.
+    """
+
+    lines: Array
+    jacobian: Array
+    side: Indices
+
+
+class Candidates(NamedTuple):
+    """Steps found on the search lines, k for each.
+
+    distance (n, k) from the line's middle, px, inf where none; penalty (n, k) of colours that differ from those
+    learned, squared standard deviations; contrast (n, k), grey levels.
+    """
+
+    distance: Array
+    penalty: Array
+    contrast: Array
+
+
+class EdgeMeasurements(NamedTuple):
+    """Measurements of the edges in an image: weight (n,) in [0, 1] before robust weighting, variance_px2 (n,)."""
+
+    points: ControlPoints
+    lines: SearchLines
+    candidates: Candidates
+    weight: Array
+    variance_px2: Array
+
+
+CONTROL_POINTS = named_tuple(ControlPoints, "f2! i2! i1! i1!")
+SEARCH_LINES = named_tuple(SearchLines, "f2! f2! i1!")
+CANDIDATES = named_tuple(Candidates, "f2! f2! f2!")
+EDGE_MEASUREMENTS = named_tuple(
+    EdgeMeasurements,
+    "points lines candidates f1! f1!",
+    points=CONTROL_POINTS,
+    lines=SEARCH_LINES,
+    candidates=CANDIDATES,
+)

@@ -1,0 +1,54 @@
+"""The config of a fit as the compiled kernels take it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.config.edges import (
+    AppearanceConfig,
+    SamplingConfig,
+    SearchConfig,
+    SubpixelConfig,
+    WeightConfig,
+)
+from uavbench.tracker.robust.config.solver import EstimatorConfig, HypothesesConfig
+from uavbench.tracker.robust.kernel_values import kernel_values
+from uavbench.trajectories.pose import Array
+
+
+class Widths(NamedTuple):
+    """Widths of Tukey's weights in px, one after the other, of each fit of a frame."""
+
+    coarse: Array
+    patches: Array
+    fine: Array
+    last: Array
+
+
+class KernelConfig(NamedTuple):
+    """The stages' values, each as `kernel_values` makes them."""
+
+    sampling: SamplingConfig
+    search: SearchConfig
+    appearance: AppearanceConfig
+    weights: WeightConfig
+    subpixel: SubpixelConfig
+    hypotheses: HypothesesConfig
+    estimator: EstimatorConfig
+    widths: Widths
+
+    @classmethod
+    def of(cls, config: RobustConfig) -> "KernelConfig":
+        """The values of a config."""
+        edges, solver, e = config.edges, config.solver, config.solver.estimator
+        return cls(
+            kernel_values(edges.sampling),
+            kernel_values(edges.search),
+            kernel_values(edges.appearance),
+            kernel_values(edges.weights),
+            kernel_values(edges.subpixel),
+            kernel_values(solver.hypotheses),
+            kernel_values(solver.estimator),
+            Widths(*map(np.array, (e.coarse_widths_px, e.patch_widths_px, e.fine_widths_px, e.last_widths_px))),
+        )
