@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from uavbench.bench.closed_loop.latency import LATENCIES, LatencySpec
+from uavbench.bench.closed_loop.trackers import FLIGHT_TRACKERS
 from uavbench.bench.external.program import External
 from uavbench.bench.third_party.registry import PEERS
 from uavbench.scenes.clutter.registry import CLUTTER
@@ -29,6 +31,7 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     SensorSpec: (SENSORS, "measure"),
     Initialization: (INITIALIZATIONS, "first_pose"),
     RecordingSource: (RECORDINGS, "find"),
-    Tracker: ({**TRACKERS, **PEERS, "external": External}, "start"),
+    Tracker: ({**TRACKERS, **PEERS, **FLIGHT_TRACKERS, "external": External}, "start"),
+    LatencySpec: (LATENCIES, "delay_ns"),
 }
 """Protocol -> (name -> class, verb)."""

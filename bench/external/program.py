@@ -20,7 +20,7 @@ from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import refuse_seen, usable
 from uavbench.bench.external.job_folder import job_folder, keep, sample_lines, write_frames, write_job, write_sensors
 from uavbench.bench.external.process import Process
-from uavbench.bench.external.rows import Fault, TrackerFault, read_estimates, read_row
+from uavbench.bench.external.rows import ROW_FAULTS, Fault, TrackerFault, read_estimates, read_row
 from uavbench.bench.inputs.command_files import command_files, run_files
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples
@@ -40,8 +40,6 @@ LONGEST_S = 86_400.0
 """A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
 MOST_MB = 1 << 27
 """128 TiB, the address space of a process on x86-64 Linux: more is no limit."""
-ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
-"""Faults that cost one frame and leave program and harness in step."""
 
 
 @dataclass(frozen=True, kw_only=True)

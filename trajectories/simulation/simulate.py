@@ -20,9 +20,8 @@ BLOCK = 10
 """Control steps between updates of the guidance: 50 Hz."""
 
 
-def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, obstacles: ObstacleMesh) -> Array:
-    """Record (n, 30) of a flight, its columns as in `RECORD`; row k is the state at step k."""
-    simulation = Simulation(vehicle, gains, guidance, air, obstacles)
+def simulate(simulation: "Simulation") -> Array:
+    """Record (n, 30) of a flight on its true state, its columns as in `RECORD`; row k is the state at step k."""
     while not simulation.is_over:
         simulation.observe()
         simulation.command(simulation.qpos, simulation.qvel)
@@ -58,6 +57,14 @@ class Simulation:
         self.reference = np.zeros((guidance.steps, REFERENCE_COLUMNS))
         self._spare = np.zeros(RECORD_COLUMNS)
         self._rows = self._winds = np.zeros((0, 3))
+
+    def warm_up(self) -> None:
+        """Fly on the true state up to the first row of the record, and look at that one."""
+        while self.step < 0:
+            self.observe()
+            self.command(self.qpos, self.qvel)
+            self.advance()
+        self.observe()
 
     @property
     def is_over(self) -> bool:
