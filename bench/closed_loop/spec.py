@@ -69,7 +69,7 @@ class LoopSpec:
     corridor_m: Annotated[float, Gt(0)] = 0.5
     time_limit_s: Annotated[float, Gt(0)] | None = None
     on_fault: Literal["lost", "end"] = "lost"
-    coverage_px_m: Annotated[float, Gt(0)] = 200.0
+    coverage_px_m: Annotated[float, Gt(0)] = 100.0
 
     def __post_init__(self) -> None:
         for first, last in self.gnss_outages_s:

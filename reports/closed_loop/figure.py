@@ -36,8 +36,8 @@ def draw_flight_in_closed_loop(flown: Flown, figure: Figure | SubFigure) -> Draw
     t, path = flown.path.seconds, flown.path
     true_m = path.group("true_p_m")
     errors_cm = {
-        "from the plan": 100 * np.linalg.norm(true_m - path.group("planned_p_m"), axis=1),
-        "of the estimate": 100 * np.linalg.norm(true_m - path.group("believed_p_m"), axis=1),
+        "path": 100 * np.linalg.norm(true_m - path.group("planned_p_m"), axis=1),
+        "estimate": 100 * np.linalg.norm(true_m - path.group("believed_p_m"), axis=1),
     }
     _draw_errors(panels[0], flown, errors_cm)
     _draw_innovations(panels[1], flown)
@@ -69,7 +69,7 @@ def _draw_space(solid: Any, flown: Flown) -> None:
         solid.plot(*_within(believed, low, high).T, color=BELIEVED, lw=0.8, ls=(0, (4, 1)), label="believed")
     fixed = np.asarray(path.group("gnss_fix") > 0)
     without = np.where(fixed, np.nan, true_m)
-    if fixed.any():
+    if fixed.any() and not fixed.all():
         solid.plot(*without.T, color=LOSS, lw=4.0, alpha=0.7, zorder=0, label="no GNSS fix")
     solid.plot(*true_m[:1].T, marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none")
     if flown.record["flight"]["status"] != "completed":
@@ -91,7 +91,7 @@ def _within(places: Array, low: Array, high: Array) -> Array:
 
 
 def _draw_errors(panel: Axes, flown: Flown, errors_cm: dict[str, Array]) -> None:
-    inks = {"from the plan": TRUTH, "of the estimate": BELIEVED}
+    inks = {"path": TRUTH, "estimate": BELIEVED}
     for label, values in errors_cm.items():
         if np.isfinite(values).any():
             panel.plot(flown.path.seconds, np.maximum(values, LEAST_CM), color=inks[label], label=label)
@@ -100,10 +100,10 @@ def _draw_errors(panel: Axes, flown: Flown, errors_cm: dict[str, Array]) -> None
     known = np.isfinite(translation_m)
     if known.any():
         values = np.maximum(100 * translation_m[known], LEAST_CM)
-        panel.plot(at[known], values, color=TRACKER, ls="none", marker=".", ms=2, label="of the tracker")
+        panel.plot(at[known], values, color=TRACKER, ls="none", marker=".", ms=2, label="tracker")
     panel.set_yscale("log")
     panel.set_ylabel("error (cm)")
-    panel.legend(ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), handlelength=1.2, columnspacing=0.8)
+    panel.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.02, 0.98), handlelength=1.0, columnspacing=0.8)
 
 
 def _draw_innovations(panel: Axes, flown: Flown) -> None:

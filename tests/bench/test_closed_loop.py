@@ -1,7 +1,6 @@
 """Flights in closed loop: what the controller knows, what is repeatable, and what a bad tracker cannot do."""
 
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -169,9 +168,11 @@ def test_a_constant_latency_gives_the_same_bytes_again(tmp_path):
 def test_answers_come_after_their_latency():
     found = flown(box(), Blind(), latency=Constant(120.0), estimator="truth")
     assert (found.answered_ns - found.results.stamps_ns == 120_000_000).all()
-    drawn = flown(box(), Blind(), latency=Lognormal(median_ms=80.0, spread=0.5), estimator="truth")
-    delays = (drawn.answered_ns - drawn.results.stamps_ns) / 1e6
-    assert len(np.unique(delays)) == len(delays) and 20 < np.median(delays) < 320
+    drawn = [
+        Lognormal(median_ms=80.0, spread=0.5).delay_ns(0.0, rng) / 1e6 for rng in [stream(0, "x")] for _ in range(500)
+    ]
+    assert np.median(drawn) == pytest.approx(80.0, rel=0.1)
+    assert np.std(np.log(drawn)) == pytest.approx(0.5, rel=0.1)
 
 
 def test_a_tracker_that_is_at_work_misses_frames():
@@ -185,10 +186,10 @@ def test_a_tracker_that_is_at_work_misses_frames():
 
 
 def test_what_holds_nothing_strays():
-    spec = box(Orbit(distance_m=1.0, height_m=0.6, turns=0.4, speed_m_s=0.5))
-    held = measure_flight(flown(spec, Hold(), crash=CrashSpec(stray_m=0.6), corridor_m=0.3))
+    spec = box(Orbit(distance_m=1.0, height_m=0.6, turns=0.1, speed_m_s=0.5))
+    held = measure_flight(flown(spec, Hold(), crash=CrashSpec(stray_m=0.4), corridor_m=0.2))
     assert not held.success
-    assert measure_flight(flown(spec, GroundTruth(), corridor_m=0.3)).success
+    assert measure_flight(flown(spec, GroundTruth(), corridor_m=0.2)).success
 
 
 # Bad trackers
@@ -230,16 +231,20 @@ def test_a_program_that_fails_in_flight_is_lost_from_there_and_told_with_its_tim
     assert told in found.record["errors"][0]
     frame = 4 if bad == "twice" else 3  # what is said twice is heard at the next frame
     assert found.record["errors"][0].startswith(f"t = {found.results.stamps_ns[frame] / 1e9:.3f} s")
-    ended = flown(box(), tracker, estimator="truth", on_fault="end")
+
+
+def test_a_fault_ends_the_flight_where_the_suite_says_so():
+    ended = flown(box(), Watching(lambda t: 1 / 0 if t > 0.3e9 else TrackResult(status="lost")), on_fault="end",
+                  estimator="truth")  # fmt: skip
     assert ended.record["flight"]["status"] == "stopped"
+    assert 0.3 < ended.record["flight"]["ended_s"] < 0.4
     assert not measure_flight(ended).success
 
 
 @pytest.mark.parametrize("answer", [
     lambda t: 1 / 0,
-    lambda t: None,
     lambda t: TrackResult(status="ok", cam_from_world=Pose(np.eye(3), np.array([np.nan, 0, 0]))),
-], ids=["raises", "none", "nan"])  # fmt: skip
+], ids=["raises", "nan"])  # fmt: skip
 def test_python_that_fails_in_flight_is_lost_and_told(answer):
     found = flown(box(), Watching(answer), sensors=("imu", "camera", "baro"))
     assert {r.status for r in found.results.rows} == {"lost"}
@@ -302,10 +307,3 @@ def test_a_time_limit_ends_a_flight():
     found = flown(box(), Blind(), estimator="truth", time_limit_s=0.5)
     assert (found.record["flight"]["status"], found.record["flight"]["ended_s"]) == ("timed out", 0.5)
     assert not measure_flight(found).success
-
-
-def test_a_spec_is_not_changed_by_its_flight():
-    spec = box()
-    before = replace(spec)
-    flown(spec, Blind(), estimator="truth")
-    assert spec == before
