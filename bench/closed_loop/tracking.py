@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from uavbench.bench.closed_loop.trackers import GroundTruth
+from uavbench.bench.external.program import StreamRun
 from uavbench.bench.external.rows import ROW_FAULTS, TrackerFault
 from uavbench.scenes.dataset.body import Samples
 from uavbench.tracker.protocol import Image, Run, TrackResult
@@ -15,7 +16,8 @@ LOST = TrackResult(status="lost")
 class TrackerInFlight:
     """A run of a tracker; `faults` are what it did wrong, by the stamp of the frame.
 
-    A program that broke the protocol is not asked again: its answers could belong to any frame.
+    What a program says beyond its answers is forgotten; one that is out of step, so that its answers could belong to
+    any frame, is not asked again.
     """
 
     def __init__(self, run: "Run | GroundTruth") -> None:
@@ -38,7 +40,7 @@ class TrackerInFlight:
 
 
 class Watched:
-    """A run that notes when its program has broken the protocol."""
+    """A run that notes when its program is out of step."""
 
     def __init__(self, run: Run, noted: TrackerInFlight) -> None:
         self._run, self._noted = run, noted
@@ -50,5 +52,8 @@ class Watched:
         try:
             return self._run.track(image, stamp_ns)
         except TrackerFault as error:
-            self._noted.has_ended |= error.fault.name not in ROW_FAULTS
+            if isinstance(self._run, StreamRun) and not self._run.owes:
+                self._run.process.discard()
+            else:
+                self._noted.has_ended |= error.fault.name not in ROW_FAULTS
             raise

@@ -119,9 +119,10 @@ def isolated_trackers(trackers: Mapping[str, Tracker]) -> dict[str, Tracker]:
 
 
 class StreamRun:
-    """A run of a program that gets a frame at a time."""
+    """A run of a program that gets a frame at a time; `owes`: it was sent one, and its answer has not come."""
 
     held: ExitStack | None = None
+    owes = False
 
     def __init__(self, tracker: External, process: Process) -> None:
         self.tracker, self.process, self.frames, self.stamp_ns = tracker, process, 0, -1
@@ -149,6 +150,7 @@ class StreamRun:
         self.before = b""
         deadline = time.monotonic() + self.tracker.timeout_s
         begin = time.perf_counter()
+        self.owes = True
         self.process.send([header, memoryview(pixels.reshape(-1))], deadline, where)
         answer = self.process.line(deadline, where)
         total_ms = (time.perf_counter() - begin) * 1e3
@@ -157,7 +159,7 @@ class StreamRun:
         if stamp != stamp_ns:
             name = "duplicate" if stamp == self.stamp_ns else "unknown-stamp"
             raise TrackerFault(name, where, f"the answer has the stamp {stamp}")
-        self.stamp_ns = stamp_ns
+        self.owes, self.stamp_ns = False, stamp_ns
         return TrackResult(
             status=result.status,
             cam_from_world=result.cam_from_world,

@@ -128,7 +128,7 @@ def _draw_availability(panel: Axes, flown: Flown) -> None:
         panel.barh(0, end - begin, left=begin, color=BELIEVED if good else CRASH, height=0.7, lw=0)
     t = flown.path.seconds
     step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    fixed = np.asarray(flown.path.group("gnss_fix")[:, 0] > 0)
+    fixed = flown.path.group("gnss_fix")[:, 0].astype(bool)
     panel.bar(t[fixed], 0.7, width=step, bottom=0.65, color=FIX, lw=0)
     panel.set_yticks([0, 1], ["pose", "GNSS"])
     panel.set_ylim(-0.5, 1.5)

@@ -213,24 +213,30 @@ for line in sys.stdin.buffer:
     if frames == 4 and bad == "nan":
         print(f"{stamp},ok,nan,0,0,1,0,0,0", flush=True)
         continue
-    print(f"{stamp},lost", flush=True)
+    answer = f"{stamp},ok,0,0,1,1,0,0,0"
+    print(answer, flush=True)
     if frames == 4 and bad == "twice":
-        print(f"{stamp},lost", flush=True)
+        print(answer, flush=True)
+    if frames == 4 and bad == "chatters":
+        print("still here", flush=True)
 """
 
 
 @pytest.mark.parametrize(("bad", "told"), [("hangs", "hung"), ("crashes", "crashed"), ("nan", "not-finite"),
-                                           ("twice", "duplicate")])  # fmt: skip
-def test_a_program_that_fails_in_flight_is_lost_from_there_and_told_with_its_time(tmp_path, bad, told):
+                                           ("twice", "duplicate"), ("chatters", "unasked")])  # fmt: skip
+def test_a_program_that_fails_in_flight_is_lost_and_told_with_its_time(tmp_path, bad, told):
     program = tmp_path / "tracker.py"
     program.write_text(PROGRAM)
-    tracker = External(command=(sys.executable, str(program), bad), timeout_s=1.0)
+    timeout_s = 4.0 if bad == "hangs" else 60.0
+    tracker = External(command=(sys.executable, str(program), bad), timeout_s=timeout_s)
     found = flown(box(), tracker, estimator="truth")
     assert found.record["flight"]["status"] == "completed"
     assert len(found.record["errors"]) == 1
     assert told in found.record["errors"][0]
-    frame = 4 if bad == "twice" else 3  # what is said twice is heard at the next frame
+    frame = 4 if bad in ("twice", "chatters") else 3  # what is said beyond an answer is heard at the next frame
     assert found.record["errors"][0].startswith(f"t = {found.results.stamps_ns[frame] / 1e9:.3f} s")
+    lost = np.flatnonzero(~found.results.ok).tolist()
+    assert lost == ([frame] if bad in ("nan", "twice", "chatters") else list(range(frame, len(found.results))))
 
 
 def test_a_fault_ends_the_flight_where_the_suite_says_so():

@@ -15,7 +15,7 @@ from uavbench.bench.runner.flights import plan_flights
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.trajectories.errors import UserError
 
-LOOP = '[loop]\nlatency = { kind = "constant", ms = 20.0 }\ncorridor_m = 0.4\n'
+LOOP = '[loop]\nlatency = { kind = "constant", ms = 20.0 }\ncorridor_m = 0.4\ncoverage_px_m = 20.0\n'
 SUITE = SMALL.replace(
     'environment = { kind = "indoor" }', 'environment = { kind = "studio" }\nsensors = [{ kind = "imu" }]'
 )
