@@ -7,7 +7,7 @@ import numpy as np
 
 from uavbench.bench.closed_loop.ending import Ending
 from uavbench.bench.closed_loop.open_loop import OpenLoop
-from uavbench.bench.closed_loop.pilot import Pilot
+from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.reports.closed_loop.flown import Flown, FlownPath
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.spec import SequenceSpec

@@ -11,8 +11,8 @@ from uavbench.bench.closed_loop.estimators import Estimator, Filtered, TrueState
 from uavbench.bench.closed_loop.eye import WayFlown, eye, frame_rows, rows_after
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.open_loop import OpenLoop
-from uavbench.bench.closed_loop.pilot import Pilot
 from uavbench.bench.closed_loop.sensing import Reading, Sensors
+from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.closed_loop.trackers import GroundTruth
 from uavbench.bench.closed_loop.tracking import TrackerInFlight
 from uavbench.reports.closed_loop.flown import Flown

@@ -1,11 +1,15 @@
-"""The table `[loop]` of a suite: what the vehicle flies on, and when a flight is over."""
+"""The table `[loop]` of a suite: what the vehicle flies on, and when a flight is over; and who flies."""
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Interval
 
-from uavbench.bench.closed_loop.latency import Constant, LatencySpec
+from uavbench.bench.closed_loop.latency import LATENCIES, Constant, LatencySpec
+from uavbench.scenes.dataset.spec_record import described
+from uavbench.tracker.initialization import Initialization
+from uavbench.tracker.protocol import Tracker
+from uavbench.tracker.run import KNOWN
 from uavbench.trajectories.errors import UserError
 
 CAMERA = "camera"
@@ -77,3 +81,20 @@ class LoopSpec:
                 raise UserError(f"gnss_outages_s: [{first:g}, {last:g}] is no span of time: from a time to a later one")
         if self.sensors is not None and len(set(self.sensors)) < len(self.sensors):
             raise UserError(f"sensors: {list(self.sensors)} names one twice")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pilot:
+    """A tracker by its label, at a rate, from a first pose, in a loop."""
+
+    label: str
+    tracker: Tracker
+    rate_hz: float
+    loop: LoopSpec
+    start: Initialization = KNOWN
+
+    def described_loop(self) -> dict[str, Any]:
+        """The table `[loop]` as JSON."""
+        table: dict[str, Any] = described(self.loop)
+        kind = next((name for name, cls in LATENCIES.items() if type(self.loop.latency) is cls), "")
+        return {**table, "latency": {"kind": kind, **table["latency"]}}

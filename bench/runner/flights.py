@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from uavbench.bench.closed_loop.pilot import Pilot
+from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.config.suite import Suite
 from uavbench.bench.inputs.content_hash import code_hash, content_hash, one_look
 from uavbench.bench.runner.graph import Job, OnStep

@@ -67,8 +67,8 @@ def _draw_space(solid: Any, flown: Flown) -> None:
     believed = path.group("believed_p_m")
     if np.isfinite(believed).any():
         solid.plot(*_within(believed, low, high).T, color=BELIEVED, lw=0.8, ls=(0, (4, 1)), label="believed")
-    fixed = np.asarray(path.group("gnss_fix") > 0)
-    without = np.where(fixed, np.nan, true_m)
+    fixed = path.group("gnss_fix")[:, 0].astype(bool)
+    without = np.where(fixed[:, None], np.nan, true_m)
     if fixed.any() and not fixed.all():
         solid.plot(*without.T, color=LOSS, lw=4.0, alpha=0.7, zorder=0, label="no GNSS fix")
     solid.plot(*true_m[:1].T, marker="o", ms=4.5, color=TRUTH, mfc="white", ls="none")
@@ -86,7 +86,7 @@ def _draw_space(solid: Any, flown: Flown) -> None:
 
 def _within(places: Array, low: Array, high: Array) -> Array:
     """Places (n, 3), NaN for those beyond the corners: an estimate may be anywhere."""
-    inside = ((places >= low) & (places <= high)).all(axis=1)
+    inside = np.asarray(((places >= low) & (places <= high)).all(axis=1))
     return np.where(inside[:, None], places, np.nan)
 
 

@@ -9,9 +9,8 @@ from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.ending import Judge
 from uavbench.bench.closed_loop.fly import fly
 from uavbench.bench.closed_loop.latency import Constant, Lognormal, Measured
-from uavbench.bench.closed_loop.pilot import Pilot
 from uavbench.bench.closed_loop.sensing import Sensors
-from uavbench.bench.closed_loop.spec import CrashSpec, LoopSpec
+from uavbench.bench.closed_loop.spec import CrashSpec, LoopSpec, Pilot
 from uavbench.bench.closed_loop.trackers import Blind, GroundTruth
 from uavbench.bench.external.program import External
 from uavbench.reports.closed_loop.flown import Flown
