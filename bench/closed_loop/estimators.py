@@ -16,6 +16,7 @@ from uavbench.trajectories.sensors.barometer import EXPONENT, LAPSE_K_M, TEMPERA
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.vehicle.quadrotor import physics
 
 CLIMB_M_S = 0.5
 """Climbing speed that the range may change with while flow is gathered, between two readings of a flow deck."""
@@ -36,8 +37,12 @@ class Estimator(Protocol):
         """Take the tracker's answer to the frame of a stamp."""
         ...
 
-    def believe(self, stamp_ns: int) -> Estimate | None:
-        """State at a time; None for the true one."""
+    def believe(self, stamp_ns: int) -> tuple[Array, Array] | None:
+        """State at a time, qpos and qvel; None for the true one."""
+        ...
+
+    def estimate(self, stamp_ns: int) -> Estimate | None:
+        """The same with its covariance; None for the true one."""
         ...
 
     @property
@@ -60,6 +65,9 @@ class TrueState:
     def believe(self, stamp_ns: int) -> None:
         """The true state."""
 
+    def estimate(self, stamp_ns: int) -> None:
+        """The true state."""
+
 
 class Filtered:
     """The vehicle's filter, fed with the sensors that it is to take."""
@@ -77,6 +85,7 @@ class Filtered:
             accel_bias_m_s2=max(imu.accel_bias_m_s2, LEAST_BIAS_M_S2),
             gyro_bias_rad_s=max(imu.gyro_bias_rad_s, LEAST_BIAS_RAD_S),
         )
+        self._to_quaternion = physics().mju_mat2Quat
         self._filter = VehicleFilter(fusion_config(spec, imu), cam_from_body, start)
         self._unclaimed = np.diag(np.repeat([spec.unclaimed_m, np.radians(spec.unclaimed_deg)], 3) ** 2)
 
@@ -97,7 +106,14 @@ class Filtered:
             result = replace(result, covariance=self._unclaimed)
         self._filter.camera(stamp_ns, result)
 
-    def believe(self, stamp_ns: int) -> Estimate:
+    def believe(self, stamp_ns: int) -> tuple[Array, Array]:
+        """The filter's state at a time: qpos (7,) and qvel (6,)."""
+        state, rates = self._filter.nominal(stamp_ns)
+        quaternion = np.empty(4)
+        self._to_quaternion(quaternion, state[6:15])
+        return np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates])
+
+    def estimate(self, stamp_ns: int) -> Estimate:
         """The filter's estimate at a time."""
         return self._filter.estimate(stamp_ns)
 

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.ending import Ending, Judge
 from uavbench.bench.closed_loop.estimators import Estimator, Filtered, TrueState
@@ -20,16 +18,14 @@ from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import SequenceSpec
-from uavbench.tracker.fusion.state import Estimate
 from uavbench.tracker.protocol import Image, TrackResult
 from uavbench.tracker.run import started, tracker_stream
 from uavbench.trajectories.kernels.warm_up import prepare
-from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.simulation.flight import begin
 from uavbench.trajectories.simulation.simulate import BLOCK, Simulation
-from uavbench.trajectories.vehicle.quadrotor import STEP_NS, Quadrotor, physics
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS, Quadrotor
 
 OnStep = Callable[[int, int], None]
 
@@ -161,13 +157,12 @@ class Loop:
     def command(self, now_ns: int) -> None:
         """Have guidance and controller act on what is believed."""
         simulation = self.simulation
-        believed = self.estimator.believe(now_ns) if self.estimator is not None else None
-        if believed is None:
-            simulation.command(simulation.qpos, simulation.qvel)
-        else:
-            simulation.command(*as_simulated(believed))
+        estimator = self.estimator
+        believed = estimator.believe(now_ns) if estimator is not None else None
+        simulation.command(*(believed or (simulation.qpos, simulation.qvel)))
         if simulation.step % BLOCK == 0:
-            self.notes.row(simulation, believed, self.sensors.has_fix)
+            estimate = estimator.estimate(now_ns) if estimator is not None else None
+            self.notes.row(simulation, estimate, self.sensors.has_fix)
 
     def look_for_the_end(self) -> None:
         """Note how the flight ended if it did within the last steps."""
@@ -178,12 +173,3 @@ class Loop:
         if found is None and loop.time_limit_s is not None and simulation.step * STEP_NS >= loop.time_limit_s * 1e9:
             found = Ending("timed out", f"it took longer than {loop.time_limit_s:g} s", simulation.step * STEP_NS)
         self.notes.ending = self.notes.ending or found
-
-
-def as_simulated(believed: Estimate) -> tuple[Array, Array]:
-    """An estimate in the form of the true state: qpos (7,) and qvel (6,)."""
-    pose, rates = believed.world_from_body, believed.angular_velocity_rad_s
-    assert rates is not None, "the filter has an IMU sample at the stamp of the first row"
-    quaternion = np.empty(4)
-    physics().mju_mat2Quat(quaternion, pose.rotation.ravel())
-    return np.concatenate([pose.translation, quaternion]), np.concatenate([believed.velocity_m_s, rates])

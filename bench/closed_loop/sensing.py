@@ -22,6 +22,9 @@ from uavbench.trajectories.sensors.registry import named
 from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorSpec, stamps_between
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
+NEVER_NS = 2**63 - 1
+"""A stamp that no flight reaches."""
+
 
 @dataclass(frozen=True, eq=False)
 class Reading:
@@ -41,17 +44,17 @@ class LiveSensor:
         self.stamps = stamps_between(0, (steps - 1) * STEP_NS, sensor.rate_hz)
         self.width = len(getattr(type(sensor), "measured", ()))
         self._reader: Reader = sensor.begin(len(self.stamps), obstacles, stream(seed, "sensor", name))
-        self._done = 0
+        self._done, self._next_ns = 0, 0
 
     def read(self, record: Array, row: int) -> list[Reading]:
         """Readings whose time has come at a row of a flight's record."""
-        end = int(np.searchsorted(self.stamps, row * STEP_NS, side="right"))
-        if end == self._done:
+        if row * STEP_NS < self._next_ns:
             return []
+        end = int(np.searchsorted(self.stamps, row * STEP_NS, side="right"))
         before = int(self.stamps[max(self._done - 1, 0)]) // STEP_NS
         new = self.stamps[self._done : end]
         values = self._reader.read(part(record, before, row), new)[:, : self.width]
-        self._done = end
+        self._done, self._next_ns = end, int(self.stamps[end]) if end < len(self.stamps) else NEVER_NS
         return [Reading(self.name, self.sensor, t, v) for t, v in zip(new.tolist(), values, strict=True)]
 
 

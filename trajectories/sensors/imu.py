@@ -99,4 +99,6 @@ def inertial_truth(flight: Flight, offset_m: Array) -> tuple[Array, Array]:
     omega, alpha = flight.angular_velocities_rad_s, flight.angular_accelerations_rad_s2
     gravity = np.array([0.0, 0.0, -GRAVITY_M_S2])
     force = np.einsum("nji,nj->ni", R, flight.accelerations_m_s2 - gravity)
+    if not offset_m.any():
+        return omega, force
     return omega, force + np.cross(alpha, offset_m) + np.cross(omega, np.cross(omega, offset_m))
