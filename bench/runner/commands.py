@@ -18,9 +18,8 @@ from uavbench.bench.external.program import isolated_trackers
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
-from uavbench.bench.runner.flights import REPORT, plan_flights
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
-from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.jobs import FLIGHTS, plan, plan_flights
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures, Render
@@ -77,7 +76,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: Where) -> i
         for label, why in absent(suite.trackers).items():
             click.echo(f"absent: {label}: {why}", err=True)
         if last == "report" and "report" not in outcome.failed:
-            table, written = ("flights.md", REPORT) if flown else ("summary.md", "index.html")
+            table, written = ("flights.md", FLIGHTS) if flown else ("summary.md", "index.html")
             click.echo((folder / "tables" / table).read_text(encoding="utf-8"))
             click.echo(f"report: {folder / written}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0

@@ -11,7 +11,7 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.closed_loop.latency import Constant
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
-from uavbench.bench.runner.flights import plan_flights
+from uavbench.bench.runner.jobs import plan_flights
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.trajectories.errors import UserError
 

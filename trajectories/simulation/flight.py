@@ -78,9 +78,7 @@ def begin(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) ->
     return _begin(spec, guidance, Quadrotor.from_mjcf(spec.airframe.build(mount)), obstacles, seed)
 
 
-def _begin(
-    spec: FlightSpec, guidance: Guidance, vehicle: Quadrotor, obstacles: ObstacleMesh, seed: int
-) -> Simulation:
+def _begin(spec: FlightSpec, guidance: Guidance, vehicle: Quadrotor, obstacles: ObstacleMesh, seed: int) -> Simulation:
     air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
     if isinstance(guidance, Planned):
         check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
