@@ -6,7 +6,7 @@ from contextlib import nullcontext
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -79,10 +79,26 @@ def generate(
         write_manifest(new)
 
 
-def camera_path(flight: Flight, cam_from_body: Pose) -> Callable[[int], Pose]:
+class Motion(Protocol):
+    """World_from_body at the rows of a flight, which may still be growing."""
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Stamps of the rows, those to come among them."""
+        ...
+
+    def __len__(self) -> int:
+        """Rows that there are."""
+        ...
+
+    def pose(self, row: int) -> Pose:
+        """Pose of a row."""
+        ...
+
+
+def camera_path(flight: Motion, cam_from_body: Pose) -> Callable[[int], Pose]:
     """cam_from_world at any time: constant twist between the rows of a flight, and beyond its ends."""
     stamps = flight.stamps_ns
-    body_from_world = [flight.pose(0).inverse()] if len(flight) == 1 else None
 
     @lru_cache(maxsize=8)
     def start_and_twist(row: int) -> tuple[Pose, Array]:
@@ -90,9 +106,10 @@ def camera_path(flight: Flight, cam_from_body: Pose) -> Callable[[int], Pose]:
         return world_from_body, (world_from_body.inverse() @ flight.pose(row + 1)).log()
 
     def at(stamp_ns: int) -> Pose:
-        if body_from_world is not None:
-            return cam_from_body @ body_from_world[0]
-        row = int(np.clip(np.searchsorted(stamps, stamp_ns, side="right") - 1, 0, len(stamps) - 2))
+        rows = len(flight)
+        if rows == 1:
+            return cam_from_body @ flight.pose(0).inverse()
+        row = int(np.clip(np.searchsorted(stamps[:rows], stamp_ns, side="right") - 1, 0, rows - 2))
         world_from_body, twist = start_and_twist(row)
         share = (stamp_ns - int(stamps[row])) / int(stamps[row + 1] - stamps[row])
         if share != 0.0:

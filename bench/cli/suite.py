@@ -47,6 +47,14 @@ def figures_option(command: Any) -> Any:
     return click.option("--figures", type=choice, default="page", show_default=True, help=about)(command)
 
 
+@click.command("fly")
+@click.argument("suite")
+@suite_options
+def fly_command(suite: str, **options: Any) -> None:
+    """Fly SUITE in closed loop: each tracker steers the vehicle through what its camera sees."""
+    sys.exit(bring_up_to("fly", suite, **options))
+
+
 def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
     """Bring a suite up to one verb; the exit code."""
     from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
@@ -111,8 +119,9 @@ def tables_command(report: Path, columns: str, width: str, out: Path | None) -> 
 
 
 COMMANDS: tuple[click.Command, ...] = (
-    suite_command("run", "Render, track, score and report SUITE (a name or a TOML file)."),
+    suite_command("run", "Render, track, score and report SUITE (a name or a TOML file); one with a [loop] is flown."),
     suite_command("render", "Render the sequences of SUITE."),
+    fly_command,
     suite_command("score", "Score the results of SUITE, making what is missing."),
     suite_command("report", "Write the report of SUITE, making what is missing."),
     track_command,

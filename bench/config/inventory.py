@@ -25,6 +25,7 @@ TITLES = {
     "Initialization": "initial poses",
     "RecordingSource": "recordings",
     "Tracker": "trackers",
+    "LatencySpec": "latencies in flight",
 }
 
 

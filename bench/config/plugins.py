@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from uavbench.bench.closed_loop.latency import LATENCIES, LatencySpec
+from uavbench.bench.closed_loop.trackers import FLIGHT_TRACKERS
 from uavbench.bench.external.program import External
 from uavbench.bench.third_party.registry import THIRD_PARTY
 from uavbench.scenes.clutter.registry import CLUTTER
@@ -29,6 +31,7 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     SensorSpec: (SENSORS, "measure"),
     Initialization: (INITIALIZATIONS, "initial_pose"),
     RecordingSource: (RECORDINGS, "find"),
-    Tracker: ({**TRACKERS, **THIRD_PARTY, "external": External}, "start"),
+    Tracker: ({**TRACKERS, **THIRD_PARTY, **FLIGHT_TRACKERS, "external": External}, "start"),
+    LatencySpec: (LATENCIES, "delay_ns"),
 }
 """Protocol -> (name -> class, verb)."""

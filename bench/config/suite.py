@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
+from uavbench.bench.closed_loop.checks import check_loop
+from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import located
@@ -31,7 +33,7 @@ class Suite:
 
     Its sequences are all rendered, or all recorded: without ground truth there is no error to set beside another.
     start is where the initial pose comes from; protocols are those that trackers run in beside the free run; flights is
-    the hash of what the file says of its sequences.
+    the hash of what the file says of its sequences. loop: how its sequences are flown, None where they are not.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Suite:
     start: Initialization = KNOWN
     protocols: tuple[Protocol, ...] = ()
     flights: str = ""
+    loop: LoopSpec | None = None
 
 
 def load_suite(path: Path) -> Suite:
@@ -63,6 +66,9 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         errors.append("give either `sequences`, which are rendered, or `recordings`, which are real images")
     trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
     start = build(checked.start, "start", errors)
+    loop = None if checked.loop is None else build(checked.loop, "loop", errors)
+    if loop is not None:
+        errors += _loop_mistakes(loop, sequences)
     errors += [
         f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
         for spec in sequences
@@ -74,7 +80,15 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
     flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
     return Suite(
-        path.stem, checked.title, sequences, trackers, tuple(checked.rates_hz), start, tuple(checked.protocols), flights
+        name=path.stem,
+        title=checked.title,
+        sequences=sequences,
+        trackers=trackers,
+        rates_hz=tuple(checked.rates_hz),
+        start=start,
+        protocols=tuple(checked.protocols),
+        flights=flights,
+        loop=loop,
     )
 
 
@@ -115,6 +129,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
     recording: Any = model_of(RecordingSpec, extra, omit=frozenset({"name", "seed"}))
     tracker: Any = choice(Tracker, extra)
     start: Any = choice(Initialization, extra)
+    loop: Any = model_of(LoopSpec, extra)
     known = model_of(Known, extra, "known").model_construct
     return create_model(
         "Suite",
@@ -128,6 +143,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         sequences=(dict[Name, sequence], {}),
         recordings=(dict[Name, recording], {}),
         trackers=(Annotated[dict[Name, tracker], Field(min_length=1)], ...),
+        loop=(loop, None),
     )
 
 
@@ -158,6 +174,20 @@ def _repeated(data: dict[str, Any]) -> list[str]:
                 alike = f", {given[same]!r}: both are written {written}" if value != given[same] else ""
                 lines.append(f"{key}[{i}]: {value!r} is there already, as {key}[{same}]{alike}; leave one out")
     return lines
+
+
+def _loop_mistakes(loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
+    """A line for each way in which a loop cannot fly a sequence."""
+    mistakes = []
+    for spec in sequences:
+        try:
+            if isinstance(spec, SequenceSpec):
+                check_loop(loop, spec)
+            elif spec is not None:
+                mistakes.append("loop: `recordings` are real images and cannot be flown; give `sequences`")
+        except UserError as error:
+            mistakes.append(f"loop: {error}")
+    return mistakes
 
 
 def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:

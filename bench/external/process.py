@@ -146,6 +146,10 @@ class Process:
         self._read(0.0)
         return self._buffer.decode("utf-8", errors="replace").strip()
 
+    def discard(self) -> None:
+        """Forget what the program has said beyond the lines taken."""
+        self._buffer.clear()
+
     def _read(self, timeout_s: float) -> bool:
         """Read the program's output; False at its end, or when nothing came in time."""
         assert self.stdout is not None

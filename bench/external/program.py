@@ -20,7 +20,7 @@ from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import refuse_seen, usable
 from uavbench.bench.external.job_folder import job_folder, keep, sample_lines, write_frames, write_job, write_sensors
 from uavbench.bench.external.process import Process
-from uavbench.bench.external.rows import Fault, TrackerFault, read_estimates, read_row
+from uavbench.bench.external.rows import ROW_FAULTS, Fault, TrackerFault, read_estimates, read_row
 from uavbench.bench.inputs.command_files import command_files, run_files
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples
@@ -40,8 +40,6 @@ LONGEST_S = 86_400.0
 """A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
 MOST_MB = 1 << 27
 """128 TiB, the address space of a process on x86-64 Linux: more is no limit."""
-ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
-"""Faults that cost one frame and leave program and harness in step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,9 +119,10 @@ def isolated_trackers(trackers: Mapping[str, Tracker]) -> dict[str, Tracker]:
 
 
 class StreamRun:
-    """A run of a program that gets a frame at a time."""
+    """A run of a program that gets a frame at a time; `owes`: it was sent one, and its answer has not come."""
 
     held: ExitStack | None = None
+    owes = False
 
     def __init__(self, tracker: External, process: Process) -> None:
         self.tracker, self.process, self.frames, self.stamp_ns = tracker, process, 0, -1
@@ -151,6 +150,7 @@ class StreamRun:
         self.before = b""
         deadline = time.monotonic() + self.tracker.timeout_s
         begin = time.perf_counter()
+        self.owes = True
         self.process.send([header, memoryview(pixels.reshape(-1))], deadline, where)
         answer = self.process.line(deadline, where)
         total_ms = (time.perf_counter() - begin) * 1e3
@@ -159,7 +159,7 @@ class StreamRun:
         if stamp != stamp_ns:
             name = "duplicate" if stamp == self.stamp_ns else "unknown-stamp"
             raise TrackerFault(name, where, f"the answer has the stamp {stamp}")
-        self.stamp_ns = stamp_ns
+        self.owes, self.stamp_ns = False, stamp_ns
         return TrackResult(
             status=result.status,
             cam_from_world=result.cam_from_world,

@@ -46,6 +46,8 @@ FAULTS = {
     "unasked": "say one line for each frame, after it has come, and nothing else on standard output",
 }
 """Name of each fault -> what to do about it."""
+ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
+"""Faults that cost one frame and leave program and harness in step."""
 
 
 @dataclass(frozen=True)

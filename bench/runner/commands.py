@@ -19,7 +19,7 @@ from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
-from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.jobs import FLIGHTS, plan, plan_flights
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures, Render
@@ -55,8 +55,11 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))
     folder = resolved(out or Path("out") / suite.name)
     shard = Shard.parse(where.shard) if where.shard else None
-    last = "score" if shard and verb == "report" else verb
-    jobs = plan(shard.of(suite) if shard else suite, folder, last=last, figures=where.figures)
+    flown = verb == "fly" or (verb == "report" and suite.loop is not None)
+    whole = verb in ("report", "fly")
+    last = "report" if whole and shard is None else "score" if whole else verb
+    part = shard.of(suite) if shard else suite
+    jobs = plan_flights(part, folder, last) if flown else plan(part, folder, last=last, figures=where.figures)
     if where.dry_run:
         click.echo(dry_run(jobs, folder, where.slurm or where.workers))
         click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
@@ -74,15 +77,15 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         for label, why in absent(suite.trackers).items():
             click.echo(f"absent: {label}: {why}", err=True)
         if last == "report" and "report" not in outcome.failed:
-            click.echo((folder / "tables" / "summary.md").read_text(encoding="utf-8"))
-            click.echo(f"report: {folder / 'index.html'}")
+            table, written = ("flights.md", FLIGHTS) if flown else ("summary.md", "index.html")
+            click.echo((folder / "tables" / table).read_text(encoding="utf-8"))
+            click.echo(f"report: {folder / written}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 
 def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False) -> int:
     """Do one shard `i/n` of a suite in this process; the report is left to whoever waits for all shards."""
-    last = "score" if verb == "report" else verb
-    return bring_up_to(last, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate))
+    return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate))
 
 
 def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:

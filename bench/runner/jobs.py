@@ -1,4 +1,4 @@
-"""A suite as a graph of jobs: render -> track -> score -> report.
+"""A suite as a graph of jobs: render -> track -> score -> report, or, in closed loop, fly -> score -> report.
 
 DIR/suite.json                          what this folder is
 DIR/sequences/SEQUENCE/                 rendered sequences
@@ -7,26 +7,46 @@ DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that
 DIR/made/                               what each job wrote, with digests
 DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
 DIR/index.html ...                      the report
+DIR/flights/SEQUENCE/TRACKER@RATEhz/    one flight in closed loop, and score.json
+DIR/flights.json                        all scores of flights, beside tables/flights.md and figures/flights/
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.config.suite import Protocol, Suite
 from uavbench.bench.inputs.content_hash import code_hash, content_hash, one_look
 from uavbench.bench.runner.graph import Job
-from uavbench.bench.runner.tasks import Figures, Render, Report, Restart, Score, Spec, Track
+from uavbench.bench.runner.tasks import (
+    Figures,
+    Fly,
+    Render,
+    Report,
+    ReportFlights,
+    Restart,
+    Score,
+    ScoreFlight,
+    Spec,
+    Track,
+)
 from uavbench.bench.third_party.registry import absent
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import MARKER
+from uavbench.trajectories.errors import UserError
 
 VERBS = ("render", "track", "score", "report")
+FLIGHT_VERBS = ("fly", "score", "report")
 START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0.05, 1.0
 """Seconds of a sequence, a frame rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
+FLIGHT_SCORE_S, FLIGHT_FIGURE_S = 2.0, 2.0
+"""Seconds of a flight's score, most of it the coverage, and of its figure."""
+FLIGHTS = "flights.json"
+"""What the report of flights lists its files in."""
 
 
 def plan(suite: Suite, folder: Path, last: str = "report", figures: Figures = "page") -> list[Job]:
@@ -141,4 +161,70 @@ def _report_job(
         needs=needs,
         weight=REPORT_S * (1 + len(scores)),
         without=work.without,
+    )
+
+
+def plan_flights(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
+    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; UserError without a `[loop]`."""
+    if suite.loop is None:
+        raise UserError(
+            f"suite {suite.name} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
+            "fly-box, fly-bridge or fly-facade"
+        )
+    with one_look():
+        away = absent(suite.trackers)
+        flights = [
+            _fly_job(
+                spec, Pilot(label=label, tracker=tracker, rate_hz=rate, loop=suite.loop, start=suite.start), folder
+            )
+            for spec in suite.sequences
+            if isinstance(spec, SequenceSpec)
+            for label, tracker in suite.trackers.items()
+            if label not in away
+            for rate in suite.rates_hz
+        ]
+        scores = [_flight_score_job(job) for job in flights]
+        paths = tuple(job.marker.parent for job in flights)
+        work = ReportFlights(suite.title, folder, paths, absent=tuple(away.items()))
+        report = Job(
+            verb="report",
+            name="report",
+            work=work,
+            marker=folder / FLIGHTS,
+            root=folder,
+            content_hash=content_hash(suite.title, [job.content_hash for job in scores], away),
+            needs=tuple(scores),
+            weight=1.0 + FLIGHT_FIGURE_S * len(scores),
+            without=work.without,
+        )
+        jobs = [*flights, *scores, report]
+    return [job for job in jobs if FLIGHT_VERBS.index(job.verb) <= FLIGHT_VERBS.index(last)]
+
+
+def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
+    run = f"{pilot.label}@{pilot.rate_hz:g}hz"
+    output = folder / "flights" / spec.name / run
+    code = code_hash("trajectories", "scenes", "tracker", "bench/closed_loop", "reports/closed_loop")
+    return Job(
+        verb="fly",
+        name=f"fly {spec.name} {run}",
+        work=Fly(spec, pilot, output),
+        marker=output / MARKER,
+        root=folder,
+        lists=MARKER,
+        content_hash=content_hash(spec, pilot, code),
+        weight=START_S + (RENDER_S + TRACK_S) * frames(spec) * pilot.rate_hz / spec.rate_hz,
+    )
+
+
+def _flight_score_job(flight: Job) -> Job:
+    return Job(
+        verb="score",
+        name=flight.name.replace("fly", "score", 1),
+        work=ScoreFlight(flight.marker.parent),
+        marker=flight.marker.parent / "score.json",
+        root=flight.root,
+        content_hash=content_hash(flight.content_hash, code_hash("reports")),
+        needs=(flight,),
+        weight=FLIGHT_SCORE_S,
     )

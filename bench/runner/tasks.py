@@ -1,10 +1,11 @@
-"""Tasks of a suite: render, track, restart, score, report; each reads and writes files."""
+"""Tasks of a suite: render, track, restart, score, report, and fly; each reads and writes files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.config.suite import Protocol
 from uavbench.bench.external.program import External
 from uavbench.bench.runner.graph import OnStep
@@ -165,3 +166,68 @@ class Report:
         restarts = tuple(path for path in self.restarts if " ".join(["track", *path.parts[-3:]]) not in failed)
         kept = replace(self, scored=tuple(scored), restarts=restarts, unrendered=tuple(unrendered.items()))
         return kept if scored else None
+
+
+@dataclass(frozen=True)
+class Fly:
+    """Fly one sequence on one tracker at one rate."""
+
+    spec: SequenceSpec
+    pilot: Pilot
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the flight's folder."""
+        from uavbench.bench.closed_loop.fly import fly
+
+        tracker = self.pilot.tracker
+        pilot = replace(self.pilot, tracker=tracker.present()) if isinstance(tracker, ThirdPartyTracker) else self.pilot
+        flown = fly(self.spec, pilot, on_step)
+        record = {**flown.record, "content_hash": content_hash}
+        if isinstance(tracker, ThirdPartyTracker):
+            record["tracker"] = tracker.record
+        replace(flown, results=replace(flown.results, record=record)).save(self.folder)
+
+
+@dataclass(frozen=True)
+class ScoreFlight:
+    """Score one flight."""
+
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write `score.json` in the flight's folder."""
+        from uavbench.reports.closed_loop.flown import Flown
+        from uavbench.reports.closed_loop.measures import measure_flight
+
+        measure_flight(Flown.load(self.folder)).save(self.folder / "score.json", content_hash)
+
+
+@dataclass(frozen=True)
+class ReportFlights:
+    """Write tables and figures over all flights of a suite."""
+
+    title: str
+    folder: Path
+    flights: tuple[Path, ...]
+    failed: tuple[tuple[str, str], ...] = ()
+    absent: tuple[tuple[str, str], ...] = ()
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write flights.json, tables and figures."""
+        from uavbench.reports.closed_loop.report import write_flights
+
+        more = {**dict(self.failed), **dict(self.absent)}
+        write_flights(self.folder, self.title, self.flights, more, content_hash=content_hash)
+
+    def without(self, failed: Mapping[str, str]) -> "ReportFlights | None":
+        """The report of the flights that were flown; None where there is none."""
+        lost = {path: _why_unflown(path, failed) for path in self.flights}
+        kept = tuple(path for path in self.flights if not lost[path])
+        told = tuple((" ".join(path.parts[-2:]), why) for path, why in lost.items() if why)
+        return replace(self, flights=kept, failed=told) if kept else None
+
+
+def _why_unflown(path: Path, failed: Mapping[str, str]) -> str:
+    run = " ".join(path.parts[-2:])
+    return failed.get(f"fly {run}") or failed.get(f"score {run}", "")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from uavbench.bench.config.suite import load_suite, suite_model
-from uavbench.bench.config.suite_files import suite_file, suite_names
+from uavbench.bench.config.suite_files import SUITES, suite_file, suite_names
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.scenes.dataset.spec_record import described
 from uavbench.trajectories.errors import UserError
@@ -57,7 +57,8 @@ def toml(value):
 
 
 @pytest.mark.parametrize("name", [name for name in suite_names() if name != "real-cube"])
-def test_what_a_dataset_says_of_its_config_makes_it_again(tmp_path, name):
+def test_what_a_dataset_says_of_its_config_makes_it_again(tmp_path, name, monkeypatch):
+    monkeypatch.setenv("UAVBENCH_DATA", str(SUITES))  # where the files lie that its config names
     for spec in load_suite(suite_file(name)).sequences[:: len(load_suite(suite_file(name)).sequences) // 3 or 1]:
         table = described(spec)
         told = {"title": "again", "seeds": [table.pop("seed")], "rates_hz": [1.0]}

@@ -11,6 +11,7 @@ from uavbench.scenes.generate import generate
 from uavbench.tracker.protocol import ImageError
 from uavbench.tracker.registry import TRACKERS
 from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
 
 SUITE = """
@@ -161,3 +162,18 @@ def test_a_view_of_an_image_is_tracked_as_the_image_itself(kind, sequence, view)
     plain, viewed = (begun(kind, sequence).track(given, 0) for given in (image, view(image)))
     assert viewed.status == plain.status == "ok"
     assert np.array_equal(viewed.cam_from_world.matrix, plain.cam_from_world.matrix)
+
+
+@VARIANTS
+def test_a_first_pose_may_be_stored_in_any_order(kind, sequence):
+    """As that of an inverse, whose rotation is stored by columns."""
+    pose = sequence.true_cam_from_world(0)
+    by_columns = Pose(np.asfortranarray(pose.rotation), pose.translation)
+    assert by_columns.rotation.flags.f_contiguous
+    rng = stream(3, "contract")
+    run = TRACKERS[kind]().start(sequence.structure, sequence.camera, by_columns, rng)
+    image, stamp = sequence.image(0), int(sequence.stamps_ns[0])
+    expected = begun(kind, sequence).track(image, stamp)
+    found = run.track(image, stamp)
+    assert found.status == expected.status == "ok"
+    assert np.array_equal(found.cam_from_world.matrix, expected.cam_from_world.matrix)

@@ -64,8 +64,8 @@ class CameraPose:
         R, C = state[6:15].reshape(3, 3), self.cam_from_body
         rotation = C.rotation @ R.T
         translation = C.translation - rotation @ state[0:3]
-        measured = self.cam_from_world
-        e = se3_log_left(measured.rotation, measured.translation, rotation, translation)
+        measured = np.ascontiguousarray(self.cam_from_world.rotation)  # that of an inverse is stored by columns
+        e = se3_log_left(measured, self.cam_from_world.translation, rotation, translation)
         # log(exp(d) exp(e)) = e + d - 1/2 ad(e) d to first order in d and in e; ad acts on (translation, rotation).
         after = np.eye(6)
         after[:3, :3] -= 0.5 * hat(e[3:])

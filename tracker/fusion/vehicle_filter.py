@@ -138,6 +138,16 @@ class VehicleFilter:
             covariance=P[:15, :15],
         )
 
+    def nominal(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Nominal state (27,) at a stamp, and angular velocity (3,) in the body, without their covariance.
+
+        For a controller, which asks at its own rate; ValueError as in `estimate`, and before the first IMU sample.
+        """
+        state, _, sample = self._at(stamp_ns)
+        if sample is None:
+            raise ValueError(f"no IMU sample yet: no angular velocity is known at {stamp_ns}")
+        return state, sample.gyro - state[18:21]
+
     def predict_camera(self, stamp_ns: int) -> tuple[Pose, Array]:
         """Predicted `cam_from_world` and the covariance (6, 6) of its twist: a prior for a tracker."""
         state, P, _ = self._at(stamp_ns)

@@ -75,6 +75,8 @@ class RobustRun:
         config: RobustConfig,
     ) -> None:
         self.camera, self.config = camera, config
+        # That of an inverse is stored by columns, which the kernels do not take.
+        cam_from_world = Pose(np.ascontiguousarray(cam_from_world.rotation), cam_from_world.translation)
         self.fitter = EdgeFitter(structure, camera, rng, config)
         self.relocator = Relocator.of(self.fitter, camera, config.relocalization)
         middle = structure.bounds.mean(axis=0, keepdims=True)

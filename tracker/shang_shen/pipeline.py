@@ -73,7 +73,9 @@ class PublishedRun:
         rng: np.random.Generator,
     ) -> None:
         self.variant, self.structure, self.camera = variant, structure, camera
-        self.cam_from_world, self.rng = cam_from_world, rng
+        # The rotation of an inverse is stored by columns, which the kernels do not take.
+        rotation = np.ascontiguousarray(cam_from_world.rotation)
+        self.cam_from_world, self.rng = Pose(rotation, cam_from_world.translation), rng
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; ImageError for an image of another size or type."""

@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
+from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps, sampled
 from uavbench.trajectories.wind.dryden import first_order
 
 if TYPE_CHECKING:
@@ -36,12 +37,22 @@ class Barometer:
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Pressure in Pa and height above the floor in m."""
         stamps = sample_stamps(flight, self.rate_hz)
-        height = sampled(flight, flight.positions_m, stamps)[:, 2]
+        return Table(self.measured, stamps, self._readings(flight, stamps, self._noise(len(stamps), rng)))
+
+    def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
+        """The barometer at work."""
+        return RowByRow(self._noise(readings, rng), self._readings)
+
+    def _noise(self, n: int, rng: np.random.Generator) -> Array:
+        """White noise and drift (n, 2) of the readings, Pa."""
         noise_rng, drift_rng = rng.spawn(2)
-        noise = self.noise_pa * noise_rng.standard_normal(len(stamps))
-        drift = self.drift_pa * first_order(len(stamps), 1.0 / self.rate_hz, self.drift_s, drift_rng)
-        pressure = pressure_at(height, self.floor_pressure_pa) + noise + drift
-        return Table(self.measured, stamps, np.column_stack([pressure, height_at(pressure, self.floor_pressure_pa)]))
+        noise = self.noise_pa * noise_rng.standard_normal(n)
+        return np.column_stack([noise, self.drift_pa * first_order(n, 1.0 / self.rate_hz, self.drift_s, drift_rng)])
+
+    def _readings(self, flight: Flight, stamps_ns: NDArray[np.int64], noise: Array) -> Array:
+        height = sampled(flight, flight.positions_m, stamps_ns)[:, 2]
+        pressure = pressure_at(height, self.floor_pressure_pa) + noise[:, 0] + noise[:, 1]
+        return np.column_stack([pressure, height_at(pressure, self.floor_pressure_pa)])
 
 
 TEMPERATURE_K, LAPSE_K_M, EXPONENT = 288.15, 0.0065, 5.25588

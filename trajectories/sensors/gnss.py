@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
@@ -11,12 +12,14 @@ from numpy.typing import NDArray
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.sensors.satellites import sky
-from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+from uavbench.trajectories.sensors.satellites import PER_PLANE, PLANES, sky
+from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps, sampled
 from uavbench.trajectories.wind.dryden import first_order
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
+
+SATELLITES = PLANES * PER_PLANE
 
 
 @dataclass(frozen=True)
@@ -49,15 +52,25 @@ class Gnss:
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Satellites in view and dilution of precision; position and velocity in the world where there is a fix."""
         stamps = sample_stamps(flight, self.rate_hz)
-        places = sampled(flight, flight.positions_m, stamps)
-        speeds = sampled(flight, flight.velocities_m_s, stamps)
-        sight, seen = self.view(places, stamps, obstacles)
-        n, satellites = seen.shape
-        white_rng, doppler_rng, *each = rng.spawn(2 + satellites)
+        return Table(self.measured, stamps, self.begin(len(stamps), obstacles, rng).read(flight, stamps))
+
+    def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
+        """The receiver at work."""
+        return RowByRow(self._noise(readings, rng), partial(self._readings, obstacles))
+
+    def _noise(self, n: int, rng: np.random.Generator) -> Array:
+        """Errors (n, 48) of the ranges to the satellites, m, and of their rates, m/s."""
+        white_rng, doppler_rng, *each = rng.spawn(2 + SATELLITES)
         slow = [first_order(n, 1.0 / self.rate_hz, self.slow_s, slow_rng) for slow_rng in each]
-        ranges = self.slow_m * np.column_stack(slow) + self.white_m * white_rng.standard_normal(seen.shape)
-        dopplers = self.doppler_m_s * doppler_rng.standard_normal(seen.shape)
-        values = np.full((n, 8), np.nan)
+        ranges = self.slow_m * np.column_stack(slow) + self.white_m * white_rng.standard_normal((n, SATELLITES))
+        return np.hstack([ranges, self.doppler_m_s * doppler_rng.standard_normal((n, SATELLITES))])
+
+    def _readings(self, obstacles: "ObstacleMesh", flight: Flight, stamps_ns: NDArray[np.int64], noise: Array) -> Array:
+        places = sampled(flight, flight.positions_m, stamps_ns)
+        speeds = sampled(flight, flight.velocities_m_s, stamps_ns)
+        sight, seen = self.view(places, stamps_ns, obstacles)
+        ranges, dopplers = noise[:, :SATELLITES], noise[:, SATELLITES:]
+        values = np.full((len(stamps_ns), 8), np.nan)
         values[:, 0] = seen.sum(axis=1)
         for i in np.flatnonzero(values[:, 0] >= 4):
             rows = np.column_stack([-sight[i, seen[i]], np.ones(int(values[i, 0]))])
@@ -68,7 +81,7 @@ class Gnss:
                 solve = exact.product(cofactor, rows.T)
                 values[i, 2:5] = places[i] + exact.product(solve, ranges[i, seen[i]])[:3]
                 values[i, 5:8] = speeds[i] + exact.product(solve, dopplers[i, seen[i]])[:3]
-        return Table(self.measured, stamps, values)
+        return values
 
     def view(
         self, places_m: Array, stamps_ns: NDArray[np.int64], obstacles: "ObstacleMesh"

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
+from numpy.typing import NDArray
 
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
-from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps, sampled
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -40,26 +41,37 @@ class Imu:
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Rates and specific forces in the body, and the biases that are in them."""
         stamps = sample_stamps(flight, self.rate_hz)
-        rates, forces = inertial_ground_truth(flight, np.array(self.offset_m))
-        rates, forces = sampled(flight, rates, stamps), sampled(flight, forces, stamps)
+        columns = [f"{name}{axis}_{unit}" for name, unit in _NAMES for axis in "xyz"]
+        return Table(tuple(columns), stamps, self._readings(flight, stamps, self._noise(len(stamps), rng)))
+
+    def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
+        """The unit at work."""
+        return RowByRow(self._noise(readings, rng), self._readings)
+
+    def _noise(self, n: int, rng: np.random.Generator) -> Array:
+        """White noise and biases (n, 12) of the readings: of the gyroscope and the accelerometer each."""
         dt = 1.0 / self.rate_hz
         gyro_rng, accel_rng, *bias_rngs = rng.spawn(4)  # so that a longer flight begins with the same noise
         biases = [
             start * bias_rng.standard_normal(3)
-            + walk * np.sqrt(dt) * np.cumsum(bias_rng.standard_normal((len(stamps), 3)), axis=0)
+            + walk * np.sqrt(dt) * np.cumsum(bias_rng.standard_normal((n, 3)), axis=0)
             for start, walk, bias_rng in (
                 (self.gyro_bias_rad_s, self.gyro_walk_rad_s2_sqrt_hz, bias_rngs[0]),
                 (self.accel_bias_m_s2, self.accel_walk_m_s3_sqrt_hz, bias_rngs[1]),
             )
         ]
-        gyro = rates + biases[0] + self.gyro_noise_rad_s_sqrt_hz / np.sqrt(dt) * gyro_rng.standard_normal(rates.shape)
-        accel = (
-            forces + biases[1] + self.accel_noise_m_s2_sqrt_hz / np.sqrt(dt) * accel_rng.standard_normal(forces.shape)
-        )
+        gyro = self.gyro_noise_rad_s_sqrt_hz / np.sqrt(dt) * gyro_rng.standard_normal((n, 3))
+        accel = self.accel_noise_m_s2_sqrt_hz / np.sqrt(dt) * accel_rng.standard_normal((n, 3))
+        return np.column_stack([gyro, accel, *biases])
+
+    def _readings(self, flight: Flight, stamps_ns: NDArray[np.int64], noise: Array) -> Array:
+        rates, forces = inertial_ground_truth(flight, np.array(self.offset_m))
+        rates, forces = sampled(flight, rates, stamps_ns), sampled(flight, forces, stamps_ns)
+        gyro_noise, accel_noise, gyro_bias, accel_bias = (noise[:, 3 * k : 3 * k + 3] for k in range(4))
+        gyro, accel = rates + gyro_bias + gyro_noise, forces + accel_bias + accel_noise
         gyro = np.clip(gyro, -self.gyro_range_rad_s, self.gyro_range_rad_s)
         accel = np.clip(accel, -self.accel_range_m_s2, self.accel_range_m_s2)
-        columns = [f"{name}{axis}_{unit}" for name, unit in _NAMES for axis in "xyz"]
-        return Table(tuple(columns), stamps, np.column_stack([gyro, accel, *biases]))
+        return np.column_stack([gyro, accel, gyro_bias, accel_bias])
 
 
 _NAMES = (("w", "rad_s"), ("a", "m_s2"), ("gyro_bias_", "rad_s"), ("accel_bias_", "m_s2"))
@@ -87,4 +99,6 @@ def inertial_ground_truth(flight: Flight, offset_m: Array) -> tuple[Array, Array
     omega, alpha = flight.angular_velocities_rad_s, flight.angular_accelerations_rad_s2
     gravity = np.array([0.0, 0.0, -GRAVITY_M_S2])
     force = np.einsum("nji,nj->ni", R, flight.accelerations_m_s2 - gravity)
+    if not offset_m.any():
+        return omega, force
     return omega, force + np.cross(alpha, offset_m) + np.cross(omega, np.cross(omega, offset_m))

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt
+from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, rotation_from_quaternion
-from uavbench.trajectories.sensors.sensor import Table, sample_stamps, sampled
+from uavbench.trajectories.sensors.sensor import Reader, Table, sample_stamps, sampled
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
@@ -41,23 +42,44 @@ class FlowDeck:
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
         """Flow dx, dy in px (whole counts) and range in m; none where the ground is out of range."""
         stamps = sample_stamps(flight, self.rate_hz)
-        flow, distance = flow_ground_truth(flight, obstacles)
+        return Table(self.measured, stamps, self.begin(len(stamps), obstacles, rng).read(flight, stamps))
+
+    def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
+        """The deck at work."""
+        return FlowReader(self, obstacles, rng)
+
+
+class FlowReader:
+    """A flow deck at work: it keeps what it has not counted yet."""
+
+    def __init__(self, deck: FlowDeck, obstacles: "ObstacleMesh", rng: np.random.Generator) -> None:
+        self._deck, self._obstacles = deck, obstacles
+        self._flow_rng, self._range_rng = rng.spawn(2)
+        self._total_px = np.zeros((1, 2))
+        self._last_ns: int | None = None
+
+    def read(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
+        """The next readings (n, 3)."""
+        deck = self._deck
+        flow, distance = flow_ground_truth(flight, self._obstacles)
         # Flow gathered since the last reading: the integral of the rate from row to row.
         step_s = np.diff(flight.stamps_ns, prepend=flight.stamps_ns[0])[:, None] / 1e9
         before = np.concatenate([flow[:1], flow[:-1]])
         gathered = np.cumsum(np.nan_to_num(0.5 * (flow + before)) * step_s, axis=0)
-        angle = np.diff(sampled(flight, gathered, stamps), axis=0, prepend=gathered[:1])
-        seen = sampled(flight, distance[:, None], stamps)[:, 0]
-        scale = self.pixels / self.aperture_rad
-        flow_rng, range_rng = rng.spawn(2)
-        total = np.cumsum(scale * angle + self.flow_noise_px * flow_rng.standard_normal(angle.shape), axis=0)
-        counts = np.diff(np.round(total), axis=0, prepend=0.0) + 0.0
+        last_ns = int(flight.stamps_ns[0]) if self._last_ns is None else self._last_ns
+        angle = np.diff(sampled(flight, gathered, np.concatenate([[last_ns], stamps_ns])), axis=0)
+        seen = sampled(flight, distance[:, None], stamps_ns)[:, 0]
+        added = deck.pixels / deck.aperture_rad * angle
+        added = added + deck.flow_noise_px * self._flow_rng.standard_normal(angle.shape)
+        total = np.cumsum(np.concatenate([self._total_px, added]), axis=0)
+        counts = np.diff(np.round(total), axis=0) + 0.0
+        self._total_px, self._last_ns = total[-1:], int(stamps_ns[-1])
         growth = math.log(0.2 / 0.0025) / (4.0 - 2.5)
-        sigma = self.range_noise_m * (1.0 + exact.exp(growth * (np.minimum(seen, self.greatest_range_m) - 2.5)))
-        ranged = seen + sigma * range_rng.standard_normal(len(seen))
-        ranged = np.where(seen <= self.greatest_range_m, ranged, np.nan)
-        counts[(seen > self.greatest_range_m) | (seen < self.least_range_m)] = np.nan
-        return Table(self.measured, stamps, np.column_stack([counts, ranged]))
+        sigma = deck.range_noise_m * (1.0 + exact.exp(growth * (np.minimum(seen, deck.greatest_range_m) - 2.5)))
+        ranged = seen + sigma * self._range_rng.standard_normal(len(seen))
+        ranged = np.where(seen <= deck.greatest_range_m, ranged, np.nan)
+        counts[(seen > deck.greatest_range_m) | (seen < deck.least_range_m)] = np.nan
+        return np.column_stack([counts, ranged])
 
 
 def flow_ground_truth(flight: Flight, obstacles: "ObstacleMesh") -> tuple[Array, Array]:

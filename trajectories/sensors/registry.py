@@ -39,16 +39,23 @@ def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
 
 
 def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "ObstacleMesh", seed: int) -> dict[str, Table]:
-    """Table of each sensor by its name; a second one of a kind is called `imu-2` and so on.
+    """Table of each sensor by its name on the body.
 
     Every sensor draws from a stream of its own name, so adding one never changes another's readings.
     """
-    tables: dict[str, Table] = {}
+    return {
+        name: sensor.measure(flight, obstacles, stream(seed, "sensor", name)) for name, sensor in named(sensors).items()
+    }
+
+
+def named(sensors: tuple[SensorSpec, ...]) -> dict[str, SensorSpec]:
+    """Sensors by their names on the body: a second one of a kind is called `imu-2` and so on."""
+    found: dict[str, SensorSpec] = {}
     for sensor in sensors:
         base = sensor_name(sensor)
-        name = next(n for n in (base, *(f"{base}-{k}" for k in range(2, len(sensors) + 2))) if n not in tables)
-        tables[name] = sensor.measure(flight, obstacles, stream(seed, "sensor", name))
-    return tables
+        name = next(n for n in (base, *(f"{base}-{k}" for k in range(2, len(sensors) + 2))) if n not in found)
+        found[name] = sensor
+    return found
 
 
 def write_flight(

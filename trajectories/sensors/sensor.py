@@ -1,5 +1,6 @@
 """Interface of body sensors: parameters, and `measure`, from a flight to a table of measurements."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -47,9 +48,50 @@ class SensorSpec(Protocol):
         ...
 
 
+class LiveSensorSpec(SensorSpec, Protocol):
+    """A body sensor that can be read in flight too, where nobody knows what is to come."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings a second."""
+        ...
+
+    def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> "Reader":
+        """The sensor at work: it gives the readings that `measure` gives with the same rng."""
+        ...
+
+
+class Reader(Protocol):
+    """A body sensor at work."""
+
+    def read(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
+        """The next readings (n, k), at these stamps.
+
+        The flight is a part of the whole one, from the row at or before the last reading's stamp to the row at or after
+        the last of these.
+        """
+        ...
+
+
+class RowByRow:
+    """Reader of a sensor whose readings each depend on their own moment and their own row of noise (n, m) only."""
+
+    def __init__(self, noise: Array, readings: Callable[[Flight, NDArray[np.int64], Array], Array]) -> None:
+        self._noise, self._readings, self._done = noise, readings, 0
+
+    def read(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
+        """The next readings (n, k)."""
+        first, self._done = self._done, self._done + len(stamps_ns)
+        return self._readings(flight, stamps_ns, self._noise[first : self._done])
+
+
 def sample_stamps(flight: Flight, rate_hz: float) -> NDArray[np.int64]:
     """Stamps (n,) of a sensor at rate_hz from the flight's first row to its last, to the nearest nanosecond each."""
-    first, last = int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
+    return stamps_between(int(flight.stamps_ns[0]), int(flight.stamps_ns[-1]), rate_hz)
+
+
+def stamps_between(first: int, last: int, rate_hz: float) -> NDArray[np.int64]:
+    """Stamps (n,) of a sensor at rate_hz from one time in ns to another, to the nearest nanosecond each."""
     period = Fraction(10**9) / Fraction(str(rate_hz))
     p, q = period.numerator, period.denominator
     return np.array([first + (2 * i * p + q) // (2 * q) for i in range((last - first) * q // p + 1)], dtype=np.int64)

@@ -17,7 +17,7 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.simulation.checks import check_camera, check_plan, check_saturation, crash_error, crash_step
-from uavbench.trajectories.simulation.simulate import simulate
+from uavbench.trajectories.simulation.simulate import Simulation, simulate
 from uavbench.trajectories.vehicle.airframes import Crazyflie
 from uavbench.trajectories.vehicle.geometric_control import Geometric
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, STEP_S, Quadrotor
@@ -67,15 +67,30 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
     return _flight(whole, crashed=step is not None)
 
 
+def begin(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> Simulation:
+    """A flight at its start, to be flown step by step.
+
+    UserError for a path that leaves no room or needs more thrust than there is, and for a recorded motion.
+    """
+    guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
+    if isinstance(guidance, Replay):
+        raise UserError(f"path {path_name(spec.path)}: a recorded motion cannot be flown; choose a planned path")
+    return _begin(spec, guidance, Quadrotor.from_mjcf(spec.airframe.build(mount)), obstacles, seed)
+
+
+def _begin(spec: FlightSpec, guidance: Guidance, vehicle: Quadrotor, obstacles: ObstacleMesh, seed: int) -> Simulation:
+    air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
+    if isinstance(guidance, Planned):
+        check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
+    return Simulation(vehicle, spec.control.gains(), guidance, air, obstacles)
+
+
 def _record(
     spec: FlightSpec, guidance: Guidance | Replay, vehicle: Quadrotor, obstacles: ObstacleMesh, seed: int
 ) -> Array:
     if isinstance(guidance, Replay):
         return guidance.record
-    air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
-    if isinstance(guidance, Planned):
-        check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
-    return simulate(vehicle, spec.control.gains(), guidance, air, obstacles)
+    return simulate(_begin(spec, guidance, vehicle, obstacles, seed))
 
 
 def _flight(record: Array, crashed: bool) -> Flight:

@@ -1,6 +1,7 @@
 """The flight loop: guidance, control, motors and air, integrated by MuJoCo."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Guidance, VehicleState
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.record_columns import RECORD_COLUMNS
-from uavbench.trajectories.vehicle.geometric_control import GAINS, Gains, thrust_commands
+from uavbench.trajectories.vehicle.geometric_control import GAINS, REFERENCE_COLUMNS, Gains, thrust_commands
 from uavbench.trajectories.vehicle.quadrotor import STEP_S, Quadrotor, compile_mjcf, physics
 from uavbench.trajectories.vehicle.rigid_body import PLANT, Plant, accelerations, drag_force, plant, rotor_speed_sum
 from uavbench.trajectories.wind.air import Air
@@ -19,30 +20,84 @@ BLOCK = 10
 """Control steps between updates of the guidance: 50 Hz."""
 
 
-def simulate(vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, obstacles: ObstacleMesh) -> Array:
-    """Record (n, 30) of a flight, its columns as in `RECORD`; row k is the state at step k."""
-    mujoco = physics()
-    model = compile_mjcf(vehicle.xml)
-    data = mujoco.MjData(model)
-    numbers = plant(vehicle)
-    first = guidance.rows(-guidance.warm_up, 1, None)[0]
-    data.qpos[:] = *first[0:3], math.cos(first[9] / 2), 0.0, 0.0, math.sin(first[9] / 2)
-    data.act[:] = vehicle.hover_thrust_n
-    integral = trim(numbers, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(vehicle.hover_thrust_n))))
-    record = np.zeros((guidance.steps, RECORD_COLUMNS))
-    spare = np.zeros(RECORD_COLUMNS)
-    advance = mujoco.mj_step
-    qpos, qvel, act, ctrl, push = data.qpos, data.qvel, data.act, data.ctrl, data.xfrc_applied[1]
-    for begin in range(-guidance.warm_up, guidance.steps, BLOCK):
-        end = min(begin + BLOCK, guidance.steps)
-        rows = guidance.rows(begin, end - begin, VehicleState(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos)))
-        winds = air.at(begin + guidance.warm_up, end - begin, qpos[:3], obstacles)
-        for k in range(end - begin):
-            step = begin + k
-            out = record[step] if step >= 0 else spare
-            _step(numbers, gains, rows[k], winds[k], qpos, qvel, act, integral, ctrl, push, out)
-            advance(model, data)
-    return record
+def simulate(simulation: "Simulation") -> Array:
+    """Record (n, 30) of a flight on its true state, its columns as in `RECORD`; row k is the state at step k."""
+    while not simulation.is_over:
+        simulation.observe()
+        simulation.command(simulation.qpos, simulation.qvel)
+        simulation.advance()
+    return simulation.record
+
+
+class Simulation:
+    """A vehicle in flight, one control step at a time: `observe`, `command`, `advance`.
+
+    step counts from -warm_up of the guidance; record (n, 30) and reference (n, 17) hold a row of each step from 0 on.
+    qpos (7,) position and quaternion wxyz, qvel (6,) velocity in the world and angular velocity in the body, as MuJoCo
+    has them: the true state.
+    """
+
+    def __init__(self, vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, obstacles: ObstacleMesh) -> None:
+        mujoco = physics()
+        self._advance = mujoco.mj_step
+        self._model = compile_mjcf(vehicle.xml)
+        self._data: Any = mujoco.MjData(self._model)
+        self._plant, self._gains, self._guidance, self._air = plant(vehicle), gains, guidance, air
+        self._obstacles = obstacles
+        first = guidance.rows(-guidance.warm_up, 1, None)[0]
+        hover = vehicle.hover_thrust_n
+        self._data.qpos[:] = *first[0:3], math.cos(first[9] / 2), 0.0, 0.0, math.sin(first[9] / 2)
+        self._data.act[:] = hover
+        self._integral = trim(self._plant, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(hover))))
+        self.qpos: Array = self._data.qpos
+        self.qvel: Array = self._data.qvel
+        self._act, self._ctrl, self._push = self._data.act, self._data.ctrl, self._data.xfrc_applied[1]
+        self.step, self.steps = -guidance.warm_up, guidance.steps
+        self.record = np.zeros((guidance.steps, RECORD_COLUMNS))
+        self.reference = np.zeros((guidance.steps, REFERENCE_COLUMNS))
+        self._spare = np.zeros(RECORD_COLUMNS)
+        self._rows = self._winds = np.zeros((0, 3))
+
+    def warm_up(self) -> None:
+        """Fly on the true state up to the first row of the record, and look at that one."""
+        while self.step < 0:
+            self.observe()
+            self.command(self.qpos, self.qvel)
+            self.advance()
+        self.observe()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether every row of the record is filled."""
+        return self.step >= self.steps
+
+    def observe(self) -> None:
+        """Fill the record's row of this step but for the commands, and apply the air's drag."""
+        at = (self.step + self._guidance.warm_up) % BLOCK
+        if at == 0:
+            first = self.step + self._guidance.warm_up
+            count = min(BLOCK, self.steps - self.step)
+            self._winds = self._air.at(first, count, self.qpos[:3], self._obstacles)
+        _observe(self._plant, self._winds[at], self.qpos, self.qvel, self._act, self._push, self._row)
+
+    def command(self, qpos: Array, qvel: Array) -> None:
+        """Thrusts of guidance and controller for a believed state, in the form of the true one."""
+        at = (self.step + self._guidance.warm_up) % BLOCK
+        if at == 0:
+            believed = VehicleState(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos))
+            self._rows = self._guidance.rows(self.step, min(BLOCK, self.steps - self.step), believed)
+        if self.step >= 0:
+            self.reference[self.step] = self._rows[at]
+        _command(self._plant, self._gains, self._rows[at], qpos, qvel, self._act, self._integral, self._ctrl, self._row)
+
+    def advance(self) -> None:
+        """Move on by one step."""
+        self._advance(self._model, self._data)
+        self.step += 1
+
+    @property
+    def _row(self) -> Array:
+        return self.record[self.step] if self.step >= 0 else self._spare
 
 
 def trim(plant: Plant, gains: Gains, wind_m_s: Array, speed_sum: float) -> Array:
@@ -53,26 +108,13 @@ def trim(plant: Plant, gains: Gains, wind_m_s: Array, speed_sum: float) -> Array
     return np.asarray(np.clip(-push / plant.mass, -gains.integral_limit, gains.integral_limit))
 
 
-@compiled("Plant Gains f1 f1 f1 f1 f1 f1! f1! f1! f1!", Plant=PLANT, Gains=GAINS)
-def _step(
-    plant: Plant,
-    gains: Gains,
-    reference: Array,
-    wind: Array,
-    qpos: Array,
-    qvel: Array,
-    act: Array,
-    integral: Array,
-    ctrl: Array,
-    push: Array,
-    record: Array,
-) -> None:
-    """Commands and drag of one step, from the state at its start; fills the record's row of that state."""
+@compiled("Plant f1 f1 f1 f1 f1! f1!", Plant=PLANT)
+def _observe(plant: Plant, wind: Array, qpos: Array, qvel: Array, act: Array, push: Array, record: Array) -> None:
+    """Drag of one step, from the true state at its start; fills the record's row of that state."""
     R = rotation(qpos[3:7])
     velocity, omega = vector(qvel[0:3]), vector(qvel[3:6])
     speed_sum = rotor_speed_sum(plant, act)
     drag = drag_force(plant, R, subtract(velocity, vector(wind)), speed_sum)
-    thrust_commands(plant, gains, reference, vector(qpos[0:3]), velocity, R, omega, speed_sum, integral, ctrl)
     linear, angular = accelerations(plant, R, omega, act, drag)
     # MuJoCo holds the push for a whole step, so it gets the drag of the step's middle.
     halfway = add(subtract(velocity, vector(wind)), scale(STEP_S / 2, linear))
@@ -87,8 +129,28 @@ def _step(
         record[27 + k] = wind[k]
     for k in range(4):
         record[3 + k] = qpos[3 + k]
-        record[19 + k] = ctrl[k]
         record[23 + k] = act[k]
+
+
+@compiled("Plant Gains f1 f1 f1 f1 f1! f1! f1!", Plant=PLANT, Gains=GAINS)
+def _command(
+    plant: Plant,
+    gains: Gains,
+    reference: Array,
+    qpos: Array,
+    qvel: Array,
+    act: Array,
+    integral: Array,
+    ctrl: Array,
+    record: Array,
+) -> None:
+    """Commands of one step for a believed state; the rotors' speeds are measured ones."""
+    R = rotation(qpos[3:7])
+    velocity, omega = vector(qvel[0:3]), vector(qvel[3:6])
+    speed_sum = rotor_speed_sum(plant, act)
+    thrust_commands(plant, gains, reference, vector(qpos[0:3]), velocity, R, omega, speed_sum, integral, ctrl)
+    for k in range(4):
+        record[19 + k] = ctrl[k]
 
 
 def _yaw(qpos: Array) -> float:

@@ -1,0 +1,50 @@
+"""What a loop must have before it starts: a sensor that can hold the vehicle."""
+
+from uavbench.bench.closed_loop.latency import Constant, Lognormal
+from uavbench.bench.closed_loop.spec import CAMERA, LoopSpec
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.paths.recorded import Recorded
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.sensors.registry import named
+from uavbench.trajectories.sensors.sensor import SensorSpec
+
+
+def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
+    """Names of the sensors that the filter takes of a sequence; UserError when they cannot hold the vehicle."""
+    there = named(spec.sensors)
+    wanted = (CAMERA, *there) if loop.sensors is None else loop.sensors
+    for name in wanted:
+        if name != CAMERA and name not in there:
+            raise unknown_name(f"sensor of sequence {spec.name}", name, [CAMERA, *there])
+    if isinstance(spec.flight.path, Recorded):
+        raise UserError(f"sequence {spec.name}: a recorded motion cannot be flown; choose a path that is planned")
+    if loop.estimator == "filter":
+        _check_filter(loop, spec.name, {name: there[name] for name in wanted if name != CAMERA}, CAMERA in wanted)
+    return tuple(wanted)
+
+
+def _check_filter(loop: LoopSpec, sequence: str, sensors: dict[str, SensorSpec], camera: bool) -> None:
+    imus = [sensor for sensor in sensors.values() if isinstance(sensor, Imu)]
+    if len(imus) != 1:
+        raise UserError(
+            f"sequence {sequence}: the filter takes one IMU, and there are {len(imus)}: name it in the sequence's "
+            "`sensors` and in `loop.sensors`"
+        )
+    if any(imus[0].offset_m):
+        raise UserError(f"sequence {sequence}: the filter takes an IMU in the body's origin: leave out its offset_m")
+    always_out = any(first <= 0.0 and last >= 1e9 for first, last in loop.gnss_outages_s)
+    gnss = any(isinstance(sensor, Gnss) for sensor in sensors.values()) and not always_out
+    if not (camera or gnss or any(isinstance(sensor, FlowDeck) for sensor in sensors.values())):
+        raise UserError(
+            f"sequence {sequence}: no sensor can hold the vehicle: {', '.join(sensors)} alone leave its place to drift "
+            "within seconds; add `camera`, `gnss` or `flow` to `loop.sensors`"
+        )
+    latency_ms = {Constant: "ms", Lognormal: "median_ms"}.get(type(loop.latency))
+    if latency_ms and getattr(loop.latency, latency_ms) >= 1e3 * loop.filter.history_s:
+        raise UserError(
+            f"loop.latency.{latency_ms}: every answer would come after filter.history_s = {loop.filter.history_s:g} s "
+            "and count for nothing; raise history_s"
+        )

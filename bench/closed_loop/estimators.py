@@ -1,0 +1,186 @@
+"""What guidance and controller believe: the filter's estimate, or, as the bound of all estimators, the truth."""
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from uavbench.bench.closed_loop.sensing import Reading
+from uavbench.bench.closed_loop.spec import CAMERA, FilterSpec
+from uavbench.tracker.fusion.measurements import Height, Measurement, OpticalFlow, Position
+from uavbench.tracker.fusion.state import Estimate, FusionConfig
+from uavbench.tracker.fusion.vehicle_filter import VehicleFilter, Verdict
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.sensors.barometer import EXPONENT, LAPSE_K_M, TEMPERATURE_K, Barometer
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.vehicle.quadrotor import physics
+
+CLIMB_M_S = 0.5
+"""Climbing speed that the range may change with while flow is gathered, between two readings of a flow deck."""
+ROUNDING_VARIANCE = 1.0 / 6.0
+"""Variance of the difference of two rounded numbers, each off by a uniform error of one."""
+LEAST_BIAS_M_S2, LEAST_BIAS_RAD_S = 0.02, 0.002
+"""Least standard deviations of the IMU's biases at the start, after a calibration at rest."""
+
+
+class Estimator(Protocol):
+    """What is believed of the vehicle's state, in the form of MuJoCo: qpos (7,), qvel (6,)."""
+
+    def sense(self, reading: Reading) -> None:
+        """Take a reading of a body sensor."""
+        ...
+
+    def answer(self, stamp_ns: int, result: TrackResult) -> None:
+        """Take the tracker's answer to the frame of a stamp."""
+        ...
+
+    def believe(self, stamp_ns: int) -> tuple[Array, Array] | None:
+        """State at a time, qpos and qvel; None for the true one."""
+        ...
+
+    def estimate(self, stamp_ns: int) -> Estimate | None:
+        """The same with its covariance; None for the true one."""
+        ...
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """What became of each measurement."""
+        ...
+
+
+class TrueState:
+    """The truth is believed, whatever is measured."""
+
+    verdicts: list[Verdict] = []  # noqa: RUF012
+
+    def sense(self, reading: Reading) -> None:
+        """Nothing."""
+
+    def answer(self, stamp_ns: int, result: TrackResult) -> None:
+        """Nothing."""
+
+    def believe(self, stamp_ns: int) -> None:
+        """The true state."""
+
+    def estimate(self, stamp_ns: int) -> None:
+        """The true state."""
+
+
+class Filtered:
+    """The vehicle's filter, fed with the sensors that it is to take."""
+
+    def __init__(
+        self, spec: FilterSpec, sensors: tuple[str, ...], imu: Imu, cam_from_body: Pose, first_cam_from_world: Pose
+    ) -> None:
+        self._spec, self._sensors = spec, sensors
+        start = Estimate.at_rest(
+            0,
+            first_cam_from_world.inverse() @ cam_from_body,
+            position_m=spec.start_m,
+            attitude_rad=float(np.radians(spec.start_deg)),
+            velocity_m_s=spec.start_m_s,
+            accel_bias_m_s2=max(imu.accel_bias_m_s2, LEAST_BIAS_M_S2),
+            gyro_bias_rad_s=max(imu.gyro_bias_rad_s, LEAST_BIAS_RAD_S),
+        )
+        self._to_quaternion = physics().mju_mat2Quat
+        self._filter = VehicleFilter(fusion_config(spec, imu), cam_from_body, start)
+        self._unclaimed = np.diag(np.repeat([spec.unclaimed_m, np.radians(spec.unclaimed_deg)], 3) ** 2)
+
+    def sense(self, reading: Reading) -> None:
+        """Take a reading of a sensor that the filter is to take."""
+        if reading.name not in self._sensors:
+            return
+        if isinstance(reading.sensor, Imu):
+            self._filter.imu(reading.stamp_ns, reading.values[0:3], reading.values[3:6])
+        elif (measurement := measurement_of(reading)) is not None:
+            self._filter.take(measurement)
+
+    def answer(self, stamp_ns: int, result: TrackResult) -> None:
+        """Take the tracker's answer; a pose without a covariance gets the assumed one."""
+        if CAMERA not in self._sensors:
+            return
+        if result.status == "ok" and result.covariance is None:
+            result = replace(result, covariance=self._unclaimed)
+        self._filter.camera(stamp_ns, result)
+
+    def believe(self, stamp_ns: int) -> tuple[Array, Array]:
+        """The filter's state at a time: qpos (7,) and qvel (6,)."""
+        state, rates = self._filter.nominal(stamp_ns)
+        quaternion = np.empty(4)
+        self._to_quaternion(quaternion, state[6:15])
+        return np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates])
+
+    def estimate(self, stamp_ns: int) -> Estimate:
+        """The filter's estimate at a time."""
+        return self._filter.estimate(stamp_ns)
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """What became of each measurement."""
+        return self._filter.verdicts
+
+
+def fusion_config(spec: FilterSpec, imu: Imu) -> FusionConfig:
+    """The filter's parameters: noise densities from the IMU's data sheet."""
+    return FusionConfig(
+        accel_noise_m_s2_sqrt_hz=spec.imu_scale * imu.accel_noise_m_s2_sqrt_hz,
+        gyro_noise_rad_s_sqrt_hz=spec.imu_scale * imu.gyro_noise_rad_s_sqrt_hz,
+        accel_walk_m_s3_sqrt_hz=spec.imu_scale * imu.accel_walk_m_s3_sqrt_hz,
+        gyro_walk_rad_s2_sqrt_hz=spec.imu_scale * imu.gyro_walk_rad_s2_sqrt_hz,
+        camera_bias_m=spec.camera_bias_m,
+        camera_bias_rad=float(np.radians(spec.camera_bias_deg)),
+        camera_bias_s=spec.camera_bias_s,
+        gate=spec.gate,
+        doubt_after=spec.doubt_after,
+        history_s=spec.history_s,
+    )
+
+
+def measurement_of(reading: Reading) -> Measurement | None:
+    """A reading as the filter takes it; None where there is none in it, and for a sensor that it knows nothing of."""
+    sensor, values = reading.sensor, reading.values
+    if not np.isfinite(values).all():
+        return None
+    if isinstance(sensor, Gnss):
+        return gnss_fix(sensor, reading.stamp_ns, values)
+    if isinstance(sensor, Barometer):
+        return pressure_height(sensor, reading.stamp_ns, values)
+    if isinstance(sensor, FlowDeck):
+        return flow(sensor, reading.stamp_ns, values)
+    return None
+
+
+def gnss_fix(sensor: Gnss, stamp_ns: int, values: Array) -> Position:
+    """A fix; its variances are those of the ranges times the dilution of precision, spread evenly over the axes."""
+    dilution = values[1] ** 2 / 3.0
+    return Position(
+        stamp_ns=stamp_ns,
+        position_m=values[2:5],
+        covariance=np.eye(3) * dilution * (sensor.slow_m**2 + sensor.white_m**2),
+        velocity_m_s=values[5:8],
+        velocity_covariance=np.eye(3) * dilution * sensor.doppler_m_s**2,
+    )
+
+
+def pressure_height(sensor: Barometer, stamp_ns: int, values: Array) -> Height:
+    """A height; a pascal is about 8 cm (standard atmosphere)."""
+    metres_per_pa = TEMPERATURE_K / (LAPSE_K_M * EXPONENT * sensor.floor_pressure_pa)
+    sigma_pa = float(np.hypot(sensor.noise_pa, sensor.drift_pa))
+    return Height(stamp_ns=stamp_ns, height_m=float(values[1]), sigma_m=max(metres_per_pa * sigma_pa, 1e-3))
+
+
+def flow(sensor: FlowDeck, stamp_ns: int, values: Array) -> OpticalFlow:
+    """The mean flow since the last reading, at the middle of that time; its range may have changed since."""
+    dt_s = 1.0 / sensor.rate_hz
+    px_per_rad_s = sensor.pixels / sensor.aperture_rad * dt_s
+    sigma_px = float(np.sqrt(sensor.flow_noise_px**2 + ROUNDING_VARIANCE))
+    return OpticalFlow(
+        stamp_ns=stamp_ns - round(0.5e9 * dt_s),
+        flow_rad_s=values[0:2] / px_per_rad_s,
+        flow_sigma_rad_s=sigma_px / px_per_rad_s,
+        range_m=float(values[2]),
+        range_sigma_m=float(np.hypot(2.0 * sensor.range_noise_m, CLIMB_M_S * dt_s / 2)),
+    )

@@ -1,0 +1,58 @@
+"""The camera in flight: frames of the scene from a vehicle whose way is not known yet."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.generate import camera_path, check_first_view, with_effects
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
+from uavbench.scenes.scene import Scene
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.simulation.simulate import Simulation
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS
+
+
+class WayFlown:
+    """True `world_from_body` of a flight that goes on: the rows up to the present one."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self.stamps_ns: NDArray[np.int64] = np.arange(simulation.steps, dtype=np.int64) * STEP_NS
+
+    def __len__(self) -> int:
+        return self._simulation.step + 1
+
+    def pose(self, row: int) -> Pose:
+        """Pose of a row that was flown."""
+        state = self._simulation.record[row]
+        return Pose.from_quaternion(state[RECORD["quaternions_wxyz"]], state[RECORD["positions_m"]])
+
+
+@contextmanager
+def eye(spec: SequenceSpec, scene: Scene, way: WayFlown) -> Iterator[CameraSimulator]:
+    """The camera on its way, with every effect of the spec."""
+    camera = spec.camera.camera()
+    pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
+    with scene.renderer(pinhole.width, pinhole.height) as renderer:
+        path = camera_path(way, spec.mount.cam_from_body)
+        ideal = ideal_camera(renderer, camera, pinhole, lens, path, spec.camera.lens_blur_px)
+        check_first_view(spec, ideal)
+        yield with_effects(ideal, spec.effects, spec.seed)
+
+
+def frame_rows(steps: int, rate_hz: float) -> NDArray[np.int64]:
+    """Rows of a flight at which a camera's frames are taken; as `Flight.frame_rows`."""
+    rows_per_frame = Fraction(10**9) / Fraction(str(rate_hz)) / STEP_NS
+    return np.array([round(i * rows_per_frame) for i in range(int((steps - 1) / rows_per_frame) + 1)], dtype=np.int64)
+
+
+def rows_after(spec: SequenceSpec, source: CameraSimulator) -> int:
+    """Rows that must be flown beyond a frame's stamp until all of it is exposed."""
+    exposed_ms = max((getattr(effect, "exposure_ms", 0.0) for effect in spec.effects), default=0.0)
+    readout_ns = abs(source.row_delay_ns) * (source.camera.height - 1)
+    return int(np.ceil((0.5e6 * exposed_ms + 0.5 * readout_ns) / STEP_NS))

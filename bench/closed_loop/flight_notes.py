@@ -1,0 +1,108 @@
+"""What is noted of a flight while it goes on, and the flight as it is kept."""
+
+from collections.abc import Sequence as ListOf
+from typing import Any
+
+import numpy as np
+
+from uavbench.bench.closed_loop.ending import Ending
+from uavbench.bench.closed_loop.open_loop import OpenLoop
+from uavbench.bench.closed_loop.spec import Pilot
+from uavbench.reports.closed_loop.flown import Flown, FlownPath
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.fusion.state import Estimate
+from uavbench.tracker.fusion.vehicle_filter import Verdict
+from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import parameters, record_of
+from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion, rotation_log
+from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.simulation.simulate import Simulation
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS
+
+KNOWN_STATES = 9
+"""Position, velocity and attitude: the first states of the filter's error, and those whose truth is known."""
+
+
+class Notes:
+    """Notes of one flight; `ending` is None while it goes on."""
+
+    def __init__(self, spec: SequenceSpec, pilot: Pilot, open_loop: OpenLoop) -> None:
+        self._spec, self._pilot, self._open_loop = spec, pilot, open_loop
+        self.ending: Ending | None = None
+        self.faults: list[tuple[int, str]] = []
+        self._rows: list[Array] = []
+        self._stamps: list[int] = []
+        self._frames: list[tuple[int, int, TrackResult, int]] = []
+        self._true_world_from_body: list[Pose] = []
+
+    def row(self, simulation: Simulation, believed: Estimate | None, has_fix: bool) -> None:
+        """Note where the vehicle is, where it believes to be, and where it should be."""
+        state, planned = simulation.record[simulation.step], simulation.reference[simulation.step]
+        true_q, true_p, true_v = (state[RECORD[k]] for k in ("quaternions_wxyz", "positions_m", "velocities_m_s"))
+        believes = np.full(14, np.nan)
+        if believed is not None:
+            pose, P = believed.world_from_body, believed.covariance
+            turn = rotation_log(pose.rotation.T @ rotation_from_quaternion(true_q))
+            error = np.concatenate([true_p - pose.translation, true_v - believed.velocity_m_s, turn])
+            nees = error @ np.linalg.solve(P[:KNOWN_STATES, :KNOWN_STATES], error)
+            sigmas = np.sqrt(np.diag(P)[:3])
+            believes = np.concatenate([pose.translation, pose.quaternion_wxyz, believed.velocity_m_s, sigmas, [nees]])
+        fix = [float(has_fix)]
+        self._rows.append(np.concatenate([true_p, true_q, true_v, believes, planned[0:3], planned[9:10], fix]))
+        self._stamps.append(simulation.step * STEP_NS)
+
+    def frame(self, frame: int, stamp_ns: int, result: TrackResult, true_pose: Pose, answered_ns: int) -> None:
+        """Note a frame, what the tracker said of it, and when that reached the filter."""
+        self._frames.append((frame, stamp_ns, result, answered_ns))
+        self._true_world_from_body.append(true_pose.inverse() @ self._spec.mount.cam_from_body)
+
+    def flown(
+        self, simulation: Simulation, radius_m: float, structure: Structure, camera: Camera, verdicts: ListOf[Verdict]
+    ) -> Flown:
+        """The flight as it is kept."""
+        stamps = [stamp for _, stamp, _, _ in self._frames]
+        results = Results(
+            self._record(simulation, radius_m),
+            np.array([frame for frame, _, _, _ in self._frames], dtype=np.int64),
+            np.array(stamps, dtype=np.int64),
+            tuple(result for _, _, result, _ in self._frames),
+        )
+        return Flown(
+            results=results,
+            groundtruth=Trajectory.from_poses(stamps, self._true_world_from_body),
+            path=FlownPath(np.array(self._stamps, dtype=np.int64), np.array(self._rows)),
+            plan=self._open_loop.plan,
+            answered_ns=np.array([answered for _, _, _, answered in self._frames], dtype=np.int64),
+            innovations=[[v.stamp_ns, v.kind, v.d2, v.dof, v.why] for v in verdicts],
+            structure=structure,
+            camera=camera,
+        )
+
+    def _record(self, simulation: Simulation, radius_m: float) -> dict[str, Any]:
+        spec, pilot = self._spec, self._pilot
+        last_ns = (simulation.steps - 1) * STEP_NS
+        ending = self.ending or Ending("completed", "", last_ns)
+        inputs = {
+            "label": pilot.label,
+            "sequence": {"name": spec.name},
+            "start": {"kind": type(pilot.start).__name__, "parameters": parameters(pilot.start)},
+            "loop": pilot.described_loop(),
+        }
+        errors = [f"t = {stamp / 1e9:.3f} s: {what}" for stamp, what in self.faults]
+        record = record_of(
+            pilot.tracker, inputs, spec.mount.cam_from_body, rate_hz=pilot.rate_hz, seed=spec.seed, errors=errors
+        )
+        flight = {
+            "status": ending.status,
+            "why": ending.why,
+            "ended_s": ending.stamp_ns / 1e9,
+            "planned_s": last_ns / 1e9,
+            "radius_m": radius_m,
+            "open_loop_rms_m": float(np.sqrt(np.mean(self._open_loop.error_m**2))),
+            "open_loop_max_m": float(self._open_loop.error_m.max()),
+        }
+        return {**record, "flight": flight}

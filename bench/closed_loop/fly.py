@@ -1,0 +1,175 @@
+"""Fly a sequence in closed loop: simulate, render, track, estimate, control, in lockstep and deterministic."""
+
+from collections.abc import Callable
+from typing import Any
+
+from uavbench.bench.closed_loop.checks import check_loop
+from uavbench.bench.closed_loop.ending import Ending, Judge
+from uavbench.bench.closed_loop.estimators import Estimator, Filtered, TrueState
+from uavbench.bench.closed_loop.eye import WayFlown, eye, frame_rows, rows_after
+from uavbench.bench.closed_loop.flight_notes import Notes
+from uavbench.bench.closed_loop.open_loop import OpenLoop
+from uavbench.bench.closed_loop.sensing import Reading, Sensors
+from uavbench.bench.closed_loop.spec import Pilot
+from uavbench.bench.closed_loop.trackers import GroundTruth
+from uavbench.bench.closed_loop.tracking import TrackerInFlight
+from uavbench.reports.closed_loop.flown import Flown
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.scene import Scene, build_scene
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.protocol import Image, TrackResult
+from uavbench.tracker.run import started, tracker_stream
+from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.simulation.flight import begin
+from uavbench.trajectories.simulation.simulate import BLOCK, Simulation
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS, Quadrotor
+
+OnStep = Callable[[int, int], None]
+
+
+def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flown:
+    """Fly a sequence on what its camera says; the same arguments give the same flight where no latency is measured.
+
+    The vehicle is flown on its true state until its first frame is exposed, then on the estimate alone. on_step(steps
+    done, all steps) tells progress. UserError before the start for a loop that cannot hold the vehicle, for a flight
+    that fails even on its true state, and for a tracker that cannot be started.
+    """
+    prepare(__name__)
+    sensors = check_loop(pilot.loop, spec)
+    scene = build_scene(spec)
+    notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
+    simulation = begin(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    simulation.warm_up()
+    with eye(spec, scene, WayFlown(simulation)) as source:
+        loop = Loop(spec, pilot, scene, simulation, source, sensors, notes)
+        while notes.ending is None and not simulation.is_over:
+            loop.step()
+            if on_step is not None and simulation.step % (10 * BLOCK) == 0:
+                on_step(simulation.step, simulation.steps)
+    verdicts = loop.estimator.verdicts if loop.estimator is not None else []
+    return notes.flown(simulation, loop.judge.radius_m, scene.built.structure, source.camera, verdicts)
+
+
+class Loop:
+    """All parts of a flight at work: one `step` is one control step of the vehicle."""
+
+    def __init__(
+        self,
+        spec: SequenceSpec,
+        pilot: Pilot,
+        scene: Scene,
+        simulation: Simulation,
+        source: CameraSimulator,
+        sensors: tuple[str, ...],
+        notes: Notes,
+    ) -> None:
+        self.spec, self.pilot, self.scene = spec, pilot, scene
+        self.simulation, self.source, self.sensor_names, self.notes = simulation, source, sensors, notes
+        self.sensors = Sensors(spec, pilot.loop, simulation.steps, scene.obstacles)
+        self.judge = Judge(
+            pilot.loop.crash, Quadrotor.from_mjcf(spec.flight.airframe.build(spec.mount)).radius_m, scene.obstacles
+        )
+        self.latency_rng = stream(spec.seed, "loop", "latency")
+        self.rows = frame_rows(simulation.steps, pilot.rate_hz).tolist()
+        self.rows_after = rows_after(spec, source)
+        self.frame = 0
+        self.busy_until_ns = -1
+        self.due: list[tuple[int, int, TrackResult]] = []
+        self.early: list[Reading] = []
+        self.estimator: Estimator | None = None
+        self.tracker: TrackerInFlight | None = None
+
+    def step(self) -> None:
+        """Where the vehicle is, what is measured and seen of it, what is believed, and the thrusts that follow."""
+        simulation = self.simulation
+        simulation.observe()
+        now_ns = simulation.step * STEP_NS
+        self.sense()
+        self.see()
+        self.deliver(now_ns)
+        self.command(now_ns)
+        simulation.advance()
+        if simulation.step % BLOCK == 0 or simulation.is_over:
+            self.look_for_the_end()
+
+    def sense(self) -> None:
+        """Give the filter what the body's sensors measured."""
+        for reading in self.sensors.read(self.simulation.record, self.simulation.step):
+            if self.estimator is None:
+                self.early.append(reading)
+            else:
+                self.estimator.sense(reading)
+
+    def see(self) -> None:
+        """Take and track the next frame once all of it is exposed."""
+        if self.frame >= len(self.rows) or self.simulation.step < self.rows[self.frame] + self.rows_after:
+            return
+        stamp_ns = self.rows[self.frame] * STEP_NS
+        frame, self.frame = self.frame, self.frame + 1
+        light = self.source.image(stamp_ns)
+        if light is None or stamp_ns < self.busy_until_ns:
+            return
+        image = encode(light)
+        tracker = self.tracker or self.take_off(image)
+        true_pose = self.source.cam_from_world(stamp_ns)
+        told = len(tracker.faults)
+        result = tracker.track(image, stamp_ns, self.sensors.upto(stamp_ns), true_pose)
+        latency = self.pilot.loop.latency
+        answer_ns = stamp_ns + latency.delay_ns(result.stage_ms.get("total", 0.0), self.latency_rng)
+        self.busy_until_ns = answer_ns if latency.occupies else -1
+        self.due.append((max(answer_ns, self.simulation.step * STEP_NS), stamp_ns, result))
+        self.notes.frame(frame, stamp_ns, result, true_pose, self.due[-1][0])
+        if len(tracker.faults) > told and self.pilot.loop.on_fault == "end":
+            self.notes.ending = Ending("stopped", f"the tracker failed: {tracker.faults[-1][1]}", stamp_ns)
+
+    def take_off(self, first: Image) -> TrackerInFlight:
+        """Start tracker and filter at the first frame."""
+        spec, pilot, camera = self.spec, self.pilot, self.source.camera
+        structure, seed = self.scene.built.structure, spec.seed
+        pose = pilot.start.initial_pose(
+            structure, camera, self.source.cam_from_world(0), first, stream(seed, "initialization")
+        )
+        rng = tracker_stream(pilot.tracker, seed)
+        run: Any = pilot.tracker
+        if not isinstance(run, GroundTruth):
+            run = started(run, structure, camera, pose, rng, self.sensors.body)
+        self.tracker = TrackerInFlight(run)
+        if pilot.loop.estimator == "truth":
+            self.estimator = TrueState()
+        else:
+            imu = next(s for s in spec.sensors if isinstance(s, Imu))
+            self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, spec.mount.cam_from_body, pose)
+        for reading in self.early:
+            self.estimator.sense(reading)
+        self.notes.faults = self.tracker.faults
+        return self.tracker
+
+    def deliver(self, now_ns: int) -> None:
+        """Give the filter the answers whose time has come."""
+        for answer in [answer for answer in self.due if answer[0] <= now_ns]:
+            self.due.remove(answer)
+            assert self.estimator is not None
+            self.estimator.answer(answer[1], answer[2])
+
+    def command(self, now_ns: int) -> None:
+        """Have guidance and controller act on what is believed."""
+        simulation = self.simulation
+        estimator = self.estimator
+        believed = estimator.believe(now_ns) if estimator is not None else None
+        simulation.command(*(believed or (simulation.qpos, simulation.qvel)))
+        if simulation.step % BLOCK == 0:
+            estimate = estimator.estimate(now_ns) if estimator is not None else None
+            self.notes.row(simulation, estimate, self.sensors.has_fix)
+
+    def look_for_the_end(self) -> None:
+        """Note how the flight ended if it did within the last steps."""
+        simulation, loop = self.simulation, self.pilot.loop
+        first = (simulation.step - 1) // BLOCK * BLOCK
+        rows = slice(first, simulation.step)
+        found = self.judge.ending(simulation.record[rows], simulation.reference[rows], first)
+        if found is None and loop.time_limit_s is not None and simulation.step * STEP_NS >= loop.time_limit_s * 1e9:
+            found = Ending("timed out", f"it took longer than {loop.time_limit_s:g} s", simulation.step * STEP_NS)
+        self.notes.ending = self.notes.ending or found

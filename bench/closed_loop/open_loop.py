@@ -1,0 +1,34 @@
+"""The same flight on its true state: what it is asked to do, and how far from that it comes by itself."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.simulation.flight import begin, fly
+from uavbench.trajectories.simulation.simulate import simulate
+from uavbench.trajectories.vehicle.quadrotor import STEP_S
+
+PLAN_STRIDE = 50
+"""Steps between two rows of a plan that is kept: 0.1 s."""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLoop:
+    """A flight on its true state: its plan (n, 5), time in s, position in m, yaw in rad, and its path error (m,)."""
+
+    plan: Array
+    error_m: Array
+
+    @classmethod
+    def of(cls, spec: SequenceSpec, obstacles: ObstacleMesh) -> "OpenLoop":
+        """The flight of a sequence; UserError where it fails, crashes or has no room."""
+        fly(replace(spec.flight, on_crash="error"), spec.mount, obstacles, spec.seed)
+        simulation = begin(spec.flight, spec.mount, obstacles, spec.seed)
+        places = simulate(simulation)[:, 0:3]
+        planned = simulation.reference
+        rows = np.arange(0, len(planned), PLAN_STRIDE)
+        plan = np.column_stack([rows * STEP_S, planned[rows, 0:3], planned[rows, 9]])
+        return cls(plan, np.linalg.norm(places - planned[:, 0:3], axis=1))

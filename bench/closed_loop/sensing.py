@@ -1,0 +1,129 @@
+"""The body's sensors in flight: each reading is made when its time has come, with the noise of its own stream."""
+
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.bench.closed_loop.spec import LoopSpec
+from uavbench.scenes.dataset.body import CALIBRATED, Body, BodySensor, Samples
+from uavbench.scenes.dataset.spec_record import described
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.registry import named
+from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorSpec, stamps_between
+from uavbench.trajectories.vehicle.quadrotor import STEP_NS
+
+NEVER_NS = 2**63 - 1
+"""A stamp that no flight reaches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What one sensor measured at one time: its name, its spec, its values (k,) as in `measured`."""
+
+    name: str
+    sensor: SensorSpec
+    stamp_ns: int
+    values: Array
+
+
+class LiveSensor:
+    """One sensor in flight."""
+
+    def __init__(self, name: str, sensor: LiveSensorSpec, steps: int, obstacles: ObstacleMesh, seed: int) -> None:
+        self.name, self.sensor = name, sensor
+        self.stamps = stamps_between(0, (steps - 1) * STEP_NS, sensor.rate_hz)
+        self.width = len(getattr(type(sensor), "measured", ()))
+        self._reader: Reader = sensor.begin(len(self.stamps), obstacles, stream(seed, "sensor", name))
+        self._done, self._next_ns = 0, 0
+
+    def read(self, record: Array, row: int) -> list[Reading]:
+        """Readings whose time has come at a row of a flight's record."""
+        if row * STEP_NS < self._next_ns:
+            return []
+        end = int(np.searchsorted(self.stamps, row * STEP_NS, side="right"))
+        before = int(self.stamps[max(self._done - 1, 0)]) // STEP_NS
+        new = self.stamps[self._done : end]
+        values = self._reader.read(part(record, before, row), new)[:, : self.width]
+        self._done, self._next_ns = end, int(self.stamps[end]) if end < len(self.stamps) else NEVER_NS
+        return [Reading(self.name, self.sensor, t, v) for t, v in zip(new.tolist(), values, strict=True)]
+
+
+class Sensors:
+    """All sensors of a sequence in flight, and what of it the tracker was given."""
+
+    def __init__(self, spec: SequenceSpec, loop: LoopSpec, steps: int, obstacles: ObstacleMesh) -> None:
+        self._live = [LiveSensor(n, live(s), steps, obstacles, spec.seed) for n, s in named(spec.sensors).items()]
+        self._outages_ns = [(a * 1e9, b * 1e9) for a, b in loop.gnss_outages_s]
+        self._kept: dict[str, list[Reading]] = {sensor.name: [] for sensor in self._live}
+        self.has_fix = False
+        self.body = body_of(spec)
+
+    def read(self, record: Array, row: int) -> list[Reading]:
+        """Readings whose time has come, in the order of the sensors."""
+        new = [self._seen(reading) for sensor in self._live for reading in sensor.read(record, row)]
+        for reading in new:
+            self._kept[reading.name].append(reading)
+        return new
+
+    def upto(self, stamp_ns: int) -> dict[str, Samples]:
+        """By sensor, the readings not handed out before, up to and with a stamp."""
+        out = {}
+        for sensor in self._live:
+            kept = self._kept[sensor.name]
+            count = sum(reading.stamp_ns <= stamp_ns for reading in kept)
+            stamps = np.array([reading.stamp_ns for reading in kept[:count]], dtype=np.int64)
+            values = np.array([reading.values for reading in kept[:count]]).reshape(count, sensor.width)
+            out[sensor.name] = Samples(stamps, values)
+            del kept[:count]
+        return out
+
+    def _seen(self, reading: Reading) -> Reading:
+        """A reading; without a fix during an outage of GNSS."""
+        if not isinstance(reading.sensor, Gnss):
+            return reading
+        values = reading.values
+        if any(first <= reading.stamp_ns < last for first, last in self._outages_ns):
+            values = np.concatenate([[0.0], np.full(len(values) - 1, np.nan)])
+        self.has_fix = bool(np.isfinite(values).all())
+        return Reading(reading.name, reading.sensor, reading.stamp_ns, values)
+
+
+def live(sensor: SensorSpec) -> Any:
+    """A sensor that can be read in flight; UserError for one that cannot."""
+    if not (callable(getattr(sensor, "begin", None)) and hasattr(sensor, "rate_hz")):
+        raise UserError(
+            f"sensors: {type(sensor).__name__} cannot be read in flight: it needs `rate_hz` and `begin` "
+            "(trajectories/sensors/sensor.py, LiveSensorSpec); leave it out of a suite that is flown"
+        )
+    return sensor
+
+
+def body_of(spec: SequenceSpec) -> Body:
+    """What a tracker may know of the body that carries the camera."""
+    sensors = {}
+    for name, sensor in named(spec.sensors).items():
+        about = described(sensor)
+        kind = str(about.get("kind", type(sensor).__name__))
+        known = {f.name for f in fields(sensor) if f.init} & CALIBRATED  # type: ignore[arg-type]
+        parameters = {key: about[key] for key in sorted(known) if isinstance(about[key], int | float | list)}
+        measured = tuple(getattr(type(sensor), "measured", ()))
+        sensors[name] = BodySensor(kind, measured, MappingProxyType(parameters))
+    return Body(spec.mount.cam_from_body, MappingProxyType(sensors))
+
+
+def part(record: Array, first: int, last: int) -> Flight:
+    """Rows `first` to `last` of a flight's record."""
+    rows = slice(first, last + 1)
+    stamps: NDArray[np.int64] = np.arange(first, last + 1, dtype=np.int64) * STEP_NS
+    state: dict[str, Any] = {name: record[rows, columns] for name, columns in RECORD.items()}
+    return Flight(stamps, **state)

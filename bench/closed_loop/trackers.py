@@ -1,0 +1,51 @@
+"""Trackers that make sense in flight only: the bounds between which all others lie."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Gt
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """The true pose of the camera at every frame, with the standard deviations that it claims."""
+
+    sigma_m: Annotated[float, Gt(0)] = 0.001
+    sigma_deg: Annotated[float, Gt(0)] = 0.05
+
+    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+        """UserError: nobody but the loop knows the truth."""
+        raise UserError("the tracker `truth` is for flights only: `uavbench fly`")
+
+    def answer(self, true_cam_from_world: Pose) -> TrackResult:
+        """The truth as a result."""
+        sigmas = np.repeat([self.sigma_m, np.radians(self.sigma_deg)], 3)
+        return TrackResult(status="ok", cam_from_world=true_cam_from_world, covariance=np.diag(sigmas**2))
+
+
+@dataclass(frozen=True)
+class Blind:
+    """Never a pose: the vehicle flies on its other sensors alone, which is the floor of every comparison."""
+
+    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+        """Begin a run."""
+        return BlindRun()
+
+
+class BlindRun:
+    """A run of `blind`."""
+
+    def track(self, image: Image, stamp_ns: int) -> TrackResult:
+        """No pose."""
+        return TrackResult(status="lost")
+
+
+FLIGHT_TRACKERS: dict[str, type[Tracker]] = {"truth": GroundTruth, "blind": Blind}
+"""Name -> parameters of the trackers for flights."""

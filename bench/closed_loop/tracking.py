@@ -1,0 +1,59 @@
+"""The tracker in flight: whatever it does wrong costs frames, is told with its time, and never stops the vehicle."""
+
+from collections.abc import Mapping
+
+from uavbench.bench.closed_loop.trackers import GroundTruth
+from uavbench.bench.external.program import StreamRun
+from uavbench.bench.external.rows import ROW_FAULTS, TrackerFault
+from uavbench.scenes.dataset.body import Samples
+from uavbench.tracker.protocol import Image, Run, TrackResult
+from uavbench.tracker.run import track_frame
+from uavbench.trajectories.pose import Pose
+
+LOST = TrackResult(status="lost")
+
+
+class TrackerInFlight:
+    """A run of a tracker; `faults` are what it did wrong, by the stamp of the frame.
+
+    What a program says beyond its answers is forgotten; one that is out of step, so that its answers could belong to
+    any frame, is not asked again.
+    """
+
+    def __init__(self, run: "Run | GroundTruth") -> None:
+        self._run = run
+        self.has_ended = False
+        self.faults: list[tuple[int, str]] = []
+
+    def track(
+        self, image: Image, stamp_ns: int, samples: Mapping[str, Samples], true_cam_from_world: Pose
+    ) -> TrackResult:
+        """Result of a frame, `lost` where there is none; only the tracker `truth` is told the true pose."""
+        if isinstance(self._run, GroundTruth):
+            return self._run.answer(true_cam_from_world)
+        if self.has_ended:
+            return LOST
+        result, error = track_frame(Watched(self._run, self), image, stamp_ns, samples)
+        if error:
+            self.faults.append((stamp_ns, error))
+        return result
+
+
+class Watched:
+    """A run that notes when its program is out of step."""
+
+    def __init__(self, run: Run, noted: TrackerInFlight) -> None:
+        self._run, self._noted = run, noted
+        if hasattr(run, "sense"):
+            self.sense = run.sense
+
+    def track(self, image: Image, stamp_ns: int) -> TrackResult:
+        """The run's own answer."""
+        try:
+            return self._run.track(image, stamp_ns)
+        except TrackerFault as error:
+            if isinstance(self._run, StreamRun) and not self._run.owes:
+                self._run.process.discard()
+            else:
+                self._noted.has_ended |= error.fault.name not in ROW_FAULTS
+            raise

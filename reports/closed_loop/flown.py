@@ -1,0 +1,126 @@
+"""A flight in closed loop on disk: all that its measures and figures are made of.
+
+    record.json      what made it, how it ended and when, and what the tracker did wrong at which time
+    path.csv         true state, believed state and its standard deviations, what was planned, at 50 Hz
+    plan.csv         where the same flight on its true state is asked to be, at 10 Hz
+    frames.csv ...   what the tracker said, as for a sequence (`uavbench.tracker.results`), and the truth beside it
+    answers.csv      when each frame's answer reached the filter
+    innovations.csv  what became of each measurement in the filter
+    model.obj edges.csv camera.toml    the structure and the camera
+
+All but times.csv is the same, byte for byte, on every run with a latency that is not measured.
+"""
+
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.reports.style import write_csv
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.structure_files import load_structure, save_structure
+from uavbench.scenes.dataset.table_files import read_numbers, read_table
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.results import MARKER, Results
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.formats import read_trajectory
+
+GROUPS = {
+    "true_p_m": 3, "true_q": 4, "true_v_m_s": 3,
+    "believed_p_m": 3, "believed_q": 4, "believed_v_m_s": 3,
+    "sigma_p_m": 3, "nees": 1, "planned_p_m": 3, "planned_yaw_rad": 1, "gnss_fix": 1,
+}  # fmt: skip
+"""Columns of path.csv after the stamp, by group; quaternions wxyz, `nees` of position, velocity and attitude (9)."""
+COLUMNS = ["stamp_ns", *(f"{name}_{k}" if width > 1 else name for name, width in GROUPS.items() for k in range(width))]
+INNOVATION_COLUMNS = ["stamp_ns", "kind", "d2", "dof", "refused"]
+ANSWER_COLUMNS = ["stamp_ns", "answered_ns"]
+PLAN_COLUMNS = ["t_s", "px_m", "py_m", "pz_m", "yaw_rad"]
+
+
+@dataclass(frozen=True, eq=False)
+class FlownPath:
+    """Rows of path.csv: stamps_ns (n,), values (n, k) in the order of GROUPS; NaN where there is nothing."""
+
+    stamps_ns: NDArray[np.int64]
+    values: Array
+
+    def group(self, name: str) -> Array:
+        """Columns (n, w) of one group."""
+        first = 0
+        for other, width in GROUPS.items():
+            if other == name:
+                return self.values[:, first : first + width]
+            first += width
+        raise KeyError(name)
+
+    @property
+    def seconds(self) -> Array:
+        """Time (n,) since the start."""
+        return np.asarray(self.stamps_ns / 1e9)
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """One flight in closed loop; plan (n, 5) has the columns of PLAN_COLUMNS."""
+
+    results: Results
+    groundtruth: Trajectory
+    path: FlownPath
+    plan: Array
+    answered_ns: NDArray[np.int64]
+    innovations: ListOf[ListOf[Any]]
+    structure: Structure
+    camera: Camera
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What record.json says."""
+        return dict(self.results.record)
+
+    def save(self, folder: Path) -> None:
+        """Write the folder, whole or not at all."""
+        with new_folder(folder, MARKER) as new:
+            self.results.write(new, self.groundtruth)
+            rows = zip(self.path.stamps_ns.tolist(), self.path.values.tolist(), strict=True)
+            write_csv(new / "path.csv", COLUMNS, ([stamp, *map(_number, row)] for stamp, row in rows))
+            write_csv(new / "plan.csv", PLAN_COLUMNS, self.plan.tolist())
+            answers = np.column_stack([self.results.stamps_ns, self.answered_ns]).reshape(-1, 2)
+            write_csv(new / "answers.csv", ANSWER_COLUMNS, answers.tolist())
+            write_csv(new / "innovations.csv", INNOVATION_COLUMNS, self.innovations)
+            save_structure(self.structure, new)
+            self.camera.save(new / "camera.toml")
+
+    @classmethod
+    def load(cls, folder: Path) -> "Flown":
+        """Read what `save` wrote; UserError naming the file that is wrong."""
+        results = Results.load(folder)
+        if "flight" not in results.record:
+            raise UserError(f"{folder / MARKER}: is of no flight; fly again")
+        table = read_table(folder / "path.csv", COLUMNS)
+        try:
+            stamps = np.array([int(row["stamp_ns"]) for row in table], dtype=np.int64)
+            values = np.array([[float(row[c]) if row[c] else np.nan for c in COLUMNS[1:]] for row in table])
+            answered = [int(row["answered_ns"]) for row in read_table(folder / "answers.csv", ANSWER_COLUMNS)]
+        except ValueError as error:
+            raise UserError(f"{folder / 'path.csv'}: {error}; fly again") from None
+        told = read_table(folder / "innovations.csv", INNOVATION_COLUMNS)
+        return cls(
+            results,
+            read_trajectory(folder / "groundtruth_world_from_body.tum", "tum")[0],
+            FlownPath(stamps, values.reshape(len(stamps), len(COLUMNS) - 1)),
+            read_numbers(folder / "plan.csv", PLAN_COLUMNS),
+            np.array(answered, dtype=np.int64),
+            [[row[c] for c in INNOVATION_COLUMNS] for row in told],
+            load_structure(folder),
+            Camera.load(folder / "camera.toml", inside=folder),
+        )
+
+
+def _number(value: float) -> float | None:
+    return None if value != value else value

@@ -1,0 +1,181 @@
+"""Measures of one flight in closed loop.
+
+Conventions: path error is the distance of the true position from what guidance asked for at the same time. A flight
+succeeds when it comes to its end without a crash and never leaves its corridor. A pose is false beyond 5 cm or 5 deg.
+NEES divided by its degrees of freedom is 1 for an honest estimator.
+"""
+
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.reports.closed_loop.coverage import coverage
+from uavbench.reports.closed_loop.flown import Flown
+from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
+from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, is_singular
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.pose import Array, Pose, rotation_exp, rotation_log
+
+FILTER_STATES = 9
+"""Degrees of freedom of the filter's NEES: position, velocity and attitude."""
+LOOK_EVERY_S = 0.5
+"""Time between the views whose coverage is counted: a camera that inspects does not move far in between."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlightScore:
+    """Measures of one flight; None where there is nothing to measure.
+
+    path_*: true against planned position; path_added_m is what estimation adds to the rms error of the same flight on
+    its true state. clearance_min_m: least distance of the vehicle's sphere to structure or floor. estimate_*: the
+    filter's position and its NEES over its degrees of freedom, tracker_* the same of the tracker's poses. refused_share
+    of the camera's poses did not pass the filter's gate. first_false_s: stamp of the first false pose, and
+    false_to_crash_s the time from there to the crash. coverage of the surface, and what the plan would cover.
+    """
+
+    label: str
+    rate_hz: float
+    sequence: str
+    seed: int
+    status: str
+    why: str
+    success: bool
+    ended_s: float
+    planned_s: float
+    path_rms_m: float
+    path_max_m: float
+    path_added_m: float
+    clearance_min_m: float
+    estimate_rms_m: float | None
+    estimate_max_m: float | None
+    estimate_nees: float | None
+    frames: int
+    ok_share: float
+    tracker_rms_m: float | None
+    tracker_nees: float | None
+    refused_share: float | None
+    first_false_s: float | None
+    false_to_crash_s: float | None
+    gnss_share: float
+    coverage: float
+    coverage_planned: float
+    faults: tuple[str, ...]
+
+    def save(self, path: Path, content_hash: str = "") -> None:
+        """Write `score.json`; the hash is of what made it."""
+        text = json.dumps({"content_hash": content_hash, **asdict(self)}, indent=1, allow_nan=False)
+        write_text(path, text + "\n", sealed=True)
+
+    @classmethod
+    def load(cls, path: Path) -> "FlightScore":
+        """Read what `save` wrote; UserError naming the file."""
+        values = read_json(path)
+        try:
+            given = {f.name: values[f.name] for f in fields(cls)}
+        except KeyError as error:
+            raise UserError(f"{path}: lacks {error}; score the flight again") from None
+        return cls(**{**given, "faults": tuple(given["faults"])})
+
+
+def measure_flight(flown: Flown) -> FlightScore:
+    """Measures of a flight."""
+    record, flight, path = flown.record, flown.record["flight"], flown.path
+    true_m = path.group("true_p_m")
+    path_error_m = np.linalg.norm(true_m - path.group("planned_p_m"), axis=1)
+    estimate_m = np.linalg.norm(true_m - path.group("believed_p_m"), axis=1)
+    estimate_m = estimate_m[np.isfinite(estimate_m)]
+    translation_m, angle_deg, nees = tracker_errors(flown)
+    false = (translation_m > SUCCESS_M) | (angle_deg > SUCCESS_DEG)
+    first_false_s = float(flown.results.stamps_ns[np.argmax(false)] / 1e9) if false.any() else None
+    crashed = flight["status"] == "crashed"
+    obstacles = ObstacleMesh(flown.structure.vertices, flown.structure.triangles)
+    px_m = float(record["loop"]["coverage_px_m"])
+    known = translation_m[np.isfinite(translation_m)]
+    return FlightScore(
+        label=str(record["label"]),
+        rate_hz=float(record["rate_hz"]),
+        sequence=str(record["sequence"]["name"]),
+        seed=int(record["seed"]),
+        status=flight["status"],
+        why=flight["why"],
+        success=flight["status"] == "completed" and bool(path_error_m.max() <= record["loop"]["corridor_m"]),
+        ended_s=flight["ended_s"],
+        planned_s=flight["planned_s"],
+        path_rms_m=rms(path_error_m),
+        path_max_m=float(path_error_m.max()),
+        path_added_m=rms(path_error_m) - flight["open_loop_rms_m"],
+        clearance_min_m=float(obstacles.clearance(true_m).min()) - flight["radius_m"],
+        estimate_rms_m=rms(estimate_m) if len(estimate_m) else None,
+        estimate_max_m=float(estimate_m.max()) if len(estimate_m) else None,
+        estimate_nees=mean(path.group("nees")[:, 0] / FILTER_STATES),
+        frames=len(flown.results),
+        ok_share=float(flown.results.ok.mean()) if len(flown.results) else 0.0,
+        tracker_rms_m=rms(known) if len(known) else None,
+        tracker_nees=mean(nees / DEGREES_OF_FREEDOM),
+        refused_share=refused_share(flown),
+        first_false_s=first_false_s,
+        false_to_crash_s=flight["ended_s"] - first_false_s if crashed and first_false_s is not None else None,
+        gnss_share=float(path.group("gnss_fix").mean()),
+        coverage=coverage(flown.structure, flown.camera, cameras_flown(flown), px_m),
+        coverage_planned=coverage(flown.structure, flown.camera, cameras_planned(flown), px_m),
+        faults=tuple(map(str, record["errors"])),
+    )
+
+
+def tracker_errors(flown: Flown) -> tuple[Array, Array, Array]:
+    """Position error (n,) in m and rotation error in deg of the body at each frame, and NEES; NaN without a pose."""
+    mount = flown.results.cam_from_body
+    out = np.full((3, len(flown.results)), np.nan)
+    for i, row in enumerate(flown.results.rows):
+        if row.cam_from_world is None:
+            continue
+        true, found = flown.groundtruth.pose(i), row.cam_from_world.inverse() @ mount
+        out[0, i] = np.linalg.norm(true.translation - found.translation)
+        out[1, i] = np.degrees(np.linalg.norm(rotation_log(found.rotation.T @ true.rotation)))
+        if row.covariance is not None and not is_singular(row.covariance):
+            xi = (mount @ true.inverse() @ row.cam_from_world.inverse()).log()
+            out[2, i] = xi @ np.linalg.solve(row.covariance, xi)
+    return out[0], out[1], out[2]
+
+
+def refused_share(flown: Flown) -> float | None:
+    """Share of the camera's poses that the filter refused; None where it was given none."""
+    poses = [row for row in flown.innovations if row[1] == "CameraPose"]
+    return sum(bool(row[4]) for row in poses) / len(poses) if poses else None
+
+
+def cameras_flown(flown: Flown) -> list[Pose]:
+    """True `cam_from_world` along a flight."""
+    mount, path = flown.results.cam_from_body, flown.path
+    positions, quaternions = path.group("true_p_m"), path.group("true_q")
+    rows = spaced(path.seconds)
+    return [mount @ Pose.from_quaternion(quaternions[i], positions[i]).inverse() for i in rows]
+
+
+def cameras_planned(flown: Flown) -> list[Pose]:
+    """`cam_from_world` along the plan, the vehicle level."""
+    mount, plan = flown.results.cam_from_body, flown.plan
+    turns = rotation_exp(np.column_stack([np.zeros((len(plan), 2)), plan[:, 4]]))
+    return [mount @ Pose(turns[i], plan[i, 1:4]).inverse() for i in spaced(plan[:, 0])]
+
+
+def spaced(seconds: Array) -> list[int]:
+    """Rows that are LOOK_EVERY_S apart."""
+    times = np.arange(seconds[0], seconds[-1] + 1e-9, LOOK_EVERY_S)
+    return [int(row) for row in np.unique(np.searchsorted(seconds, times))]
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square of values (n,)."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def mean(values: Array) -> float | None:
+    """Mean of the finite values; None where there is none."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else None

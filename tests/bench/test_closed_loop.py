@@ -1,0 +1,314 @@
+"""Flights in closed loop: what the controller knows, what is repeatable, and what a bad tracker cannot do."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from uavbench.bench.closed_loop.checks import check_loop
+from uavbench.bench.closed_loop.ending import Judge
+from uavbench.bench.closed_loop.fly import fly
+from uavbench.bench.closed_loop.latency import Constant, Lognormal, Measured
+from uavbench.bench.closed_loop.sensing import Sensors
+from uavbench.bench.closed_loop.spec import CrashSpec, LoopSpec, Pilot
+from uavbench.bench.closed_loop.trackers import Blind, GroundTruth
+from uavbench.bench.external.program import External
+from uavbench.reports.closed_loop.flown import Flown
+from uavbench.reports.closed_loop.measures import measure_flight
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.effects.exposure import MotionBlur
+from uavbench.scenes.effects.image_sensor import Noise
+from uavbench.scenes.generate import generate
+from uavbench.scenes.scene import obstacles_of
+from uavbench.scenes.spec import CameraSpec, SequenceSpec
+from uavbench.scenes.structures.box import Box
+from uavbench.scenes.world.studio import Studio
+from uavbench.tracker.baselines.hold import Hold
+from uavbench.tracker.protocol import TrackResult
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.around import Orbit
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.random_streams import stream
+from uavbench.trajectories.record_columns import RECORD
+from uavbench.trajectories.sensors.barometer import Barometer
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.sensors.optical_flow import FlowDeck
+from uavbench.trajectories.sensors.registry import measure
+from uavbench.trajectories.simulation.flight import FlightSpec
+from uavbench.trajectories.simulation.flight import fly as fly_open_loop
+
+ORBIT = Orbit(distance_m=1.0, height_m=0.6, turns=0.02, speed_m_s=0.4)
+
+
+def box(path=ORBIT, **more):
+    """A short flight around a box, few pixels and no surroundings."""
+    given = {
+        "flight": FlightSpec(path=path),
+        "camera": CameraSpec(width=160, height=120, horizontal_fov_deg=65.0),
+        "sensors": (Imu(), Barometer()),
+    }
+    return SequenceSpec(name="box-s1", seed=1, structure=Box(), environment=Studio(), **{**given, **more})
+
+
+def flown(spec, tracker, **loop):
+    given = {"latency": Constant(0.0), **loop}
+    return fly(spec, Pilot(label="it", tracker=tracker, rate_hz=spec.rate_hz, loop=LoopSpec(**given)))
+
+
+class Watching:
+    """A tracker that keeps what it is given in `seen` and says what `answers` says of each frame."""
+
+    def __init__(self, answers=None):
+        self.seen, self.answers = {"images": [], "samples": []}, answers
+
+    def start(self, structure, camera, cam_from_world, rng, *, body):
+        self.seen["body"] = body
+        return WatchingRun(self)
+
+
+class WatchingRun:
+    def __init__(self, tracker):
+        self.tracker = tracker
+
+    def sense(self, samples):
+        self.tracker.seen["samples"].append(samples)
+
+    def track(self, image, stamp_ns):
+        self.tracker.seen["images"].append((stamp_ns, image.copy()))
+        return self.tracker.answers(stamp_ns) if self.tracker.answers else TrackResult(status="lost")
+
+
+# The loop
+
+
+@pytest.mark.parametrize("path", [ORBIT, HandPilot(duration_s=1.0)], ids=["planned", "reacting"])
+def test_the_truth_flies_the_open_loop_flight(path):
+    spec = box(path)
+    open_loop = fly_open_loop(spec.flight, spec.mount, obstacles_of(spec), spec.seed)
+    found = flown(spec, GroundTruth(), estimator="truth")
+    rows = found.path.stamps_ns // 2_000_000
+    np.testing.assert_allclose(found.path.group("true_p_m"), open_loop.positions_m[rows], atol=1e-9)
+    np.testing.assert_allclose(found.path.group("true_q"), open_loop.quaternions_wxyz[rows], atol=1e-9)
+    assert found.record["flight"]["status"] == "completed"
+
+
+def test_the_tracker_sees_in_flight_what_the_rendered_sequence_shows(tmp_path):
+    spec = box(effects=(MotionBlur(), Noise()))
+    generate(spec, tmp_path / "box", content_hash="x")
+    sequence = Sequence.load(tmp_path / "box")
+    tracker = Watching()
+    flown(spec, tracker, estimator="truth")
+    images = tracker.seen["images"]
+    assert [stamp for stamp, _ in images] == sequence.stamps_ns.tolist()
+    assert all(np.array_equal(image, sequence.image(i)) for i, (_, image) in enumerate(images))
+
+
+def test_sensors_in_flight_read_what_they_measure_of_the_whole_flight():
+    sensors = (Imu(gyro_bias_rad_s=0.01), FlowDeck(), Barometer(drift_pa=2.0), Gnss(), Imu(rate_hz=333.0))
+    spec = box(HandPilot(duration_s=1.3), sensors=sensors)
+    obstacles = obstacles_of(spec)
+    flight = fly_open_loop(spec.flight, spec.mount, obstacles, spec.seed)
+    whole = measure(sensors, flight, obstacles, spec.seed)
+    record = np.zeros((len(flight), 30))
+    for name, columns in RECORD.items():
+        record[:, columns] = getattr(flight, name)
+    live = Sensors(spec, LoopSpec(), len(flight), obstacles)
+    for row in range(len(flight)):
+        live.read(record[: row + 1], row)  # nothing of what is to come is there to be read
+    samples = live.upto(10**12)
+    assert list(samples) == list(whole)
+    for name, table in whole.items():
+        assert np.array_equal(samples[name].stamps_ns, table.stamps_ns)
+        expected = table.values[:, : samples[name].values.shape[1]]
+        np.testing.assert_allclose(samples[name].values, expected, rtol=0, atol=1e-12)
+
+
+def test_readings_and_body_reach_the_tracker_at_their_time():
+    tracker = Watching()
+    flown(box(sensors=(Imu(), Gnss())), tracker, gnss_outages_s=((0.3, 0.6),))
+    given = tracker.seen
+    assert set(given["body"].sensors) == {"imu", "gnss"}
+    for (stamp, _), samples in zip(given["images"], given["samples"], strict=True):
+        assert len(samples["imu"]) and samples["imu"].stamps_ns[-1] <= stamp
+    gnss = [row for s in given["samples"] for row in zip(s["gnss"].stamps_ns, s["gnss"].values, strict=True)]
+    assert [bool(np.isfinite(v).all()) for t, v in gnss if 0.3e9 <= t < 0.6e9] == [False]
+    assert all(np.isfinite(v).all() for t, v in gnss if not 0.3e9 <= t < 0.6e9)
+
+
+def test_the_controller_believes_what_the_tracker_says():
+    """Poses that are 10 cm beside the truth move the vehicle by as much."""
+    spec = box()
+    first = flown(spec, GroundTruth())
+    aside = Pose(np.eye(3), np.array([0.0, 0.0, 0.1]))
+    truth = {t: first.groundtruth.pose(i) for i, t in enumerate(first.results.stamps_ns.tolist())}
+    covariance = np.diag([1e-6] * 6)
+
+    def lying(stamp_ns):
+        pose = spec.mount.cam_from_body @ truth[stamp_ns].inverse() @ aside
+        return TrackResult(status="ok", cam_from_world=pose, covariance=covariance)
+
+    honest, lied = (measure_flight(f) for f in (first, flown(spec, Watching(lying), sensors=("imu", "camera"))))
+    assert honest.success and honest.path_max_m < 0.05
+    assert lied.path_max_m > 0.06
+
+
+def test_a_constant_latency_gives_the_same_bytes_again(tmp_path):
+    for name in ("a", "b"):
+        flown(box(effects=(Noise(),)), GroundTruth(), latency=Constant(50.0)).save(tmp_path / name)
+    files = sorted(p.name for p in (tmp_path / "a").iterdir() if p.name != "times.csv")
+    assert {"path.csv", "frames.csv", "innovations.csv", "answers.csv", "record.json"} <= set(files)
+    assert [n for n in files if (tmp_path / "a" / n).read_bytes() != (tmp_path / "b" / n).read_bytes()] == []
+    again = Flown.load(tmp_path / "a")
+    assert measure_flight(again) == measure_flight(Flown.load(tmp_path / "b"))
+
+
+def test_answers_come_after_their_latency():
+    found = flown(box(), Blind(), latency=Constant(120.0), estimator="truth")
+    assert (found.answered_ns - found.results.stamps_ns == 120_000_000).all()
+    drawn = [
+        Lognormal(median_ms=80.0, spread=0.5).delay_ns(0.0, rng) / 1e6 for rng in [stream(0, "x")] for _ in range(500)
+    ]
+    assert np.median(drawn) == pytest.approx(80.0, rel=0.1)
+    assert np.std(np.log(drawn)) == pytest.approx(0.5, rel=0.1)
+
+
+def test_a_tracker_that_is_at_work_misses_frames():
+    class Slow(Measured):
+        def delay_ns(self, took_ms, rng):
+            return 150_000_000
+
+    found = flown(box(), Blind(), latency=Slow(), estimator="truth")
+    assert (np.diff(found.results.stamps_ns) > 140_000_000).all()
+    assert Measured(scale=2.0, more_ms=5.0).delay_ns(10.0, stream(0, "x")) == 25_000_000
+
+
+def test_what_holds_nothing_strays():
+    spec = box(Orbit(distance_m=1.0, height_m=0.6, turns=0.1, speed_m_s=0.5))
+    held = measure_flight(flown(spec, Hold(), crash=CrashSpec(stray_m=0.4), corridor_m=0.2))
+    assert not held.success
+    assert measure_flight(flown(spec, GroundTruth(), corridor_m=0.2)).success
+
+
+# Bad trackers
+
+PROGRAM = """
+import sys, time
+from pathlib import Path
+print("ready", flush=True)
+bad, frames = sys.argv[1], 0
+for line in sys.stdin.buffer:
+    kind, *words = line.decode().strip().split(",")
+    if kind != "frame":
+        continue
+    stamp, width, height, channels = map(int, words)
+    sys.stdin.buffer.read(width * height * channels)
+    frames += 1
+    if frames == 4 and bad == "hangs":
+        time.sleep(60)
+    if frames == 4 and bad == "crashes":
+        sys.exit(3)
+    if frames == 4 and bad == "nan":
+        print(f"{stamp},ok,nan,0,0,1,0,0,0", flush=True)
+        continue
+    answer = f"{stamp},ok,0,0,1,1,0,0,0"
+    print(answer, flush=True)
+    if frames == 4 and bad == "twice":
+        print(answer, flush=True)
+    if frames == 4 and bad == "chatters":
+        print("still here", flush=True)
+"""
+
+
+@pytest.mark.parametrize(("bad", "told"), [("hangs", "hung"), ("crashes", "crashed"), ("nan", "not-finite"),
+                                           ("twice", "duplicate"), ("chatters", "unasked")])  # fmt: skip
+def test_a_program_that_fails_in_flight_is_lost_and_told_with_its_time(tmp_path, bad, told):
+    program = tmp_path / "tracker.py"
+    program.write_text(PROGRAM)
+    timeout_s = 4.0 if bad == "hangs" else 60.0
+    tracker = External(command=(sys.executable, str(program), bad), timeout_s=timeout_s)
+    found = flown(box(), tracker, estimator="truth")
+    assert found.record["flight"]["status"] == "completed"
+    assert len(found.record["errors"]) == 1
+    assert told in found.record["errors"][0]
+    frame = 4 if bad in ("twice", "chatters") else 3  # what is said beyond an answer is heard at the next frame
+    assert found.record["errors"][0].startswith(f"t = {found.results.stamps_ns[frame] / 1e9:.3f} s")
+    lost = np.flatnonzero(~found.results.ok).tolist()
+    assert lost == ([frame] if bad in ("nan", "twice", "chatters") else list(range(frame, len(found.results))))
+
+
+def test_a_fault_ends_the_flight_where_the_suite_says_so():
+    ended = flown(box(), Watching(lambda t: 1 / 0 if t > 0.3e9 else TrackResult(status="lost")), on_fault="end",
+                  estimator="truth")  # fmt: skip
+    assert ended.record["flight"]["status"] == "stopped"
+    assert 0.3 < ended.record["flight"]["ended_s"] < 0.4
+    assert not measure_flight(ended).success
+
+
+@pytest.mark.parametrize("answer", [
+    lambda t: 1 / 0,
+    lambda t: TrackResult(status="ok", cam_from_world=Pose(np.eye(3), np.array([np.nan, 0, 0]))),
+], ids=["raises", "nan"])  # fmt: skip
+def test_python_that_fails_in_flight_is_lost_and_told(answer):
+    found = flown(box(), Watching(answer), sensors=("imu", "camera", "baro"))
+    assert {r.status for r in found.results.rows} == {"lost"}
+    assert len(found.record["errors"]) == len(found.results)
+    assert found.record["errors"][0].startswith("t = 0.000 s: ")
+
+
+# What is refused before the start
+
+
+@pytest.mark.parametrize(("loop", "sensors", "told"), [
+    (LoopSpec(sensors=("imu", "baro")), (Imu(), Barometer()), "no sensor can hold"),
+    (LoopSpec(), (Barometer(),), "one IMU"),
+    (LoopSpec(), (Imu(), Imu()), "one IMU"),
+    (LoopSpec(sensors=("imu", "gps")), (Imu(), Gnss()), "unknown sensor"),
+    (LoopSpec(), (Imu(offset_m=(0.1, 0.0, 0.0)),), "offset_m"),
+    (LoopSpec(sensors=("imu", "gnss"), gnss_outages_s=((0.0, 1e9),)), (Imu(), Gnss()), "no sensor can hold"),
+    (LoopSpec(latency=Constant(2500.0)), (Imu(),), "history_s"),
+])  # fmt: skip
+def test_a_loop_that_cannot_hold_the_vehicle_is_refused(loop, sensors, told):
+    with pytest.raises(UserError, match=told):
+        check_loop(loop, box(sensors=sensors))
+
+
+def test_loops_that_can_are_not():
+    assert check_loop(LoopSpec(sensors=("imu", "flow")), box(sensors=(Imu(), FlowDeck()))) == ("imu", "flow")
+    assert check_loop(LoopSpec(estimator="truth", sensors=()), box(sensors=())) == ()
+    assert check_loop(LoopSpec(), box()) == ("camera", "imu", "baro")
+
+
+def test_the_tracker_truth_is_for_flights_only():
+    with pytest.raises(UserError, match="uavbench fly"):
+        GroundTruth().start(None, None, None, None)
+
+
+# The end
+
+
+def test_each_end_is_found_at_its_row():
+    judge = Judge(CrashSpec(clearance_m=0.1, tilt_deg=60.0, stray_m=1.0), 0.07, obstacles_of(box()))
+    record = np.zeros((5, 30))
+    record[:, 0:3], record[:, 3] = [1.0, 0.0, 1.0], 1.0
+    reference = np.zeros((5, 17))
+    reference[:, 0:3] = record[:, 0:3]
+    assert judge.ending(record, reference, 100) is None
+    for change, status, why in [
+        ((slice(0, 3), [0.3, 0.0, 0.2]), "crashed", "structure"),
+        ((slice(0, 3), [1.0, 0.0, 0.16]), "crashed", "floor"),
+        ((slice(3, 7), [np.cos(0.6), np.sin(0.6), 0, 0]), "crashed", "tilted"),
+        ((slice(0, 3), [2.5, 0.0, 1.0]), "strayed", "path"),
+        ((slice(7, 8), np.nan), "crashed", "lost control"),
+    ]:
+        now = record.copy()
+        now[3:, change[0]] = change[1]
+        found = judge.ending(now, reference, 100)
+        assert (found.status, why in found.why, found.stamp_ns) == (status, True, 103 * 2_000_000)
+
+
+def test_a_time_limit_ends_a_flight():
+    found = flown(box(), Blind(), estimator="truth", time_limit_s=0.5)
+    assert (found.record["flight"]["status"], found.record["flight"]["ended_s"]) == ("timed out", 0.5)
+    assert not measure_flight(found).success

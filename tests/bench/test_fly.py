@@ -1,0 +1,113 @@
+"""`uavbench fly` as a user runs it: what it writes, what it does not do twice, and what it refuses."""
+
+import csv
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from tests.bench.small_suites import SMALL
+from uavbench.bench.cli.main import main
+from uavbench.bench.closed_loop.latency import Constant
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.runner.jobs import plan_flights
+from uavbench.reports.closed_loop.measures import FlightScore
+from uavbench.trajectories.errors import UserError
+
+LOOP = '[loop]\nlatency = { kind = "constant", ms = 20.0 }\ncorridor_m = 0.4\ncoverage_px_m = 20.0\n'
+SUITE = SMALL.replace(
+    'environment = { kind = "indoor" }', 'environment = { kind = "studio" }\nsensors = [{ kind = "imu" }]'
+)
+SUITE = SUITE.replace("seeds = [0, 1]", "seeds = [0]") + 'truth = { kind = "truth" }\n' + LOOP
+
+
+def suite(folder, text=SUITE):
+    path = folder / "few.toml"
+    path.write_text(text)
+    return path
+
+
+def uavbench(*arguments):
+    return CliRunner().invoke(main, list(map(str, arguments)))
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flights")
+    run = uavbench("fly", suite(folder), "--out", folder / "out", "--jobs", 1)
+    assert run.exit_code == 0, run.output
+    return folder, run
+
+
+def test_flights_end_in_a_table_scores_and_figures(done):
+    folder, run = done
+    out = folder / "out"
+    assert "| box | truth@15hz | 1 | 1 |" in run.output
+    about = json.loads((out / "flights.json").read_text())
+    assert [score["label"] for score in about["scores"]] == ["hold", "truth"]
+    with (out / "tables" / "flights.csv").open() as handle:
+        rows = list(csv.DictReader(handle))
+    assert [row["status"] for row in rows] == ["completed", "completed"]
+    score = FlightScore.load(out / "flights" / "box-s0" / "truth@15hz" / "score.json")
+    assert score.success and score.tracker_rms_m < 1e-12
+    assert 0 < score.coverage <= 1
+    assert (out / "figures" / "flights" / "box-s0_truth@15hz.png").stat().st_size > 10_000
+
+
+def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
+    folder, _ = done
+    again = uavbench(
+        "run", folder / "few.toml", "--out", folder / "out", "--jobs", 1
+    )  # `run` flies a suite with a loop
+    assert again.exit_code == 0
+    assert "0 jobs done, 5 were fresh" in again.stderr
+    changed = plan_flights(load_suite(suite(folder, SUITE.replace("20.0", "30.0"))), folder / "out")
+    suite(folder)
+    assert not any(job.fresh for job in changed)
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    ((LOOP, ""), "give it a table [loop]"),
+    (("ms = 20.0", "s = 0.02"), "loop.latency.s: unknown key"),
+    (("corridor_m", "coridor_m"), "did you mean 'corridor_m'"),
+    (("corridor_m = 0.4", "corridor_m = -1.0"), "loop.corridor_m"),
+    (("corridor_m = 0.4", 'sensors = ["imu"]'), "no sensor can hold the vehicle"),
+    (("corridor_m = 0.4", "gnss_outages_s = [[3.0, 1.0]]"), "no span of time"),
+    (('"hand-pilot", duration_s = 0.3', '"recorded", file = "few.toml"'), "recorded motion"),
+])  # fmt: skip
+def test_mistakes_are_told_before_the_start(tmp_path, change, told):
+    assert change[0] in SUITE
+    run = uavbench("fly", suite(tmp_path, SUITE.replace(*change)), "--out", tmp_path / "out")
+    assert run.exit_code == 2
+    assert told in run.output
+    assert not (tmp_path / "out" / "flights").exists()
+
+
+def test_an_empty_loop_has_the_defaults(tmp_path):
+    loop = load_suite(suite(tmp_path, SUITE.replace(LOOP, "[loop]\n"))).loop
+    assert loop is not None and loop.latency == Constant(50.0) and loop.estimator == "filter"
+
+
+@pytest.mark.parametrize("name", ["fly-box", "fly-bridge", "fly-facade"])
+def test_the_suites_of_flights_fly_every_tracker_on_every_seed(name, tmp_path):
+    loaded = load_suite(suite_file(name))
+    jobs = plan_flights(loaded, tmp_path)
+    assert len([job for job in jobs if job.verb == "fly"]) == len(loaded.sequences) * len(loaded.trackers)
+
+
+def test_a_flight_that_cannot_be_flown_is_told_beside_those_that_can(tmp_path):
+    text = SUITE + '[sequences.into]\nstructure = { kind = "box" }\nenvironment = { kind = "studio" }\n'
+    text += 'flight.path = { kind = "orbit", distance_m = 0.01, height_m = 0.2 }\nsensors = [{ kind = "imu" }]\n'
+    text += "camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }\n"
+    text = text.replace('hold = { kind = "hold" }\n', "")
+    run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out", "--jobs", 1)
+    assert run.exit_code == 2
+    assert "FAILED fly into-s0 truth@15hz" in run.output
+    about = json.loads((tmp_path / "out" / "flights.json").read_text())
+    assert len(about["scores"]) == 1 and len(about["failed"]) == 1
+
+
+def test_without_a_loop_nothing_is_planned(tmp_path):
+    with pytest.raises(UserError, match="fly-box"):
+        plan_flights(load_suite(suite_file("tiny")), tmp_path)

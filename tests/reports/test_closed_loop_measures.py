@@ -1,0 +1,61 @@
+"""Measures of flights in closed loop against cases that are known beforehand."""
+
+import numpy as np
+import pytest
+
+from uavbench.reports.closed_loop.coverage import coverage, surface_points
+from uavbench.reports.statistics.proportion import Proportion
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.primitives.meshes import box
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.pose import Pose
+
+CAMERA = Camera.from_field_of_view(200, 200, 90.0)
+CUBE = Structure.from_mesh(*box((-1.0, -1.0, 0.0), (1.0, 1.0, 2.0)))
+
+
+def looking_along_x(x_m, z_m=1.0):
+    """A camera on the x axis that looks towards +x."""
+    R = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    return Pose(R, -R @ np.array([x_m, 0.0, z_m]))
+
+
+def test_wilson_intervals_are_those_of_the_book():
+    found = Proportion.of(8, 10)  # Newcombe 1998, method 3
+    assert (found.low, found.high) == (pytest.approx(0.4902, abs=1e-4), pytest.approx(0.9433, abs=1e-4))
+    assert Proportion.of(0, 10).low == 0.0
+    assert Proportion.of(100, 100).low == pytest.approx(0.9630, abs=1e-4)
+    assert (Proportion.of(0, 0).low, Proportion.of(0, 0).high) == (0.0, 1.0)
+
+
+def test_points_lie_evenly_on_the_surface():
+    points, normals = surface_points(CUBE)
+    on_faces = np.abs(points - [0, 0, 1]).max(axis=1)
+    np.testing.assert_allclose(on_faces, 1.0, atol=1e-9)
+    shares = [(normals @ n > 0.5).mean() for n in np.vstack([np.eye(3), -np.eye(3)])]
+    np.testing.assert_allclose(shares, 1 / 6, atol=0.03)
+
+
+def test_a_camera_before_a_cube_sees_one_face_of_six():
+    share = float((surface_points(CUBE)[1] @ [-1.0, 0, 0] > 0.5).mean())
+    assert coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 10.0) == pytest.approx(share, abs=1e-9)
+    assert coverage(CUBE, CAMERA, [looking_along_x(5.0)], 10.0) == 0.0
+    assert coverage(CUBE, CAMERA, [], 10.0) == 0.0
+
+
+def test_what_is_too_far_away_is_not_inspected():
+    """At 2 m before the face and 100 px of focal length its middle has 50 px a metre."""
+    assert coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 51.0) == 0.0
+    near = coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 45.0)
+    assert 0.0 < near < coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 20.0)
+
+
+def test_what_stands_behind_something_is_not_seen():
+    front = box((-1.0, -1.0, 0.0), (1.0, 1.0, 2.0))
+    back = box((4.0, -1.0, 0.0), (6.0, 1.0, 2.0))
+    both = Structure.from_mesh(np.vstack([front[0], back[0]]), np.vstack([front[1], back[1] + len(front[0])]))
+    alone = coverage(Structure.from_mesh(*back), CAMERA, [looking_along_x(-3.0)], 5.0)
+    assert alone > 0.1
+    points, normals = surface_points(both)
+    front_share = float(((points[:, 0] < -0.99) & (normals @ [-1.0, 0, 0] > 0.5)).mean())
+    assert coverage(both, CAMERA, [looking_along_x(-3.0)], 5.0) == pytest.approx(front_share, abs=1e-9)
