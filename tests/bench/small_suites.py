@@ -13,6 +13,15 @@ camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
 hold = { kind = "hold" }
 """
 
+LOOP = '[loop]\nlatency = { kind = "constant", ms = 20.0 }\ncorridor_m = 0.4\ncoverage_px_m = 20.0\n'
+FLOWN = (
+    SMALL.replace('{ kind = "indoor" }', '{ kind = "studio" }\nsensors = [{ kind = "imu" }]')
+    .replace("seeds = [0, 1]", "seeds = [0]")
+    .replace("[trackers]", '[trackers]\ntruth = { kind = "truth" }')
+    + LOOP
+)
+"""A flight in closed loop, on `truth` and on `hold`."""
+
 
 def small_suite(folder, more=""):
     """File of two short flights tracked by `hold`; `more` is added to its trackers."""

@@ -6,7 +6,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from tests.bench.small_suites import SMALL
+from tests.bench.small_suites import FLOWN
 from uavbench.bench.cli.main import main
 from uavbench.bench.closed_loop.latency import Constant
 from uavbench.bench.config.suite import load_suite
@@ -15,14 +15,8 @@ from uavbench.bench.runner.jobs import plan_flights
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.trajectories.errors import UserError
 
-LOOP = '[loop]\nlatency = { kind = "constant", ms = 20.0 }\ncorridor_m = 0.4\ncoverage_px_m = 20.0\n'
-SUITE = SMALL.replace(
-    'environment = { kind = "indoor" }', 'environment = { kind = "studio" }\nsensors = [{ kind = "imu" }]'
-)
-SUITE = SUITE.replace("seeds = [0, 1]", "seeds = [0]") + 'truth = { kind = "truth" }\n' + LOOP
 
-
-def suite(folder, text=SUITE):
+def suite(folder, text=FLOWN):
     path = folder / "few.toml"
     path.write_text(text)
     return path
@@ -62,7 +56,7 @@ def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
     )  # `run` flies a suite with a loop
     assert again.exit_code == 0
     assert "0 jobs done, 5 were fresh" in again.stderr
-    changed = plan_flights(load_suite(suite(folder, SUITE.replace("20.0", "30.0"))), folder / "out")
+    changed = plan_flights(load_suite(suite(folder, FLOWN.replace("20.0", "30.0"))), folder / "out")
     suite(folder)
     assert not any(job.fresh for job in changed)
 
@@ -77,15 +71,15 @@ def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
     (('"hand-pilot", duration_s = 0.3', '"recorded", file = "few.toml"'), "recorded motion"),
 ])  # fmt: skip
 def test_mistakes_are_told_before_the_start(tmp_path, change, told):
-    assert change[0] in SUITE
-    run = uavbench("fly", suite(tmp_path, SUITE.replace(*change)), "--out", tmp_path / "out")
+    assert change[0] in FLOWN
+    run = uavbench("fly", suite(tmp_path, FLOWN.replace(*change)), "--out", tmp_path / "out")
     assert run.exit_code == 2
     assert told in run.output
     assert not (tmp_path / "out" / "flights").exists()
 
 
 def test_an_empty_loop_has_the_defaults(tmp_path):
-    loop = load_suite(suite(tmp_path, SUITE.replace(LOOP, "[loop]\n"))).loop
+    loop = load_suite(suite(tmp_path, FLOWN.replace(LOOP, "[loop]\n"))).loop
     assert loop is not None and loop.latency == Constant(50.0) and loop.estimator == "filter"
 
 
@@ -97,7 +91,7 @@ def test_the_suites_of_flights_fly_every_tracker_on_every_seed(name, tmp_path):
 
 
 def test_a_flight_that_cannot_be_flown_is_told_beside_those_that_can(tmp_path):
-    text = SUITE + '[sequences.into]\nstructure = { kind = "box" }\nenvironment = { kind = "studio" }\n'
+    text = FLOWN + '[sequences.into]\nstructure = { kind = "box" }\nenvironment = { kind = "studio" }\n'
     text += 'flight.path = { kind = "orbit", distance_m = 0.01, height_m = 0.2 }\nsensors = [{ kind = "imu" }]\n'
     text += "camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }\n"
     text = text.replace('hold = { kind = "hold" }\n', "")

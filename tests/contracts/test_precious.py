@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tests.bench.small_suites import small_suite
+from tests.bench.small_suites import FLOWN, small_suite
 from uavbench.bench.cli.main import main
 from uavbench.bench.reference import main as reference
 from uavbench.bench.trial.check import TRIAL
@@ -55,6 +55,7 @@ def inputs(tmp_path_factory):
     """What the commands read."""
     folder = tmp_path_factory.mktemp("inputs")
     small_suite(folder)
+    (folder / "flown.toml").write_text(FLOWN)
     (folder / "studied").mkdir()
     small_suite(folder / "studied", 'rapid = { kind = "rapid" }\n')
     (folder / "images").mkdir()
@@ -81,6 +82,7 @@ def calls(inputs, target):
     trajectories = [inputs / "a.tum", inputs / "b.tum"]
     return {
         **{verb: [[verb, suite, "--out", target, "--jobs", 1]] for verb in ("run", "render", "score", "report")},
+        "fly": [["fly", inputs / "flown.toml", "--out", target, "--jobs", 1]],
         "track": [
             ["track", suite, "--out", target],
             ["track", "hold", *real, "--init", inputs / "init.toml", "--out", target],
