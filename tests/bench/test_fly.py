@@ -6,7 +6,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from tests.bench.small_suites import FLOWN
+from tests.bench.small_suites import FLOWN, LOOP
 from uavbench.bench.cli.main import main
 from uavbench.bench.closed_loop.latency import Constant
 from uavbench.bench.config.suite import load_suite
