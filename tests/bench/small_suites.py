@@ -15,9 +15,10 @@ hold = { kind = "hold" }
 
 LOOP = '[loop]\nlatency = { kind = "constant", ms = 20.0 }\ncorridor_m = 0.4\ncoverage_px_m = 20.0\n'
 FLOWN = (
-    SMALL.replace('{ kind = "indoor" }', '{ kind = "studio" }\nsensors = [{ kind = "imu" }]')
-    .replace("seeds = [0, 1]", "seeds = [0]")
-    .replace("[trackers]", '[trackers]\ntruth = { kind = "truth" }')
+    SMALL.replace('{ kind = "indoor" }', '{ kind = "studio" }\nsensors = [{ kind = "imu" }]').replace(
+        "seeds = [0, 1]", "seeds = [0]"
+    )
+    + 'truth = { kind = "truth" }\n'
     + LOOP
 )
 """A flight in closed loop, on `truth` and on `hold`."""
