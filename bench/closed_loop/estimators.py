@@ -27,7 +27,7 @@ LEAST_BIAS_M_S2, LEAST_BIAS_RAD_S = 0.02, 0.002
 
 
 class Estimator(Protocol):
-    """What is believed of the vehicle's state, in the form of MuJoCo: qpos (7,), qvel (6,)."""
+    """The estimate of the vehicle's state, in the form of MuJoCo: qpos (7,), qvel (6,)."""
 
     def sense(self, reading: Reading) -> None:
         """Take a reading of a body sensor."""
@@ -37,7 +37,7 @@ class Estimator(Protocol):
         """Take the tracker's answer to the frame of a stamp."""
         ...
 
-    def believe(self, stamp_ns: int) -> tuple[Array, Array] | None:
+    def state_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
         """State at a time, qpos and qvel; None for the true one."""
         ...
 
@@ -52,7 +52,7 @@ class Estimator(Protocol):
 
 
 class TrueState:
-    """The truth is believed, whatever is measured."""
+    """The estimate is the ground truth, whatever is measured."""
 
     verdicts: list[Verdict] = []  # noqa: RUF012
 
@@ -62,7 +62,7 @@ class TrueState:
     def answer(self, stamp_ns: int, result: TrackResult) -> None:
         """Nothing."""
 
-    def believe(self, stamp_ns: int) -> None:
+    def state_at(self, stamp_ns: int) -> None:
         """The true state."""
 
     def estimate(self, stamp_ns: int) -> None:
@@ -106,7 +106,7 @@ class Filtered:
             result = replace(result, covariance=self._unclaimed)
         self._filter.camera(stamp_ns, result)
 
-    def believe(self, stamp_ns: int) -> tuple[Array, Array]:
+    def state_at(self, stamp_ns: int) -> tuple[Array, Array]:
         """The filter's state at a time: qpos (7,) and qvel (6,)."""
         state, rates = self._filter.nominal(stamp_ns)
         quaternion = np.empty(4)

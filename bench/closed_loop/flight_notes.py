@@ -39,20 +39,20 @@ class Notes:
         self._frames: list[tuple[int, int, TrackResult, int]] = []
         self._true_world_from_body: list[Pose] = []
 
-    def row(self, simulation: Simulation, believed: Estimate | None, has_fix: bool) -> None:
-        """Note where the vehicle is, where it believes to be, and where it should be."""
+    def row(self, simulation: Simulation, estimated: Estimate | None, has_fix: bool) -> None:
+        """Note where the vehicle is, where it is estimated to be, and where it should be."""
         state, planned = simulation.record[simulation.step], simulation.reference[simulation.step]
         true_q, true_p, true_v = (state[RECORD[k]] for k in ("quaternions_wxyz", "positions_m", "velocities_m_s"))
-        believes = np.full(14, np.nan)
-        if believed is not None:
-            pose, P = believed.world_from_body, believed.covariance
+        estimate = np.full(14, np.nan)
+        if estimated is not None:
+            pose, P = estimated.world_from_body, estimated.covariance
             turn = rotation_log(pose.rotation.T @ rotation_from_quaternion(true_q))
-            error = np.concatenate([true_p - pose.translation, true_v - believed.velocity_m_s, turn])
+            error = np.concatenate([true_p - pose.translation, true_v - estimated.velocity_m_s, turn])
             nees = error @ np.linalg.solve(P[:KNOWN_STATES, :KNOWN_STATES], error)
             sigmas = np.sqrt(np.diag(P)[:3])
-            believes = np.concatenate([pose.translation, pose.quaternion_wxyz, believed.velocity_m_s, sigmas, [nees]])
+            estimate = np.concatenate([pose.translation, pose.quaternion_wxyz, estimated.velocity_m_s, sigmas, [nees]])
         fix = [float(has_fix)]
-        self._rows.append(np.concatenate([true_p, true_q, true_v, believes, planned[0:3], planned[9:10], fix]))
+        self._rows.append(np.concatenate([true_p, true_q, true_v, estimate, planned[0:3], planned[9:10], fix]))
         self._stamps.append(simulation.step * STEP_NS)
 
     def frame(self, frame: int, stamp_ns: int, result: TrackResult, true_pose: Pose, answered_ns: int) -> None:

@@ -83,7 +83,7 @@ class Loop:
         self.tracker: TrackerInFlight | None = None
 
     def step(self) -> None:
-        """Where the vehicle is, what is measured and seen of it, what is believed, and the thrusts that follow."""
+        """Where the vehicle is, what is measured and seen of it, what is estimated, and the thrusts that follow."""
         simulation = self.simulation
         simulation.observe()
         now_ns = simulation.step * STEP_NS
@@ -155,11 +155,11 @@ class Loop:
             self.estimator.answer(answer[1], answer[2])
 
     def command(self, now_ns: int) -> None:
-        """Have guidance and controller act on what is believed."""
+        """Have guidance and controller act on what is estimated."""
         simulation = self.simulation
         estimator = self.estimator
-        believed = estimator.believe(now_ns) if estimator is not None else None
-        simulation.command(*(believed or (simulation.qpos, simulation.qvel)))
+        estimated = estimator.state_at(now_ns) if estimator is not None else None
+        simulation.command(*(estimated or (simulation.qpos, simulation.qvel)))
         if simulation.step % BLOCK == 0:
             estimate = estimator.estimate(now_ns) if estimator is not None else None
             self.notes.row(simulation, estimate, self.sensors.has_fix)

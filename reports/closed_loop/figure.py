@@ -1,4 +1,4 @@
-"""A flight in closed loop over its structure: true, believed and planned path, and what it flew on at each time."""
+"""A flight in closed loop over its structure: true, estimated and planned path, and what it flew on at each time."""
 
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from uavbench.reports.figures.space import limits
 from uavbench.reports.style import GROUND_TRUTH, LOSS, panel_letter
 from uavbench.trajectories.pose import Array
 
-BELIEVED, PLANNED, CRASH, FIX = "#2C458C", "#9EB300", "#E82267", "#9EB300"
+ESTIMATED, PLANNED, CRASH, FIX = "#2C458C", "#9EB300", "#E82267", "#9EB300"
 TRACKER = "#E82267"
 LEAST_CM = 0.01
 """Errors below are drawn as this, on a logarithmic axis."""
@@ -37,7 +37,7 @@ def draw_flight_in_closed_loop(flown: Flown, figure: Figure | SubFigure) -> Draw
     true_m = path.group("true_p_m")
     errors_cm = {
         "path": 100 * np.linalg.norm(true_m - path.group("planned_p_m"), axis=1),
-        "estimate": 100 * np.linalg.norm(true_m - path.group("believed_p_m"), axis=1),
+        "estimate": 100 * np.linalg.norm(true_m - path.group("estimated_p_m"), axis=1),
     }
     _draw_errors(panels[0], flown, errors_cm)
     _draw_innovations(panels[1], flown)
@@ -64,9 +64,9 @@ def _draw_space(solid: Any, flown: Flown) -> None:
     solid.add_collection3d(Line3DCollection(structure.edge_segments, colors="#8A7F70", linewidths=0.5))
     solid.plot(*plan_m.T, color=PLANNED, lw=1.6, label="planned")
     solid.plot(*true_m.T, color=GROUND_TRUTH, lw=1.0, label="true")
-    believed = path.group("believed_p_m")
-    if np.isfinite(believed).any():
-        solid.plot(*_within(believed, low, high).T, color=BELIEVED, lw=0.8, ls=(0, (4, 1)), label="believed")
+    estimated = path.group("estimated_p_m")
+    if np.isfinite(estimated).any():
+        solid.plot(*_within(estimated, low, high).T, color=ESTIMATED, lw=0.8, ls=(0, (4, 1)), label="estimated")
     fixed = path.group("gnss_fix")[:, 0].astype(bool)
     without = np.where(fixed[:, None], np.nan, true_m)
     if fixed.any() and not fixed.all():
@@ -91,7 +91,7 @@ def _within(places: Array, low: Array, high: Array) -> Array:
 
 
 def _draw_errors(panel: Axes, flown: Flown, errors_cm: dict[str, Array]) -> None:
-    inks = {"path": GROUND_TRUTH, "estimate": BELIEVED}
+    inks = {"path": GROUND_TRUTH, "estimate": ESTIMATED}
     for label, values in errors_cm.items():
         if np.isfinite(values).any():
             panel.plot(flown.path.seconds, np.maximum(values, LEAST_CM), color=inks[label], label=label)
@@ -113,7 +113,7 @@ def _draw_innovations(panel: Axes, flown: Flown) -> None:
         values = np.array([[int(row[0]) / 1e9, float(row[2]) / float(row[3])] for row in told])
         refused = np.array([bool(row[4]) for row in told])
         values[:, 1] = np.clip(values[:, 1], 1e-3, 1e4)
-        panel.plot(*values[~refused].T, ls="none", marker=".", ms=2, color=BELIEVED)
+        panel.plot(*values[~refused].T, ls="none", marker=".", ms=2, color=ESTIMATED)
         panel.plot(*values[refused].T, ls="none", marker="o", ms=3, mfc="white", color=CRASH)
     panel.set_yscale("log")
     panel.axhline(1.0, color=LOSS, lw=0.8, zorder=0)
@@ -125,7 +125,7 @@ def _draw_availability(panel: Axes, flown: Flown) -> None:
     at = np.append(flown.results.stamps_ns / 1e9, flown.record["flight"]["ended_s"])
     ok = flown.results.ok
     for begin, end, good in zip(at[:-1], at[1:], ok, strict=True):
-        panel.barh(0, end - begin, left=begin, color=BELIEVED if good else CRASH, height=0.7, lw=0)
+        panel.barh(0, end - begin, left=begin, color=ESTIMATED if good else CRASH, height=0.7, lw=0)
     t = flown.path.seconds
     step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     fixed = flown.path.group("gnss_fix")[:, 0].astype(bool)

@@ -1,7 +1,7 @@
 """A flight in closed loop on disk: all that its measures and figures are made of.
 
     record.json      what made it, how it ended and when, and what the tracker did wrong at which time
-    path.csv         true state, believed state and its standard deviations, what was planned, at 50 Hz
+    path.csv         true state, estimated state and its standard deviations, what was planned, at 50 Hz
     plan.csv         where the same flight on its true state is asked to be, at 10 Hz
     frames.csv ...   what the tracker said, as for a sequence (`uavbench.tracker.results`), and the truth beside it
     answers.csv      when each frame's answer reached the filter
@@ -33,7 +33,7 @@ from uavbench.trajectories.trajectory_files.formats import read_trajectory
 
 GROUPS = {
     "true_p_m": 3, "true_q": 4, "true_v_m_s": 3,
-    "believed_p_m": 3, "believed_q": 4, "believed_v_m_s": 3,
+    "estimated_p_m": 3, "estimated_q": 4, "estimated_v_m_s": 3,
     "sigma_p_m": 3, "nees": 1, "planned_p_m": 3, "planned_yaw_rad": 1, "gnss_fix": 1,
 }  # fmt: skip
 """Columns of path.csv after the stamp, by group; quaternions wxyz, `nees` of position, velocity and attitude (9)."""

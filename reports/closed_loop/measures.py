@@ -87,7 +87,7 @@ def measure_flight(flown: Flown) -> FlightScore:
     record, flight, path = flown.record, flown.record["flight"], flown.path
     true_m = path.group("true_p_m")
     path_error_m = np.linalg.norm(true_m - path.group("planned_p_m"), axis=1)
-    estimate_m = np.linalg.norm(true_m - path.group("believed_p_m"), axis=1)
+    estimate_m = np.linalg.norm(true_m - path.group("estimated_p_m"), axis=1)
     estimate_m = estimate_m[np.isfinite(estimate_m)]
     translation_m, angle_deg, nees = tracker_errors(flown)
     false = (translation_m > SUCCESS_M) | (angle_deg > SUCCESS_DEG)
