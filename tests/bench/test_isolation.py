@@ -40,7 +40,7 @@ for pid in pids:
 for pid in list(near) + PIDS:
     for link in glob.glob(f"/proc/{pid}/fd/*"): look(link)
     look(f"/proc/{pid}/cwd")
-    for ground truth in TRUTH: look_at(f"/proc/{pid}/root{ground truth}"); look_at(f"/proc/{pid}/cwd{ground truth}")
+    for truth in TRUTH: look_at(f"/proc/{pid}/root{truth}"); look_at(f"/proc/{pid}/cwd{truth}")
     try:
         memory = open(f"/proc/{pid}/mem", "rb", 0)
         for line in open(f"/proc/{pid}/maps"):
@@ -49,7 +49,7 @@ for pid in list(near) + PIDS:
             memory.seek(first)
             if SECRET in memory.read(last - first) and pid not in ("self", str(os.getpid())): found.append(f"mem {pid}")
     except (OSError, ValueError): pass
-for ground truth in TRUTH: look_at(ground truth)
+for truth in TRUTH: look_at(truth)
 for name in ("/tmp", "/dev/shm", "/run", "/var", "/home", "/root", "/mnt", ".."): look(name)
 if any(SECRET.decode() in value for value in os.environ.values()): found.append("environment")
 for family, address in ((socket.AF_INET, ("127.0.0.1", PORT)), (socket.AF_UNIX, "\\0" + NAME)):
