@@ -241,6 +241,18 @@ def test_what_the_base_lacks_and_what_is_not_in_git_is_told(foreign, tmp_path_fa
             assert any(line.startswith("folder: nothing of its program") for line in told)
 
 
+def test_a_version_holds_links_that_lead_out_of_the_repository(foreign, tmp_path_factory):
+    data = tmp_path_factory.mktemp("data")
+    (foreign / "data").symlink_to(data)
+    (foreign / "above").symlink_to("../above")
+    git(foreign, "add", "data", "above")
+    git(foreign, "commit", "-qm", "links")
+    with version("HEAD") as base:
+        assert (base.folder / "data").readlink() == data
+        assert str((base.folder / "above").readlink()) == "../above"
+        assert (base.folder / "programs/offset.py").read_text() == "OFF = 0.0\n"
+
+
 def test_a_ref_that_is_none_is_a_users_mistake(repository, monkeypatch):
     result, _ = compare(repository, monkeypatch, "no-such-ref", ".")
     assert result.exit_code == 2
