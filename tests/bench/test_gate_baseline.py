@@ -62,11 +62,12 @@ def test_it_is_made_anew_over_its_own_file_and_over_no_other(tmp_path, baseline)
         assert baseline.read_bytes() == foreign
 
 
-def test_a_sequence_without_a_seed_in_its_name_has_the_seed_0(tmp_path):
-    about = {"sequences": ["house"], "trackers": ["lsd"], "rates_hz": [15.0], "flights": "these"}
+@pytest.mark.parametrize(("name", "sequence"), [("house", "house"), ("7", "7"), ("a-sx", "a")])
+def test_a_sequence_without_a_seed_in_its_name_has_the_seed_0(tmp_path, name, sequence):
+    about = {"sequences": [name], "trackers": ["lsd"], "rates_hz": [15.0], "flights": "these"}
     (tmp_path / "suite.json").write_text(json.dumps(about))
-    make_score("house", 7, 0.01).save(tmp_path / "results" / "house" / "lsd@15hz" / "score.json")
-    assert list(read_side(tmp_path).runs) == [("lsd@15hz", "house", 0)]
+    make_score(name, 7, 0.01).save(tmp_path / "results" / name / "lsd@15hz" / "score.json")
+    assert list(read_side(tmp_path).runs) == [("lsd@15hz", sequence, 0)]
 
 
 def test_an_edited_file_is_refused(tmp_path, baseline):

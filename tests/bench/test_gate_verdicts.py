@@ -65,6 +65,7 @@ def test_a_finding_fails_when_it_is_worse_than_the_margin_and_not_by_chance():
     assert decide([finding(0.05)])[0].verdict == "fail"
     assert decide([finding(0.051)])[0].verdict == "pass"
     assert decide([finding(0.05, change=0.01)])[0].verdict == "pass"
+    assert decide([finding(0.05, change=0.015, margin=Margins().error)])[0].verdict == "fail"
     assert decide([finding(0.5, reason="doubt")])[0].verdict == "inconclusive"
     assert decide([finding(0.01, reason="doubt")])[0].reason == "worse than the margin"
 
