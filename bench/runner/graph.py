@@ -98,8 +98,8 @@ def start_worker(progress: Any) -> None:
     if progress is not None:
         progress.cancel_join_thread()  # a termination in the middle of a put() would else wait for its thread forever
     cv2.setNumThreads(1)  # a worker has one core
-    end_when_told()
     end_with_parent()
+    end_when_told()  # last: what is raised in here is printed with a traceback, and until now nothing is half-written
 
 
 def fresh_jobs(jobs: list[Job]) -> list[Job]:
