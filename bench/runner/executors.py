@@ -17,16 +17,18 @@ from uavbench.bench.runner.processes import start_resource_tracker
 from uavbench.trajectories.errors import UserError
 
 WAIT_FOR_WORKERS_S = 60
+MOST_DEATHS = 2
+"""Deaths of workers that a call survives: one beside another call that may be the cause, one alone by chance."""
 PACKAGES = ("bench", "reports", "scenes", "tracker", "trajectories")
 
 
 @dataclass
 class Task:
-    """A call that was submitted; suspect when a worker died while it ran."""
+    """A call that was submitted; deaths: how often a worker died while it ran, or waited for one."""
 
     call: Callable[[], Any]
     future: Future[Any] = field(default_factory=Future)
-    suspect: bool = False
+    deaths: int = 0
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class SpawnPool(Executor):
     """Spawned processes, a GL context each; a worker that dies costs only the call it was at.
 
     `ProcessPoolExecutor` gives up everything when one worker dies. Here the calls that were running then are tried
-    again, one at a time: the one whose worker dies again has failed, and the others go on. All workers are started by
+    again, one at a time: the one whose workers go on dying has failed, and the others go on. All workers are started by
     one thread that lives as long as the pool: the kernel ends a worker with the thread that started it.
     """
 
@@ -63,7 +65,7 @@ class SpawnPool(Executor):
         self._broken = self._closed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Future of a call; BrokenProcessPool when its worker died twice."""
+        """Future of a call; BrokenProcessPool when its worker died three times."""
         assert not kwargs, "positional arguments only"
         task = Task(Call(fn, args))
         with self._lock:
@@ -127,9 +129,9 @@ class SpawnPool(Executor):
             task = self._running.pop(future)
             error = None if future.cancelled() else future.exception()
             died = isinstance(error, BrokenProcessPool) and not self._closed
-            again = died and not task.suspect
+            task.deaths += died
+            again = died and task.deaths <= MOST_DEATHS
             if again:
-                task.suspect = True
                 self._suspects.append(task)
             self._broken |= died
             self._fill_soon()
