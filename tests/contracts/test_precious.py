@@ -198,7 +198,7 @@ def test_warm_up_keeps_kernels_beside_what_is_precious(tmp_path, monkeypatch, wh
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home" / "precious"))
     place = folder_of.__wrapped__("0" * 32)
     kernel = numba.njit(doubled)
-    kernel._cache = KernelCache(place, "doubled")
+    kernel._cache = KernelCache("doubled", lambda: place)
     assert kernel(3.0) == 6.0
     remove_old(place.parent)
     after = snapshot(tmp_path / "home")

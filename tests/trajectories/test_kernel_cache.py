@@ -10,7 +10,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from uavbench.trajectories.kernels.cache import KEPT_DAYS, MARKER, KernelCache, cache_of, folder_of, remove_old
+from uavbench.trajectories.kernels.cache import KEPT_DAYS, MARKER, KernelCache, folder_of, remove_old
 from uavbench.trajectories.source_files import sources
 
 ROOT = Path(__file__).parents[2]
@@ -85,6 +85,18 @@ def test_a_kernel_follows_the_source_of_all_that_it_is_made_of(tree):
     assert ran(tree) == (29.0, False)
 
 
+def test_a_source_edited_after_its_import_is_never_kept(tree):
+    edited = tree / "scale.py"
+    change = f"open({str(edited)!r}, 'w').write('SCALE = 100.0')\n"
+    before, call = RUN.split("print")
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "PYTHON"))}
+    env = {**kept, "XDG_CACHE_HOME": str(tree.parents[1] / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", f"{before}{change}print{call}"]
+    run = subprocess.run(command, cwd=tree.parents[1], env=env, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["7.0", "0"], "the code that was imported"
+    assert ran(tree) == (301.0, False), "the code that stands there now"
+
+
 def test_kernels_are_kept_elsewhere_where_the_cache_cannot_be_written(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
@@ -105,7 +117,7 @@ def test_kernels_are_kept_elsewhere_where_the_cache_cannot_be_written(tmp_path, 
 def test_a_broken_file_is_compiled_anew(tmp_path):
     def hits():
         kernel = numba.njit(scaled)
-        kernel._cache = KernelCache(tmp_path, "scaled")
+        kernel._cache = KernelCache("scaled", lambda: tmp_path)
         assert kernel(3.0) == 6.0
         return sum(kernel.stats.cache_hits.values())
 
@@ -170,7 +182,7 @@ def test_every_kernel_of_the_project_is_kept_by_its_sources():
     ]
     assert len(kernels) > 80
     for module, kernel in kernels:
-        assert type(kernel._cache) is type(cache_of(kernel.py_func)), kernel
+        assert kernel._cache.folder is not None, kernel
         assert Path(module.__file__) in sources(module.__name__)
     names = {path.name for path in sources("uavbench.tracker.robust.edges.step_kernels")}
     assert {"step_kernels.py", "profile_kernels.py", "pose.py", "compiled.py", "__init__.py"} <= names

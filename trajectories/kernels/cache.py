@@ -12,10 +12,11 @@ import pickle
 import platform
 import re
 import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from uavbench.trajectories.files.temporary_names import temporary
-from uavbench.trajectories.source_files import digest, sources
+from uavbench.trajectories.source_files import digest, editable, sources, stamp
 
 MARKER = ".uavbench-kernels"
 """Marker file of a kernel cache folder."""
@@ -36,18 +37,29 @@ KEPT_DAYS = 30.0
 """Kernels that no process has asked for in so long are removed: longer than a holiday, and little on a disk."""
 NOT_IN_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 """numba's settings that do not change the code of a kernel."""
+_imported: dict[Path, tuple[int, ...]] = {}
+"""Source files of imported modules, each with its stamp of then."""
 
 
 class KernelCache(NullCache):
-    """Compiled forms of one kernel in a folder; a file that cannot be read or written costs time and nothing else."""
+    """Compiled forms of one kernel in a folder; a file that cannot be read or written costs time and nothing else.
 
-    def __init__(self, folder: Path, name: str) -> None:
-        self.folder, self.name = folder, name
+    place finds the folder, None where there is none, when the first form is asked for: most processes that import a
+    kernel never call it.
+    """
+
+    def __init__(self, name: str, place: Callable[[], Path | None]) -> None:
+        self.name, self._place = name, place
+
+    @cached_property
+    def folder(self) -> Path | None:
+        """The folder; None when nothing can be kept."""
+        return self._place()
 
     @property
-    def cache_path(self) -> str:
-        """The folder."""
-        return str(self.folder)
+    def cache_path(self) -> str | None:
+        """The folder, as numba asks for it."""
+        return None if self.folder is None else str(self.folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel compiled for a signature; None when it is not there or its file is broken."""
@@ -64,12 +76,15 @@ class KernelCache(NullCache):
         """Keep a compiled kernel; a disk that is full or write-protected is no reason to stop."""
         if data.library.has_dynamic_globals or any(not lifted.can_cache for lifted in data.lifted):
             return
-        path = self._file(sig, data.codegen)
-        with contextlib.suppress(OSError), temporary(path) as own:
-            own.made.write_bytes(dumps((sig, data._reduce())))  # type: ignore[no-untyped-call]
-            own.made.replace(path)  # in a folder of ours, a name that stands for its content: another's is the same
+        with contextlib.suppress(OSError):
+            path = self._file(sig, data.codegen)
+            with temporary(path) as own:
+                own.made.write_bytes(dumps((sig, data._reduce())))  # type: ignore[no-untyped-call]
+                own.made.replace(path)  # in a folder of ours, a name that stands for its content: another's is the same
 
     def _file(self, sig: Any, codegen: Any) -> Path:
+        if self.folder is None:
+            raise FileNotFoundError("no folder for compiled kernels")
         form = hashlib.sha256(repr((sig, codegen.magic_tuple())).encode()).hexdigest()[:16]
         return self.folder / f"{self.name}.{form}.nbc"
 
@@ -79,12 +94,36 @@ def cache_of(function: Callable[..., Any], inner: bool = False) -> NullCache:
 
     One that keeps nothing where there is no source to know it by, or no place to keep it.
     """
+    if function.__closure__:
+        return NullCache()
+    module = function.__module__
+    note_imported(module)
+    name = f"{module}.{function.__qualname__}{'.inner' if inner else ''}"
+    return KernelCache(name, lambda: folder_of_module(module))
+
+
+@cache
+def note_imported(_: str) -> None:
+    """Keep the stamps of the source files of all modules, as they are now that a module with kernels is imported.
+
+    A kernel's code is that of its import, its key that of its first use: a file edited between is told by its stamp.
+    """
+    for module in list(sys.modules.values()):
+        file = getattr(module, "__file__", None)
+        if file is not None and file.endswith(".py") and (path := Path(file)) not in _imported and editable(path):
+            with contextlib.suppress(OSError):
+                _imported[path] = stamp(path)
+
+
+@cache
+def folder_of_module(module: str) -> Path | None:
+    """Folder of a module's kernels; None where there is no place, or where no source says what they are made of."""
     try:
-        folder = None if function.__closure__ else folder_of(key_of(function.__module__))
+        files = sources(module)
+        edited = any(stamp(path) != _imported.get(path, stamp(path)) for path in files)
+        return None if edited else folder_of(key_of(module))
     except OSError:
-        folder = None
-    name = f"{function.__module__}.{function.__qualname__}{'.inner' if inner else ''}"
-    return NullCache() if folder is None else KernelCache(folder, name)
+        return None
 
 
 @cache
