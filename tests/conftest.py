@@ -1,4 +1,8 @@
-"""The order of the tests."""
+"""The order of the tests, and a core for each of the processes that run them."""
+
+import os
+
+import pytest
 
 
 def pytest_configure(config):
@@ -11,3 +15,16 @@ def pytest_collection_modifyitems(items):
     """Files with slow tests come first, so that no worker begins a long one when the others are nearly done."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+@pytest.fixture(scope="module")
+def one_core():
+    """This process and the commands that it starts use one core, so that each command starts one worker.
+
+    A worker takes seconds to start. Where another process runs tests beside this one, each has a core of its own.
+    """
+    cores = sorted(os.sched_getaffinity(0))
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    os.sched_setaffinity(0, {cores[worker % len(cores)]})
+    yield
+    os.sched_setaffinity(0, cores)

@@ -1,6 +1,5 @@
 """The commands that judge changes: gate, compare, speed, sensitivity."""
 
-import os
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -8,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from uavbench.bench.cli.cores import jobs_option
 
 if TYPE_CHECKING:
     from uavbench.bench.gate.decision import Margins
@@ -92,9 +93,7 @@ def speed_command(only: str, save: Path | None) -> None:
 @click.argument("head_ref", default=".")
 @click.option("--suite", default="gate", show_default=True, help="Suite that both versions' trackers run on.")
 @click.option("--repeats", type=click.IntRange(1), default=3, show_default=True, help="Runs of each, for the latency.")
-@click.option(
-    "--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes that render; default: all cores."
-)
+@jobs_option("Processes that render")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("out/compare"), show_default=True)
 @margin_options
 def compare_command(
@@ -110,7 +109,7 @@ def compare_command(
 @click.argument("suite")
 @click.option("--tracker", default="robust", show_default=True, help="Label of the suite's tracker that is studied.")
 @click.option("--value", multiple=True, metavar="PATH", help="A value, or a table of them; default: all.")
-@click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores.")
+@jobs_option()
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for everything.")
 def sensitivity_command(suite: str, tracker: str, value: tuple[str, ...], jobs: int, out: Path) -> None:
     """Halve and double each number of a tracker's config, one at a time, and table what success and error become."""

@@ -1,12 +1,12 @@
 """The commands over a suite: run, render, track, score, report."""
 
-import os
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
+from uavbench.bench.cli.cores import jobs_option
 from uavbench.trajectories.errors import UserError
 
 FILE = click.Path(path_type=Path)
@@ -21,7 +21,7 @@ def suite_options(command: Any) -> Any:
         click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report."),
         click.option("--isolate", is_flag=True, help="External trackers see only their job folder; no other code."),
         click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing."),
-        click.option("--jobs", type=click.IntRange(1), default=os.cpu_count(), help="Processes; default: all cores."),
+        jobs_option(),
         click.option("--out", type=FILE, help="Folder for everything; default: out/SUITE."),
     ):
         command = option(command)

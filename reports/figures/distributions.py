@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from scipy.stats import chi2
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
 from uavbench.reports.figures.time import finite
-from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, nees
+from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, chi_square_quantile, nees
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import Comparison, Ranks, hierarchical_interval, least_units
@@ -142,7 +141,7 @@ def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
 
 def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
     """NEES of every run that claims a covariance, with the central 95 % of chi-square for 6 degrees of freedom."""
-    low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM)) for p in (0.025, 0.975))
+    low, high = (chi_square_quantile(p, DEGREES_OF_FREEDOM) for p in (0.025, 0.975))
     panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of an honest tracker")
     panel.axhline(DEGREES_OF_FREEDOM, color=GROUND_TRUTH, lw=0.7, ls=":")
     rows: list[list[Any]] = []

@@ -8,7 +8,7 @@ freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
@@ -39,6 +39,11 @@ class Consistency:
     singular: int = 0
 
 
+def chi_square_quantile(p: float, degrees: float) -> float:
+    """The value that a chi-square distribution of `degrees` of freedom stays below with probability p in [0, 1]."""
+    return float(2.0 * gammaincinv(degrees / 2.0, p))
+
+
 def nees(sequence: Sequence, results: Results) -> Array:
     """NEES of each row (n,), NaN where there is no pose or no covariance, infinite where that has no inverse."""
     out = np.full(len(results), np.nan)
@@ -60,8 +65,8 @@ def consistency(sequence: Sequence, results: Results) -> Consistency | None:
     n = len(values)
     if n + singular == 0:
         return None
-    low, high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM * max(n, 1))) / max(n, 1) for p in CENTRAL)
-    inner_low, inner_high = (float(chi2.ppf(p, DEGREES_OF_FREEDOM)) for p in CENTRAL)
+    low, high = (chi_square_quantile(p, DEGREES_OF_FREEDOM * max(n, 1)) / max(n, 1) for p in CENTRAL)
+    inner_low, inner_high = (chi_square_quantile(p, DEGREES_OF_FREEDOM) for p in CENTRAL)
     spreads = np.array([np.diag(r.covariance) for r in results.rows if r.covariance is not None])
     return Consistency(
         n=n,

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import friedmanchisquare, rankdata, studentized_range
 
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
@@ -242,6 +241,8 @@ def ranks(values: Mapping[str, Array], confidence: float = CONFIDENCE) -> Ranks:
     n, k = table.shape
     if n < 2 or k < 2:
         raise UserError(f"ranks need at least two trackers and two runs each, got {k} and {n}")
+    from scipy.stats import friedmanchisquare, rankdata, studentized_range  # takes a second, for this alone
+
     row_ranks = np.array([rankdata(row) for row in table])
     enough = len(np.unique(table, axis=0)) >= least_units()
     q = float(studentized_range.ppf(confidence, k, np.inf)) / np.sqrt(2)

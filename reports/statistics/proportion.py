@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from scipy.stats import binomtest
-
 from uavbench.reports.statistics.bootstrap import CONFIDENCE
 
 
@@ -21,6 +19,8 @@ class Proportion:
         """The share with its Wilson interval; from 0 to 1 without a trial."""
         if n == 0:
             return cls(successes=0, n=0, low=0.0, high=1.0)
+        from scipy.stats import binomtest  # takes a second, and most reports have no shares
+
         found = binomtest(successes, n).proportion_ci(confidence, method="wilson")
         return cls(successes=successes, n=n, low=float(found.low), high=float(found.high))
 

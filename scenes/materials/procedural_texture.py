@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from uavbench.scenes.rendering import pixel_kernels as kernels
@@ -50,6 +49,8 @@ def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], r
     half[:, 0] *= np.float32(np.sqrt(2))  # the real part of this column alone counts
     spectrum = np.zeros((h, len(kx)), dtype=np.complex64)
     spectrum[ky] = half
+    import scipy.fft  # takes an eighth of a second, and every command loads this file
+
     noise: Image = scipy.fft.irfft(scipy.fft.ifft(spectrum, axis=0, overwrite_x=True), n=w, axis=1)
     noise *= np.float32(1 / max(float(cv2.meanStdDev(noise)[1].item()), 1e-12))
     return noise

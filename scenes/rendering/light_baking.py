@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from uavbench.scenes.renderables import Light, Part, Texture
 from uavbench.trajectories.obstacles import ObstacleMesh
@@ -102,6 +101,8 @@ def _from_outside(at: Array, seen: Array, occluder: ObstacleMesh) -> Array:
     """
     inside = occluder.inside(at) if len(at) else np.zeros(0, dtype=bool)
     if inside.any() and not inside.all():
+        from scipy.spatial import cKDTree  # takes a third of a second, and trackers load this file too
+
         nearest = cKDTree(at[~inside]).query(at[inside])[1]
         seen[inside] = seen[~inside][nearest]
     return seen
