@@ -1,6 +1,7 @@
 """Programs that start others in every way, and what is left of them."""
 
 import os
+import signal
 import time
 from pathlib import Path
 
@@ -69,3 +70,9 @@ def with_mark(mark):
             except OSError:
                 continue
     return found
+
+
+def as_from_a_terminal():
+    """To be called in a new process: with the signals of a terminal, though the tests are a job in the background."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.bench.process_trees import wait_until
+from tests.bench.process_trees import as_from_a_terminal, wait_until
 from tests.bench.small_suites import small_suite
 
 pytestmark = pytest.mark.slow
@@ -49,7 +49,7 @@ def start(suite, out):
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # a background job ignores it
+        preexec_fn=as_from_a_terminal,
     )
 
 

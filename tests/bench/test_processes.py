@@ -13,7 +13,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.process_trees import DEADLINE_S, FAMILY, MEMBERS, is_alive, noted, wait_until, with_mark
+from tests.bench.process_trees import (
+    DEADLINE_S,
+    FAMILY,
+    MEMBERS,
+    as_from_a_terminal,
+    is_alive,
+    noted,
+    wait_until,
+    with_mark,
+)
 from tests.bench.small_suites import small_suite
 
 pytestmark = pytest.mark.slow
@@ -43,7 +52,12 @@ def run(suite, out, verb, mark, temporary):
     command = [sys.executable, "-m", "uavbench.bench.cli.main", verb, str(suite), "--out", str(out), "--jobs", "2"]
     environment = {**os.environ, "UAVBENCH_MARK": mark, "TMPDIR": str(temporary)}
     return subprocess.Popen(
-        command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        preexec_fn=as_from_a_terminal,
     )
 
 
@@ -131,7 +145,8 @@ def come_and_wait():
 )
 def test_a_signal_that_comes_in_a_callback_of_c_ends_the_process(number, main, code):
     script = IN_A_CALLBACK.format(signal=number) + main
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=as_from_a_terminal)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     assert "ignored" not in done.stderr
