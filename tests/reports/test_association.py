@@ -116,6 +116,13 @@ def test_the_longer_trajectory_is_interpolated(offset_s: float, estimate_is_long
         np.testing.assert_allclose(rotations(pairs.reference_q), R, atol=1e-9)
 
 
+def test_of_two_equally_long_trajectories_the_reference_is_interpolated() -> None:
+    reference, estimate = trajectory(np.arange(1.0, 3.0, 0.1), 1), trajectory(np.arange(1.02, 3.02, 0.1), 2)
+    pairs = associate(reference, estimate, "evo-interpolated", 0.05)
+    np.testing.assert_array_equal(pairs.stamps_ns, estimate.stamps_ns)
+    np.testing.assert_array_equal(pairs.estimate_m, estimate.positions_m)
+
+
 def test_a_trajectory_of_one_pose_is_held() -> None:
     one = trajectory(np.array([1.0]))
     pairs = associate(one, one, "evo-interpolated", 0.1)

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from uavbench.reports.metrics.align import Similarity, align, alignment, umeyama, yaw_alignment
-from uavbench.reports.metrics.ape import absolute_errors, pose_error_sizes
+from uavbench.reports.metrics.ape import absolute_errors, error_table, pose_error_sizes
 from uavbench.reports.metrics.association import NS, PosePairs
 from uavbench.reports.metrics.rpe import (
     BLOCK,
@@ -72,6 +72,21 @@ def test_errors_in_blocks_are_those_of_the_whole() -> None:
     metres, radians = motion_error_sizes(pairs, i, j)
     np.testing.assert_allclose(metres, relative_errors(pairs, i, j, "translation_m"), rtol=1e-12)
     np.testing.assert_allclose(radians, relative_errors(pairs, i, j, "angle_rad"), rtol=1e-12)
+
+
+def test_the_table_of_errors_has_a_row_for_each_pair() -> None:
+    pairs = walk(5)
+    later = PosePairs(
+        pairs.stamps_ns + 7 * NS, pairs.reference_m, pairs.reference_q, pairs.estimate_m, pairs.estimate_q
+    )
+    table = error_table(later)
+    assert list(table["stamp_ns"]) == [7 * NS + k * NS // 10 for k in range(5)]
+    np.testing.assert_allclose(table["time_s"], [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-12)
+    np.testing.assert_array_equal(table["position_error_m"], absolute_errors(pairs, "translation_m"))
+    np.testing.assert_array_equal(table["rotation_error_deg"], absolute_errors(pairs, "angle_deg"))
+    np.testing.assert_array_equal(table[["reference_x_m", "reference_y_m", "reference_z_m"]], pairs.reference_m)
+    np.testing.assert_array_equal(table[["estimate_x_m", "estimate_y_m", "estimate_z_m"]], pairs.estimate_m)
+    assert len(table.columns) == 10
 
 
 def test_relative_errors_are_those_of_the_matrices() -> None:
@@ -368,6 +383,7 @@ def test_positions_in_a_plane_fix_it() -> None:
         (PLANE * 1e-13, PLANE),
         (-PLANE, PLANE * -1e-13),
         (PLANE * -1e-13, -PLANE),
+        (np.zeros((4, 3)), np.zeros((4, 3))),
     ],
 )
 def test_positions_that_do_not_move_sideways_fix_no_yaw(p: Array, q: Array) -> None:
