@@ -10,7 +10,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import refuse_foreign_file
 
 FILE = click.Path(path_type=Path)
-EXPORTS = ["euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2"]
+EXPORTS = ["euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
 
 
 @click.command("verify")

@@ -37,6 +37,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(f"scenes/exports/{name}.py", "scenes/test_exports", "scenes/test_exports_by_own_readers")
             for name in ("registry", "euroc", "bop", "notes")
         ),
+        *(
+            _target(f"scenes/exports/{name}.py", "scenes/test_reconstruction_exports")
+            for name in ("colmap", "nerfstudio", "surface_points")
+        ),
     ),
     "sensors": (
         _target("trajectories/sensors/imu.py", "trajectories/test_inertial", "trajectories/test_sensors"),
