@@ -13,7 +13,8 @@ from scipy.stats import chi2
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
 from uavbench.reports.figures.time import finite
-from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, nees
+from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM
+from uavbench.reports.metrics.nees import nees
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import Comparison, Ranks, hierarchical_interval, least_units

@@ -23,6 +23,9 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("reports/metrics/align.py", "reports/test_metrics", "reports/test_golden"),
         _target("reports/metrics/association.py", "reports/test_association", "reports/test_golden"),
         _target("reports/metrics/nees.py", "reports/test_uncertainty"),
+        _target("reports/metrics/consistency.py", "reports/test_uncertainty", "reports/test_pose_nees"),
+        _target("reports/metrics/pose_nees.py", "reports/test_pose_nees"),
+        _target("reports/metrics/straight_line.py", "reports/test_straight_line"),
     ),
     "statistics": (_target("reports/statistics/bootstrap.py", "reports/test_statistics"),),
     "gate": (
