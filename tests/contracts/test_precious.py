@@ -95,6 +95,7 @@ def calls(inputs, target):
             ["evaluate", *trajectories, "--plot", target],
             ["evaluate", *trajectories, "--plot", target.with_suffix(".pdf")],
             ["evaluate", *trajectories, "--plot", target / "index.pdf"],
+            ["evaluate", *trajectories, "--out", target],
         ],
         "tables": [
             ["tables", inputs / "report", "--out", target],
