@@ -90,16 +90,16 @@ def summary(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> Table:
         columns += [mean, spread]
         best = _best(many, metric)
         for name, values in many.values(metric).items():
-            won, found = name == best, Spread.of(about.scale * values)
+            won, known = name == best, Spread.of(about.scale * values)
             rows[name] += [
                 _mean(values, mean, won, won and _stands(name, tested.get(metric, []))),
-                _plain(found.std if found else None, mean.decimals),
+                _plain(known.std if known else None, mean.decimals),
             ]
     for column in EXTRA[1:]:
-        values = {name: [extra(run, column.key) for run in group] for name, group in many.groups.items()}
-        if any(np.isfinite(v).any() for v in values.values()):
+        found = {name: [extra(run, column.key) for run in group] for name, group in many.groups.items()}
+        if any(np.isfinite(v).any() for v in found.values()):
             columns.append(column)
-            for name, of_group in values.items():
+            for name, of_group in found.items():
                 rows[name].append(_mean(of_group, column))
     return Table(caption(many, tested), tuple(columns), tuple((name, tuple(cells)) for name, cells in rows.items()))
 

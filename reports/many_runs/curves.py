@@ -40,7 +40,7 @@ class Axis:
             place = np.minimum((bins * (along - self.edges[0]) / width).astype(np.int64), bins - 1)
         count = np.bincount(place, minlength=bins)
         total = np.bincount(place, weights=errors**2, minlength=bins)
-        return np.sqrt(np.divide(total, count, out=np.full(bins, np.nan), where=count > 0))
+        return np.asarray(np.sqrt(np.divide(total, count, out=np.full(bins, np.nan), where=count > 0)))
 
 
 def time_axis(truth: Trajectory) -> Axis:

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from uavbench.reports.figures.drawn import Drawn, legend_of, save_drawn, save_panel
-from uavbench.reports.figures.time import finite
+from uavbench.reports.figures.drawn import Drawn, finite, legend_of, save_drawn, save_panel
 from uavbench.reports.many_runs.comparison import Spread, extra
 from uavbench.reports.many_runs.curves import Band
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
@@ -140,7 +139,7 @@ def middle_run(group: ListOf[EvaluatedRun]) -> EvaluatedRun:
 def dots(panel: Axes, at: float, values: Array, index: int, *, hollow: bool = False, width: float = JITTER) -> None:
     """The runs of a tracker around a place on the x axis, in their order from left to right."""
     x = at + width * np.linspace(-1, 1, len(values)) if len(values) > 1 else np.array([at])
-    face = {"mfc": "white"} if hollow else {}
+    face: dict[str, Any] = {"mfc": "white"} if hollow else {}
     panel.plot(x, values, **marker(index), ms=2.6, mew=0.6, alpha=0.75, **face)
 
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.reports.figures import distributions
+from uavbench.reports.figures import ranking
 from uavbench.reports.many_runs import figures
 from uavbench.reports.many_runs.comparison import extra
 from uavbench.reports.many_runs.evaluate_many import METRICS, ManyRuns
 from uavbench.reports.many_runs.results import RUN_COLUMNS, ManyResults
-from uavbench.reports.page.pages import asset, environment, on_page
+from uavbench.reports.page.templates import asset, environment, on_page
 from uavbench.reports.statistics.bootstrap import ranks
 from uavbench.reports.style import colour, house_style, write_csv
 from uavbench.reports.tables.columns import Column
@@ -42,6 +42,8 @@ RUNS = (
     Column(head="NEES, aligned", key="nees_aligned", unit="6 is honest", best="", decimals=2),
 )
 """Of the page's table of runs."""
+UNSHOWN = ("runs", "RPE position sd", "RPE rotation sd")
+"""Columns of the summary for which the page has no room; its files have them."""
 
 
 @in_parts(MARKER)
@@ -61,8 +63,8 @@ def write_many(folder: Path, results: ManyResults) -> Path:
     text = environment().get_template("page_runs.html").render(
         title=f"{len(many.groups)} tracker{'s' * (len(many.groups) > 1)}, {len(many.runs)} runs",
         css=asset("page.css"), js=asset("page.js"), truth=many.truth, how=many.pairs.how,
-        summary=_summary(results), runs=_runs(results), tests=_shown_tests(results), metrics=METRICS,
-        figures=[each.sized(folder) for each in drawn], straight=_straight(many),
+        summary=_summary(results), runs=_runs(results), tests=_shown_tests(results),
+        figures=[each.sized(folder) for each in drawn], straight=_straight(many), first=RANKED_BY,
         record=json.dumps(many.runs[0].record, indent=1), version=versions()["uavbench"],
     )  # fmt: skip
     write_text(folder / "index.html", text)
@@ -94,14 +96,14 @@ def _drawings(results: ManyResults) -> list[tuple[str, str, str, Callable[[Path]
         names, paired = list(many.groups), many.paired("ate_position")
         made.append(
             ("wins", "Wins", "On the paired runs; *: the mean difference stands at the 5 % level.",
-             partial(distributions.win_table, names, tests, what=RANKED_BY))
+             partial(ranking.win_table, names, tests, what=RANKED_BY))
         )  # fmt: skip
         if many.pairs.n > 1:
             colours = {name: k for k, name in enumerate(names)}
             made.append(
                 ("ranks", "Mean ranks",
                  "Best at the left; bars join trackers that Nemenyi's test does not tell apart.",
-                 partial(distributions.critical_difference, ranks(paired), colours, what=RANKED_BY))
+                 partial(ranking.critical_difference, ranks(paired), colours, what=RANKED_BY))
             )  # fmt: skip
     return made
 
@@ -133,7 +135,7 @@ def _straight(many: ManyRuns) -> list[str]:
 
 
 def _summary(results: ManyResults) -> dict[str, Any]:
-    table = results.table
+    table = results.table.select([c.head for c in results.table.columns if c.head not in UNSHOWN])
     heads = [{"name": "tracker", "unit": "", "best": "min"}]
     heads += [{"name": c.head, "unit": c.unit, "best": c.best} for c in table.columns]
     rows = [
@@ -172,15 +174,17 @@ def _named(index: int, name: str, status: str) -> dict[str, Any]:
     return {"name": name, "title": name, "colour": colour(index), "status": status}
 
 
-def _shown_tests(results: ManyResults) -> list[dict[str, Any]]:
-    rows = []
+def _shown_tests(results: ManyResults) -> dict[str, list[dict[str, Any]]]:
+    """Rows of the page's tables of tests, by metric."""
+    tables: dict[str, list[dict[str, Any]]] = {}
     for metric, found in results.tested.items():
         about = METRICS[metric]
+        rows = tables.setdefault(about.name, [])
         for c in found:
             low, high = about.scale * c.difference.low, about.scale * c.difference.high
             rows.append({
-                "metric": about.name, "first": c.first, "second": c.second, "p": f"{c.p:.3g}", "stands": c.significant,
+                "first": c.first, "second": c.second, "p": f"{c.p:.3g}", "stands": c.significant,
                 "difference": f"{about.scale * c.difference.mean:+.4g} {about.unit}", "wins": f"{100 * c.wins:.0f} %",
                 "bounds": c.difference.why or f"[{low:+.4g}, {high:+.4g}]",
             })  # fmt: skip
-    return rows
+    return tables

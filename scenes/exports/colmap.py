@@ -84,7 +84,7 @@ def _points(cloud: PointCloud) -> str:
             tracks[row].append(f"{frame + 1} {place}")
     lines = ["# POINT3D_ID X Y Z R G B ERROR TRACK[] as IMAGE_ID POINT2D_IDX"]
     for number, (row, track) in enumerate(tracks.items(), start=1):
-        place = " ".join(map(repr, cloud.surface.points_m[row].tolist()))
+        xyz = " ".join(map(repr, cloud.surface.points_m[row].tolist()))
         colour = " ".join(map(str, cloud.colours[row].tolist()))
-        lines.append(f"{number} {place} {colour} 0.0 {' '.join(track)}")
+        lines.append(f"{number} {xyz} {colour} 0.0 {' '.join(track)}")
     return "\n".join(lines) + "\n"

@@ -91,7 +91,9 @@ def write_masks(shown: Shown, folder: Path, name: Callable[[int], str]) -> bool:
         return False
     folder.mkdir()
     for frame in range(len(shown.sequence)):
-        (folder / name(frame)).write_bytes(png(np.where(shown.mask(frame), 255, 0).astype(np.uint8)))
+        mask = shown.mask(frame)
+        assert mask is not None
+        (folder / name(frame)).write_bytes(png(np.where(mask, 255, 0).astype(np.uint8)))
     return True
 
 
