@@ -68,6 +68,10 @@ EXTRA = (
 )
 
 
+BOLD = "Bold: best of its column."
+"""In the caption of a table that has bold letters."""
+
+
 def extra(run: EvaluatedRun, key: str) -> float:
     """A number of a run that trackers are not compared by, NaN where there is none."""
     if key == "coverage":
@@ -120,7 +124,7 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
         )
     if len(many.groups) < 2:
         return f"{text}."
-    text += f". Bold: best of its column. Paired tests: {many.pairs.how}"
+    text += f". {BOLD} Paired tests: {many.pairs.how}"
     units = max((c.units for some in tested.values() for c in some), default=0)
     needed = least_units(len(many.groups) * (len(many.groups) - 1) // 2)
     if tested and units < needed:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.reports.many_runs.comparison import Spread, comparisons, extra, summary
+from uavbench.reports.many_runs.comparison import BOLD, Spread, comparisons, extra, summary
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.statistics.bootstrap import Comparison
 from uavbench.reports.tables.summary_table import Table
@@ -74,7 +74,7 @@ class ManyResults:
             [name, *(f"{c.text}{'*' * c.significant} {c.bounds}".strip() for c in cells)]
             for name, cells in self.table.rows
         ]
-        return [*in_columns([heads_of_table, *rows]), "", *textwrap.wrap(self.table.caption, WIDTH)]
+        return [*in_columns([heads_of_table, *rows]), "", *textwrap.wrap(self.table.caption.replace(BOLD, ""), WIDTH)]
 
     def _test_lines(self) -> list[str]:
         if not self.tested:
