@@ -41,7 +41,7 @@ def draw_errors_along(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
             panel = panels[row, column]
             for k, (name, group) in enumerate(many.groups.items()):
                 band = Band.of([scale * getattr(run, f"over_{along}")[quantity] for run in group])
-                text = f"{name} ({len(group)} run{'s' if len(group) > 1 else ''})"
+                text = as_label(f"{name} ({len(group)} run{'s' if len(group) > 1 else ''})")
                 panel.plot(axis.middles, band.middle, label=text, **line(k))
                 if len(group) > 1:
                     panel.fill_between(axis.middles, band.low, band.high, color=colour(k), alpha=0.15, lw=0)
@@ -93,7 +93,7 @@ def draw_paths(many: ManyRuns, panel: Axes) -> Drawn:
     panel.plot(*many.truth_path_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="truth")
     for k, (name, group) in enumerate(many.groups.items()):
         run = middle_run(group)
-        panel.plot(*run.path_m[:, :2].T, label=f"{name}: {run.run.name}", **{**line(k), "lw": 0.8})
+        panel.plot(*run.path_m[:, :2].T, label=as_label(f"{name}: {run.run.name}"), **{**line(k), "lw": 0.8})
         rows += [[name, run.run.name, *p] for p in run.path_m.tolist()]
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_xlabel("x (m)")
@@ -128,6 +128,11 @@ def draw_nees(many: ManyRuns, panel: Axes) -> Drawn:
     said = "hollow: as claimed, filled: after alignment" if aligned else "as claimed, without alignment"
     panel.set_title(f"{said}; dotted: {DEGREES_OF_FREEDOM}, honest", fontsize=7.5)
     return Drawn(columns=["tracker", "run", "what", "mean_nees"], rows=rows, legend=None)
+
+
+def as_label(name: str) -> str:
+    """A name that a legend shows: matplotlib hides those that begin with `_`."""
+    return f" {name}" if name.startswith("_") else name
 
 
 def middle_run(group: ListOf[EvaluatedRun]) -> EvaluatedRun:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 
 from uavbench.reports.figures import ranking
 from uavbench.reports.many_runs import figures
@@ -55,7 +56,7 @@ def write_many(folder: Path, results: ManyResults) -> Path:
     write_csv(folder / "tables" / "runs.csv", RUN_COLUMNS, results.run_rows())
     if results.tested:
         write_csv(folder / "tables" / "tests.csv", TEST_COLUMNS, _tests(results))
-    with house_style():
+    with house_style(), rc_context({"text.parse_math": False}):  # names of files and trackers are no formulas
         drawn = [
             on_page(folder, draw(folder / "figures" / name), title, caption)
             for name, title, caption, draw in _drawings(results)

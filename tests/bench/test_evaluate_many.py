@@ -136,6 +136,20 @@ def test_the_page_its_figures_and_tables(run, made, tmp_path):
     assert "\\midrule" in (tmp_path / "out" / "tables" / "summary.tex").read_text()
 
 
+def test_names_may_be_anything(made, tmp_path, monkeypatch):
+    """Neither a formula for matplotlib, nor hidden, nor markup on the page."""
+    for name in ("a", "b"):
+        (tmp_path / f"{name}$x^$").mkdir()
+        for k in range(3):
+            shutil.copy(made / name / f"run{k}.tum", tmp_path / f"{name}$x^$" / f"<b>{k}&_$y$.tum")
+    shutil.copy(made / "gt.tum", tmp_path)
+    groups = ("--group", "_$\\a{$=a*/*.tum", "--group", "<i>%|#=b*/*.tum", "--out", "out")
+    done = call(tmp_path, *groups, monkeypatch=monkeypatch)
+    assert done.exit_code == 0, done.output
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "<i>" not in page and "<b>0&" not in page and "&lt;i&gt;%|#" in page
+
+
 def test_one_run_has_a_page_too(run, made, tmp_path):
     done = run("a/run0.tum", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
