@@ -33,15 +33,13 @@ def line_fit(p: Array, q: Array) -> LineFit | None:
     p_centred, q_centred = p - p.mean(axis=0), q - q.mean(axis=0)
     if len(p) < 2 or not (moves(p, p_centred) and moves(q, q_centred)):
         return None
-    u, v = _direction(p_centred), _direction(q_centred)
-    along_p, along_q = p_centred @ u, q_centred @ v
-    if along_p @ along_q < 0:
-        v, along_q = -v, -along_q
-    R = smallest_rotation(v, u)
-    sideways_p, sideways_q = p_centred - np.outer(along_p, u), (q_centred - np.outer(along_q, v)) @ R.T
-    straight = [_ratio(side, along) for side, along in ((sideways_p, along_p), (sideways_q, along_q))]
-    plane = _across(u)
-    if not _undetermined(min(straight), sideways_p @ plane.T, sideways_q @ plane.T):
+    straight = [_width(p_centred), _width(q_centred)]
+    if not min(straight) < STRAIGHT:
+        return None
+    U, _, Vt = np.linalg.svd(p_centred.T @ q_centred)
+    u, v = U[:, 0], Vt[0]  # the directions that least squares lays on each other
+    R, plane = smallest_rotation(v, u), _across(u)
+    if not _undetermined(min(straight), p_centred @ plane.T, q_centred @ R.T @ plane.T):
         return None
     which = [name for name, ratio in zip(("reference", "estimate"), straight, strict=True) if ratio < STRAIGHT]
     return LineFit(
@@ -56,7 +54,8 @@ def vertical_fit(p: Array, q: Array) -> LineFit | None:
     p_centred, q_centred = p - p.mean(axis=0), q - q.mean(axis=0)
     if len(p) < 2 or not (moves(p, p_centred) and moves(q, q_centred)):
         return None
-    straight = min(_ratio(each[:, :2], each[:, 2]) for each in (p_centred, q_centred))
+    with np.errstate(divide="ignore"):
+        straight = min(np.linalg.norm(each[:, :2]) / np.linalg.norm(each[:, 2]) for each in (p_centred, q_centred))
     if not _undetermined(straight, p_centred[:, :2], q_centred[:, :2]):
         return None
     return LineFit(
@@ -81,9 +80,10 @@ def moves(points: Array, centred: Array) -> bool:
     return bool(np.abs(centred).max() > DEGENERATE * np.abs(points).max())
 
 
-def _direction(centred: Array) -> Array:
-    """Unit vector (3,) along which centred points (n, 3) spread most."""
-    return np.asarray(np.linalg.eigh(centred.T @ centred)[1][:, -1])
+def _width(centred: Array) -> float:
+    """Sideways over forward spread (rms) of centred points (n, 3)."""
+    second, first = np.linalg.eigvalsh(centred.T @ centred)[1:]
+    return float(np.sqrt(max(second, 0.0) / first))
 
 
 def _across(direction: Array) -> Array:
@@ -91,11 +91,6 @@ def _across(direction: Array) -> Array:
     first = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(direction, first)])
-
-
-def _ratio(sideways: Array, along: Array) -> float:
-    forward = float((along**2).sum())
-    return float(np.sqrt((sideways**2).sum() / forward)) if forward else float("inf")
 
 
 def _undetermined(straight: float, a: Array, b: Array) -> bool:

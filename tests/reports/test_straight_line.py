@@ -1,5 +1,7 @@
 """Alignment of straight lines: what positions determine is found, and the rotation about the line is the smallest."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -107,6 +109,19 @@ def test_an_estimate_on_a_line_is_named() -> None:
     curve = np.column_stack([np.cos(ALONG / 9), np.sin(ALONG / 9), 0.1 * ALONG])
     said = alignment(pairs(curve, LINE), "se3").undetermined
     assert "of the estimate lie on one" in said
+
+
+def test_the_fit_of_a_line_is_the_best_there_is() -> None:
+    """Whichever rotation about the line is taken, the positions fit as well as by scipy's best rotation."""
+    curve = np.column_stack([np.cos(ALONG / 9), np.sin(ALONG / 9), 0.1 * ALONG])
+    for p, q in ((curve, LINE), (LINE, curve), (LINE, LINE + noise(1, 0.05)), (LINE + noise(1, 0.05), -LINE)):
+        found = alignment(pairs(p, q), "se3")
+        assert found.undetermined
+        left = np.linalg.norm(q @ found.rotation.T + found.translation - p)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that the rotation is not unique
+            _, least = Rotation.align_vectors(p - p.mean(axis=0), q - q.mean(axis=0))
+        assert left == pytest.approx(least, rel=1e-6)
 
 
 @pytest.mark.parametrize("sigma_m", [0.0, 0.01])
