@@ -56,7 +56,7 @@ def vertical_fit(p: Array, q: Array) -> LineFit | None:
         return None
     with np.errstate(divide="ignore"):
         straight = min(np.linalg.norm(each[:, :2]) / np.linalg.norm(each[:, 2]) for each in (p_centred, q_centred))
-    if not _undetermined(straight, p_centred[:, :2], q_centred[:, :2]):
+    if not _undetermined(float(straight), p_centred[:, :2], q_centred[:, :2]):
         return None
     return LineFit(
         np.eye(3),
