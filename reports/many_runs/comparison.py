@@ -128,7 +128,7 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
     units = max((c.units for some in tested.values() for c in some), default=0)
     needed = least_units(len(many.groups) * (len(many.groups) - 1) // 2)
     if tested and units < needed:
-        return f"{text}; significance n/a ({units} runs differ, the test needs {needed})."
+        return f"{text}; significance n/a (the test needs {needed} runs that differ, here are {units})."
     return f"{text}; *: better than every other tracker at the 5 % level (Holm)." if tested else f"{text}."
 
 

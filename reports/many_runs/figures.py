@@ -14,6 +14,7 @@ from uavbench.reports.figures.drawn import Drawn, finite, legend_of, save_drawn,
 from uavbench.reports.many_runs.comparison import Spread, extra
 from uavbench.reports.many_runs.curves import Band
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
+from uavbench.reports.many_runs.groups import counted
 from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM
 from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
 from uavbench.trajectories.pose import Array
@@ -41,7 +42,7 @@ def draw_errors_along(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
             panel = panels[row, column]
             for k, (name, group) in enumerate(many.groups.items()):
                 band = Band.of([scale * getattr(run, f"over_{along}")[quantity] for run in group])
-                text = as_label(f"{name} ({len(group)} run{'s' if len(group) > 1 else ''})")
+                text = as_label(f"{name} ({counted(len(group))})")
                 panel.plot(axis.middles, band.middle, label=text, **line(k))
                 if len(group) > 1:
                     panel.fill_between(axis.middles, band.low, band.high, color=colour(k), alpha=0.15, lw=0)

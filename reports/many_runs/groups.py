@@ -81,15 +81,20 @@ def pairing(names: Mapping[str, ListOf[str]]) -> Pairing:
     common = [name for name in next(iter(names.values())) if all(name in others for others in names.values())]
     if common:
         most = max(len(runs) for runs in names.values())
-        some = f"the {len(common)} runs that all trackers have" if len(common) < most else f"{len(common)} runs"
+        some = f"the {counted(len(common))} that all trackers have" if len(common) < most else counted(len(common))
         rows = {group: [runs.index(name) for name in common] for group, runs in names.items()}
         return Pairing(rows, f"{some}, paired by name")
     counts = {len(runs) for runs in names.values()}
     if len(counts) == 1:
         (count,) = counts
         rows = {group: list(range(count)) for group in names}
-        return Pairing(rows, f"{count} runs, paired in the order given, for their names differ")
+        return Pairing(rows, f"{counted(count)}, paired in the order given, for their names differ")
     return Pairing({}, "no paired test: the runs of the trackers have neither names nor a number in common")
+
+
+def counted(runs: int) -> str:
+    """A number of runs in words."""
+    return f"{runs} run{'s' if runs != 1 else ''}"
 
 
 def _parsed(spec: str) -> tuple[str, str]:

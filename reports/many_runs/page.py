@@ -19,6 +19,7 @@ from uavbench.reports.figures import ranking
 from uavbench.reports.many_runs import figures
 from uavbench.reports.many_runs.comparison import extra
 from uavbench.reports.many_runs.evaluate_many import METRICS, ManyRuns
+from uavbench.reports.many_runs.groups import counted
 from uavbench.reports.many_runs.results import RUN_COLUMNS, ManyResults
 from uavbench.reports.page.templates import asset, environment, on_page
 from uavbench.reports.statistics.bootstrap import ranks
@@ -62,7 +63,7 @@ def write_many(folder: Path, results: ManyResults) -> Path:
             for name, title, caption, draw in _drawings(results)
         ]
     text = environment().get_template("page_runs.html").render(
-        title=f"{len(many.groups)} tracker{'s' * (len(many.groups) > 1)}, {len(many.runs)} runs",
+        title=f"{len(many.groups)} tracker{'s' * (len(many.groups) > 1)}, {counted(len(many.runs))}",
         css=asset("page.css"), js=asset("page.js"), truth=many.truth, how=many.pairs.how,
         summary=_summary(results), runs=_runs(results), tests=_shown_tests(results),
         figures=[each.sized(folder) for each in drawn], straight=_straight(many), first=RANKED_BY,
@@ -141,7 +142,7 @@ def _summary(results: ManyResults) -> dict[str, Any]:
     heads += [{"name": c.head, "unit": c.unit, "best": c.best} for c in table.columns]
     rows = [
         {
-            **_named(k, name, f"{len(results.many.groups[name])} runs"),
+            **_named(k, name, counted(len(results.many.groups[name]))),
             "cells": [
                 {"text": c.text + "*" * c.significant, "bounds": c.bounds, "why": c.why, "best": c.best,
                  "sort": "" if c.mean is None else f"{c.mean:.9g}", "share": None}

@@ -74,7 +74,11 @@ class ManyResults:
             [name, *(f"{c.text}{'*' * c.significant} {c.bounds}".strip() for c in cells)]
             for name, cells in self.table.rows
         ]
-        return [*in_columns([heads_of_table, *rows]), "", *textwrap.wrap(self.table.caption.replace(BOLD, ""), WIDTH)]
+        return [
+            *in_columns([heads_of_table, *rows]),
+            "",
+            *textwrap.wrap(self.table.caption.replace(f"{BOLD} ", ""), WIDTH),
+        ]
 
     def _test_lines(self) -> list[str]:
         if not self.tested:
