@@ -15,7 +15,7 @@ from uavbench.reports.statistics.bootstrap import (
     least_units,
 )
 from uavbench.reports.tables.columns import Column
-from uavbench.reports.tables.summary_table import Cell, Table
+from uavbench.reports.tables.summary_table import KEEPS_UP, Cell, Table
 from uavbench.trajectories.pose import Array
 
 
@@ -68,7 +68,7 @@ EXTRA = (
 )
 
 
-BOLD = "Bold: best of its column."
+BOLD = f"Bold: best of its column; none where it is of a tracker with less than {KEEPS_UP:.0%} of the best coverage."
 """In the caption of a table that has bold letters."""
 
 
@@ -139,11 +139,13 @@ def _decimals(values: Array) -> int:
 
 
 def _best(many: ManyRuns, metric: str) -> str:
-    """The tracker of the lowest mean; none with one tracker, or where runs lack a value."""
+    """The tracker of the lowest mean; none with one tracker, where runs lack a value, and where it covers little."""
     means = {name: float(values.mean()) for name, values in many.values(metric).items()}
     if len(means) < 2 or not np.isfinite(list(means.values())).all():
         return ""
-    return min(means, key=lambda name: means[name])
+    best = min(means, key=lambda name: means[name])
+    covered = {name: np.mean([run.coverage for run in group]) for name, group in many.groups.items()}
+    return best if covered[best] >= KEEPS_UP * max(covered.values()) else ""
 
 
 def _stands(name: str, tested: list[Comparison]) -> bool:

@@ -17,6 +17,7 @@ from uavbench.reports.evaluation.options import EvaluateOptions, chosen_options
 from uavbench.reports.evaluation.trajectory_files import Found
 from uavbench.reports.many_runs.curves import Axis, distance_axis, time_axis
 from uavbench.reports.many_runs.groups import Pairing, Run, pairing
+from uavbench.reports.metrics.align import Alignment
 from uavbench.reports.metrics.ape import pose_error_sizes
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.trajectories.errors import UserError
@@ -186,7 +187,7 @@ def _identity(file: Path) -> tuple[int, int] | str:
     return found.st_dev, found.st_ino
 
 
-def _refuse_mixed(reference: Found, read: ListOf[Found], options: EvaluateOptions, align: Any) -> None:
+def _refuse_mixed(reference: Found, read: ListOf[Found], options: EvaluateOptions, align: Alignment) -> None:
     """UserError when two of the files declare different frames, and no mount converts them."""
     mount = options.get("mount")
     declared = next((each for each in (reference, *read) if each.frame is not None), reference)

@@ -99,6 +99,21 @@ def test_a_tracker_that_is_better_is_found_and_equal_ones_are_not_told_apart(run
     assert len(re.findall(r"^[ABC] +\d ", text, re.MULTILINE)) == 3 + 3 * RUNS
 
 
+def test_a_tracker_that_covers_little_does_not_win(made, tmp_path, monkeypatch):
+    """It is the more accurate one as long as it tracks, which is half of the way."""
+    shutil.copytree(made, tmp_path / "own")
+    for path in (tmp_path / "own" / "a").iterdir():
+        rows = path.read_text().splitlines()[: POSES // 2]
+        path.unlink()
+        path.write_text("\n".join(rows) + "\n")
+    text = call(tmp_path / "own", *ABC, "--out", "out", monkeypatch=monkeypatch).stdout
+    assert re.search(r"^A +7 +50.0 +\d+\.\d+ \[", text, re.MULTILINE)
+    table = (tmp_path / "own" / "out" / "tables" / "summary.md").read_text()
+    assert "**" not in table and "less than 90% of the best coverage" in table
+    assert all(t["significant"] for t in json.loads((tmp_path / "own" / "out" / "evaluation.json").read_text())
+               ["paired"]["tests"]["ate_position"][:2])  # fmt: skip
+
+
 def test_without_groups_all_are_runs_of_one(run, made):
     files = sorted((made / "b").iterdir())
     found = json.loads(run(*files, "--json").stdout)
