@@ -96,6 +96,46 @@ def test_sideways_motion_that_both_share_fixes_the_rotation() -> None:
     assert alignment(pairs(weave, LINE + noise(3, 0.02)), "se3").undetermined
 
 
+E1, E2 = np.array([0.8, 0.0, -0.6]), np.array([0.0, 1.0, 0.0])
+"""Across FORWARD, and across each other."""
+
+
+@pytest.mark.parametrize("size_m", [1e-3, 0.1, 30.0])
+@pytest.mark.parametrize("roll_deg", [0.0, 45.0, 90.0, 180.0, -90.0])
+def test_a_weave_shared_at_any_roll_and_size_is_determined(size_m: float, roll_deg: float) -> None:
+    way = np.outer(300 * size_m * ALONG, FORWARD)
+    turns = np.outer(np.cos(ALONG), E1) + np.outer(np.sin(ALONG), E2)
+    turn = Rotation.from_rotvec(np.radians(roll_deg) * FORWARD).as_matrix()
+    p = way + size_m * turns
+    assert line_fit(p, p @ turn) is None
+    assert line_fit(p, p @ turn + noise(7, 0.5 * size_m)) is None
+    assert angle_deg(alignment(pairs(p, p @ turn), "se3").rotation @ turn.T) < 1e-3
+    mirrored = way + size_m * (np.outer(np.cos(ALONG), E1) - np.outer(np.sin(ALONG), E2))
+    assert line_fit(p, mirrored) is not None  # turned about the line it never fits
+    assert line_fit(p, p @ turn + noise(7, 5 * size_m)) is not None
+
+
+@pytest.mark.parametrize(("width_m", "straight"), [(0.4, True), (0.6, False)])
+def test_a_way_is_straight_when_it_is_a_hundred_times_longer_than_wide(width_m: float, straight: bool) -> None:
+    """Of unlike sideways motions: 0.4 m and 0.6 m rms on a way of 50 m rms."""
+    way = np.outer(50 * ALONG / ALONG.std(), FORWARD)
+    p = way + width_m * np.sqrt(2) * np.outer(np.sin(ALONG), E1)
+    q = way + width_m * np.sqrt(2) * np.outer(np.sin(2.3 * ALONG + 1), E2)
+    assert (line_fit(p, q) is not None) == straight
+    up = np.column_stack([p @ E1, p @ E2, p @ FORWARD]), np.column_stack([q @ E1, q @ E2, q @ FORWARD])
+    assert (vertical_fit(*up) is not None) == straight
+
+
+def test_what_moves_no_more_than_round_off_stands_still() -> None:
+    """A millionth of the unit at a million is round-off's neighbour: it moves; a billionth of it does not."""
+    far = np.full((N, 3), 1e6)
+    for fit in (line_fit, vertical_fit):
+        assert fit(far + noise(1, 1e-10), LINE) is None and fit(LINE, far + noise(1, 1e-10)) is None
+    up = np.outer(ALONG, [0, 0, 1.0])
+    assert line_fit(far + 1e-4 * LINE, LINE) is not None and vertical_fit(far + 1e-4 * up, up) is not None
+    assert line_fit(LINE[:1], LINE[:1]) is None and line_fit(LINE[:2], LINE[:2]) is not None
+
+
 def test_a_curve_is_aligned_as_ever() -> None:
     curve = np.column_stack([np.cos(ALONG / 9), np.sin(ALONG / 9), 0.1 * ALONG])
     q = curve + noise(4, 0.3)  # errors as large as the curve change nothing
