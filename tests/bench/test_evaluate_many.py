@@ -12,9 +12,6 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from uavbench.bench.cli.main import main
-from uavbench.reports.many_runs.curves import Band, distance_axis, time_axis
-from uavbench.reports.many_runs.groups import grouped, pairing
-from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_tum
 
@@ -242,34 +239,6 @@ def test_frames_that_differ_among_the_estimates_are_refused_without_the_truth_sa
     assert call(tmp_path, "body.tum", "cam.tum", "--ignore-frames", monkeypatch=monkeypatch).exit_code == 0
 
 
-# Groups and pairs
-
-
-def names_of(folder, groups, estimates=()):
-    return {(r.group, r.name) for r in grouped([folder / e for e in estimates], groups)}
-
-
-def test_runs_are_called_by_what_the_wildcards_stand_for(made):
-    found = names_of(made, [f"A={made}/a/run*.tum", f"B={made}/b/run[0-2].tum", f"C={made}/c/run?.tum"])
-    assert {name for group, name in found if group == "A"} == set(map(str, range(RUNS)))
-    assert {name for group, name in found if group == "B"} == {"0", "1", "2"}
-    # One pattern takes more than the other: what they share are the names of the files.
-    found = names_of(made, [f"A={made}/a/run*.tum", f"B={made}/b/*.tum"])
-    assert {name for _, name in found} == {f"run{k}" for k in range(RUNS)}
-    assert names_of(made, [f"A={made}/a/run0.tum", f"A={made}/a/run1.tum"]) == {("A", "run0"), ("A", "run1")}
-    assert len(names_of(made, [f"A={made}/**/run*.tum"])) == 3 * RUNS
-    assert names_of(made, [f"A={made}/a/../a/run1.tum"], ["a/run1.tum"]) == {("A", "run1")}
-
-
-def test_runs_pair_by_name_then_by_order_and_else_not_at_all():
-    assert pairing({"A": ["1", "2", "3"], "B": ["3", "1", "2"]}).rows == {"A": [0, 1, 2], "B": [1, 2, 0]}
-    some = pairing({"A": ["1", "2", "3"], "B": ["2", "3"]})
-    assert (some.rows, some.how) == ({"A": [1, 2], "B": [0, 1]}, "the 2 runs that all trackers have, paired by name")
-    assert "in the order given" in pairing({"A": ["x", "y"], "B": ["u", "v"]}).how
-    none = pairing({"A": ["x", "y"], "B": ["u"]})
-    assert none.n == 0 and "no paired test" in none.how
-
-
 def test_the_pairs_are_those_of_the_names(run, made, tmp_path, monkeypatch):
     """B's best run beside A's worst would be paired by order; by name they are not."""
     for name, scales in (("a", (1, 2, 3, 4, 5, 6, 7)), ("b", (7.1, 6.1, 5.1, 4.1, 3.1, 2.1, 1.1))):
@@ -282,36 +251,3 @@ def test_the_pairs_are_those_of_the_names(run, made, tmp_path, monkeypatch):
     found = json.loads(call(tmp_path, *groups, "--json", monkeypatch=monkeypatch).stdout)
     (test,) = found["paired"]["tests"]["ate_position"]
     assert test["wins"] == 1.0 and test["difference"]["mean"] == pytest.approx(-0.001)
-
-
-# Curves
-
-
-def test_errors_are_binned_by_time_and_by_distance():
-    truth = trajectory(WAY)
-    errors = np.random.default_rng(0).random(POSES)
-    axis = time_axis(truth)
-    for k, value in enumerate(axis.binned(truth.stamps_ns, errors)):
-        last = k == len(axis.edges) - 2
-        inside = (axis.edges[k] <= T + 1e-9) & ((axis.edges[k + 1] > T + 1e-9) | last)
-        assert value == pytest.approx(np.sqrt(np.mean(errors[inside] ** 2)))
-    along = distance_axis(truth)
-    assert along.edges[-1] == pytest.approx(truth.length_m)
-    half = np.arange(POSES) < POSES // 2
-    found = along.binned(truth.stamps_ns[half], np.full(half.sum(), 0.3))
-    assert np.nanmax(np.abs(found - 0.3)) < 1e-12 and np.isnan(found[len(found) // 2 + 2 :]).all()
-    still = trajectory(np.zeros((POSES, 3)))
-    assert np.isfinite(distance_axis(still).binned(still.stamps_ns, errors)[0])
-
-
-def test_a_band_holds_nine_tenths_of_the_runs_that_have_a_pose():
-    curves = [np.array([float(k), np.nan, 5.0 if k else np.nan]) for k in range(21)]
-    band = Band.of(curves)
-    assert (band.low[0], band.middle[0], band.high[0]) == (1.0, 10.0, 19.0)
-    assert np.isnan([band.low[1], band.middle[1], band.high[1]]).all()
-    assert band.low[2] == band.high[2] == 5.0
-
-
-def test_a_group_without_wildcards_must_exist(made):
-    with pytest.raises(UserError, match="matches no file"):
-        grouped([], [f"A={made}/nothing"])

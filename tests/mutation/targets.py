@@ -26,10 +26,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("reports/metrics/consistency.py", "reports/test_uncertainty", "reports/test_pose_nees"),
         _target("reports/metrics/pose_nees.py", "reports/test_pose_nees"),
         _target("reports/metrics/straight_line.py", "reports/test_straight_line"),
-        *(
-            _target(f"reports/many_runs/{name}.py", "bench/test_evaluate_many")
-            for name in ("groups", "curves", "comparison", "evaluate_many")
-        ),
+        *(_target(f"reports/many_runs/{name}.py", "reports/test_many_runs") for name in ("groups", "curves")),
     ),
     "statistics": (_target("reports/statistics/bootstrap.py", "reports/test_statistics"),),
     "gate": (
