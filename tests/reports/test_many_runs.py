@@ -84,6 +84,32 @@ def test_a_band_holds_nine_tenths_of_the_runs_that_have_a_pose():
     assert band.low[2] == band.high[2] == 5.0
 
 
-def test_a_group_without_wildcards_must_exist(made):
-    with pytest.raises(UserError, match="matches no file"):
-        grouped([], [f"A={made}/nothing"])
+@pytest.mark.parametrize(
+    ("estimates", "groups", "told"),
+    [
+        ([], [], "name at least one estimate"),
+        ([], ["A=HERE/nothing"], "matches no file"),
+        ([], ["A=HERE/nothing*"], "matches no file"),
+        ([], ["HERE/a/run0.tum"], "write NAME=PATTERN"),
+        ([], ["=HERE/a/run0.tum"], "write NAME=PATTERN"),
+        ([], ["A="], "write NAME=PATTERN"),
+        (["a/run0.tum", "a/run0.tum"], [], "is given twice"),
+        (["b/run0.tum"], ["A=HERE/a/*"], r"b/run0\.tum: in no group"),
+        ([f"b/run{k}.tum" for k in range(3)], ["A=HERE/a/*"], r"b/run2\.tum: in no group"),
+        ([f"b/run{k}.tum" for k in range(5)], ["A=HERE/a/*"], r"b/run2\.tum \(and 2 more\): in no group"),
+        ([], ["A=HERE/a/*", "B=HERE/*/run0.tum"], "is in the groups A and B"),
+    ],
+)
+def test_groups_that_are_wrong_are_named(made, estimates, groups, told):
+    with pytest.raises(UserError, match=told):
+        grouped([made / name for name in estimates], [spec.replace("HERE", str(made)) for spec in groups])
+
+
+def test_estimates_without_a_group_are_runs_of_one(made, tmp_path):
+    assert {(r.group, r.name) for r in grouped([made / "a" / "run0.tum"], [])} == {("estimate", "run0")}
+    (tmp_path / "x" / "y").mkdir(parents=True)
+    (tmp_path / "x" / "y" / "deep.tum").touch()
+    assert len(names_of(tmp_path, [f"A={tmp_path}/**/*.tum"])) == 1
+    # Two files of one name in a group: their paths tell them apart.
+    pair = [made / "a" / "run0.tum", made / "b" / "run0.tum"]
+    assert [r.name for r in grouped(pair, [])] == [str(path) for path in pair]
