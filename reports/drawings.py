@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from uavbench.reports.page.pages import FigureOnPage, on_page
+from uavbench.reports.page.templates import FigureOnPage, on_page
 from uavbench.reports.progress import Steps
 
 Figures = Literal["page", "all"]

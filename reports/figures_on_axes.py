@@ -13,7 +13,7 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from uavbench.reports.figures import comparison, distributions, flight, space, sweeps, time
+from uavbench.reports.figures import comparison, distributions, flight, ranking, space, sweeps, time
 from uavbench.reports.figures.drawn import Drawn, legend_of
 from uavbench.reports.report_comparison import RANKED_BY, paired
 from uavbench.reports.scoring import crlb_ratio
@@ -72,14 +72,14 @@ def segment_counts(run: ScoredRun, axes: Axes | None = None) -> Axes:
 def mean_ranks(runs: Runs, axes: Axes | None = None) -> Axes:
     """Mean ranks with the critical difference of Nemenyi's test, of runs at one rate on several flights or seeds."""
     found = ranks({name: units(values) for name, values in _paired(runs).items()})
-    return _on(axes, lambda panel: distributions.draw_critical_difference(found, _colours(runs), RANKED_BY, panel))
+    return _on(axes, lambda panel: ranking.draw_critical_difference(found, _colours(runs), RANKED_BY, panel))
 
 
 def win_table(runs: Runs, axes: Axes | None = None) -> Axes:
     """How often (%) the tracker of a row beats that of a column, of runs at one rate on several flights or seeds."""
     values = _paired(runs)
     found = compare_pairs(values)
-    return _on(axes, lambda panel: distributions.draw_win_table(list(values), found, RANKED_BY, panel))
+    return _on(axes, lambda panel: ranking.draw_win_table(list(values), found, RANKED_BY, panel))
 
 
 def sweep(runs: Runs, axes: Axes | None = None, *, what: Literal["ate", "success"] = "success") -> Axes:

@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 from PIL import Image as Pillow
 
-from uavbench.reports.figures.time import finite
+from uavbench.reports.figures.drawn import finite
 from uavbench.reports.figures.tracker_pictures import GREEN, View, draw, write_text_on
 from uavbench.reports.page.overlay_animation import ANIMATION_WIDTH_PX, WEBP_QUALITY, scrubbed
-from uavbench.reports.page.pages import FigureOnPage, asset, environment
+from uavbench.reports.page.templates import FigureOnPage, asset, environment
 from uavbench.reports.recorded_score import MEETS_PX, RecordedRun, RecordedScore, score_recorded
 from uavbench.reports.scoring.runs import missing_results
 from uavbench.reports.scoring.score_frame import score_frame

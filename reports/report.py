@@ -32,13 +32,13 @@ from uavbench.reports.figures import time as figures_time
 from uavbench.reports.page.failures import own_runs
 from uavbench.reports.page.overlay_animation import scrubbed, write_frames
 from uavbench.reports.page.pages import (
-    FigureOnPage,
     ReportNotes,
     SequenceOnPage,
     Undrawn,
     write_index,
     write_sequence_page,
 )
+from uavbench.reports.page.templates import FigureOnPage
 from uavbench.reports.progress import OnStep, Steps
 from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
 from uavbench.reports.restarts import COLUMNS as RESTARTS

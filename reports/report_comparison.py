@@ -6,6 +6,7 @@ from functools import partial
 from uavbench.reports.drawings import Drawing
 from uavbench.reports.figures import comparison as figures_compare
 from uavbench.reports.figures import distributions as figures_statistics
+from uavbench.reports.figures import ranking
 from uavbench.reports.figures.sweeps import sweep, swept
 from uavbench.reports.restarts import RestartedRun, error_after_anchors
 from uavbench.reports.scoring.attributes import breakdowns
@@ -105,11 +106,11 @@ def rank(runs: ListOf[ScoredRun], colours: dict[str, int], rate_hz: float, *, al
     return [
         Drawing(f"ranks_{rate_hz:g}hz", f"Mean ranks, {rate_hz:g} Hz",
                 "Best at the left; bars join trackers that Nemenyi's test does not tell apart.",
-                lambda stem: figures_statistics.critical_difference(
+                lambda stem: ranking.critical_difference(
                     ranks({name: units(v) for name, v in values.items()}), colours, stem, RANKED_BY), always),
         Drawing(f"wins_{rate_hz:g}hz", f"Wins, {rate_hz:g} Hz",
                 "Paired by sequence and seed; *: the mean difference stands at the 5 % level.",
-                lambda stem: figures_statistics.win_table(names, compare_pairs(values), stem, RANKED_BY), always),
+                lambda stem: ranking.win_table(names, compare_pairs(values), stem, RANKED_BY), always),
     ]  # fmt: skip
 
 

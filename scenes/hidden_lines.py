@@ -28,7 +28,7 @@ def seen_parts(structure: Structure, eye_m: Array, segments_m: Array) -> Array:
     start, along = segments_m[:, 0], segments_m[:, 1] - segments_m[:, 0]
 
     def seen(rows: NDArray[np.int64], places: Array) -> NDArray[np.bool_]:
-        return _unhidden(structure, eye_m, start[rows] + places[:, None] * along[rows])
+        return unhidden(structure, eye_m, start[rows] + places[:, None] * along[rows])
 
     places = np.linspace(0.0, 1.0, PROBES)
     rows = np.repeat(np.arange(len(segments_m)), PROBES - 1)
@@ -51,8 +51,8 @@ def seen_parts(structure: Structure, eye_m: Array, segments_m: Array) -> Array:
     return np.asarray(start[index, None] + ends * along[index, None])
 
 
-def _unhidden(structure: Structure, eye_m: Array, points_m: Array) -> NDArray[np.bool_]:
-    """Whether each point (n, 3) is seen from the eye (n,)."""
+def unhidden(structure: Structure, eye_m: Array, points_m: Array) -> NDArray[np.bool_]:
+    """Whether no face of the structure lies between the eye (3,) and each point (n, 3), all in the world, m."""
     if not len(points_m):
         return np.zeros(0, dtype=np.bool_)
     rays = points_m - eye_m

@@ -10,7 +10,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import refuse_foreign_file
 
 FILE = click.Path(path_type=Path)
-EXPORTS = ["euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2"]
+EXPORTS = ["euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
 
 
 @click.command("verify")
@@ -106,7 +106,9 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 
 @click.command("evaluate")
 @click.argument("reference", type=click.Path(path_type=Path))
-@click.argument("estimate", type=click.Path(path_type=Path))
+@click.argument("estimates", type=click.Path(path_type=Path), nargs=-1)
+@click.option("--group", "groups", multiple=True, metavar="NAME=PATTERN", help="Files that are runs of one tracker.")
+@click.option("--out", type=FILE, help="Folder for a page, figures and tables of many runs.")
 @click.option("--align", type=click.Choice(ALIGNMENTS), help="Alignment of the estimate; default: none.")
 @click.option("--delta", type=float, help="Pair interval of the RPE; default: 1.")
 @click.option("--unit", type=click.Choice(UNITS), help="Unit of --delta; default: frames.")
@@ -122,18 +124,38 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.option("--ignore-frames", is_flag=True, help="Compare although the files call their frames differently.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def evaluate_command(reference: Path, estimate: Path, as_json: bool, **options: Any) -> None:
-    """Score the trajectory ESTIMATE against REFERENCE: ATE, RPE and coverage.
+def evaluate_command(
+    reference: Path,
+    estimates: tuple[Path, ...],
+    groups: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Score trajectories ESTIMATES against REFERENCE: ATE, RPE and coverage; of several, mean, spread and tests.
 
     Each is a file of TUM, EuRoC, KITTI or uavbench's own form, a topic of a ROS 2 bag as bag.mcap:/odom or
-    bag.mcap:/tf:world.base_link, or a folder of a sequence, an export or results.
+    bag.mcap:/tf:world.base_link, or a folder of a sequence, an export or results. Several estimates are runs of one
+    tracker, unless --group tells trackers apart: --group ORB='orb/run*.tum' --group VINS='vins/run*.tum'.
     """
     import json
 
-    from uavbench.reports.evaluation.evaluate import evaluate_files
+    if len(estimates) == 1 and not groups and out is None:
+        from uavbench.reports.evaluation.evaluate import evaluate_files
 
-    found = evaluate_files(reference, estimate, **options)
-    click.echo(json.dumps(found.to_json(), indent=1) if as_json else found.text(), nl=as_json)
+        found = evaluate_files(reference, estimates[0], **options)
+        click.echo(json.dumps(found.to_json(), indent=1) if as_json else found.text(), nl=as_json)
+        return
+    from uavbench.reports.many_runs.evaluate_many import evaluate_many
+    from uavbench.reports.many_runs.groups import grouped
+    from uavbench.reports.many_runs.results import ManyResults
+
+    results = ManyResults(evaluate_many(reference, grouped(estimates, groups), **options))
+    click.echo(json.dumps(results.to_json(), indent=1) if as_json else results.text(), nl=as_json)
+    if out is not None:
+        from uavbench.reports.many_runs.page import write_many
+
+        click.echo(write_many(out, results), err=as_json)
 
 
 COMMANDS: tuple[click.Command, ...] = (

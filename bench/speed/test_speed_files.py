@@ -1,4 +1,4 @@
-"""How fast long files are read and written: trajectories of 1,000,000 poses evaluated, 1,000 frames as a bag.
+"""How fast long files are read and written: trajectories of 1,000,000 poses evaluated, 100 runs, 1,000 frames as a bag.
 
 `pytest bench/speed/test_speed_files.py --benchmark-only`; 160 MB a trajectory, 1.1 GB for the bag.
 """
@@ -24,6 +24,7 @@ from uavbench.trajectories.trajectory_files.formats import write_tum
 
 POSES = 1_000_000
 START_NS, STEP_NS = 1_403_636_579_763_555_584, 5_000_000
+RUN_POSES = 10_000
 FRAMES, FRAME_STEP_NS = 1000, 33_333_333
 IMU_HZ = 200
 
@@ -53,6 +54,26 @@ def test_a_million_poses_evaluated(benchmark: Any, tmp_path: Path) -> None:
 
     benchmark.pedantic(evaluate, rounds=3)
     benchmark.extra_info["largest_memory_mb"] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+
+
+def test_a_hundred_runs_evaluated(benchmark: Any, tmp_path: Path) -> None:
+    """`uavbench evaluate` of 20 runs x 5 trackers x 10,000 poses: bootstrap, tests, figures and page."""
+    stamps, t = START_NS + STEP_NS * np.arange(RUN_POSES), np.arange(RUN_POSES) / 200
+    p = np.column_stack([20 * np.cos(t / 5), 14 * np.sin(t / 4), 3 + np.sin(t)])
+    still = np.tile([1.0, 0, 0, 0], (RUN_POSES, 1))
+    write_tum(Trajectory(stamps, p, still), tmp_path / "truth.tum")
+    command = [sys.executable, "-m", "uavbench.bench.cli.main", "evaluate", "truth.tum", "--align", "se3", "--out"]
+    for tracker in range(5):
+        for run in range(20):
+            noise = np.random.default_rng([tracker, run]).normal(0, 0.02 + 0.005 * tracker, p.shape)
+            write_tum(Trajectory(stamps, p + noise, still), tmp_path / f"tracker{tracker}" / f"run{run}.tum")
+    groups = [f"--group=t{tracker}=tracker{tracker}/run*.tum" for tracker in range(5)]
+
+    def evaluate() -> None:
+        subprocess.run([*command, "out", *groups], cwd=tmp_path, capture_output=True, text=True, check=True)
+
+    benchmark.pedantic(evaluate, rounds=3)
+    assert len(json.loads((tmp_path / "out" / "evaluation.json").read_text())["runs"]) == 100
 
 
 def sequence_of_gradients(folder: Path) -> Sequence:

@@ -10,8 +10,9 @@ import pytest
 
 from uavbench.bench.speed.drawn import make_sequence, results_of, true_rows
 from uavbench.bench.speed.rounds import absent
-from uavbench.reports.evaluation.evaluate import Options, evaluate
-from uavbench.reports.figures.distributions import critical_difference, win_table
+from uavbench.reports.evaluation.evaluation import evaluate
+from uavbench.reports.evaluation.options import Options
+from uavbench.reports.figures.ranking import critical_difference, win_table
 from uavbench.reports.report import ReportEntry, write_report
 from uavbench.reports.scoring.score import score
 from uavbench.reports.scoring.score_frame import score_frame

@@ -2,8 +2,10 @@
 
 from typing import Unpack
 
-from uavbench.reports.evaluation.evaluate import EvaluateOptions, Evaluation, evaluate_files
+from uavbench.reports.evaluation.evaluate import evaluate_files
+from uavbench.reports.evaluation.evaluation import Evaluation
 from uavbench.reports.evaluation.given import Given
+from uavbench.reports.evaluation.options import EvaluateOptions
 
 
 def evaluate(reference: Given, estimate: Given, **options: Unpack[EvaluateOptions]) -> Evaluation:

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uavbench.reports.evaluation.trajectory_files import POSE, Found, find_trajectory
+from uavbench.reports.evaluation.trajectory_files import POSE, Found, find_trajectory, world_from_cameras
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.covariances import COLUMNS, PoseCovariances
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,11 +69,12 @@ def _of_table(table: Any, name: Path) -> Found:
     values = rows[POSE].to_numpy(dtype=np.float64)
     given = rows[stamp].to_numpy()
     stamps_ns = given if stamp == "stamp_ns" else _nanoseconds(given.astype(np.float64))
-    trajectory = Trajectory(stamps_ns, values[:, :3], values[:, 3:])
-    if tracked:
-        cameras = [Pose.from_quaternion(row[3:], row[:3]).inverse() for row in values]
-        trajectory = Trajectory.from_poses(trajectory.stamps_ns.tolist(), cameras)
-    return Found(trajectory, name, "DataFrame", "world_from_cam" if tracked else None)
+    if not tracked:
+        return Found(Trajectory(stamps_ns, values[:, :3], values[:, 3:]), name, "DataFrame", None)
+    claimed = None
+    if all(column in table.columns for column in COLUMNS):
+        claimed = PoseCovariances.of_columns(rows[COLUMNS].to_numpy(dtype=np.float64), "moving")
+    return Found(world_from_cameras(stamps_ns, values), name, "DataFrame", "world_from_cam", covariances=claimed)
 
 
 def _nanoseconds(seconds: Array) -> "NDArray[np.int64]":

@@ -4,16 +4,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from uavbench.reports.metrics.quaternions import conjugate, multiply, normalized, rotate
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
 from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic, bag_topic
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TRAJECTORY
 from uavbench.trajectories.files.reading import read_header, read_text
-from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
-from uavbench.trajectories.trajectory_files.formats import declared_frame, guess_format, read_trajectory
+from uavbench.trajectories.trajectory_files.covariances import COLUMNS, PoseCovariances
+from uavbench.trajectories.trajectory_files.formats import (
+    declared_frame,
+    guess_format,
+    read_covariant_tum,
+    read_trajectory,
+)
 
 POSE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 """Pose of the tables that uavbench writes: `world_from_body`; beside a `status` it is a tracker's `cam_from_world`."""
@@ -40,7 +48,8 @@ LEVELS = 4
 class Found:
     """A trajectory, where it was, its format, and its frame, None where nothing says it; stamped: not by row number.
 
-    In the frame of a bag's poses, as `odom_from_body`, ? stands for what its messages do not say.
+    In the frame of a bag's poses, as `odom_from_body`, ? stands for what its messages do not say. covariances: those
+    that the file claims of its poses.
     """
 
     trajectory: Trajectory
@@ -48,14 +57,21 @@ class Found:
     format: str
     frame: str | None
     stamped: bool = True
+    covariances: PoseCovariances | None = None
 
     def seen_as(self, frame: str, cam_from_body: Pose) -> "Found":
         """The same motion of the body or the camera, as `frame` says."""
         if self.frame == frame:
             return self
         right = cam_from_body if frame.endswith("_from_body") else cam_from_body.inverse()
-        poses = [self.trajectory.pose(i) @ right for i in range(len(self.trajectory))]
-        return replace(self, trajectory=Trajectory.from_poses(self.trajectory.stamps_ns.tolist(), poses), frame=frame)
+        given, claimed = self.trajectory, self.covariances
+        q = normalized(given.quaternions_wxyz)
+        moved = Trajectory(
+            given.stamps_ns,
+            given.positions_m + rotate(q, np.tile(right.translation, (len(given), 1))),
+            multiply(q, right.quaternion_wxyz[None]),
+        )
+        return replace(self, trajectory=moved, frame=frame, covariances=claimed and claimed.moved(right, q))
 
 
 def find_trajectory(path: Path, format: str | None = None) -> Found:
@@ -67,13 +83,21 @@ def find_trajectory(path: Path, format: str | None = None) -> Found:
     """
     if format in (None, "bag") and (bag := _bag(path)) is not None:
         poses = read_poses(bag)
-        return Found(poses.trajectory, Path(str(poses.source)), "bag", poses.frame)
+        return Found(poses.trajectory, Path(str(poses.source)), "bag", poses.frame, covariances=poses.covariances)
     file = _in_folder(path) if path.is_dir() else path
+    found = _of_file(file, format)
+    return _with_claims_beside(found) if path.is_dir() and found.covariances is None else found
+
+
+def _of_file(file: Path, format: str | None) -> Found:
     if format == "uavbench" or (format is None and _is_table(file)):
         return _of_table(file)
     name = format or guess_format(file)
-    trajectory, _ = read_trajectory(file, name)
     frame = declared_frame(file) or _exported_frame(file)
+    if name == "tum":
+        tum = read_covariant_tum(file)
+        return Found(tum.trajectory, file, name, frame, covariances=tum.covariances)
+    trajectory, _ = read_trajectory(file, name)
     if name != "kitti":
         return Found(trajectory, file, name, frame)
     stamps = _kitti_stamps(file, len(trajectory))
@@ -130,15 +154,42 @@ def _of_table(path: Path) -> Found:
         except ValueError as error:
             raise UserError(f"{path}: {error}") from None
     ok = [row["status"] == "ok" for row in rows]
+    if not any(ok):
+        raise UserError(f"{path}: holds no pose: no frame of it is ok")
+    kept = [row for row, good in zip(rows, ok, strict=True) if good]
     try:
-        values = np.array([[float(row[name]) for name in POSE] for row, good in zip(rows, ok, strict=True) if good])
-        cameras = [Pose.from_quaternion(row[3:], row[:3]).inverse() for row in values]
-        trajectory = Trajectory.from_poses(stamps[np.array(ok)].tolist(), cameras)
+        cameras = np.array([[float(row[name]) for name in POSE] for row in kept])
+        trajectory = world_from_cameras(stamps[np.array(ok)], cameras)
+        claimed = _claimed(kept) if set(columns) >= set(COLUMNS) else None
     except ValueError as error:
         raise UserError(f"{path}: {error}") from None
-    if not len(trajectory):
-        raise UserError(f"{path}: holds no pose: no frame of it is ok")
-    return Found(trajectory, path, "uavbench", "world_from_cam")
+    return Found(trajectory, path, "uavbench", "world_from_cam", covariances=claimed)
+
+
+def world_from_cameras(stamps_ns: NDArray[np.int64], cameras: Array) -> Trajectory:
+    """Trajectory `world_from_cam` of rows (n, 7) of `cam_from_world`, position first; ValueError for a bad one."""
+    given = Trajectory(stamps_ns, cameras[:, :3], cameras[:, 3:])
+    back = conjugate(normalized(given.quaternions_wxyz))
+    return Trajectory(stamps_ns, -rotate(back, given.positions_m), back)
+
+
+def _claimed(rows: list[dict[str, str]]) -> PoseCovariances | None:
+    """Covariances that a tracker's rows claim of `cam_from_world`, blank where one claims none."""
+    table = np.array([[float(row[name] or "nan") for name in COLUMNS] for row in rows])
+    return PoseCovariances.of_columns(table, "moving")
+
+
+def _with_claims_beside(found: Found) -> Found:
+    """A tracker's results with the covariances of its frames.csv, which stand beside its trajectory."""
+    table = found.file.with_name("frames.csv")
+    if not (found.file.name.startswith("estimate_") and table.is_file()):
+        return found
+    beside = _of_table(table)
+    if beside.covariances is None or not np.array_equal(beside.trajectory.stamps_ns, found.trajectory.stamps_ns):
+        return found
+    if found.frame is not None and found.frame != beside.frame:
+        beside = beside.seen_as(found.frame, mount_of(found.file.parent))
+    return replace(found, covariances=beside.covariances)
 
 
 def _exported_frame(file: Path) -> str | None:

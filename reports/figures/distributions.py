@@ -1,4 +1,4 @@
-"""Figures of statistics: ranks and wins, attributes, NEES, error over the Cramer-Rao bound, sweeps."""
+"""Figures of statistics: attributes, NEES, error over the Cramer-Rao bound, sweeps."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
@@ -10,100 +10,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
-from uavbench.reports.figures.time import finite
-from uavbench.reports.metrics.nees import DEGREES_OF_FREEDOM, chi_square_quantile, nees
+from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
+from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM, chi_square_quantile
+from uavbench.reports.metrics.nees import nees
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.statistics.bootstrap import Comparison, Ranks, hierarchical_interval, least_units
+from uavbench.reports.statistics.bootstrap import hierarchical_interval
 from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
 from uavbench.trajectories.pose import Array
-
-
-def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, what: str) -> list[Path]:
-    """Write `draw_critical_difference` as files at a stem."""
-    half = (len(found.mean_ranks) + 1) // 2
-    return save_panel(partial(draw_critical_difference, found, colours, what), stem, 0.95 + 0.17 * half)
-
-
-def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str, panel: Axes) -> Drawn:
-    """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not distinguish."""
-    names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
-    k, half = len(names), (len(names) + 1) // 2
-    reach = 0.45 * k
-    panel.set_xlim(1 - reach, k + reach)
-    panel.set_ylim(-half - 1.7, 2.0)
-    panel.axis("off")
-    panel.plot([1, k], [0, 0], color=GROUND_TRUTH, lw=0.8)
-    for tick in range(1, k + 1):
-        panel.plot([tick, tick], [0, 0.15], color=GROUND_TRUTH, lw=0.8)
-        panel.text(tick, 0.25, str(tick), ha="center", va="bottom", fontsize=7)
-    for place, name in enumerate(names):
-        at_left = place < half
-        rank, y = found.mean_ranks[name], -1.0 - (place if at_left else k - 1 - place)
-        end, index = (0.9 if at_left else k + 0.1), colours.get(name, 0)
-        panel.plot([rank, rank, end], [0, y, y], color=colour(index), lw=0.8)
-        panel.plot(rank, 0, **marker(index))
-        text = f"{name}  {rank:.2f} " if at_left else f" {rank:.2f}  {name}"
-        panel.text(end, y, text, ha="right" if at_left else "left", va="center", fontsize=7)
-    for level, group in enumerate(found.cliques):
-        ends = [found.mean_ranks[name] for name in group]
-        height = -0.28 - 0.2 * level
-        panel.plot([min(ends) - 0.04, max(ends) + 0.04], [height] * 2, color="#444444", lw=2.2, solid_capstyle="butt")
-    width = min(found.critical_difference, k - 1)
-    panel.plot(
-        [1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=GROUND_TRUTH, lw=0.9
-    )
-    known = f"CD = {found.critical_difference:.2f}"
-    text = known if np.isfinite(found.critical_difference) else f"CD: n/a, {least_units()} runs are needed"
-    panel.text(1 + width / 2, 1.45, text, va="bottom", ha="center", fontsize=7)
-    note = f"mean rank by {what}; n = {found.n}, best at the left"
-    panel.text((k + 1) / 2, -half - 1.6, note, ha="center", va="bottom", fontsize=7)
-    rows = sorted(found.mean_ranks.items(), key=lambda item: item[1])
-    return Drawn(columns=["tracker", "mean_rank"], rows=rows, legend=None)
-
-
-def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, what: str) -> list[Path]:
-    """Write `draw_win_table` as files at a stem."""
-    return save_panel(partial(draw_win_table, names, comparisons, what), stem, 1.0 + 0.28 * len(names))
-
-
-def draw_win_table(names: ListOf[str], comparisons: ListOf[Comparison], what: str, panel: Axes) -> Drawn:
-    """How often the row beats the column, in percent; a star where the difference is significant at the 5 % level."""
-    wins = np.full((len(names), len(names)), np.nan)
-    star = np.zeros(wins.shape, dtype=bool)
-    for c in comparisons:
-        a, b = names.index(c.first), names.index(c.second)
-        wins[a, b], wins[b, a] = 100 * c.wins, 100 * (1 - c.wins)
-        star[a, b] = star[b, a] = c.significant
-    needed = least_units(len(comparisons))
-    few = max((c.units for c in comparisons), default=0) < needed
-    panel.imshow(np.nan_to_num(wins, nan=50), cmap="cividis", vmin=0, vmax=100, aspect="auto", alpha=0.85)
-    panel.grid(False)
-    for (row, column), value in np.ndenumerate(wins):
-        if np.isfinite(value):
-            text = f"{value:.0f}{'*' if star[row, column] else ''}"
-            panel.text(
-                column, row, text, ha="center", va="center", color="white" if value < 50 else "black", fontsize=7
-            )
-    panel.set_xticks(range(len(names)), names, rotation=30, ha="right")
-    panel.set_yticks(range(len(names)), names)
-    note = f"\nsignificance n/a: {needed} independent runs are needed" if few else ""
-    panel.set_title(f"row beats column, % of runs, by {what}{note}", fontsize=7.5)
-    rows = [
-        [
-            c.first,
-            c.second,
-            c.wins,
-            c.difference.mean,
-            *map(finite, (c.difference.low, c.difference.high)),
-            c.p,
-            c.units,
-        ]
-        for c in comparisons
-    ]
-    columns = ["first", "second", "wins", "difference", "low", "high", "p_holm", "units"]
-    return Drawn(columns=columns, rows=rows, legend=None)
 
 
 def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], stem: Path) -> list[Path]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -23,6 +24,11 @@ class Drawn:
     columns: ListOf[str]
     rows: Iterable[ListOf[Any]]
     legend: Mapping[str, Any] | None = field(default_factory=dict)
+
+
+def finite(value: float) -> float | None:
+    """The value, None unless it is finite."""
+    return value if np.isfinite(value) else None
 
 
 def legend_of(panel: Axes, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
-from uavbench.reports.figures.drawn import Drawn, save_drawn
-from uavbench.reports.figures.time import finite, nice_log
+from uavbench.reports.figures.drawn import Drawn, finite, save_drawn
+from uavbench.reports.figures.time import nice_log
 from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors
 from uavbench.reports.metrics.sub_trajectories import distance_along
 from uavbench.reports.scoring.runs import ScoredRun

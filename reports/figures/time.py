@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
-from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
+from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
 from uavbench.reports.metrics.association import NS
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.metrics.nees import component_sigmas, euler_zyx
@@ -168,11 +168,6 @@ def nice_log(panel: Axes) -> None:
     panel.set_ylim(bottom=max(panel.get_ylim()[0], 0.01))
     panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     panel.yaxis.set_minor_formatter(NullFormatter())
-
-
-def finite(value: float) -> float | None:
-    """The value, None unless it is finite."""
-    return value if np.isfinite(value) else None
 
 
 def shade_loss(panel: Axes, t: Array, success: NDArray[np.bool_]) -> None:

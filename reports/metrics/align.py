@@ -1,7 +1,8 @@
 """Alignment of an estimate to a reference: est -> ref.
 
 Conventions: an aligned position is scale * R p + t; an aligned rotation is R times the estimated one. The default
-of this project is no alignment: localization is absolute, in the structure's frame.
+of this project is no alignment: localization is absolute, in the structure's frame. On a straight line an alignment
+goes as far as positions determine it (`straight_line`).
 """
 
 from dataclasses import dataclass
@@ -11,21 +12,21 @@ import numpy as np
 
 from uavbench.reports.metrics.association import PosePairs
 from uavbench.reports.metrics.quaternions import multiply
+from uavbench.reports.metrics.straight_line import DEGENERATE, line_fit, moves, vertical_fit
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, quaternion_from_rotation, rotation_from_quaternion
 
 Alignment = Literal["none", "se3", "sim3", "scale", "yaw", "origin", "origin-scale"]
-DEGENERATE = 1e-12
-"""Ratio of the second singular value to the first below which positions lie on one line, free to turn about it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """Transform of an estimate: scale, rotation (3, 3), translation (3,) in metres."""
+    """Transform of an estimate: scale, rotation (3, 3), translation (3,) in metres, what of it is undetermined."""
 
     scale: float
     rotation: Array
     translation: Array
+    undetermined: str = ""
 
     @classmethod
     def identity(cls) -> "Similarity":
@@ -43,7 +44,7 @@ def alignment(pairs: PosePairs, kind: Alignment, first_n: int | None = None) -> 
     """Transform that brings the estimate to the reference, found from the first n pairs (None: all).
 
     `scale`: only the scale of sim3. `yaw`: rotation about z and translation. `origin`: the first poses coincide.
-    UserError when the positions do not determine the transform.
+    UserError when the positions determine no part of the rotation: they stand still.
     """
     if first_n is not None and first_n < 1:
         raise UserError(f"first_n = {first_n}: alignment needs at least one pair")
@@ -51,12 +52,12 @@ def alignment(pairs: PosePairs, kind: Alignment, first_n: int | None = None) -> 
     if kind == "none":
         return Similarity.identity()
     if kind in ("se3", "sim3"):
-        return umeyama(p, q, with_scale=kind == "sim3")
+        return least_squares(p, q, with_scale=kind == "sim3")
     if kind == "scale":
-        return Similarity(umeyama(p, q, with_scale=True).scale, np.eye(3), np.zeros(3))
+        return Similarity(least_squares(p, q, with_scale=True).scale, np.eye(3), np.zeros(3))
     if kind == "yaw":
-        return yaw_alignment(p, q) if len(p) > 1 else _yaw_of_first(pairs)
-    scale = umeyama(p, q, with_scale=True).scale if kind == "origin-scale" else 1.0
+        return least_squares_yaw(p, q) if len(p) > 1 else _yaw_of_first(pairs)
+    scale = least_squares(p, q, with_scale=True).scale if kind == "origin-scale" else 1.0
     R = _rotation_of_first(pairs)
     return Similarity(scale, R, pairs.reference_m[0] - scale * R @ pairs.estimate_m[0])
 
@@ -66,12 +67,31 @@ def align(pairs: PosePairs, kind: Alignment, first_n: int | None = None) -> Pose
     return pairs if kind == "none" else alignment(pairs, kind, first_n).apply(pairs)
 
 
+def least_squares(p: Array, q: Array, *, with_scale: bool) -> Similarity:
+    """Least-squares similarity q -> p of points (n, 3); on a straight line, the one with the smallest rotation."""
+    line = line_fit(p, q)
+    if line is None:
+        return umeyama(p, q, with_scale=with_scale)
+    p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
+    turned = (q - q_mean) @ line.rotation.T
+    scale = float(((p - p_mean) * turned).sum() / (turned**2).sum()) if with_scale else 1.0
+    return Similarity(scale, line.rotation, p_mean - scale * line.rotation @ q_mean, line.said)
+
+
+def least_squares_yaw(p: Array, q: Array) -> Similarity:
+    """Least-squares rotation about z and translation q -> p (n, 3); no rotation where they move straight up or down."""
+    line = vertical_fit(p, q)
+    if line is None:
+        return yaw_alignment(p, q)
+    return Similarity(1.0, line.rotation, p.mean(axis=0) - q.mean(axis=0), line.said)
+
+
 def umeyama(p: Array, q: Array, *, with_scale: bool) -> Similarity:
     """Least-squares similarity q -> p of points (n, 3) (Umeyama 1991, eq. 40-42); UserError when they lie on a line."""
     p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
     p_centred, q_centred = p - p_mean, q - q_mean
     U, d, Vt = np.linalg.svd(p_centred.T @ q_centred / len(p))
-    if not (d[1] > DEGENERATE * d[0] and _moves(p, p_centred) and _moves(q, q_centred)):
+    if not (d[1] > DEGENERATE * d[0] and moves(p, p_centred) and moves(q, q_centred)):
         raise UserError(
             f"alignment is undefined: the {len(p)} matched positions of the reference or the estimate stand still "
             "or lie on one line; use --align none, origin or yaw, or a longer trajectory"
@@ -94,11 +114,6 @@ def yaw_alignment(p: Array, q: Array) -> Similarity:
         )
     R = _about_z(float(np.arctan2(s, c)))
     return Similarity(1.0, R, p_mean - R @ q_mean)
-
-
-def _moves(points: Array, centred: Array) -> bool:
-    """Whether points (n, 3) spread by more than the round-off of their coordinates."""
-    return bool(np.abs(centred).max() > DEGENERATE * np.abs(points).max())
 
 
 def _rotation_of_first(pairs: PosePairs) -> Array:

@@ -50,6 +50,14 @@ class PosePairs:
         return replace(self, estimate_m=positions_m, estimate_q=quaternions)
 
 
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Rows (n,) of reference and estimate that belong together."""
+
+    reference: Indices
+    estimate: Indices
+
+
 def associate(
     reference: Trajectory,
     estimate: Trajectory,
@@ -57,11 +65,22 @@ def associate(
     max_difference_s: float = DEFAULT_MAX_DIFFERENCE_S,
     offset_s: float = 0.0,
 ) -> PosePairs:
-    """Pairs of two trajectories; UserError when no stamps are near enough to each other.
+    """Pairs of two trajectories, as `match` finds them; `evo-interpolated` interpolates the longer at the shorter."""
+    return paired(reference, estimate, match(reference, estimate, method, max_difference_s, offset_s), method, offset_s)
 
-    `one-to-one`: globally nearest first, each pose used once, ties to the earlier. `evo`: each pose of the shorter
-    trajectory (the estimate when equal) takes the nearest stamp of the longer, which may be taken many times.
-    `evo-interpolated`: the same pairs, but the longer trajectory is interpolated at the stamps of the shorter.
+
+def match(
+    reference: Trajectory,
+    estimate: Trajectory,
+    method: Association = "one-to-one",
+    max_difference_s: float = DEFAULT_MAX_DIFFERENCE_S,
+    offset_s: float = 0.0,
+) -> Matches:
+    """Rows of two trajectories that belong together; UserError when no stamps are near enough to each other.
+
+    `one-to-one`: globally nearest first, each pose used once, ties to the earlier. `evo` and `evo-interpolated`: each
+    pose of the shorter trajectory (the estimate when equal) takes the nearest stamp of the longer, which may be taken
+    many times.
     """
     if not (max_difference_s >= 0 and np.isfinite(offset_s)):
         raise UserError(f"max_difference_s = {max_difference_s}, offset_s = {offset_s}: must be finite, the first >= 0")
@@ -75,6 +94,18 @@ def associate(
             f"{_span(reference)}, the estimate {_span(estimate)} (+ offset {offset_s:g} s); "
             "check the offset, the maximum difference and the unit of the stamps"
         )
+    return Matches(a, b)
+
+
+def paired(
+    reference: Trajectory,
+    estimate: Trajectory,
+    rows: Matches,
+    method: Association = "one-to-one",
+    offset_s: float = 0.0,
+) -> PosePairs:
+    """Pairs of matched rows; under `evo-interpolated` the longer trajectory is interpolated at the shorter's stamps."""
+    a, b = rows.reference, rows.estimate
     pairs = PosePairs(
         reference.stamps_ns[a],
         reference.positions_m[a],

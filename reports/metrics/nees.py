@@ -5,43 +5,12 @@ first. NEES is xi^T P^-1 xi with the true xi; for a consistent estimator it is c
 freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.special import gammaincinv
 
+from uavbench.reports.metrics.consistency import SINGULAR, Consistency, consistency_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
 from uavbench.trajectories.pose import Array, hat
-
-DEGREES_OF_FREEDOM = 6
-CENTRAL = (0.025, 0.975)
-SINGULAR = 1e-14
-"""Least eigenvalue of a correlation matrix that is more than round-off (6 x 2^-52)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Consistency:
-    """NEES of the n frames whose covariance has an inverse; in the `singular` others that claim one it is undefined.
-
-    mean (None where n is 0), and the interval in which the mean of an honest tracker lies with 95 % probability if its
-    errors are independent from frame to frame; inside: share of all n + singular frames in the central 95 % of the
-    distribution; sharpness: median standard deviation of position (m) and of rotation (deg).
-    """
-
-    n: int
-    mean: float | None
-    low: float
-    high: float
-    inside: float
-    sharpness_m: float
-    sharpness_deg: float
-    singular: int = 0
-
-
-def chi_square_quantile(p: float, degrees: float) -> float:
-    """The value that a chi-square distribution of `degrees` of freedom stays below with probability p in [0, 1]."""
-    return float(2.0 * gammaincinv(degrees / 2.0, p))
 
 
 def nees(sequence: Sequence, results: Results) -> Array:
@@ -58,26 +27,8 @@ def nees(sequence: Sequence, results: Results) -> Array:
 
 def consistency(sequence: Sequence, results: Results) -> Consistency | None:
     """NEES figures of a run; None when its tracker claims no covariance."""
-    values = nees(sequence, results)
-    values = values[~np.isnan(values)]
-    singular = int(np.isinf(values).sum())
-    values = values[np.isfinite(values)]
-    n = len(values)
-    if n + singular == 0:
-        return None
-    low, high = (chi_square_quantile(p, DEGREES_OF_FREEDOM * max(n, 1)) / max(n, 1) for p in CENTRAL)
-    inner_low, inner_high = (chi_square_quantile(p, DEGREES_OF_FREEDOM) for p in CENTRAL)
-    spreads = np.array([np.diag(r.covariance) for r in results.rows if r.covariance is not None])
-    return Consistency(
-        n=n,
-        mean=float(values.mean()) if n else None,
-        low=low,
-        high=high,
-        inside=float(((values >= inner_low) & (values <= inner_high)).sum()) / (n + singular),
-        sharpness_m=float(np.median(np.sqrt(spreads[:, :3].sum(axis=1)))),
-        sharpness_deg=float(np.degrees(np.median(np.sqrt(spreads[:, 3:].sum(axis=1))))),
-        singular=singular,
-    )
+    spreads = [np.diag(r.covariance) for r in results.rows if r.covariance is not None]
+    return consistency_of(nees(sequence, results), np.array(spreads))
 
 
 def is_singular(covariance: Array) -> bool:

@@ -8,23 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
-from PIL import Image
 
-from uavbench.reports.figures.time import finite
+from uavbench.reports.figures.drawn import finite
 from uavbench.reports.figures.tracker_pictures import View
 from uavbench.reports.page.failures import failed_trackers, status, worst_first
 from uavbench.reports.page.overlay_animation import scrubbed
+from uavbench.reports.page.templates import FigureOnPage, asset, environment
 from uavbench.reports.scoring.runs import ScoredRun
-from uavbench.reports.style import PNG_DPI, TWO_COLUMNS_IN, colour
+from uavbench.reports.style import colour
 from uavbench.reports.tables.columns import TWO_COLUMNS
 from uavbench.reports.tables.summary_table import Table
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
-HERE = Path(__file__).parent
 THEMES = {
     "Errors": ("AUC 10 cm", "RPE 1 frame", "edges", "ADD", "MSSD", "MSPD", "error / CRLB"),
     "Failures": ("failures", "first failure", "longest failure", "recovery"),
@@ -37,41 +35,6 @@ THEMES = {
 """The columns of the detailed tables of the page, by title: so many beside each other as fit."""
 MAX_EDGES = 150
 """The page draws this many model edges per frame at most, the longest."""
-
-
-@dataclass(frozen=True)
-class FigureOnPage:
-    """A figure's files relative to the report's folder, with its title and caption."""
-
-    files: tuple[str, ...]
-    title: str
-    caption: str
-    up: str = ""
-
-    @property
-    def png(self) -> str:
-        """The picture that the page shows."""
-        return next(f for f in self.files if f.endswith(".png"))
-
-    @property
-    def id(self) -> str:
-        """Anchor on the page."""
-        return Path(self.png).stem
-
-    def sized(self, folder: Path) -> dict[str, Any]:
-        """Arguments of the template; width and height in CSS px."""
-        with Image.open(folder / self.png) as picture:
-            width, height = picture.size
-        wide = width > 0.75 * TWO_COLUMNS_IN * PNG_DPI
-        return {
-            "files": self.files, "title": self.title, "caption": self.caption, "up": self.up, "png": self.png,
-            "id": self.id, "wide": wide, "width": round(width * 96 / PNG_DPI), "height": round(height * 96 / PNG_DPI),
-        }  # fmt: skip
-
-
-def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> FigureOnPage:
-    """A figure with its files relative to the report."""
-    return FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption)
 
 
 @dataclass(frozen=True)
@@ -276,16 +239,6 @@ def _row(name: str, cells: Any, runs: ListOf[ScoredRun]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def environment() -> Environment:
-    """The pages' templates."""
-    return Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=False)
-
-
 def _inlined(value: Any) -> Markup:
     """JSON that is safe in a script element."""
     return Markup(json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
-
-
-def asset(name: str) -> Markup:
-    """A file that is embedded in a page."""
-    return Markup((HERE / name).read_text(encoding="utf-8"))

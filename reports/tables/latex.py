@@ -89,11 +89,12 @@ def _tabular(table: Table, columns: list[int]) -> str:
         " & ".join(["tracker", *(tex(_head(column)) for column in chosen)]) + r" \\",
         " & ".join(["", *(_small(_unit(column)) for column in chosen)]) + r" \\",
     ]
-    rate = ""
+    rate: str | None = None
     for name, cells in table.rows:
-        if name.rpartition("@")[2] != rate:
+        now = name.rpartition("@")[2] if "@" in name else ""
+        if now != rate:
             lines.append(r"\midrule")
-            rate = name.rpartition("@")[2]
+            rate = now
         shown = [cells[k] for k in columns]
         lines.append(" & ".join([tex(name), *map(_value, shown)]) + r" \\")
         if any(cell.bounds for cell in shown):

@@ -18,7 +18,7 @@ class Held:
 
     files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
     it took over; annotations: depth, mask and edges if it took them over; limits: what it had to leave out or change;
-    angular_rates: whether it took over those of the body.
+    angular_rates: whether it took over those of the body; camera_axes: of camera and image, in words.
     """
 
     files: dict[str, str]
@@ -28,6 +28,7 @@ class Held:
     limits: tuple[str, ...] = ()
     angular_rates: bool = False
     readme: str = "README.md"
+    camera_axes: str = "camera x right, y down, z forward; pixel centres at whole numbers"
 
 
 def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
@@ -88,8 +89,7 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
         f"# {sequence.name} in the form of {format}",
         "",
         "Exported by uavbench. Metres and seconds unless a line says otherwise; the world is the structure's frame, z "
-        "up; body x forward, y left, z up; camera x right, y down, z forward; pixel centres at whole numbers. The "
-        "stamp of an image is the middle of its exposure.",
+        f"up; body x forward, y left, z up; {held.camera_axes}. The stamp of an image is the middle of its exposure.",
         "",
         "## What is here",
         "",

@@ -1,4 +1,4 @@
-"""Sequences in the formats of others: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video, MCAP, rosbag2."""
+"""Sequences in the formats of others: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video, bags, COLMAP, nerfstudio."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,7 +13,9 @@ from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.bag import BagExport
 from uavbench.scenes.exports.bop import export_bop
+from uavbench.scenes.exports.colmap import export_colmap
 from uavbench.scenes.exports.euroc import export_euroc, holds_lens
+from uavbench.scenes.exports.nerfstudio import export_transforms
 from uavbench.scenes.exports.notes import Held, write_notes
 from uavbench.scenes.exports.shown_images import Shown, png
 from uavbench.trajectories.errors import UserError, unknown_name
@@ -191,4 +193,6 @@ EXPORTS: dict[str, Format] = {
     "video": Format(export_video, lambda camera: True),
     "mcap": Format(BagExport("mcap"), lambda camera: True),
     "rosbag2": Format(BagExport("sqlite3"), lambda camera: True),
+    "colmap": Format(export_colmap, lambda camera: True),
+    "transforms": Format(export_transforms, lambda camera: True),
 }

@@ -1,8 +1,10 @@
 """The images of a sequence as an export shows them: as they are, or with the lens's distortion taken out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -37,20 +39,28 @@ class Shown:
         """The image of a frame as a PNG file; UserError when it cannot be read."""
         if self._places is None and self.sequence.files[frame].endswith(".png"):
             return self.sequence.image_bytes(frame)
-        return png(self._as_shown(self.sequence.image(frame), cv2.INTER_LINEAR))
+        return png(self.image(frame))
+
+    def image(self, frame: int) -> NDArray[np.uint8]:
+        """The image (h, w, 3) of a frame, BGR; UserError when it cannot be read."""
+        return np.asarray(self._as_shown(self.sequence.image(frame), cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def has(self, annotation: Literal["depth", "mask"], frame: int) -> bool:
+        """Whether the sequence has this annotation of a frame."""
+        return (self.sequence.folder / annotation / f"{frame:06d}.png").is_file()
 
     def depth(self, frame: int) -> Array | None:
         """Depth (h, w) in metres, 0 where there is none; None where the sequence has no depth."""
-        if not (self.sequence.folder / "depth" / f"{frame:06d}.png").is_file():
+        if not self.has("depth", frame):
             return None
         depth: Array = self._as_shown(read_depth(self.sequence, frame), cv2.INTER_NEAREST)
         return depth
 
     def mask(self, frame: int) -> NDArray[np.bool_] | None:
         """Where (h, w) the structure is seen; None where the sequence has no masks."""
-        path = self.sequence.folder / "mask" / f"{frame:06d}.png"
-        if not path.exists():
+        if not self.has("mask", frame):
             return None
+        path = self.sequence.folder / "mask" / f"{frame:06d}.png"
         image = load_image(path, cv2.IMREAD_GRAYSCALE, inside=self.sequence.folder)
         return np.asarray(self._as_shown(image, cv2.INTER_NEAREST) == 1)
 
@@ -73,6 +83,18 @@ class Shown:
             return image
         none: Any = None
         return np.asarray(cv2.remap(image, self._places, none, how, borderMode=cv2.BORDER_CONSTANT))
+
+
+def write_masks(shown: Shown, folder: Path, name: Callable[[int], str]) -> bool:
+    """Write where each frame shows the structure (255), if every frame has a mask; whether it was written."""
+    if not all(shown.has("mask", frame) for frame in range(len(shown.sequence))):
+        return False
+    folder.mkdir()
+    for frame in range(len(shown.sequence)):
+        mask = shown.mask(frame)
+        assert mask is not None
+        (folder / name(frame)).write_bytes(png(np.where(mask, 255, 0).astype(np.uint8)))
+    return True
 
 
 def png(image: NDArray[Any]) -> bytes:

@@ -429,3 +429,22 @@ def test_images_that_cannot_be_read_say_why(tmp_path, real, make_message, told):
     out = tmp_path / "out"
     assert told in refused("track", "hold", "--bag", bag, "--image-topic", "/image", *real, "--out", out)
     assert not out.exists()
+
+
+def test_covariances_of_odometry_give_its_nees(tmp_path, tum):
+    """As ROS has them: position first, in the axes of the world; a message of zeros claims none."""
+    messages = rows(6)
+    rng = np.random.default_rng(7)
+    claimed = [np.diag(rng.uniform(0.5, 2.0, 6)) + 0.1 for _ in messages]
+    for (_, message), P in zip(messages[1:], claimed[1:], strict=True):
+        message.pose.covariance[:] = P.ravel()
+    late = [(ROWS * STEP_NS - stamp, message) for stamp, message in messages][::-1]
+    path = written(tmp_path / "bag", {"/odom": late})
+    found = evaluated(tum, f"{path}:/odom")["nees"]["before"]
+    (p, q), (true_p, true_q) = poses(6), poses(5)
+    turn = (Rotation.from_quat(true_q) * Rotation.from_quat(q).inv()).as_rotvec()
+    errors = np.column_stack([true_p - p, turn])[1:]
+    wanted = [e @ np.linalg.inv(P) @ e for e, P in zip(errors, claimed[1:], strict=True)]
+    assert found["n"] == ROWS - 1
+    assert found["mean"] == pytest.approx(np.mean(wanted), rel=1e-9)
+    assert "nees" not in evaluated(tum, f"{written(tmp_path / 'none', {'/odom': rows(6)})}:/odom")

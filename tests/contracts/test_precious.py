@@ -16,6 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.bench.small_suites import FLOWN, small_suite
+from uavbench.bench.cli.files import EXPORTS
 from uavbench.bench.cli.main import main
 from uavbench.bench.reference import main as reference
 from uavbench.bench.trial.check import TRIAL
@@ -87,16 +88,14 @@ def calls(inputs, target):
             ["track", suite, "--out", target],
             ["track", "hold", *real, "--init", inputs / "init.toml", "--out", target],
         ],
-        "export": [
-            ["export", trial, "--format", form, "--out", target]
-            for form in ("euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2")
-        ],
+        "export": [["export", trial, "--format", form, "--out", target] for form in EXPORTS],
         "calibrate": [["calibrate", inputs / "board.png", "--out", target]],
         "pick": [["pick", *real, "--no-browser", "--out", target]],
         "evaluate": [
             ["evaluate", *trajectories, "--plot", target],
             ["evaluate", *trajectories, "--plot", target.with_suffix(".pdf")],
             ["evaluate", *trajectories, "--plot", target / "index.pdf"],
+            ["evaluate", *trajectories, "--out", target],
         ],
         "tables": [
             ["tables", inputs / "report", "--out", target],

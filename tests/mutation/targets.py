@@ -23,6 +23,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("reports/metrics/align.py", "reports/test_metrics", "reports/test_golden"),
         _target("reports/metrics/association.py", "reports/test_association", "reports/test_golden"),
         _target("reports/metrics/nees.py", "reports/test_uncertainty"),
+        _target("reports/metrics/consistency.py", "reports/test_uncertainty", "reports/test_pose_nees"),
+        _target("reports/metrics/pose_nees.py", "reports/test_pose_nees"),
+        _target("reports/metrics/straight_line.py", "reports/test_straight_line"),
+        *(_target(f"reports/many_runs/{name}.py", "reports/test_many_runs") for name in ("groups", "curves")),
     ),
     "statistics": (_target("reports/statistics/bootstrap.py", "reports/test_statistics"),),
     "gate": (
@@ -36,6 +40,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         *(
             _target(f"scenes/exports/{name}.py", "scenes/test_exports", "scenes/test_exports_by_own_readers")
             for name in ("registry", "euroc", "bop", "notes")
+        ),
+        *(
+            _target(f"scenes/exports/{name}.py", "scenes/test_reconstruction_exports")
+            for name in ("colmap", "nerfstudio", "surface_points")
         ),
     ),
     "sensors": (

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavbench.reports.evaluation.evaluate import MODES, Options, evaluate, evaluate_files
+from uavbench.reports.evaluation.evaluate import evaluate_files
+from uavbench.reports.evaluation.evaluation import evaluate
+from uavbench.reports.evaluation.options import MODES, Options
 from uavbench.reports.metrics.rpe import PairInterval
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
@@ -164,11 +166,15 @@ def test_alignment_of_what_stands_still_is_refused(align: str, tmp_path: Path) -
         evaluate_files(tmp_path / "good", tmp_path / "still", align=align)
 
 
-def test_alignment_of_a_straight_line_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("align", ["se3", "sim3"])
+def test_a_straight_line_is_named_and_aligned_in_what_it_determines(align: str, tmp_path: Path) -> None:
     (tmp_path / "line").write_text(lines(*(f"{t} {t * 0.3:.9f} {t * 0.7:.9f} {t * 0.1:.9f} 0 0 0 1" for t in range(9))))
-    with pytest.raises(UserError, match="on one line"):
-        evaluate_files(tmp_path / "line", tmp_path / "line", align="se3")
+    found = evaluate_files(tmp_path / "line", tmp_path / "line", align=align)
+    assert found.ate["translation_m"].max < 1e-9 and found.ate["rotation_deg"].max < 1e-5
+    said = json.loads(json.dumps(found.to_json()))["record"]["alignment"]["undetermined"]
+    assert said.startswith("straight line: ") and "smallest rotation" in said and said in found.text()
     assert evaluate_files(tmp_path / "line", tmp_path / "line").ate["translation_m"].max == 0
+    assert "undetermined" not in evaluate_files(REFERENCE, ESTIMATE, align=align).to_json()["record"]["alignment"]
 
 
 @pytest.mark.parametrize(("options", "message"), [({"delta": 0}, "delta"), ({"delta": 1.5}, "whole number")])

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from tests.bench.drawn_scores import make_score, summary
 from uavbench.bench.cli.main import main
+from uavbench.reports.metrics.consistency import Consistency
 from uavbench.reports.metrics.model_space import ModelSpace
-from uavbench.reports.metrics.nees import Consistency
 from uavbench.reports.protocols.restarting import Replay
 from uavbench.reports.scoring.crlb_ratio import ErrorOverBound
 from uavbench.reports.scoring.score import Score

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.reports.drawn import CAM_FROM_BODY, make_sequence
+from uavbench.bench.cli.files import EXPORTS as NAMED
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence
 from uavbench.scenes.exports.registry import EXPORTS, camera_ground_truth, export
@@ -368,6 +369,10 @@ def test_the_overlay_is_the_video_with_lines_on_it(sequence: Sequence, exported:
         assert np.abs(frames["video.mp4"][frame] - clean).mean() < 8
         drawn = np.abs(frames["overlay.mp4"][frame] - frames["video.mp4"][frame]).max(axis=2)
         assert 0.001 < (drawn > 60).mean() < 0.2
+
+
+def test_the_command_knows_every_format() -> None:
+    assert list(EXPORTS) == NAMED
 
 
 def test_a_folder_that_is_not_empty_is_refused_and_left_alone(sequence: Sequence, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ A topic of poses is `/odom`; of transforms `/tf:world.base_link`, the pose of ba
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any
 
@@ -15,12 +15,14 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, MOST_POSES, TRAJECTORY
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.covariances import CovariantTrajectory, PoseCovariances
 
 TF = "tf2_msgs/msg/TFMessage"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
 POSE = "geometry_msgs/msg/PoseStamped"
 COVARIANT_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+COVARIANT = (ODOMETRY, COVARIANT_POSE)
 POSES = (ODOMETRY, POSE, COVARIANT_POSE, TRANSFORM)
 """Types of messages that hold a pose."""
 WORLD = ("world", "map")
@@ -34,21 +36,29 @@ UNSAID = "?"
 
 @dataclass(frozen=True, eq=False)
 class BagPoses:
-    """Trajectory of a topic, and what it is, `world_from_body`; ? stands for what its messages do not say."""
+    """Trajectory of a topic, and what it is, `world_from_body`; ? stands for what its messages do not say.
+
+    covariances: those that its messages claim, None where they claim none.
+    """
 
     trajectory: Trajectory
     source: BagTopic
     frame: str
+    covariances: PoseCovariances | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Stamps and poses (position, quaternion w x y z) of one frame in another, as they were recorded."""
+    """Stamps and poses (position, quaternion w x y z) of one frame in another, as they were recorded.
+
+    covariances: 36 numbers of each pose, none where its type has none.
+    """
 
     parent: str
     child: str
     stamps_ns: list[int]
     poses: list[tuple[float, ...]]
+    covariances: list[Any] = field(default_factory=list)
 
 
 def read_poses(source: BagTopic) -> BagPoses:
@@ -61,11 +71,11 @@ def read_poses(source: BagTopic) -> BagPoses:
         named = BagTopic(source.bag, f"{topic}:{ends}" if ends else topic)
         if topic in bag.topics and bag.topics[topic].type == TF:
             parent, _, child = ends.partition(".")
-            trajectory = _through_tree(bag, named, parent, child)
+            found = CovariantTrajectory(_through_tree(bag, named, parent, child))
         else:
             rows = _of_topic(bag, topic)
-            parent, child, trajectory = rows.parent, rows.child, _trajectory(named, rows)
-        return BagPoses(trajectory, named, f"{_fixed(parent)}_from_{_moving(child)}")
+            parent, child, found = rows.parent, rows.child, _covariant(named, rows)
+        return BagPoses(found.trajectory, named, f"{_fixed(parent)}_from_{_moving(child)}", found.covariances)
 
 
 def _only(bag: Bag) -> str:
@@ -84,6 +94,7 @@ def _of_topic(bag: Bag, topic: str) -> _Rows:
     ends: tuple[str, str] | None = None
     stamps: list[int] = []
     poses: list[tuple[float, ...]] = []
+    covariances: list[Any] = []
     for number, message in enumerate(bag.messages(topic, POSES)):
         now = (message.header.frame_id, getattr(message, "child_frame_id", ""))
         ends = ends or now
@@ -94,9 +105,11 @@ def _of_topic(bag: Bag, topic: str) -> _Rows:
             )
         stamps.append(stamp_ns(message.header))
         poses.append(_numbers(message.transform) if kind == TRANSFORM else _numbers(_pose(message)))
+        if kind in COVARIANT:
+            covariances.append(np.array(message.pose.covariance, dtype=np.float64))
         _count(bag, topic, len(stamps))
     parent, child = ends or ("", "")
-    return _Rows(parent, child, stamps, poses)
+    return _Rows(parent, child, stamps, poses, covariances)
 
 
 def _through_tree(bag: Bag, source: BagTopic, parent: str, child: str) -> Trajectory:
@@ -159,6 +172,10 @@ def _transforms(bag: Bag, topic: str) -> Iterator[Any]:
 
 
 def _trajectory(source: BagTopic, rows: _Rows) -> Trajectory:
+    return _covariant(source, rows).trajectory
+
+
+def _covariant(source: BagTopic, rows: _Rows) -> CovariantTrajectory:
     """Trajectory in the order of the headers' stamps, repeated rows taken once; UserError naming what is wrong."""
     table = np.array(rows.poses, dtype=np.float64).reshape(-1, 7)
     stamps = np.array(rows.stamps_ns, dtype=np.int64)
@@ -170,7 +187,12 @@ def _trajectory(source: BagTopic, rows: _Rows) -> Trajectory:
     for what, bad in _faults(stamps, positions, quaternions):
         if bad.any():
             raise UserError(f"{source}: message {order[int(np.argmax(bad))]}: {what}")
-    return Trajectory(stamps, positions, quaternions)
+    trajectory = Trajectory(stamps, positions, quaternions)
+    if not rows.covariances:
+        return CovariantTrajectory(trajectory)
+    return CovariantTrajectory(
+        trajectory, PoseCovariances.of_columns(np.array(rows.covariances).reshape(-1, 36)[order], "fixed")
+    )
 
 
 def _faults(stamps: np.ndarray, positions: Array, quaternions: Array) -> Iterator[tuple[str, Any]]:

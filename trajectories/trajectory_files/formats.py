@@ -1,6 +1,6 @@
 """Trajectory files: TUM, EuRoC and KITTI, read exactly and written so that they read back exactly.
 
-tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark)
+tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark); after them may come a covariance
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
 kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
 
@@ -19,6 +19,7 @@ from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, quaternion_from_rotation
 from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.covariances import CovariantTrajectory, PoseCovariances
 from uavbench.trajectories.trajectory_files.number_lines import (
     STAMP_CHARACTERS,
     Layout,
@@ -33,6 +34,9 @@ KITTI_RATE_HZ = 10.0
 """Rate of the KITTI odometry sequences."""
 LEAST_NS_STEP = 1000
 """Stamps that are whole numbers at least so far apart are nanoseconds, never seconds."""
+TUM_VALUES = 8
+COVARIANT_TUM_VALUES = (TUM_VALUES + 21, TUM_VALUES + 36)
+"""Of a line whose pose is followed by its covariance: the upper triangle by rows, or all of it."""
 FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILINE)
 FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
 
@@ -60,11 +64,11 @@ def guess_format(path: Path) -> str:
         return "kitti"
     if len(cells) >= 8 and _in_nanoseconds([cells[0], *(cells_of(text)[0] for _, text in second)]):
         return "euroc"
-    if len(cells) == 8:
+    if len(cells) in (TUM_VALUES, *COVARIANT_TUM_VALUES):
         return "tum"
     raise UserError(
-        f"{path}: line {number} has {len(cells)} values, so it is neither tum (8), kitti (12) nor euroc "
-        "(8 or more, integer nanoseconds first)"
+        f"{path}: line {number} has {len(cells)} values, so it is neither tum (8, or 29 or 44 with a covariance), "
+        "kitti (12) nor euroc (8 or more, integer nanoseconds first)"
     )
 
 
@@ -83,8 +87,16 @@ def declared_frame(path: Path) -> str | None:
 
 def read_tum(path: Path) -> Trajectory:
     """Trajectory of a TUM file; seconds become integer nanoseconds digit by digit. UserError naming the line."""
-    lines = read_lines(path, Layout(8, unit_ns=10**9))
-    return _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, [7, 4, 5, 6]])
+    return read_covariant_tum(path).trajectory
+
+
+def read_covariant_tum(path: Path) -> CovariantTrajectory:
+    """The same with the covariances that may stand behind the poses, in the axes of the world, position first."""
+    width = len(cells_of(first_lines(path, 1)[0][1]))
+    lines = read_lines(path, Layout(width if width in COVARIANT_TUM_VALUES else TUM_VALUES, unit_ns=10**9))
+    trajectory = _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, [7, 4, 5, 6]])
+    claimed = lines.values[:, TUM_VALUES:]
+    return CovariantTrajectory(trajectory, PoseCovariances.of_columns(claimed, "fixed") if claimed.size else None)
 
 
 def read_euroc(path: Path) -> Trajectory:

@@ -1,0 +1,220 @@
+"""The errors of one trajectory against another: association, alignment, ATE, RPE, coverage and NEES."""
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uavbench.reports.evaluation.options import Options
+from uavbench.reports.metrics.align import Similarity, alignment
+from uavbench.reports.metrics.ape import error_table, pose_error_sizes
+from uavbench.reports.metrics.association import NS, PosePairs, match, paired
+from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM, Consistency
+from uavbench.reports.metrics.pose_nees import pose_consistency
+from uavbench.reports.metrics.rpe import interval_pairs, motion_error_sizes
+from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
+from uavbench.reports.metrics.summary_statistics import ErrorSummary
+from uavbench.tracker.versions import versions
+from uavbench.trajectories.trajectory import Trajectory
+from uavbench.trajectories.trajectory_files.covariances import PoseCovariances
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+    from uavbench.reports.evaluation.panels import Quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClaimedNees:
+    """Consistency of the covariances that an estimate claims, before and after its alignment; None: no pair has one.
+
+    After it they have turned and scaled with the estimate, and the alignment is fitted to the errors.
+    """
+
+    before: Consistency | None
+    after: Consistency | None
+
+    @classmethod
+    def of(cls, pairs: PosePairs, claimed: PoseCovariances, found: Similarity) -> "ClaimedNees":
+        """Of pairs that are not aligned yet."""
+        before = pose_consistency(pairs, claimed)
+        moved = claimed.aligned(found.scale, found.rotation)
+        return cls(before=before, after=pose_consistency(found.apply(pairs), moved))
+
+    def lines(self) -> list[str]:
+        """A line for people before and one after the alignment; one where it changes nothing."""
+        named = {"NEES": self.before, "NEES, aligned": self.after}
+        if self.before == self.after:
+            del named["NEES, aligned"]
+        return [f"{name:<28}{_shown(found)}" for name, found in named.items()]
+
+
+def _shown(found: Consistency | None) -> str:
+    if found is None:
+        return "no matched pose claims a covariance"
+    mean = "none" if found.mean is None else f"{found.mean:.4g}"
+    singular = f", {found.singular} singular" if found.singular else ""
+    return (
+        f"mean {mean} ({DEGREES_OF_FREEDOM} is honest, 95 % {found.low:.3g} .. {found.high:.3g} if errors are "
+        f"independent), {100 * found.inside:.1f} % inside, n {found.n}{singular}"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one pair interval.
+
+    coverage: poses matched over the poses that the sparser of the two files would have over the reference's time span.
+    nees: where the estimate's file claims covariances, their consistency, as they are and after the alignment.
+    """
+
+    ate: dict[str, ErrorSummary]
+    rpe: dict[str, ErrorSummary] | None
+    coverage: float
+    segments: tuple[SegmentErrors, ...]
+    record: dict[str, Any]
+    pairs: PosePairs
+    nees: "ClaimedNees | None" = None
+
+    def frames(self) -> "DataFrame":
+        """One row per pair of poses, the estimate as it was aligned.
+
+        Columns: stamp_ns, time_s since the first pair, position_error_m, rotation_error_deg, and the positions
+        reference_x_m ... estimate_z_m.
+        """
+        return error_table(self.pairs)
+
+    def plot(self, axes: "Axes | None" = None, quantity: "Quantity" = "position") -> "Axes":
+        """Draw errors of position (m) or rotation (deg) over time (s), or both paths from above (m), on an Axes.
+
+        Without one it is drawn on a new figure of pyplot. The Axes is returned.
+        """
+        from uavbench.reports.evaluation.panels import draw
+
+        return draw(self.pairs, quantity, axes)
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object: ate, rpe, coverage, record, and segments where the mode has them."""
+        value: dict[str, Any] = {
+            "ate": {name: summary.to_json() for name, summary in self.ate.items()},
+            "rpe": self.rpe and {name: summary.to_json() for name, summary in self.rpe.items()},
+            "coverage": self.coverage,
+            "record": self.record,
+        }
+        if self.nees:
+            value["nees"] = {name: each and asdict(each) for name, each in vars(self.nees).items()}
+        if self.segments:
+            value["segments"] = [
+                {name: s if isinstance(s, float) else ErrorSummary(**s).to_json() for name, s in asdict(each).items()}
+                for each in self.segments
+            ]
+        return value
+
+    def text(self) -> str:
+        """The same for people, in columns."""
+        record, names = self.record, ("rmse", "mean", "median", "std", "min", "max")
+        lines = [
+            *(
+                f"{side:<11}{{file}}: {{format}}, {{poses}} poses, {{frame}}".format(**record[side])
+                for side in ("reference", "estimate")
+            ),
+            f"pairs      {record['pairs']} ({record['association']}, within {record['max_difference_s']:g} s), "
+            f"coverage {100 * self.coverage:.1f} %",
+            f"alignment  {record['align']}",
+            *([f"           {said}"] if (said := record["alignment"].get("undetermined")) else []),
+            "",
+            f"{'':<28}" + "".join(f"{name:>12}" for name in names) + f"{'n':>9}",
+        ]
+        interval = f"{record['delta']:g} {record['unit']}"
+        tables = {"ATE": self.ate, f"RPE {interval}": self.rpe or {}}
+        for title, summaries in tables.items():
+            for name, summary in summaries.items():
+                values = "".join(f"{getattr(summary, key):>12.6g}" for key in names)
+                lines.append(f"{title + ' ' + name:<28}{values}{summary.n:>9}")
+        for each in self.segments:
+            lines.append(
+                f"{each.length_m:g} m segments: {each.translation_percent.mean:.4g} %, "
+                f"{each.rotation_deg_per_m.mean:.4g} deg/m (means of {each.translation_m.n})"
+            )
+        if self.nees:
+            lines += self.nees.lines()
+        if self.rpe is None:
+            lines.append(f"RPE: the trajectory is too short for a pair interval of {interval}")
+        return "\n".join(lines) + "\n"
+
+
+def evaluate(
+    reference: Trajectory,
+    estimate: Trajectory,
+    options: Options | None = None,
+    files: dict[str, Any] | None = None,
+    claimed: PoseCovariances | None = None,
+) -> Evaluation:
+    """Evaluation of two trajectories; `files` goes into the record. UserError when they cannot be compared.
+
+    claimed: covariances of the estimate's poses.
+    """
+    options = options or Options()
+    rows = match(reference, estimate, options.association, options.max_difference_s, options.offset_s)
+    pairs = paired(reference, estimate, rows, options.association, options.offset_s)
+    raw = pairs
+    found = alignment(pairs, options.align)
+    if options.align != "none":
+        pairs = found.apply(pairs)
+    interval = options.interval
+    i, j = interval_pairs(pairs, interval)
+    position_m, rotation_rad = pose_error_sizes(pairs)
+    motion_m, turn_rad = motion_error_sizes(pairs, i, j)
+    lengths: tuple[float, ...] = ()
+    if options.segments != "none":
+        lengths = KITTI_LENGTHS_M if options.segments == "kitti" else rpg_lengths(pairs.reference_m)
+    segments = [segment_errors(raw, m, "kitti" if options.segments == "kitti" else "rpg") for m in lengths]
+    return Evaluation(
+        ate={
+            "translation_m": ErrorSummary.of(position_m),
+            "rotation_deg": ErrorSummary.of(np.degrees(rotation_rad)),
+        },
+        rpe={
+            "translation_m": ErrorSummary.of(motion_m),
+            "rotation_deg": ErrorSummary.of(np.degrees(turn_rad)),
+        }
+        if len(i)
+        else None,
+        coverage=coverage(reference, estimate, pairs),
+        segments=tuple(s for s in segments if s.translation_m.n),
+        record={
+            **(files or {}),
+            "association": options.association,
+            "max_difference_s": options.max_difference_s,
+            "t_offset_s": options.offset_s,
+            "pairs": len(pairs),
+            "align": options.align,
+            "alignment": {
+                "scale": found.scale,
+                "rotation": found.rotation.tolist(),
+                "translation_m": found.translation.tolist(),
+                **({"undetermined": found.undetermined} if found.undetermined else {}),
+            },
+            "delta": interval.delta,
+            "unit": interval.unit,
+            "all_pairs": interval.all_pairs,
+            "pairs_from": interval.pairs_from,
+            "std_ddof": 0,
+            "coverage": "matched / poses of the sparser file over the reference's span",
+            "versions": versions(),
+        },
+        pairs=pairs,
+        nees=None if claimed is None else ClaimedNees.of(raw, claimed.of_rows(rows.estimate), found),
+    )
+
+
+def coverage(reference: Trajectory, estimate: Trajectory, pairs: PosePairs) -> float:
+    """Share of the poses that the sparser of both files, at its median rate, would have over the reference's span."""
+    span_s = float(reference.stamps_ns[-1] - reference.stamps_ns[0]) / NS
+    matched = 1 + int(np.count_nonzero(np.diff(pairs.stamps_ns)))
+    if len(reference) < 2 or len(estimate) < 2:
+        return matched / len(reference)
+    step_s = float(np.median(np.diff(estimate.stamps_ns))) / NS
+    expected = min(len(reference), round(span_s / step_s) + 1)
+    return min(1.0, matched / expected)

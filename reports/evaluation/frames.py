@@ -1,0 +1,40 @@
+"""Two trajectories in one frame: what their files declare, and the mount that turns body poses to camera poses."""
+
+from pathlib import Path
+
+from uavbench.reports.evaluation.trajectory_files import Found, mount_of
+from uavbench.reports.metrics.align import Alignment
+from uavbench.trajectories.bags.poses import UNSAID
+from uavbench.trajectories.errors import UserError
+
+
+def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: Alignment) -> Found:
+    """The estimate in the frame of the reference; UserError where both say one and they differ.
+
+    What moves may differ where a mount is given, and what stands still where the estimate is aligned.
+    """
+    if reference.frame is None or estimate.frame is None:
+        return estimate
+    (fixed, moving), (other_fixed, other_moving) = _ends(reference.frame), _ends(estimate.frame)
+    if fixed != other_fixed and UNSAID not in (fixed, other_fixed) and align in ("none", "scale"):
+        raise UserError(
+            f"{reference.file} says that it holds poses in {fixed}, and {estimate.file} in {other_fixed}: two frames "
+            "that stand still, which cannot be compared as they are. Give --align, such as se3 or yaw; or "
+            "--ignore-frames where both names mean one frame"
+        )
+    if moving == other_moving or UNSAID in (moving, other_moving):
+        return estimate
+    if mount is None or not {moving, other_moving} <= {"body", "cam"}:
+        raise UserError(
+            f"{reference.file} says that it holds {reference.frame}, and {estimate.file} {estimate.frame}: poses of "
+            "different frames, which cannot be compared. Give files of one frame, or --mount SEQUENCE, the folder of "
+            "the sequence, by whose cam_from_body the estimate is converted; or --ignore-frames where both names mean "
+            "one frame"
+        )
+    return estimate.seen_as(f"{other_fixed}_from_{moving}", mount_of(mount))
+
+
+def _ends(frame: str) -> tuple[str, str]:
+    """What stands still and what moves, of `world_from_body`."""
+    fixed, _, moving = frame.partition("_from_")
+    return fixed, moving

@@ -1,0 +1,90 @@
+"""Options of an evaluation: a mode is a set of defaults that repeats what a known tool does; those given precede it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, TypedDict, TypeVar
+
+from uavbench.reports.metrics.align import Alignment
+from uavbench.reports.metrics.association import Association
+from uavbench.reports.metrics.rpe import PairInterval, Unit
+from uavbench.trajectories.errors import unknown_name
+
+Mode = Literal["uavbench", "evo", "tum", "kitti", "rpg"]
+OWN_MODE: Mode = "uavbench"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of a comparison of two trajectories."""
+
+    align: Alignment = "none"
+    association: Association = "one-to-one"
+    max_difference_s: float = 0.01
+    offset_s: float = 0.0
+    interval: PairInterval = field(default_factory=PairInterval)
+    segments: Literal["none", "kitti", "rpg"] = "none"
+
+
+MODES: dict[str, Options] = {
+    "uavbench": Options(),
+    "evo": Options(association="evo", interval=PairInterval(pairs_from="estimate")),
+    "tum": Options(align="se3", max_difference_s=0.02, interval=PairInterval(1.0, "s", all_pairs=True)),
+    "kitti": Options(segments="kitti"),
+    "rpg": Options(align="yaw", association="evo", max_difference_s=0.02, segments="rpg"),
+}
+"""Conventions of each mode: evo 1.38 (Grupp), the TUM RGB-D scripts, the KITTI devkit, rpg_trajectory_evaluation."""
+
+
+class EvaluateOptions(TypedDict, total=False):
+    """Options of `evaluate_files`; those not given are of `mode`.
+
+    align; association and max_difference_s: how stamps are paired; t_offset_s: added to the stamps of the estimate;
+    delta, unit, all_pairs, pairs_from: pair interval of the RPE; mode: conventions of a known tool;
+    reference_format, estimate_format: of the two files, recognized where not given; mount: a sequence folder, whose
+    mount turns the estimate into the frame that the reference declares; ignore_frames: although the two name their
+    frames differently; plot: .pdf or .png file to draw into.
+    """
+
+    align: Alignment | None
+    association: Association | None
+    max_difference_s: float | None
+    t_offset_s: float
+    delta: float | None
+    unit: Unit | None
+    all_pairs: bool | None
+    pairs_from: Literal["reference", "estimate"] | None
+    mode: Mode
+    reference_format: str | None
+    estimate_format: str | None
+    mount: str | Path | None
+    ignore_frames: bool
+    plot: Path | None
+
+
+def chosen_options(given: EvaluateOptions) -> Options:
+    """Options as given, the others of the mode; UserError for an unknown name."""
+    for name in given:
+        if name not in EvaluateOptions.__annotations__:
+            raise unknown_name("option", name, list(EvaluateOptions.__annotations__))
+    mode = given.get("mode", OWN_MODE)
+    if mode not in MODES:
+        raise unknown_name("mode", mode, list(MODES))
+    preset = MODES[mode]
+    return Options(
+        align=_given(given.get("align"), preset.align),
+        association=_given(given.get("association"), preset.association),
+        max_difference_s=_given(given.get("max_difference_s"), preset.max_difference_s),
+        offset_s=given.get("t_offset_s", 0.0),
+        interval=PairInterval(
+            _given(given.get("delta"), preset.interval.delta),
+            _given(given.get("unit"), preset.interval.unit),
+            _given(given.get("all_pairs"), preset.interval.all_pairs),
+            _given(given.get("pairs_from"), preset.interval.pairs_from),
+        ),
+        segments=preset.segments,
+    )
+
+
+def _given(value: T | None, default: T) -> T:
+    return default if value is None else value

@@ -1,0 +1,169 @@
+"""Mean and spread of each tracker over its runs, and whether one beats another on the same runs."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
+from uavbench.reports.statistics.bootstrap import (
+    Comparison,
+    Interval,
+    compare_pairs,
+    hierarchical_interval,
+    least_units,
+)
+from uavbench.reports.tables.columns import Column
+from uavbench.reports.tables.summary_table import KEEPS_UP, Cell, Table
+from uavbench.trajectories.pose import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Mean over runs with its interval, their standard deviation (ddof 1; None of one run), and their extremes."""
+
+    mean: Interval
+    std: float | None
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, values: Array) -> "Spread | None":
+        """Of the runs that have a value (n,); None where none has."""
+        known = values[np.isfinite(values)]
+        if not len(known):
+            return None
+        return cls(
+            mean=hierarchical_interval([known]),
+            std=float(known.std(ddof=1)) if len(known) > 1 else None,
+            least=float(known.min()),
+            most=float(known.max()),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object; NaN becomes null."""
+        mean = {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in asdict(self.mean).items()}
+        return {**mean, "std": self.std, "min": self.least, "max": self.most}
+
+
+def comparisons(many: ManyRuns) -> dict[str, list[Comparison]]:
+    """Every pair of trackers by each of METRICS (m, deg) on the paired runs, p adjusted by Holm over the pairs.
+
+    Without a metric that a paired run has no value of; empty where no runs are paired.
+    """
+    found = {metric: many.paired(metric) for metric in METRICS}
+    return {metric: compare_pairs(_one_truth(values)) for metric, values in found.items() if values}
+
+
+def _one_truth(values: Mapping[str, Array]) -> dict[str, list[Array]]:
+    """Values as the statistics take them: runs of one sequence."""
+    return {name: [v] for name, v in values.items()}
+
+
+EXTRA = (
+    Column(head="coverage", key="coverage", scale=100, unit="%", best="max", decimals=1),
+    Column(head="NEES", key="nees", unit="6 is honest", best="", decimals=2),
+    Column(head="NEES, aligned", key="nees_aligned", unit="6 is honest", best="", decimals=2),
+)
+
+
+BOLD = f"Bold: best of its column; none where it is of a tracker with less than {KEEPS_UP:.0%} of the best coverage."
+"""In the caption of a table that has bold letters."""
+
+
+def extra(run: EvaluatedRun, key: str) -> float:
+    """A number of a run that trackers are not compared by, NaN where there is none."""
+    if key == "coverage":
+        return run.coverage
+    found = run.nees and (run.nees.before if key == "nees" else run.nees.after)
+    return float("nan") if not found or found.mean is None else found.mean
+
+
+def summary(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> Table:
+    """A row for each tracker: means with 95 % intervals, and standard deviations, over its runs."""
+    columns = [Column(head="runs", key="runs", unit="", best="", decimals=0), EXTRA[0]]
+    rows: dict[str, list[Cell]] = {
+        name: [_plain(len(group), 0), _plain(100 * np.mean([run.coverage for run in group]).item(), EXTRA[0].decimals)]
+        for name, group in many.groups.items()
+    }
+    for metric, about in METRICS.items():
+        decimals = _decimals(about.scale * np.concatenate(list(many.values(metric).values())))
+        mean = Column(head=about.name, key=metric, scale=about.scale, unit=about.unit, best="min", decimals=decimals)
+        spread = Column(head=f"{about.name} sd", key=metric, unit=about.unit, best="", decimals=mean.decimals)
+        columns += [mean, spread]
+        best = _best(many, metric)
+        for name, values in many.values(metric).items():
+            won, known = name == best, Spread.of(about.scale * values)
+            rows[name] += [
+                _mean(values, mean, won, won and _stands(name, tested.get(metric, []))),
+                _plain(known.std if known else None, mean.decimals),
+            ]
+    for column in EXTRA[1:]:
+        found = {name: [extra(run, column.key) for run in group] for name, group in many.groups.items()}
+        if any(np.isfinite(v).any() for v in found.values()):
+            columns.append(column)
+            for name, of_group in found.items():
+                rows[name].append(_mean(of_group, column))
+    return Table(caption(many, tested), tuple(columns), tuple((name, tuple(cells)) for name, cells in rows.items()))
+
+
+def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
+    """What a reader must know of the numbers."""
+    record = many.runs[0].record
+    text = (
+        f"Truth: {many.truth['file']}, {many.truth['poses']} poses. Alignment: {record['align']}. Errors are RMSE over "
+        f"the matched poses; RPE over {record['delta']:g} {record['unit']}; means over the runs with 95 % intervals "
+        "(bootstrap), sd: standard deviation over the runs"
+    )
+    straight = sum(bool(run.undetermined) for run in many.runs)
+    if straight:
+        text += (
+            f". Straight line: in {straight} of {len(many.runs)} runs the positions leave a rotation of the alignment "
+            "undetermined; the smallest was taken"
+        )
+    if len(many.groups) < 2:
+        return f"{text}."
+    text += f". {BOLD} Paired tests: {many.pairs.how}"
+    units = max((c.units for some in tested.values() for c in some), default=0)
+    needed = least_units(len(many.groups) * (len(many.groups) - 1) // 2)
+    if tested and units < needed:
+        return f"{text}; significance n/a (the test needs {needed} runs that differ, here are {units})."
+    return f"{text}; *: better than every other tracker at the 5 % level (Holm)." if tested else f"{text}."
+
+
+def _decimals(values: Array) -> int:
+    """Decimals with which the smallest of values (n,) has three digits: two at least, six at most."""
+    known = values[np.isfinite(values) & (values > 0)]
+    return int(np.clip(2 - np.floor(np.log10(known.min())), 2, 6)) if len(known) else 2
+
+
+def _best(many: ManyRuns, metric: str) -> str:
+    """The tracker of the lowest mean; none with one tracker, where runs lack a value, and where it covers little."""
+    means = {name: float(values.mean()) for name, values in many.values(metric).items()}
+    if len(means) < 2 or not np.isfinite(list(means.values())).all():
+        return ""
+    best = min(means, key=lambda name: means[name])
+    covered = {name: np.mean([run.coverage for run in group]) for name, group in many.groups.items()}
+    return best if covered[best] >= KEEPS_UP * max(covered.values()) else ""
+
+
+def _stands(name: str, tested: list[Comparison]) -> bool:
+    """Whether every test of a tracker says that it has the lower values, at the 5 % level."""
+    own = [c for c in tested if name in (c.first, c.second)]
+    return bool(own) and all(c.significant and (c.difference.mean < 0) == (name == c.first) for c in own)
+
+
+def _mean(values: Any, column: Column, best: bool = False, significant: bool = False) -> Cell:
+    table = column.scale * np.asarray(values, dtype=np.float64)
+    found = Spread.of(table)
+    known = int(np.isfinite(table).sum())
+    interval = found.mean if found and len(table) > 1 else None
+    return Cell(
+        mean=found.mean.mean if found else None, interval=interval, known=known, runs=len(table),
+        decimals=column.decimals, best=best, significant=significant,
+    )  # fmt: skip
+
+
+def _plain(value: float | None, decimals: int) -> Cell:
+    return Cell(mean=value, interval=None, known=1, runs=1, decimals=decimals)

@@ -1,0 +1,195 @@
+"""Runs of several trackers against one truth: each evaluated, and what they have in common."""
+
+import os
+from collections.abc import Sequence as ListOf
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from uavbench.reports.evaluation.evaluate import Side, evaluate_found
+from uavbench.reports.evaluation.evaluation import ClaimedNees, Evaluation
+from uavbench.reports.evaluation.frames import in_one_frame
+from uavbench.reports.evaluation.given import found_in
+from uavbench.reports.evaluation.options import EvaluateOptions, chosen_options
+from uavbench.reports.evaluation.trajectory_files import Found
+from uavbench.reports.many_runs.curves import Axis, distance_axis, time_axis
+from uavbench.reports.many_runs.groups import Pairing, Run, pairing
+from uavbench.reports.metrics.align import Alignment
+from uavbench.reports.metrics.ape import pose_error_sizes
+from uavbench.reports.metrics.summary_statistics import ErrorSummary
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array
+
+THREADS = 4
+"""That read and evaluate files: the parser and numpy leave Python to the others."""
+SHOWN_POSES = 2000
+"""Of a path in a figure."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedRun:
+    """Errors of one run; curves (b,) over time and distance, position in m and rotation in deg; its path as aligned."""
+
+    run: Run
+    ate: dict[str, ErrorSummary]
+    rpe: dict[str, ErrorSummary] | None
+    coverage: float
+    nees: ClaimedNees | None
+    record: dict[str, Any]
+    over_time: dict[str, Array]
+    over_distance: dict[str, Array]
+    path_m: Array
+    scores: dict[str, Any]
+
+    @property
+    def undetermined(self) -> str:
+        """What positions leave undetermined of its alignment; empty where nothing."""
+        return str(self.record["alignment"].get("undetermined", ""))
+
+    def value(self, metric: str) -> float:
+        """One of METRICS, NaN where the run has none."""
+        return METRICS[metric].of(self)
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object: as `Evaluation` has it, with tracker and run."""
+        return {"group": self.run.group, "run": self.run.name, **self.scores}
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number of a run that trackers are compared by: its name, unit, and factor from SI."""
+
+    name: str
+    unit: str
+    scale: float
+    key: str
+    part: str
+
+    def of(self, run: EvaluatedRun) -> float:
+        """Its value for a run, NaN where there is none."""
+        errors = run.ate if self.key == "ate" else run.rpe
+        return float("nan") if errors is None else errors[self.part].rmse
+
+
+METRICS = {
+    "ate_position": Metric("ATE position", "cm", 100.0, "ate", "translation_m"),
+    "ate_rotation": Metric("ATE rotation", "deg", 1.0, "ate", "rotation_deg"),
+    "rpe_position": Metric("RPE position", "cm", 100.0, "rpe", "translation_m"),
+    "rpe_rotation": Metric("RPE rotation", "deg", 1.0, "rpe", "rotation_deg"),
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ManyRuns:
+    """Evaluated runs by tracker, the axes of their curves, how runs are paired, and the truth's path."""
+
+    truth: dict[str, Any]
+    groups: dict[str, list[EvaluatedRun]]
+    time: Axis
+    distance: Axis
+    pairs: Pairing
+    truth_path_m: Array
+
+    @property
+    def runs(self) -> list[EvaluatedRun]:
+        """All of them."""
+        return [run for group in self.groups.values() for run in group]
+
+    def values(self, metric: str) -> dict[str, Array]:
+        """One of METRICS (n,) of each tracker's runs."""
+        return {name: np.array([run.value(metric) for run in group]) for name, group in self.groups.items()}
+
+    def paired(self, metric: str) -> dict[str, Array]:
+        """The same of the runs that are paired, in one order; empty where none are, or one of them has no value."""
+        values = self.values(metric)
+        found = {name: values[name][list(rows)] for name, rows in self.pairs.rows.items()}
+        return found if all(np.isfinite(v).all() for v in found.values()) else {}
+
+
+def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOptions]) -> ManyRuns:
+    """Evaluation of runs against one truth; options as `evaluate_files` has them.
+
+    UserError for what `evaluate_files` refuses, for a file that is given twice or is the truth itself, and for files
+    that declare different frames.
+    """
+    chosen = chosen_options(options)
+    if options.get("plot") is not None:
+        raise UserError("--plot draws one estimate; give --out FOLDER for the figures of many")
+    with ThreadPoolExecutor(THREADS) as pool:
+        reading = pool.submit(found_in, truth, "reference", options.get("reference_format"))
+        read = list(pool.map(lambda run: found_in(run.path, "estimate", options.get("estimate_format")), runs))
+        reference = reading.result()
+        _refuse_twice(reference, truth, read, runs)
+        if not options.get("ignore_frames"):
+            _refuse_mixed(reference, read, options, chosen.align)
+        axes = time_axis(reference.trajectory), distance_axis(reference.trajectory)
+
+        def evaluated(run: Run, found: Found) -> EvaluatedRun:
+            sides = Side(reference, str(truth)), Side(found, str(run.path))
+            return _reduced(run, evaluate_found(*sides, chosen, options), *axes)
+
+        done = list(pool.map(evaluated, runs, read))
+    groups: dict[str, list[EvaluatedRun]] = {}
+    for each in done:
+        groups.setdefault(each.run.group, []).append(each)
+    return ManyRuns(
+        truth=done[0].record["reference"],
+        groups=groups,
+        time=axes[0],
+        distance=axes[1],
+        pairs=pairing({name: [each.run.name for each in group] for name, group in groups.items()}),
+        truth_path_m=_thinned(reference.trajectory.positions_m),
+    )
+
+
+def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis) -> EvaluatedRun:
+    """A run without its poses: a hundred of them would fill the memory."""
+    position_m, rotation_rad = pose_error_sizes(found.pairs)
+    errors = {"position": position_m, "rotation": np.degrees(rotation_rad)}
+    stamps = found.pairs.stamps_ns
+    return EvaluatedRun(
+        run=run,
+        ate=found.ate,
+        rpe=found.rpe,
+        coverage=found.coverage,
+        nees=found.nees,
+        record=found.record,
+        over_time={name: time.binned(stamps, values) for name, values in errors.items()},
+        over_distance={name: distance.binned(stamps, values) for name, values in errors.items()},
+        path_m=_thinned(found.pairs.estimate_m),
+        scores=found.to_json(),
+    )
+
+
+def _thinned(positions_m: Array) -> Array:
+    return np.array(positions_m[:: max(1, -(-len(positions_m) // SHOWN_POSES))])
+
+
+def _refuse_twice(reference: Found, truth: Path, read: ListOf[Found], runs: ListOf[Run]) -> None:
+    """UserError when two runs are of one file, or one is the truth."""
+    seen = {_identity(reference.file): f"the truth {truth}"}
+    for found, run in zip(read, runs, strict=True):
+        place = _identity(found.file)
+        if place in seen:
+            raise UserError(f"{run.path}: is the same file as {seen[place]}; give each file once")
+        seen[place] = str(run.path)
+
+
+def _identity(file: Path) -> tuple[int, int] | str:
+    """What tells files apart: their place on the disk, whatever their names; for a topic of a bag, both names."""
+    try:
+        found = file.stat()
+    except (OSError, ValueError):
+        return os.path.realpath(file)
+    return found.st_dev, found.st_ino
+
+
+def _refuse_mixed(reference: Found, read: ListOf[Found], options: EvaluateOptions, align: Alignment) -> None:
+    """UserError when two of the files declare different frames, and no mount converts them."""
+    mount = options.get("mount")
+    declared = next((each for each in (reference, *read) if each.frame is not None), reference)
+    for each in read:
+        in_one_frame(declared, each, None if mount is None else Path(mount), align)

@@ -1,0 +1,180 @@
+"""Figures of many runs: error over time and distance with bands, the spread of the runs, paths, NEES."""
+
+from collections.abc import Sequence as ListOf
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from uavbench.reports.figures.drawn import Drawn, finite, legend_of, save_drawn, save_panel
+from uavbench.reports.many_runs.comparison import Spread, extra
+from uavbench.reports.many_runs.curves import Band
+from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
+from uavbench.reports.many_runs.groups import counted
+from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM
+from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
+from uavbench.trajectories.pose import Array
+
+WIDE_RANGE = 20.0
+"""Largest over smallest value from which an axis is logarithmic."""
+JITTER = 0.3
+"""Half the width over which the runs of one tracker are spread out, of the distance between two trackers."""
+SHORT_NAMES = 9
+"""Characters of tracker names that stand beside each other under a panel of 1.6 in."""
+
+
+def errors_along(many: ManyRuns, stem: Path) -> list[Path]:
+    """Write `draw_errors_along` as files at a stem."""
+    return save_drawn(partial(draw_errors_along, many), stem, 3.6)
+
+
+def draw_errors_along(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
+    """Position and rotation error over time and over distance: median over the runs, and 90 % of them as a band."""
+    panels = figure.subplots(2, 2, sharex="col", sharey="row")
+    rows: list[list[Any]] = []
+    axes = (("time", many.time, "time (s)"), ("distance", many.distance, "distance travelled (m)"))
+    for column, (along, axis, label) in enumerate(axes):
+        for row, (quantity, scale, unit) in enumerate((("position", 100.0, "cm"), ("rotation", 1.0, "deg"))):
+            panel = panels[row, column]
+            for k, (name, group) in enumerate(many.groups.items()):
+                band = Band.of([scale * getattr(run, f"over_{along}")[quantity] for run in group])
+                text = as_label(f"{name} ({counted(len(group))})")
+                panel.plot(axis.middles, band.middle, label=text, **line(k))
+                if len(group) > 1:
+                    panel.fill_between(axis.middles, band.low, band.high, color=colour(k), alpha=0.15, lw=0)
+                values = zip(*(v.tolist() for v in (axis.middles, band.low, band.middle, band.high)), strict=True)
+                rows += [[name, along, f"{quantity}_{unit}", x, *map(finite, v)] for x, *v in values]
+            panel_letter(panel, "abcd"[2 * row + column])
+            if column == 0:
+                panel.set_ylabel(f"{quantity} error ({unit})")
+            if row == 1:
+                panel.set_xlabel(label)
+    for pair in panels:
+        fit_scale(pair[0], np.concatenate([curve.get_ydata() for panel in pair for curve in panel.lines]))
+    figure.legend(**legend_of(panels[0, 0], {"ncols": min(len(many.groups), 5)}), loc="outside upper center")
+    return Drawn(columns=["tracker", "along", "quantity", "at", "low", "median", "high"], rows=rows, legend=None)
+
+
+def spread(many: ManyRuns, stem: Path) -> list[Path]:
+    """Write `draw_spread` as files at a stem."""
+    return save_drawn(partial(draw_spread, many), stem, 2.3)
+
+
+def draw_spread(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
+    """Every run's errors as dots, by tracker; their mean, with its 95 % interval where there is one, beside them."""
+    known = [metric for metric in METRICS if any(np.isfinite(v).any() for v in many.values(metric).values())]
+    panels = figure.subplots(1, len(known), squeeze=False)[0]
+    rows: list[list[Any]] = []
+    for letter, panel, metric in zip("abcd", panels, known, strict=False):
+        about, values = METRICS[metric], many.values(metric)
+        for k, (name, of_group) in enumerate(values.items()):
+            shown = about.scale * of_group
+            dots(panel, k, shown, k)
+            mean_bar(panel, k, shown, k)
+            names = [run.run.name for run in many.groups[name]]
+            rows += [[metric, name, run, finite(v)] for run, v in zip(names, shown.tolist(), strict=True)]
+        fit_scale(panel, about.scale * np.concatenate(list(values.values())))
+        name_trackers(panel, list(values))
+        panel.set_title(f"({letter}) {about.name} ({about.unit})", loc="left", fontsize=7.5)
+    return Drawn(columns=["metric", "tracker", "run", "value"], rows=rows, legend=None)
+
+
+def paths(many: ManyRuns, stem: Path) -> list[Path]:
+    """Write `draw_paths` as files at a stem."""
+    return save_panel(partial(draw_paths, many), stem, 3.0)
+
+
+def draw_paths(many: ManyRuns, panel: Axes) -> Drawn:
+    """The truth from above, and of each tracker the run whose position error is nearest to its median, as aligned."""
+    rows: list[list[Any]] = [["truth", "", *p] for p in many.truth_path_m.tolist()]
+    panel.plot(*many.truth_path_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="truth")
+    for k, (name, group) in enumerate(many.groups.items()):
+        run = middle_run(group)
+        panel.plot(*run.path_m[:, :2].T, label=as_label(f"{name}: {run.run.name}"), **{**line(k), "lw": 0.8})
+        rows += [[name, run.run.name, *p] for p in run.path_m.tolist()]
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_xlabel("x (m)")
+    panel.set_ylabel("y (m)")
+    return Drawn(columns=["tracker", "run", "x_m", "y_m", "z_m"], rows=rows)
+
+
+def nees(many: ManyRuns, stem: Path) -> list[Path]:
+    """Write `draw_nees` as files at a stem."""
+    return save_panel(partial(draw_nees, many), stem, 2.2)
+
+
+def draw_nees(many: ManyRuns, panel: Axes) -> Drawn:
+    """Mean NEES of every run that claims covariances: as claimed (hollow), and after the alignment (filled)."""
+    aligned = many.runs[0].record["align"] != "none"
+    groups = {
+        name: group for name, group in many.groups.items() if any(np.isfinite(extra(run, "nees")) for run in group)
+    }
+    rows: list[list[Any]] = []
+    for k, (name, group) in enumerate(groups.items()):
+        index = list(many.groups).index(name)
+        sides = (("nees", -0.2, True), ("nees_aligned", 0.2, False)) if aligned else (("nees", 0.0, True),)
+        for key, beside, hollow in sides:
+            values = np.array([extra(run, key) for run in group])
+            dots(panel, k + beside, values, index, hollow=hollow, width=0.15 if aligned else JITTER)
+            rows += [[name, run.run.name, key, finite(v)] for run, v in zip(group, values.tolist(), strict=True)]
+    panel.axhline(DEGREES_OF_FREEDOM, color=GROUND_TRUTH, lw=0.7, ls=":")
+    every = np.array([row[3] for row in rows if row[3] is not None])
+    fit_scale(panel, np.append(every, DEGREES_OF_FREEDOM))
+    name_trackers(panel, list(groups))
+    panel.set_ylabel("mean NEES of a run")
+    said = "hollow: as claimed, filled: after alignment" if aligned else "as claimed, without alignment"
+    panel.set_title(f"{said}; dotted: {DEGREES_OF_FREEDOM}, honest", fontsize=7.5)
+    return Drawn(columns=["tracker", "run", "what", "mean_nees"], rows=rows, legend=None)
+
+
+def as_label(name: str) -> str:
+    """A name that a legend shows: matplotlib hides those that begin with `_`."""
+    return f" {name}" if name.startswith("_") else name
+
+
+def middle_run(group: ListOf[EvaluatedRun]) -> EvaluatedRun:
+    """The run whose position error is nearest to the median of its tracker."""
+    errors = np.array([run.value("ate_position") for run in group])
+    return group[int(np.argmin(np.abs(errors - np.median(errors))))]
+
+
+def dots(panel: Axes, at: float, values: Array, index: int, *, hollow: bool = False, width: float = JITTER) -> None:
+    """The runs of a tracker around a place on the x axis, in their order from left to right."""
+    x = at + width * np.linspace(-1, 1, len(values)) if len(values) > 1 else np.array([at])
+    face: dict[str, Any] = {"mfc": "white"} if hollow else {}
+    panel.plot(x, values, **marker(index), ms=2.6, mew=0.6, alpha=0.75, **face)
+
+
+def mean_bar(panel: Axes, at: float, values: Array, index: int) -> None:
+    """Mean of a tracker's runs, and its interval."""
+    found = Spread.of(values)
+    if found is None or found.std is None:
+        return
+    panel.plot([at - 0.42, at + 0.42], [found.mean.mean] * 2, color=colour(index), lw=1.4)
+    if not found.mean.why:
+        low, high = found.mean.low, found.mean.high
+        panel.fill_between([at - 0.42, at + 0.42], [low] * 2, [high] * 2, color=colour(index), alpha=0.22, lw=0)
+
+
+def name_trackers(panel: Axes, names: ListOf[str]) -> None:
+    """The trackers under the x axis."""
+    tilted = len(names) > 3 or max(map(len, names), default=0) > SHORT_NAMES
+    panel.set_xticks(range(len(names)), names, rotation=35 if tilted else 0, ha="right" if tilted else "center")
+    panel.set_xlim(-0.6, len(names) - 0.4)
+    panel.grid(False, axis="x")
+
+
+def fit_scale(panel: Axes, values: Array) -> None:
+    """A y axis from zero, or a logarithmic one where values (n,) range widely."""
+    known = values[np.isfinite(values) & (values > 0)]
+    if len(known) and known.max() > WIDE_RANGE * known.min():
+        panel.set_yscale("log")
+        panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        panel.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        panel.set_ylim(0, max(panel.get_ylim()[1], 1.05 * float(known.max())) if len(known) else None)

@@ -1,0 +1,134 @@
+"""What `uavbench evaluate` says of many runs: text, JSON, and the table of the runs."""
+
+import textwrap
+from collections.abc import Mapping
+from collections.abc import Sequence as ListOf
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from uavbench.reports.many_runs.comparison import BOLD, Spread, comparisons, extra, summary
+from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
+from uavbench.reports.statistics.bootstrap import Comparison
+from uavbench.reports.tables.summary_table import Table
+from uavbench.reports.tables.writers import heads
+
+RUN_COLUMNS = (
+    "tracker", "run", "file", "pairs", "coverage_percent", "ate_position_cm", "ate_position_median_cm",
+    "ate_position_max_cm", "ate_rotation_deg", "rpe_position_cm", "rpe_rotation_deg", "nees", "nees_aligned",
+    "alignment",
+)  # fmt: skip
+
+
+WIDTH = 110
+"""Characters of a line of prose."""
+
+
+class ManyResults:
+    """The numbers of many runs, worked out once."""
+
+    def __init__(self, many: ManyRuns) -> None:
+        self.many = many
+
+    @cached_property
+    def tested(self) -> dict[str, list[Comparison]]:
+        """Comparisons of every pair of trackers, by metric."""
+        return comparisons(self.many)
+
+    @cached_property
+    def table(self) -> Table:
+        """Mean and spread of each tracker."""
+        return summary(self.many, self.tested)
+
+    def run_rows(self) -> list[list[Any]]:
+        """A row of RUN_COLUMNS for each run; None where it has no value."""
+        return [[None if isinstance(v, float) and np.isnan(v) else v for v in _row(run)] for run in self.many.runs]
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object: truth, each tracker's spread, paired tests, runs; in m and deg."""
+        groups = {
+            name: {"runs": len(group), **{metric: _spread(self.many, metric, name) for metric in METRICS}}
+            for name, group in self.many.groups.items()
+        }
+        tests = {
+            metric: [
+                {**vars(c), "difference": _interval(c), "significant": c.significant} for c in found
+            ]
+            for metric, found in self.tested.items()
+        }  # fmt: skip
+        return {
+            "truth": self.many.truth,
+            "groups": groups,
+            "paired": {"how": self.many.pairs.how, "runs": self.many.pairs.n, "tests": tests},
+            "runs": [run.to_json() for run in self.many.runs],
+        }
+
+    def text(self) -> str:
+        """The same for people: mean and spread, paired tests, and a line for each run."""
+        return "\n".join([*self._summary_lines(), "", *self._test_lines(), *self._run_lines()]) + "\n"
+
+    def _summary_lines(self) -> list[str]:
+        heads_of_table = ["tracker", *heads(self.table)]
+        rows = [
+            [name, *(f"{c.text}{'*' * c.significant} {c.bounds}".strip() for c in cells)]
+            for name, cells in self.table.rows
+        ]
+        return [
+            *in_columns([heads_of_table, *rows]),
+            "",
+            *textwrap.wrap(self.table.caption.replace(f"{BOLD} ", ""), WIDTH),
+        ]
+
+    def _test_lines(self) -> list[str]:
+        if not self.tested:
+            return []
+        rows = [["first - second", "metric", "mean difference", "95 %", "p (Holm)", "first wins"]]
+        for metric, found in self.tested.items():
+            about = METRICS[metric]
+            for c in found:
+                mean, low, high = (about.scale * v for v in (c.difference.mean, c.difference.low, c.difference.high))
+                bounds = "n/a" if c.difference.why else f"[{low:.4g}, {high:.4g}]"
+                names = f"{c.first} - {c.second}"
+                p = f"{c.p:.3g}{'*' * c.significant}"
+                rows.append([names, about.name, f"{mean:.4g} {about.unit}", bounds, p, f"{100 * c.wins:.0f} %"])
+        return [*in_columns(rows), ""]
+
+    def _run_lines(self) -> list[str]:
+        rows = [["tracker", "run", "coverage %", "ATE cm", "ATE deg", "RPE cm", "RPE deg", ""]]
+        for run in self.many.runs:
+            values = [f"{METRICS[metric].scale * run.value(metric):.4g}".replace("nan", "") for metric in METRICS]
+            note = "straight line" if run.undetermined else ""
+            rows.append([run.run.group, run.run.name, f"{100 * run.coverage:.1f}", *values, note])
+        notes = dict.fromkeys(run.undetermined for run in self.many.runs if run.undetermined)
+        return [*in_columns(rows), *(line for note in notes for line in ["", *textwrap.wrap(note, WIDTH)])]
+
+
+def in_columns(rows: ListOf[ListOf[str]]) -> list[str]:
+    """Rows of cells as lines, each column as wide as it must be; the first to the left, numbers to the right."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [cell.ljust(w) if k < 2 else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def _row(run: EvaluatedRun) -> list[Any]:
+    position, rotation = run.ate["translation_m"], run.ate["rotation_deg"]
+    rpe = [METRICS[metric].scale * run.value(metric) for metric in ("rpe_position", "rpe_rotation")]
+    return [
+        run.run.group, run.run.name, str(run.run.path), run.record["pairs"], 100 * run.coverage, 100 * position.rmse,
+        100 * position.median, 100 * position.max, rotation.rmse, *rpe, extra(run, "nees"), extra(run, "nees_aligned"),
+        run.undetermined or run.record["align"],
+    ]  # fmt: skip
+
+
+def _spread(many: ManyRuns, metric: str, name: str) -> Mapping[str, Any] | None:
+    found = Spread.of(many.values(metric)[name])
+    return found.to_json() if found else None
+
+
+def _interval(c: Comparison) -> dict[str, Any]:
+    """Interval of a paired difference as JSON, NaN as null."""
+    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in vars(c.difference).items()}

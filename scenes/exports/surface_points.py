@@ -1,0 +1,115 @@
+"""Points on the model's surface, and where each frame sees them: exact projections, no features."""
+
+from collections.abc import Sequence as ListOf
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.exports.shown_images import ROUND_TRIP_PX, Shown
+from uavbench.scenes.hidden_lines import unhidden
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.random_streams import stream
+
+POINTS = 5000
+"""Drawn on the whole surface: a frame of a box shows some 1,700 of them, about as many as COLMAP finds features."""
+NEAR_M = 0.01
+"""What is nearer to the camera than this has no place in the image."""
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class OnSurface:
+    """Points (n, 3) on a structure in the world, m, and the outward normals (n, 3) of their faces."""
+
+    points_m: Array
+    normals: Array
+
+    @classmethod
+    def drawn(cls, structure: Structure, count: int = POINTS) -> "OnSurface":
+        """Points spread evenly over the area of a structure; the same for the same structure."""
+        rng = stream(0, "exports", "surface points")
+        corners = structure.vertices[structure.triangles]
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        areas = np.linalg.norm(np.cross(a, b), axis=1)
+        rows = rng.choice(len(areas), size=count, p=areas / areas.sum())
+        along = rng.random((count, 2))
+        along = np.where(along.sum(axis=1, keepdims=True) > 1, 1 - along, along)  # the other half of a parallelogram
+        points = corners[rows, 0] + along[:, :1] * a[rows] + along[:, 1:] * b[rows]
+        return cls(points, structure.face_normals[structure.triangle_face[rows]])
+
+    def seen(self, shown: Shown, frame: int) -> "Seen":
+        """The points that a frame shows: before the camera, in the image, and hidden by nothing that is known.
+
+        The structure itself hides; all else (trees, people) where the sequence has masks.
+        """
+        pose, camera = shown.sequence.true_cam_from_world(frame), shown.camera
+        eye = pose.inverse().translation
+        in_camera = pose.transform(self.points_m)
+        towards = np.einsum("ij,ij->i", self.normals, eye - self.points_m) > 0
+        rows = np.flatnonzero(towards & (in_camera[:, 2] > NEAR_M))
+        if not len(rows):
+            return Seen(rows, np.zeros((0, 2)))
+        pixels = camera.project(in_camera[rows])
+        inside = ((pixels > -0.5) & (pixels < [camera.width - 0.5, camera.height - 0.5])).all(axis=1)
+        rows, pixels = rows[inside], pixels[inside]
+        straight = camera.without_distortion.project(in_camera[rows])
+        with np.errstate(invalid="ignore"):
+            unfolded = np.abs(camera.undistort(pixels) - straight).max(axis=1, initial=0.0) < ROUND_TRIP_PX
+        clear = unfolded & unhidden(shown.sequence.structure, eye, self.points_m[rows])
+        if (mask := shown.mask(frame)) is not None:
+            column, row = np.rint(pixels).astype(int).T
+            clear &= mask[row, column]
+        return Seen(rows[clear], pixels[clear])
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Rows (k,) of the points that a frame shows, and their pixels (k, 2), pixel centres at whole numbers."""
+
+    rows: Rows
+    pixels: Array
+
+
+@dataclass(eq=False)
+class PointCloud:
+    """The points that frames have shown so far, each in the colour of the first frame that did."""
+
+    surface: OnSurface
+    by_frame: list[Seen] = field(default_factory=list)
+    colours: NDArray[np.uint8] = field(init=False)
+    known: NDArray[np.bool_] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.colours = np.zeros((len(self.surface.points_m), 3), dtype=np.uint8)
+        self.known = np.zeros(len(self.surface.points_m), dtype=bool)
+
+    def look(self, shown: Shown, frame: int) -> None:
+        """Take in what a frame shows; frames in their order."""
+        seen = self.surface.seen(shown, frame)
+        self.by_frame.append(seen)
+        new = ~self.known[seen.rows]
+        if new.any():
+            column, row = np.rint(seen.pixels[new]).astype(int).T
+            self.colours[seen.rows[new]] = shown.image(frame)[row, column, ::-1]
+            self.known[seen.rows] = True
+
+    @property
+    def rows(self) -> Rows:
+        """Rows (m,) of the points that some frame shows: the others are left out of an export."""
+        return np.flatnonzero(self.known)
+
+    def limits(self, shown: Shown) -> ListOf[str]:
+        """What a reader must know of the points."""
+        lines = [
+            f"Points: {len(self.rows)} of {len(self.surface.points_m)} drawn on the designed model's surface, those "
+            "that a frame shows, each where it projects to; they are no features that were found in the images."
+        ]
+        if not (shown.sequence.folder / "mask").is_dir():
+            lines.append(
+                'Visibility: the sequence was rendered without annotations = ["mask"], so that a point counts as seen '
+                "behind trees, people and whatever else is not the structure; and there are no masks."
+            )
+        return lines

@@ -1,0 +1,115 @@
+"""Groups of runs, their names and pairs, and curves over time and distance with their bands."""
+
+import numpy as np
+import pytest
+
+from uavbench.reports.many_runs.curves import Band, distance_axis, time_axis
+from uavbench.reports.many_runs.groups import grouped, pairing
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.trajectory import Trajectory
+
+POSES, RUNS = 120, 7
+T = np.arange(POSES) / 10
+WAY = np.column_stack([3 * np.cos(T / 3), 2 * np.sin(T / 3), 0.1 * T])
+
+
+def trajectory(positions):
+    return Trajectory(np.rint(T * 1e9).astype(np.int64), positions, np.tile([1.0, 0, 0, 0], (POSES, 1)))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Empty files of RUNS runs of three trackers."""
+    folder = tmp_path_factory.mktemp("made")
+    for name in "abc":
+        (folder / name).mkdir()
+        for run in range(RUNS):
+            (folder / name / f"run{run}.tum").touch()
+    return folder
+
+
+# Groups and pairs
+
+
+def names_of(folder, groups, estimates=()):
+    return {(r.group, r.name) for r in grouped([folder / e for e in estimates], groups)}
+
+
+def test_runs_are_called_by_what_the_wildcards_stand_for(made):
+    found = names_of(made, [f"A={made}/a/run*.tum", f"B={made}/b/run[0-2].tum", f"C={made}/c/run?.tum"])
+    assert {name for group, name in found if group == "A"} == set(map(str, range(RUNS)))
+    assert {name for group, name in found if group == "B"} == {"0", "1", "2"}
+    # One pattern takes more than the other: what they share are the names of the files.
+    found = names_of(made, [f"A={made}/a/run*.tum", f"B={made}/b/*.tum"])
+    assert {name for _, name in found} == {f"run{k}" for k in range(RUNS)}
+    assert names_of(made, [f"A={made}/a/run0.tum", f"A={made}/a/run1.tum"]) == {("A", "run0"), ("A", "run1")}
+    assert len(names_of(made, [f"A={made}/**/run*.tum"])) == 3 * RUNS
+    assert names_of(made, [f"A={made}/a/../a/run1.tum"], ["a/run1.tum"]) == {("A", "run1")}
+
+
+def test_runs_pair_by_name_then_by_order_and_else_not_at_all():
+    assert pairing({"A": ["1", "2", "3"], "B": ["3", "1", "2"]}).rows == {"A": [0, 1, 2], "B": [1, 2, 0]}
+    some = pairing({"A": ["1", "2", "3"], "B": ["2", "3"]})
+    assert (some.rows, some.how) == ({"A": [1, 2], "B": [0, 1]}, "the 2 runs that all trackers have, paired by name")
+    assert "in the order given" in pairing({"A": ["x", "y"], "B": ["u", "v"]}).how
+    none = pairing({"A": ["x", "y"], "B": ["u"]})
+    assert none.n == 0 and "no paired test" in none.how
+
+
+# Curves
+
+
+def test_errors_are_binned_by_time_and_by_distance():
+    truth = trajectory(WAY)
+    errors = np.random.default_rng(0).random(POSES)
+    axis = time_axis(truth)
+    for k, value in enumerate(axis.binned(truth.stamps_ns, errors)):
+        last = k == len(axis.edges) - 2
+        inside = (axis.edges[k] <= T + 1e-9) & ((axis.edges[k + 1] > T + 1e-9) | last)
+        assert value == pytest.approx(np.sqrt(np.mean(errors[inside] ** 2)))
+    along = distance_axis(truth)
+    assert along.edges[-1] == pytest.approx(truth.length_m)
+    half = np.arange(POSES) < POSES // 2
+    found = along.binned(truth.stamps_ns[half], np.full(half.sum(), 0.3))
+    assert np.nanmax(np.abs(found - 0.3)) < 1e-12 and np.isnan(found[len(found) // 2 + 2 :]).all()
+    still = trajectory(np.zeros((POSES, 3)))
+    assert np.isfinite(distance_axis(still).binned(still.stamps_ns, errors)[0])
+
+
+def test_a_band_holds_nine_tenths_of_the_runs_that_have_a_pose():
+    curves = [np.array([float(k), np.nan, 5.0 if k else np.nan]) for k in range(21)]
+    band = Band.of(curves)
+    assert (band.low[0], band.middle[0], band.high[0]) == (1.0, 10.0, 19.0)
+    assert np.isnan([band.low[1], band.middle[1], band.high[1]]).all()
+    assert band.low[2] == band.high[2] == 5.0
+
+
+@pytest.mark.parametrize(
+    ("estimates", "groups", "told"),
+    [
+        ([], [], "name at least one estimate"),
+        ([], ["A=HERE/nothing"], "matches no file"),
+        ([], ["A=HERE/nothing*"], "matches no file"),
+        ([], ["HERE/a/run0.tum"], "write NAME=PATTERN"),
+        ([], ["=HERE/a/run0.tum"], "write NAME=PATTERN"),
+        ([], ["A="], "write NAME=PATTERN"),
+        (["a/run0.tum", "a/run0.tum"], [], "is given twice"),
+        (["b/run0.tum"], ["A=HERE/a/*"], r"b/run0\.tum: in no group"),
+        ([f"b/run{k}.tum" for k in range(3)], ["A=HERE/a/*"], r"b/run2\.tum: in no group"),
+        ([f"b/run{k}.tum" for k in range(5)], ["A=HERE/a/*"], r"b/run2\.tum \(and 2 more\): in no group"),
+        ([], ["A=HERE/a/*", "B=HERE/*/run0.tum"], "is in the groups A and B"),
+    ],
+)
+def test_groups_that_are_wrong_are_named(made, estimates, groups, told):
+    with pytest.raises(UserError, match=told):
+        grouped([made / name for name in estimates], [spec.replace("HERE", str(made)) for spec in groups])
+
+
+def test_estimates_without_a_group_are_runs_of_one(made, tmp_path):
+    assert {(r.group, r.name) for r in grouped([made / "a" / "run0.tum"], [])} == {("estimate", "run0")}
+    (tmp_path / "x" / "y").mkdir(parents=True)
+    (tmp_path / "x" / "y" / "deep.tum").touch()
+    assert len(names_of(tmp_path, [f"A={tmp_path}/**/*.tum"])) == 1
+    # Two files of one name in a group: their paths tell them apart.
+    pair = [made / "a" / "run0.tum", made / "b" / "run0.tum"]
+    assert [r.name for r in grouped(pair, [])] == [str(path) for path in pair]
