@@ -1,4 +1,9 @@
-"""The order of the tests."""
+"""The order of the tests, and Hypothesis without a limit of wall-clock time."""
+
+from hypothesis import settings
+
+settings.register_profile("any machine", deadline=None)
+settings.load_profile("any machine")
 
 
 def pytest_configure(config):
