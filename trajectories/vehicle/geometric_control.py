@@ -147,7 +147,7 @@ def attitude_error(R: Matrix, R_d: Matrix) -> Vector:
 def allocate(plant: Plant, thrust: float, torque: Vector, command: Array) -> None:
     """Fill `command` (4,) with thrusts that make a collective thrust and a torque, each within its limits.
 
-    Where they do not fit, the collective gives way before roll and pitch do: losing height is mended, toppling is not.
+    Where they do not fit, the collective thrust is reduced before the torques: lost height can be regained.
     """
     lowest, highest = inf, -inf
     for i in range(4):
