@@ -10,6 +10,7 @@ The figures that compare trackers are always drawn, and of a few sequences a pag
 errors and the paths; the rest is drawn when it is asked for (`figures="all"`).
 
 scores.json                  all scores; byte for byte the same on every run of the same suite
+scores.csv                   the same as a tidy table, a row for each run
 latency.json                 the times of the same runs
 report.json                  the hash of what made this report
 """
@@ -155,7 +156,10 @@ def looked_at(groups: Mapping[str, list[ScoredRun]]) -> dict[str, list[ScoredRun
 
 
 def write_scores(folder: Path, inputs: ReportInputs, scores: ListOf[Score]) -> None:
-    """Write `scores.json`, the same on every run, and `latency.json`, the times, which are not."""
+    """Write `scores.json` and its numbers as `scores.csv`, the same on every run, and `latency.json`, which is not.
+
+    The JSON is that of each `Score`: records and reasons why an error is undefined have no place in a tidy table.
+    """
     timed = ("latency", "deadline_misses", "replay")
     rows = [score.to_json() for score in scores]
     accuracy = [{key: row[key] for key in row if key not in timed} for row in rows]
@@ -164,6 +168,7 @@ def write_scores(folder: Path, inputs: ReportInputs, scores: ListOf[Score]) -> N
     for name, entries in (("scores", accuracy), ("latency", times)):
         text = json.dumps({**head, name: entries}, indent=1, allow_nan=False)
         write_text(folder / f"{name}.json", text + "\n")
+    write_text(folder / "scores.csv", score_frame(accuracy).to_csv(index=False, lineterminator="\n"))
 
 
 @contextmanager

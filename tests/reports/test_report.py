@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -19,6 +20,7 @@ from uavbench.reports.progress import Steps
 from uavbench.reports.report import ReportEntry, ReportInputs, beside, write_report
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.scoring.score import score
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import COLOURS, PNG_DPI, new_figure
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -125,6 +127,10 @@ def test_all_scores_stand_in_one_file(report: Path) -> None:
     scores = json.loads((report / "scores.json").read_text())["scores"]
     assert len(scores) == 4
     assert all(s["record"]["sequence"]["content_hash"] for s in scores)
+    table, frame = pd.read_csv(report / "scores.csv"), score_frame(scores)
+    assert list(table) == list(frame)
+    numbers = list(frame.select_dtypes("number"))
+    pd.testing.assert_frame_equal(table[numbers], frame[numbers], check_dtype=False, rtol=1e-12)
     assert json.loads((report / "report.json").read_text())["content_hash"] == "abc"
 
 
