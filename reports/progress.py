@@ -8,7 +8,7 @@ OnStep = Callable[[int, int], None]
 
 
 class Steps:
-    """Progress in frames of an overlay, or what takes as long; told by several threads."""
+    """Progress in frames of an overlay, or what takes as long; counted from several threads."""
 
     def __init__(self, on_step: OnStep | None, total: int) -> None:
         self._on_step = on_step

@@ -10,6 +10,7 @@ The figures that compare trackers are always drawn, and of a few sequences a pag
 errors and the paths; the rest is drawn when it is asked for (`figures="all"`).
 
 scores.json                  all scores; byte for byte the same on every run of the same suite
+scores.csv                   the same as a tidy table, a row for each run
 latency.json                 the times of the same runs
 report.json                  the hash of what made this report
 """
@@ -20,7 +21,7 @@ from collections.abc import Sequence as ListOf
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import copy_context
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -68,32 +69,42 @@ class ReportEntry:
     why: str = ""
 
 
+@dataclass(frozen=True)
+class ReportInputs:
+    """What a report is of.
+
+    entries: its scored runs; restarts: results folders of runs that were given true poses on the way; unrendered:
+    sequences that could not be made, and why; absent: trackers that are not on this machine, and why.
+    """
+
+    title: str
+    entries: ListOf[ReportEntry]
+    restarts: ListOf[Path] = ()
+    unrendered: Mapping[str, str] = field(default_factory=dict)
+    absent: Mapping[str, str] = field(default_factory=dict)
+
+
 @in_parts("report.json")
 def write_report(
     folder: Path,
-    title: str,
-    entries: ListOf[ReportEntry],
-    unrendered: Mapping[str, str] | None = None,
+    inputs: ReportInputs,
     *,
-    restarts: ListOf[Path] = (),
-    absent: Mapping[str, str] | None = None,
     figures: Figures = "page",
     content_hash: str = "",
     on_step: OnStep | None = None,
 ) -> Path:
-    """Write the report of all entries into `folder`; the path of its index.html.
+    """Write a report into `folder`, with the figures of the page or all of them; the path of its index.html.
 
-    unrendered: sequences that could not be made, and why; restarts: results of runs that were given true poses on the
-    way; absent: trackers that are not on this machine, and why; figures: which are drawn. UserError when there is no
-    entry, or files of one are missing or do not belong together.
+    UserError when there is no entry, or files of one are missing or do not belong together.
     """
-    if not entries:
+    if not inputs.entries:
         raise UserError("a report needs at least one scored run")
-    runs = open_runs([(e.sequence, e.results, e.score, e.why) for e in entries])
+    title = inputs.title
+    runs = open_runs([(e.sequence, e.results, e.score, e.why) for e in inputs.entries])
     groups = {
         name: [r for r in runs if r.sequence.name == name] for name in dict.fromkeys(r.sequence.name for r in runs)
     }
-    restarted = open_restarts(restarts, [run.sequence for run in runs])
+    restarted = open_restarts(inputs.restarts, [run.sequence for run in runs])
     overall = [*compare(runs), *compare_restarts(runs, restarted), *compare_along(runs)]
     shown = groups if figures == "all" else looked_at(groups)
     first = next(iter(shown))
@@ -112,10 +123,10 @@ def write_report(
         drawn = {name: easel.draw(few) for name, few in of_sequence.items()}
     pages = [write_sequence(folder, title, group, drawn[name]) for name, group in shown.items()]
     on_index += drawn[first]
-    tables = write_all_tables(folder, runs, restarted, tuple(absent or {}))
-    write_scores(folder, title, [run.score for run in runs], unrendered or {}, absent or {})
+    tables = write_all_tables(folder, runs, restarted, tuple(inputs.absent))
+    write_scores(folder, inputs, [run.score for run in runs])
     undrawn = Undrawn(easel.left_out, tuple(name for name in groups if name not in shown))
-    about = ReportNotes(title, unrendered or {}, absent or {}, undrawn)
+    about = ReportNotes(title, inputs.unrendered, inputs.absent, undrawn)
     index = write_index(folder, about, runs, tables, on_index, pages)
     steps.finish()
     write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
@@ -144,18 +155,20 @@ def looked_at(groups: Mapping[str, list[ScoredRun]]) -> dict[str, list[ScoredRun
     return {name: groups[name] for name in (first, *worst[: PAGES - 1])}
 
 
-def write_scores(
-    folder: Path, title: str, scores: ListOf[Score], unrendered: Mapping[str, str], absent: Mapping[str, str]
-) -> None:
-    """Write `scores.json`, the same on every run, and `latency.json`, the times, which are not."""
+def write_scores(folder: Path, inputs: ReportInputs, scores: ListOf[Score]) -> None:
+    """Write `scores.json` and its numbers as `scores.csv`, the same on every run, and `latency.json`, which is not.
+
+    The JSON is that of each `Score`: records and reasons why an error is undefined have no place in a tidy table.
+    """
     timed = ("latency", "deadline_misses", "replay")
     rows = [score.to_json() for score in scores]
     accuracy = [{key: row[key] for key in row if key not in timed} for row in rows]
     times = [{key: row[key] for key in ("label", "rate_hz", "seed", "sequence", *timed)} for row in rows]
-    head = {"title": title, "unrendered": dict(unrendered), "absent": dict(absent)}
+    head = {"title": inputs.title, "unrendered": dict(inputs.unrendered), "absent": dict(inputs.absent)}
     for name, entries in (("scores", accuracy), ("latency", times)):
         text = json.dumps({**head, name: entries}, indent=1, allow_nan=False)
         write_text(folder / f"{name}.json", text + "\n")
+    write_text(folder / "scores.csv", score_frame(accuracy).to_csv(index=False, lineterminator="\n"))
 
 
 @contextmanager

@@ -22,6 +22,10 @@ def load_scores(folder: str | Path) -> "DataFrame":
     tracker, rate_hz, seed, status, then every number of the scores under the path of its key, its unit last:
     `tracking_success`, `ate_none_translation_rmse_m`, `rpe_1s_rotation_median_deg`, `latency_total_p95_ms`. NaN where
     a run has none. Last `error`, the first that was met. UserError when the folder holds no scores.
+
+    >>> scores = load_scores(folder)
+    >>> scores.groupby("tracker").tracking_success.mean().to_dict()
+    {'far': 0.0, 'near': 1.0}
     """
     from uavbench.reports.scoring.score_frame import FIRST, score_frame
 
@@ -35,6 +39,10 @@ def load_runs(folder: str | Path) -> "list[ScoredRun]":
 
     Each has `.name` (`lsd@15hz`), `.sequence`, `.results`, `.score`, and `.frames()`: a DataFrame of its errors.
     UserError when the folder holds no scores, or scores of other results.
+
+    >>> run = load_runs(folder)[0]
+    >>> run.name, list(run.frames())[:3]
+    ('far@15hz', ['frame', 'stamp_ns', 'time_s'])
     """
     from uavbench.reports.scoring.runs import open_runs
 

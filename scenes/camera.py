@@ -28,6 +28,11 @@ class Camera:
     distortion_model: `none`; `radtan` with k1 k2 p1 p2 [k3] (Brown-Conrady, OpenCV order);
     `equidistant` with k1 k2 k3 k4 (Kannala & Brandt 2006, OpenCV's fisheye).
     Raises ValueError naming the field that is out of range.
+
+    >>> import numpy as np
+    >>> camera = Camera.from_field_of_view(640, 480, horizontal_deg=90.0)
+    >>> camera.project(np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 2.0]])).tolist()
+    [[319.5, 239.5], [479.5, 239.5]]
     """
 
     width: int

@@ -26,6 +26,12 @@ class Structure:
     face that each triangle belongs to; face_normals (f, 3) outward unit normals; edges (e, 2) vertices of each
     straight crease or border edge, cut only where it ends; edge_faces (e, 2) the planar faces on its two sides,
     -1 where there is none. Arrays are read-only.
+
+    >>> import numpy as np
+    >>> corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    >>> square = Structure.from_mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> len(square.edges), len(square.face_normals)
+    (4, 1)
     """
 
     vertices: Array

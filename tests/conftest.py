@@ -1,8 +1,12 @@
-"""The order of the tests, and a core for each of the processes that run them."""
+"""The order of the tests, a core for each of the processes that run them, and Hypothesis without wall-clock limits."""
 
 import os
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("any machine", deadline=None)
+settings.load_profile("any machine")
 
 
 def pytest_configure(config):

@@ -39,13 +39,3 @@ def falling(values: Array) -> Indices:
         rows[k] = k
     sort_falling(rows, values)
     return rows
-
-
-@compiled("f1! i0 f0", inner=True)
-def insert(rising: Array, count: int, value: float) -> None:
-    """Insert a value into the first `count` of rising values (n,), in place, so that they go on rising."""
-    k = count
-    while k > 0 and rising[k - 1] > value:
-        rising[k] = rising[k - 1]
-        k -= 1
-    rising[k] = value

@@ -1,6 +1,6 @@
 """Signals that come at a moment from which nothing can be raised are raised again a moment later.
 
-A handler that raises inside a callback of C (ctypes, a finalizer) is heard by nobody: Python prints the exception and
+A handler that raises inside a callback of C (ctypes, a finalizer) is not heard: Python prints the exception and
 goes on.
 """
 

@@ -99,6 +99,13 @@ class Pose:
 
     rotation (3, 3), translation (3,) in metres; both read-only. Products read by cancellation:
     `cam_from_body @ body_from_world` is `cam_from_world`.
+
+    >>> import numpy as np
+    >>> world_from_body = Pose(np.eye(3), [1.0, 2.0, 3.0])
+    >>> cam_from_body = Pose.from_quaternion([1, 0, 0, 0], [0.0, 0.0, -0.1])
+    >>> cam_from_world = cam_from_body @ world_from_body.inverse()
+    >>> cam_from_world.transform(np.array([[1.0, 2.0, 5.0]])).round(6).tolist()
+    [[0.0, 0.0, 1.9]]
     """
 
     rotation: Array

@@ -16,6 +16,14 @@ class Trajectory:
 
     stamps_ns (n,) int64, strictly increasing; positions_m (n, 3); quaternions_wxyz (n, 4), unit.
     Raises ValueError naming the row (0-based) of the first bad stamp, position or quaternion.
+
+    >>> import numpy as np
+    >>> upright = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
+    >>> flown = Trajectory(np.array([0, 10, 20]), np.array([[0, 0, 1], [3, 4, 1], [6, 8, 1]]), upright)
+    >>> flown.length_m
+    10.0
+    >>> flown.pose(2).translation.tolist()
+    [6.0, 8.0, 1.0]
     """
 
     stamps_ns: NDArray[np.int64]

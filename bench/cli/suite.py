@@ -1,6 +1,7 @@
 """The commands over a suite: run, render, track, score, report."""
 
 import sys
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,20 @@ def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option
     return bring_up_to(verb, suite, out, ExecutionOptions(workers=jobs, slurm_options=slurm_option, **where))
 
 
+@dataclass(frozen=True)
+class RealImages:
+    """Options of `track` for real images: one source of them, the structure, the camera and the initial pose."""
+
+    images: Path | None
+    video: Path | None
+    bag: Path | None
+    image_topic: str | None
+    model: Path | None
+    camera: Path | None
+    init: Path | None
+    rate_hz: float
+
+
 @click.command("track")
 @click.argument("what")
 @suite_options
@@ -73,33 +88,29 @@ def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option
 @click.option("--camera", type=FILE, help="camera.toml (with real images).")
 @click.option("--init", type=FILE, help="init.toml: initial pose, or points to solve it from.")
 @click.option("--rate-hz", type=click.FloatRange(0, min_open=True), default=30.0, help="Rate of --images; default 30.")
-def track_command(
-    what: str,
-    images: Path | None,
-    video: Path | None,
-    bag: Path | None,
-    image_topic: str | None,
-    model: Path | None,
-    camera: Path | None,
-    init: Path | None,
-    rate_hz: float,
-    **options: Any,
-) -> None:
+def track_command(what: str, **options: Any) -> None:
     """Run the trackers of the suite WHAT, rendering what is missing; or the tracker WHAT on real images."""
-    source = images or video or bag
-    if source is None:
+    real = RealImages(**{f.name: options.pop(f.name) for f in fields(RealImages)})
+    if real.images or real.video or real.bag:
+        track_real_images(what, real, options["out"])
+    else:
         sys.exit(bring_up_to("track", what, **options))
-    if sum(each is not None for each in (images, video, bag)) > 1:
-        raise UserError("give one of --images, --video and --bag")
-    if (bag is None) != (image_topic is None):
-        raise UserError("--bag FILE and --image-topic TOPIC go together")
-    if model is None or camera is None or init is None or options["out"] is None:
-        raise UserError("tracking real images needs --model, --camera, --init and --out")
+
+
+def track_real_images(kind: str, real: RealImages, out: Path | None) -> None:
+    """Run a tracker on real images; UserError where options are missing or exclude each other."""
     from uavbench.bench.runner.commands import track_real
     from uavbench.trajectories.bags.reading import BagTopic
 
-    images_of = BagTopic(bag, image_topic) if bag and image_topic else source
-    track_real(what, images_of, model, camera, init, options["out"], rate_hz)
+    given = [source for source in (real.images, real.video, real.bag) if source is not None]
+    if len(given) > 1:
+        raise UserError("give one of --images, --video and --bag")
+    if (real.bag is None) != (real.image_topic is None):
+        raise UserError("--bag FILE and --image-topic TOPIC go together")
+    if real.model is None or real.camera is None or real.init is None or out is None:
+        raise UserError("tracking real images needs --model, --camera, --init and --out")
+    source = BagTopic(real.bag, real.image_topic) if real.bag and real.image_topic else given[0]
+    track_real(kind, source, real.model, real.camera, real.init, out, real.rate_hz)
 
 
 @click.command("tables")

@@ -13,9 +13,10 @@ import json
 import math
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -202,6 +203,20 @@ def table(rows: Mapping[str, Mapping[str, float]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@dataclass(frozen=True)
+class Trial:
+    """How often the gate is tried, and on what.
+
+    reruns of each tracker on each sequence, with new_noise grey levels of camera noise of their own; comparisons for
+    each change, by a gate of this margin.
+    """
+
+    reruns: int
+    new_noise: float
+    comparisons: int
+    margin: float
+
+
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True))
 @click.option("--suite", default="gate", show_default=True)
@@ -209,38 +224,28 @@ def table(rows: Mapping[str, Mapping[str, float]]) -> str:
     "--reruns", type=click.IntRange(2), default=6, show_default=True, help="Runs of each tracker on each sequence."
 )
 @click.option("--worse", multiple=True, metavar="LABEL.PARAMETER=VALUE", help="A setting that should be told apart.")
-@click.option("--new-noise", "sigma", default=0.0, show_default=True, help="Camera noise added anew, in grey levels.")
+@click.option("--new-noise", default=0.0, show_default=True, help="Camera noise added anew, in grey levels.")
 @click.option("--comparisons", default=1000, show_default=True, help="For each change.")
 @click.option("--margin", default=0.01, show_default=True)
 @click.option("--jobs", default=2, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), required=True)
-def main(
-    folder: Path,
-    suite: str,
-    reruns: int,
-    worse: tuple[str, ...],
-    sigma: float,
-    comparisons: int,
-    margin: float,
-    jobs: int,
-    out: Path,
-) -> None:
+def main(folder: Path, suite: str, worse: tuple[str, ...], jobs: int, out: Path, **numbers: Any) -> None:
     """Run the trackers as often as needed, then say how often the gate calls what."""
+    trial = Trial(**numbers)
     try:
         loaded = load_suite(suite_file(suite))
-        every = variants(loaded, reruns, worse)
+        every = variants(loaded, trial.reruns, worse)
     except UserError as error:
         raise click.ClickException(str(error)) from None
-    run_all(loaded, folder, every, sigma, jobs, out)
+    run_all(loaded, folder, every, trial.new_noise, jobs, out)
     scores = read_all(loaded, every, out)
     labels = list(loaded.trackers)
     rows = {}
     for changed in ["", *(name for name in scores if name not in labels)]:
-        rows[changed] = measured(scores, labels, changed, comparisons, Margins(error=margin))
+        rows[changed] = measured(scores, labels, changed, trial.comparisons, Margins(error=trial.margin))
         click.echo(table({changed: rows[changed]}).splitlines()[-1])
     write_text(out / "validation.md", table(rows), sealed=True)
-    about = {"reruns": reruns, "new_noise": sigma, "comparisons": comparisons, "margin": margin, "measured": rows}
-    write_text(out / "validation.json", json.dumps(about, indent=1) + "\n", sealed=True)
+    write_text(out / "validation.json", json.dumps({**asdict(trial), "measured": rows}, indent=1) + "\n", sealed=True)
 
 
 if __name__ == "__main__":

@@ -31,10 +31,13 @@ def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None,
     Iterate over the result, and over each `Sequence` for its frames: see `open_sequence`. UserError telling all
     mistakes of the suite, or why sequences could not be rendered.
 
-    >>> import uavbench as ub  # doctest: +SKIP
-    >>> for sequence in ub.render("tiny", out="out/tiny"):  # doctest: +SKIP
-    ...     for frame in sequence:
-    ...         frame.image, frame.stamp_ns, frame.cam_from_world
+    >>> import uavbench as ub
+    >>> box = {"structure": {"kind": "box"}, "environment": {"kind": "studio"}, "rate_hz": 10.0}
+    >>> box["flight"] = {"path": {"kind": "hover", "duration_s": 0.2}}
+    >>> box["camera"] = {"width": 64, "height": 48, "horizontal_fov_deg": 65.0}
+    >>> for sequence in ub.render({"sequences": {"box": box}}, out=folder / "rendered"):
+    ...     [frame.image.shape for frame in sequence][:2]
+    [(48, 64, 3), (48, 64, 3)]
     """
     checked = _suite(suite)
     folder = resolved(Path(out) if out is not None else Path("out") / checked.name)

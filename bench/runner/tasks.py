@@ -140,7 +140,7 @@ class Report:
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write index.html, figures, tables and scores.json."""
         from uavbench.reports.recorded_report import write_recorded_report
-        from uavbench.reports.report import ReportEntry, write_report
+        from uavbench.reports.report import ReportEntry, ReportInputs, write_report
 
         if self.recorded:
             more: dict[str, Any] = {"content_hash": content_hash, "on_step": on_step}
@@ -149,10 +149,8 @@ class Report:
         entries = [
             ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
         ]
-        given: dict[str, Any] = {
-            "restarts": self.restarts, "figures": self.figures, "content_hash": content_hash, "on_step": on_step,
-        }  # fmt: skip
-        write_report(self.folder, self.title, entries, dict(self.unrendered), absent=dict(self.absent), **given)
+        inputs = ReportInputs(self.title, entries, self.restarts, dict(self.unrendered), dict(self.absent))
+        write_report(self.folder, inputs, figures=self.figures, content_hash=content_hash, on_step=on_step)
 
     def without(self, failed: Mapping[str, str]) -> "Report | None":
         """The report that shows what failed as failed; None where no sequence is left."""

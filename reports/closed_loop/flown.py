@@ -5,7 +5,7 @@
     plan.csv         where the same flight on its true state is asked to be, at 10 Hz
     frames.csv ...   what the tracker said, as for a sequence (`uavbench.tracker.results`), and the truth beside it
     answers.csv      when each frame's answer reached the filter
-    innovations.csv  what became of each measurement in the filter
+    innovations.csv  each measurement's innovation, and whether the filter used it
     model.obj edges.csv camera.toml    the structure and the camera
 
 All but times.csv is the same, byte for byte, on every run with a latency that is not measured.

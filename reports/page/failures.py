@@ -8,12 +8,12 @@ from uavbench.reports.scoring.coverage import failures
 from uavbench.reports.scoring.runs import ScoredRun
 
 BASELINES = ("hold",)
-"""Kinds of tracker that are there to be beaten: they fail by design."""
+"""Kinds of tracker that are baselines: they fail by design."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """One run that failed: its sequence, what became of it, a link to where it first did, what it said."""
+    """One run that failed: its sequence, its status, a link to its first failed frame, its error message."""
 
     sequence: str
     status: str
@@ -86,7 +86,7 @@ def failure_of(run: ScoredRun, runs: ListOf[ScoredRun], pages: Mapping[str, str]
 
 
 def status(run: ScoredRun) -> str:
-    """A word for what became of a run: `off target` where it has all poses, and not all are good."""
+    """Status of a run for people: `off target` where every frame has a pose and some miss 5 cm or 5 deg."""
     if run.score.status == "complete" and run.score.tracking.success < 1:
         return "off target"
     return run.score.status
@@ -99,7 +99,7 @@ def worst_first(runs: Iterable[ScoredRun]) -> list[ScoredRun]:
 
 
 def is_baseline(run: ScoredRun) -> bool:
-    """Whether a run is of a tracker that is there to be beaten."""
+    """Whether a run is of a baseline."""
     return run.results.record.get("tracker", {}).get("kind") in BASELINES
 
 

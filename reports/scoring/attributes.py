@@ -1,7 +1,7 @@
 """Why trackers fail: success by attributes of the frames that the renderer knows.
 
 Conventions: an attribute has one value per frame, NaN where it is unknown. A breakdown cuts the frames into parts of
-equal size by the attribute and tells what became of each part.
+equal size by the attribute and gives success and error of each part.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How well a tracker stays on: coverage, success, failures and recovery.
+"""Coverage, success, failures and recovery of a tracker.
 
 Conventions: a frame succeeds within 5 cm and 5 deg; a failure begins at a frame that does not succeed
 after one that did (or at the first frame), and ends at the next that does.

@@ -1,4 +1,4 @@
-"""How good a tracker could be: the Cramer-Rao bound of the position of the body in each frame.
+"""Cramer-Rao bound on the position of the body in each frame, and the errors over it.
 
 Conventions: for unbiased estimates from one frame, E |p - q|^2 is at least the squared bound (Kay 1993, section 3.7).
 It is that of the rendered image and its noise where the sequence has it (`crlb`). Otherwise it is one of edges

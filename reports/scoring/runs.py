@@ -46,7 +46,7 @@ class ScoredRun:
 
     @cached_property
     def errors(self) -> FrameErrors:
-        """What became of every frame."""
+        """Pose error or loss of every expected frame."""
         return frame_errors(self.sequence, self.results)
 
     def frames(self) -> "DataFrame":

@@ -258,10 +258,14 @@ class Frame:
 def open_sequence(folder: str | Path) -> Sequence:
     """A sequence folder, for its images and ground truth: iterate over it, or take `sequence[frame]`.
 
-    A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.ground truth`, the true
+    A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.ground_truth`, the true
     `world_from_body` of all frames; each `Frame` has `.image` (h, w, 3) BGR, `.stamp_ns`, `.cam_from_world`,
     `.world_from_body`, `.depth_m` (h, w), `.mask` (h, w), `.edges` (n, 7). UserError naming the file that is missing
     or wrong.
+
+    >>> sequence = open_sequence(folder / "sequences" / "drawn-s0")
+    >>> [frame.image.shape == (240, 320, 3) for frame in sequence][:2], len(sequence.ground_truth) == len(sequence)
+    ([True, True], True)
     """
     return Sequence.load(Path(folder))
 

@@ -29,7 +29,7 @@ class RollingShutter:
     """Rows are exposed one after the other; the middle row's exposure is centred on the frame's stamp.
 
     readout_ms is the time from the first row to the last. Each row is taken from one render in the middle of the
-    frame, moved to the row's own pose by its depth; at the border of a near thing the near thing wins.
+    frame, moved to the row's own pose by its depth; where pixels mix two depths the nearer one counts.
     """
 
     readout_ms: Annotated[float, Gt(0), Interval(le=200)] = 20.0

@@ -38,10 +38,10 @@ class Vignetting:
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """The camera steers its exposure towards a mean light of `target`, and takes time for it.
+    """Auto exposure: the camera moves its mean light towards `target` with a lag.
 
     Each frame's exposure follows from the frames before it: it approaches its target with time constant lag_s, within
-    a factor `reach` of the scene's own light either way. The first frame is exposed as wished.
+    a factor `reach` of the scene's own light either way. The first frame has its target exposure.
     """
 
     target: Annotated[float, Gt(0), Interval(lt=1)] = 0.18

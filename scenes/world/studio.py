@@ -1,4 +1,4 @@
-"""A studio: the structure in plain paint before one colour, without shadows, for how exact a tracker can be at best."""
+"""A studio: the structure in plain paint before one colour, without shadows, to measure a tracker's best accuracy."""
 
 from dataclasses import dataclass
 from typing import Annotated

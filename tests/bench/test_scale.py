@@ -85,6 +85,7 @@ def test_two_shards_share_a_folder_the_same_one_twice_does_not(tmp_path):
 
 def test_leftovers_go_on_every_level_and_what_a_user_has_there_stays(tmp_path):
     for name in (
+        "",
         "sequences",
         "results/b-s0",
         "results/b-s0/hold@15hz",
@@ -92,7 +93,7 @@ def test_leftovers_go_on_every_level_and_what_a_user_has_there_stays(tmp_path):
         "failed/b-s0",
         "made/a",
     ):
-        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name).mkdir(parents=True, exist_ok=True)
         (tmp_path / name / ".my-notes").touch()
         token = secrets.token_hex(16)
         (tmp_path / name / f".a-uavbench-{token}.owner").symlink_to(f"uavbench elsewhere 1 1 {token}")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.reports.drawn import make_sequence, track
-from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.report import ReportEntry, ReportInputs, write_report
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
 
@@ -30,5 +30,8 @@ def entries(sequence: Sequence, tmp_path_factory: pytest.TempPathFactory) -> lis
 @pytest.fixture(scope="session")
 def report(entries: list[ReportEntry], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(
-        tmp_path_factory.mktemp("report"), "A <small> & tidy report", entries, figures="all", content_hash="abc"
+        tmp_path_factory.mktemp("report"),
+        ReportInputs("A <small> & tidy report", entries),
+        figures="all",
+        content_hash="abc",
     ).parent

@@ -10,15 +10,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
 from tests.reports.drawn import track
 from uavbench.reports.figures.space import SHARES, draw_error_against_distance
 from uavbench.reports.progress import Steps
-from uavbench.reports.report import ReportEntry, beside, write_report
+from uavbench.reports.report import ReportEntry, ReportInputs, beside, write_report
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.scoring.score import score
+from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import COLOURS, PNG_DPI, new_figure
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -77,7 +79,11 @@ def test_a_second_run_gives_the_same_bytes_and_tells_its_progress(
     seen: list[tuple[int, int]] = []
     title = "A <small> & tidy report"
     again = write_report(
-        tmp_path, title, entries, figures="all", content_hash="abc", on_step=lambda *step: seen.append(step)
+        tmp_path,
+        ReportInputs(title, entries),
+        figures="all",
+        content_hash="abc",
+        on_step=lambda *step: seen.append(step),
     ).parent
     assert digests(again) == digests(report)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
@@ -87,7 +93,7 @@ def test_a_second_run_gives_the_same_bytes_and_tells_its_progress(
 def test_what_is_looked_at_is_drawn_and_the_rest_on_demand(
     report: Path, entries: list[ReportEntry], tmp_path: Path
 ) -> None:
-    few = write_report(tmp_path, "A <small> & tidy report", entries, content_hash="abc").parent
+    few = write_report(tmp_path, ReportInputs("A <small> & tidy report", entries), content_hash="abc").parent
     drawn, every = (set(digests(folder / "figures")) for folder in (few, report))
     assert {"accuracy.pdf", "success.csv", "flight_arc.png", "errors_arc_15hz.pdf"} <= drawn < every
     assert {"pose_arc_lsd@15hz.pdf", "segments_arc_lsd@15hz.csv", "errors_arc_1hz.png"} <= every - drawn
@@ -121,18 +127,24 @@ def test_all_scores_stand_in_one_file(report: Path) -> None:
     scores = json.loads((report / "scores.json").read_text())["scores"]
     assert len(scores) == 4
     assert all(s["record"]["sequence"]["content_hash"] for s in scores)
+    table, frame = pd.read_csv(report / "scores.csv"), score_frame(scores)
+    assert list(table) == list(frame)
+    numbers = list(frame.select_dtypes("number"))
+    pd.testing.assert_frame_equal(table[numbers], frame[numbers], check_dtype=False, rtol=1e-12)
     assert json.loads((report / "report.json").read_text())["content_hash"] == "abc"
 
 
 def test_no_entry_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="at least one"):
-        write_report(tmp_path, "nothing", [])
+        write_report(tmp_path, ReportInputs("nothing", []))
 
 
 def test_a_missing_score_is_named(entries: list[ReportEntry], tmp_path: Path) -> None:
     entry = entries[0]
     with pytest.raises(UserError, match=r"nowhere\.json"):
-        write_report(tmp_path, "x", [ReportEntry(entry.sequence, entry.results, tmp_path / "nowhere.json")])
+        write_report(
+            tmp_path, ReportInputs("x", [ReportEntry(entry.sequence, entry.results, tmp_path / "nowhere.json")])
+        )
 
 
 @pytest.mark.parametrize(
@@ -146,7 +158,7 @@ def test_a_score_with_another_record_is_refused(
     path = tmp_path / "score.json"
     path.write_text(json.dumps(stored))
     with pytest.raises(UserError, match=rf"score\.json: its record says {key}"):
-        write_report(tmp_path, "x", [ReportEntry(entries[0].sequence, entries[0].results, path)])
+        write_report(tmp_path, ReportInputs("x", [ReportEntry(entries[0].sequence, entries[0].results, path)]))
 
 
 def test_colours_are_distinct_in_grey_and_to_the_colour_blind() -> None:
@@ -194,7 +206,7 @@ def test_an_image_that_cannot_be_read_is_told_whoever_reads_it(entries: list[Rep
     image = sorted((folder / "frames").iterdir())[20]
     image.write_bytes(image.read_bytes()[:200])
     with pytest.raises(UserError, match=rf"{image.name}.*truncated"):
-        write_report(tmp_path / "report", "x", [replace(entries[0], sequence=folder)])
+        write_report(tmp_path / "report", ReportInputs("x", [replace(entries[0], sequence=folder)]))
     assert not list((tmp_path / "report").iterdir())
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.reports.drawn import make_sequence, results_of, true_rows
 from uavbench.reports.figures.sweeps import sweep, swept
-from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.report import ReportEntry, ReportInputs, write_report
 from uavbench.reports.scoring.attributes import blur_px, occlusion
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.scoring.score import Score, score
@@ -55,7 +55,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
             entries.append(entry_of(results, sequence, base / "results" / name / f"{label}@15hz", label))
         absent = base / "results" / name / "absent@15hz"
         entries.append(ReportEntry(sequence.folder, absent, absent / "score.json"))
-    return write_report(base / "report", "Failures of every kind", entries).parent
+    return write_report(base / "report", ReportInputs("Failures of every kind", entries)).parent
 
 
 @pytest.mark.slow
@@ -123,7 +123,9 @@ def test_a_lost_tracker_wins_no_error_column(base_score: Score) -> None:
 
 def test_a_missing_run_must_tell_what_it_was(sequence: Sequence, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="LABEL@RATEhz"):
-        write_report(tmp_path, "x", [ReportEntry(sequence.folder, tmp_path / "nothing", tmp_path / "nothing.json")])
+        write_report(
+            tmp_path, ReportInputs("x", [ReportEntry(sequence.folder, tmp_path / "nothing", tmp_path / "nothing.json")])
+        )
 
 
 def with_config(sequence: Sequence, config: dict[str, object]) -> Sequence:

@@ -222,7 +222,7 @@ def test_poses_that_come_late_give_the_same_bits_as_in_time():
     assert np.array_equal(in_time.covariance, late.covariance)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.randoms(use_true_random=False))
 def test_any_order_gives_the_same_bits(random):
     rng = np.random.default_rng(3)

@@ -27,10 +27,10 @@ def test_a_change_of_light_is_measured_for_each_colour():
     rng = np.random.default_rng(0)
     image = rng.integers(60, 160, (40, 160, 3)).astype(np.uint8)
     brighter = np.round(image * np.array([1.0, 1.2, 1.5])).astype(np.uint8)
-    assert brightness_ratio(brighter, image, CONFIG) == pytest.approx([1.0, 1.2, 1.5], abs=0.01)
-    assert brightness_ratio(brighter[..., 1], image[..., 1], CONFIG) == pytest.approx([1.2], abs=0.01)
-    assert (brightness_ratio(image, np.roll(image, 48, axis=1), CONFIG) == 1).all()
-    assert (brightness_ratio(np.zeros_like(image), image, CONFIG) == 1).all()
+    assert brightness_ratio(brighter, image) == pytest.approx([1.0, 1.2, 1.5], abs=0.01)
+    assert brightness_ratio(brighter[..., 1], image[..., 1]) == pytest.approx([1.2], abs=0.01)
+    assert brightness_ratio(image, np.roll(image, 48, axis=1)) == pytest.approx([1.0, 1.0, 1.0], abs=0.03)
+    assert (brightness_ratio(np.zeros_like(image), image) == 1).all()
 
 
 def test_an_image_of_enough_contrast_stays_as_it_is():

@@ -100,13 +100,13 @@ def test_a_frozen_image_is_lost_until_it_moves_again(flight):
     assert statuses == ["ok", "ok", "ok", "lost", "lost", "ok"]
 
 
-def test_a_patch_that_is_missed_counts_for_less_than_one_that_is_found():
+def test_a_patch_that_is_missed_lowers_the_support_and_one_not_looked_for_does_not():
     points, known = np.full(10, 0.8), np.zeros((10, 8))
     known[:, 6] = 1.0
     seen = EdgeMeasurements(
         ControlPoints(np.zeros((10, 3)), np.zeros((10, 3), np.int64), np.arange(10), np.array([0, 10])),
         SearchLines(np.zeros((10, 4)), np.zeros((10, 6)), np.zeros(10, np.int64)),
-        Candidates(np.zeros((10, 4)), np.zeros((10, 4)), np.full((10, 4), 50.0)),
+        Candidates(np.zeros((10, 4)), np.full((10, 4), 50.0)),
         np.ones(10),
         np.ones(10),
     )
@@ -114,7 +114,7 @@ def test_a_patch_that_is_missed_counts_for_less_than_one_that_is_found():
     values = kernel_values(CONFIG.edges.weights)
     shares = [support(seen, points, *patches, known, values) for patches in (found, missed, untried)]
     assert [edges for _, edges in shares] == pytest.approx([0.8] * 3)
-    assert shares[0][0] == pytest.approx((8 + 4) / (10 + 4))
+    assert shares[0][0] == pytest.approx((8 + 2) / (10 + 2))
     assert shares[1][0] == pytest.approx(8 / (10 + 2))
     assert shares[2][0] == pytest.approx(0.8)
 
@@ -244,7 +244,7 @@ def test_nothing_is_seen_between_the_sides_of_a_column():
 
 def test_patches_taken_at_a_pose_are_found_again_there(flight):
     poses, images = flight
-    texture = Texture(edge_map(box()), CAMERA, View.of(CAMERA, box()), CONFIG.patches)
+    texture = Texture(edge_map(box()), CAMERA, View.of(CAMERA, box()), CONFIG)
     view = View.of(CAMERA, box()).at(poses[1])
     texture.take(images[0], poses[0], np.zeros((0, 2)))
     assert len(texture) > 10

@@ -107,7 +107,7 @@ def test_a_model_behind_the_camera_shows_nothing():
     assert len(visible_edges(BOX, CAMERA, away).edges) == 0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(angles, st.floats(0.25, 3.0), st.floats(0.0, 1.5), st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
 def test_projected_edges_lie_in_the_image_and_agree_with_their_points(angle, radius, height, aim_x, aim_y):
     pose = look_at(np.array([radius * np.cos(angle), radius * np.sin(angle), height]), (aim_x, aim_y, 0.1))
@@ -120,7 +120,7 @@ def test_projected_edges_lie_in_the_image_and_agree_with_their_points(angle, rad
     np.testing.assert_allclose(pinhole(cam, CAMERA), seen.segments_px.reshape(-1, 2), atol=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.floats(-2, 2), min_size=6, max_size=6))
 def test_clipping_agrees_with_sampling(numbers):
     segment = np.array(numbers).reshape(1, 2, 3)

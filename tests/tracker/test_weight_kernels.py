@@ -8,31 +8,30 @@ from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints
 from uavbench.tracker.robust.edges.weight_kernels import offset_variances, point_variances
 from uavbench.tracker.robust.kernel_values import kernel_values
 
-WEIGHTS = WeightConfig(min_spacing_weight=0.02)
+WEIGHTS = WeightConfig()
 FIRST_ERROR = 15.0
-OWN_VARIANCE, COMMON_PART = WEIGHTS.point_variance_px2, WEIGHTS.shared_part
+OWN_VARIANCE = WEIGHTS.point_variance_px2
 SILHOUETTE_VARIANCE, CREASE_VARIANCE = WEIGHTS.silhouette_variance_px2, WEIGHTS.crease_variance_px2
-CONTACT_VARIANCE = WEIGHTS.contact_variance_px2
 
 
-def of_one_edge(learned, *, times=1.0, side=1, on_ground=False, distance=0.2, contrast=50.0, trusted=1.0):
+def of_one_edge(learned, *, times=1.0, side=1, distance=0.2, contrast=50.0, trusted=1.0):
     """Variances of three control points of one edge, whose appearance was learned so many times."""
     n = 3
     appearance = np.zeros((n, 8))
     appearance[:, 6], appearance[:, 7] = times, learned
     points = ControlPoints(np.zeros((n, 3)), np.zeros((n, 3), np.int64), np.arange(n), np.array([0, n]))
-    found = Candidates(np.full((n, 1), distance), np.zeros((n, 1)), np.full((n, 1), contrast))
+    found = Candidates(np.full((n, 1), distance), np.full((n, 1), contrast))
     own = point_variances(points, found, appearance, kernel_values(WEIGHTS), FIRST_ERROR)
     lines = SearchLines(np.zeros((n, 4)), np.zeros((n, 6)), np.full(n, side))
     measured = EdgeMeasurements(points, lines, found, np.full(n, trusted), own)
-    return own, offset_variances(measured, np.array([on_ground]), kernel_values(WEIGHTS))
+    return own, offset_variances(measured, kernel_values(WEIGHTS))
 
 
 @pytest.mark.parametrize("learned", [0.0, 0.01, 0.4])
 def test_a_control_point_errs_by_what_was_learned_of_it(learned):
     own, shared = of_one_edge(learned)
     assert own == pytest.approx([OWN_VARIANCE + learned] * 3)
-    assert shared == pytest.approx([SILHOUETTE_VARIANCE + COMMON_PART * (OWN_VARIANCE + learned)])
+    assert shared == pytest.approx([SILHOUETTE_VARIANCE])
 
 
 def test_one_that_is_not_known_yet_errs_by_its_contrast():
@@ -41,10 +40,8 @@ def test_one_that_is_not_known_yet_errs_by_its_contrast():
         assert own == pytest.approx([OWN_VARIANCE + min(1.0, FIRST_ERROR / contrast) ** 2] * 3)
 
 
-def test_the_offset_of_an_edge_is_wider_on_creases_and_on_the_ground_and_where_it_is_trusted_less():
-    part = COMMON_PART * OWN_VARIANCE
-    assert of_one_edge(0.0, side=0)[1] == pytest.approx([CREASE_VARIANCE + part])
-    assert of_one_edge(0.0, side=0, on_ground=True)[1] == pytest.approx([CONTACT_VARIANCE + part])
-    assert of_one_edge(0.0, trusted=0.5)[1] == pytest.approx([2 * (SILHOUETTE_VARIANCE + part)])
-    assert of_one_edge(0.0, trusted=0.001)[1] == pytest.approx([50 * (SILHOUETTE_VARIANCE + part)])
+def test_the_offset_of_an_edge_is_wider_on_creases_and_where_it_weighs_less():
+    assert of_one_edge(0.0, side=0)[1] == pytest.approx([CREASE_VARIANCE])
+    assert of_one_edge(0.0, trusted=0.5)[1] == pytest.approx([2 * SILHOUETTE_VARIANCE])
+    assert of_one_edge(0.0, trusted=0.001)[1] == pytest.approx([50 * SILHOUETTE_VARIANCE])
     assert of_one_edge(0.0, distance=np.inf)[1] == pytest.approx([SILHOUETTE_VARIANCE])

@@ -67,7 +67,7 @@ def test_a_file_says_its_frame_by_comment_or_name(tmp_path: Path) -> None:
         declared_frame(tmp_path / "d_world_from_body.tum")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(ns=st.integers(min_value=-(10**18), max_value=4 * 10**18))
 def test_any_nanosecond_survives_a_tum_file(ns: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("tum") / "t.tum"

@@ -66,7 +66,7 @@ def test_the_pilot_reacts_late() -> None:
     assert 0.2 <= late_s <= 0.2 + 0.5 + 0.02
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     command=st.tuples(*[st.floats(-1.0, 1.0)] * 4),
     dead_zone=st.floats(0.0, 0.4),

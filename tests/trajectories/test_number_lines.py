@@ -39,7 +39,7 @@ def test_long_files_are_read_the_quick_way_to_the_last_digit(tmp_path, monkeypat
         np.testing.assert_array_equal(read.numbers, np.arange(5000) + 2)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     cells=st.lists(
         st.one_of(

@@ -22,7 +22,7 @@ def box_distance(p: np.ndarray) -> float:
     return float(np.minimum(p - low, high - p).min())
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(x=near, y=near, z=near)
 def test_distance_and_inside_of_a_box_match_the_closed_form(x: float, y: float, z: float) -> None:
     p = np.array([x, y, z])

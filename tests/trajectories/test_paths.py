@@ -46,7 +46,7 @@ def derivative(values: np.ndarray) -> np.ndarray:
     return np.asarray(np.gradient(values, STEP_S, axis=0))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     total=st.floats(0.01, 20.0),
     speed=st.floats(0.2, 5.0),
@@ -61,7 +61,7 @@ def test_progress_keeps_its_limits_and_rests_at_its_ends(total: float, speed: fl
     assert v[0] < 0.05 * speed + acceleration * STEP_S
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data(), stop=st.booleans())
 def test_ways_through_points_keep_their_limits(data: st.DataObject, stop: bool) -> None:
     place = st.tuples(*[st.floats(-5, 5)] * 3)

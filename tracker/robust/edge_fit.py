@@ -13,7 +13,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, EDGE, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
-from uavbench.tracker.robust.edges.profile_kernels import learn, search, search_range
+from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import BINS, sample_edges, search_lines
 from uavbench.tracker.robust.edges.step_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
@@ -24,7 +24,7 @@ from uavbench.tracker.robust.edges.weight_kernels import (
     support,
 )
 from uavbench.tracker.robust.kernel_config import KernelConfig
-from uavbench.tracker.robust.patches.patch_kernels import PatchMatches
+from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit, FitResiduals
 from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, normalized_innovation
@@ -40,7 +40,7 @@ NO_ROWS: Indices = np.zeros(0, dtype=np.int64)
 NO_MEASUREMENTS = EdgeMeasurements(
     ControlPoints(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), NO_ROWS, np.zeros(1, dtype=np.int64)),
     SearchLines(np.zeros((0, 4)), np.zeros((0, 6)), NO_ROWS),
-    Candidates(np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1))),
+    Candidates(np.zeros((0, 1)), np.zeros((0, 1))),
     np.zeros(0),
     np.zeros(0),
 )
@@ -96,7 +96,7 @@ class EdgeFitter:
         self.config, self.values = config, KernelConfig.of(config)
         self.edges = EdgeMap.of(structure, config.edges.sampling.rounded_deg)
         self.view = View.of(camera, structure)
-        self.texture = Texture(self.edges, camera, self.view, config.patches)
+        self.texture = Texture(self.edges, camera, self.view, config)
         self.biases = NuisanceBiases(len(self.edges.ends) * 3, config.solver.bias)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
         self.learned, self.offset_scale = 0, 1.0
@@ -114,7 +114,7 @@ class EdgeFitter:
 
         Search lines are no longer than half_px to either side, where it is given.
         """
-        most_px = self.config.edges.search.max_half_px if half_px is None else half_px
+        most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
         n = len(problem.points.points)
         if n < MIN_POINTS and len(self.texture.chosen) < MIN_POINTS:
@@ -144,7 +144,7 @@ class EdgeFitter:
         with clock.stage("texture"):
             matches = self.texture.align(problem.image, view)
             if np.count_nonzero(matches.correlation > 0) >= self.config.patches.enough_to_predict:
-                estimate = self.solve(problem, NO_MEASUREMENTS, matches, NO_EDGES, view, widths.patches)
+                estimate = self.solve(problem, NO_MEASUREMENTS, matches, NO_EDGES, view, widths.coarse)
                 return Aligned(view.to(estimate.R, estimate.t), matches)
         if not len(problem.points.points):
             return Aligned(view, matches)
@@ -162,18 +162,14 @@ class EdgeFitter:
             return Aligned(view, self.texture.align(problem.image, view))
 
     def update(self, problem: Problem, aligned: Aligned, clock: StageClock) -> Solution:
-        """The estimate by a short search, made again where the first one moved the control points far."""
-        view, widths = aligned.view, self.values.widths
+        """The estimate by a short search."""
+        view = aligned.view
         half_px = np.full(len(problem.points.points), self.config.edges.search.fine_half_px)
-        for scales in (widths.fine, widths.last):
-            with clock.stage("search"):
-                measured = self.measure(problem, self.search_lines(problem.points, view), half_px)
-            with clock.stage("update"):
-                edges = self.offsets(problem, measured)
-                estimate = self.solve(problem, measured, aligned.matches, edges, view, scales)
-                view = view.to(estimate.R, estimate.t)
-            if estimate.farthest_px < self.config.solver.estimator.repeat_px:
-                break
+        with clock.stage("search"):
+            measured = self.measure(problem, self.search_lines(problem.points, view), half_px)
+        with clock.stage("update"):
+            edges = self.offsets(problem, measured)
+            estimate = self.solve(problem, measured, aligned.matches, edges, view, self.values.widths.fine)
         return Solution(estimate, measured, edges)
 
     def refine_subpixel(self, problem: Problem, aligned: Aligned, found: Solution, clock: StageClock) -> Estimate:
@@ -191,7 +187,7 @@ class EdgeFitter:
                 fitted,
                 self.values.subpixel,
             )
-            candidates = Candidates(steps.distance, np.zeros_like(steps.distance), found.measured.candidates.contrast)
+            candidates = Candidates(steps.distance, found.measured.candidates.contrast)
             measured = EdgeMeasurements(problem.points, lines, candidates, problem.weight, steps.variance_px2)
             return self.solve(problem, measured, aligned.matches, found.edges, view, self.values.widths.last)
 
@@ -212,7 +208,7 @@ class EdgeFitter:
             int(np.count_nonzero(weighting.weight) + patches),
             float(best.R[2] @ points.points[n // 2] + best.t[2]) if n else float("nan"),
             share.edges,
-            float(weighting.weight.sum() + self.config.edges.weights.patch_weight * patches),
+            float(weighting.weight.sum() + patches),
             FitResiduals(
                 points,
                 self.texture.chosen,
@@ -234,7 +230,7 @@ class EdgeFitter:
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
         """The offsets of the edges in view, with the prior variances that measurements give them."""
-        variance_px2 = offset_variances(measured, self.edges.on_ground, self.values.weights)
+        variance_px2 = offset_variances(measured, self.values.weights)
         return EdgeOffsets(problem.edges, self.offset_scale * variance_px2)
 
     def solve(
@@ -263,7 +259,7 @@ class EdgeFitter:
 
     def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
         """Search lines of control points in a view."""
-        return search_lines(points, self.edges, view, self.config.edges.sampling.margin_px)
+        return search_lines(points, self.edges, view)
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
         """Update the appearance of edges, the patches and the biases with a fit, dt_s after the one before."""
@@ -272,27 +268,25 @@ class EdgeFitter:
             return
         lines, weighting = self.search_lines(used.points, self.view.at(pose)), used.weighting
         rows, values = used.points.rows, self.values.appearance
-        learn(image, lines, rows, weighting.weight, weighting.residual, self.appearance, values)
+        near = np.abs(weighting.residual) < self.values.widths.last[-1]
+        learn(image, lines, rows, weighting.weight, np.where(near, weighting.residual, np.inf), self.appearance, values)
         hits = self.texture.count_hits(used.chosen, weighting.patch_weight, used.correlation)
-        if hits >= patches.min_hits:
+        if hits:
             twist = self.biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
             self.texture.shift(twist, pose)
         self.learned += 1
         self.learn_offset_scale(used, fit.covariance)
         due = hits < patches.enough_to_predict or self.learned % patches.take_every == 0
-        if due and hits < patches.enough_found and fit.edge_support >= patches.take_support:
-            if hits < patches.min_hits:
+        if due and hits < patches.max_used and fit.edge_support >= self.config.relocalization.good_support:
+            if not hits:
                 self.biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)
             self.texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
 
     def learn_offset_scale(self, used: FitResiduals, covariance: Array) -> None:
         """Update the factor of the offsets' variances with the innovation of a frame."""
-        bias = self.config.solver.bias
         innovation = normalized_innovation(used.edges.variance_px2, used.sums, used.step.to_fit, covariance)
-        if innovation.expected > bias.min_freedom:
-            ratio = min(bias.max_innovation, innovation.squares / innovation.expected)
-            grown = self.offset_scale * (1.0 + bias.offset_scale_rate * (ratio - 1.0))
-            self.offset_scale = min(bias.max_offset_scale, max(bias.min_offset_scale, grown))
+        excess = (innovation.squares - innovation.expected) / max(1.0, innovation.expected)
+        self.offset_scale *= 1.0 + self.config.edges.appearance.learning_rate * excess
 
 
 def layered(image: Image) -> Image:

@@ -21,7 +21,6 @@ class Widths(NamedTuple):
     """Widths of Tukey's weights in px, one after the other, of each fit of a frame."""
 
     coarse: Array
-    patches: Array
     fine: Array
     last: Array
 
@@ -50,5 +49,5 @@ class KernelConfig(NamedTuple):
             kernel_values(edges.subpixel),
             kernel_values(solver.hypotheses),
             kernel_values(solver.estimator),
-            Widths(*map(np.array, (e.coarse_widths_px, e.patch_widths_px, e.fine_widths_px, e.last_widths_px))),
+            Widths(*map(np.array, (e.coarse_widths_px, e.fine_widths_px, e.fine_widths_px[-2:]))),
         )

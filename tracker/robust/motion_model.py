@@ -8,6 +8,8 @@ from uavbench.tracker.geometry_kernels import se3_exp_left, se3_log_left
 from uavbench.tracker.robust.config.robust import MotionConfig
 from uavbench.trajectories.pose import Array, Pose
 
+FAR_CHI2 = 12.6
+"""Squared Mahalanobis distance beyond which a pose is far: 95 % of a chi-square with six degrees of freedom."""
 MOVES, TURNS = slice(0, 21, 7), slice(21, 36, 7)
 """Places of the variances of translation and rotation in a flat covariance (36,)."""
 
@@ -25,14 +27,12 @@ class Motion:
         velocity = np.zeros(6) if self.velocity is None else self.velocity
         xi = velocity * config.memory_s * (1 - np.exp(-dt_s / config.memory_s))
         pose = Pose(*se3_exp_left(self.cam_from_world.rotation, self.cam_from_world.translation, xi))
-        acceleration = max(config.acceleration_m_s2, config.acceleration_ranges_s2 * range_m)
-        shift, turn = 0.5 * acceleration * dt_s**2, 0.5 * config.angular_acceleration_rad_s2 * dt_s**2
-        if self.velocity is None:
-            shift += max(config.initial_speed_m_s, config.initial_speed_ranges_s * range_m) * dt_s
-            turn += config.initial_rate_rad_s * dt_s
+        rate = config.initial_rate_1_s if self.velocity is None else 0.0
+        shift = rate * dt_s + 0.5 * config.acceleration_ranges_s2 * dt_s**2
+        turn = rate * dt_s + 0.5 * config.angular_acceleration_rad_s2 * dt_s**2
         covariance = self.covariance.copy()
-        covariance.flat[MOVES] += min(shift, config.max_sigma_range_part * range_m) ** 2
-        covariance.flat[TURNS] += min(turn, config.max_sigma_rad) ** 2
+        covariance.flat[MOVES] += (min(shift, config.max_sigma) * range_m) ** 2
+        covariance.flat[TURNS] += min(turn, config.max_sigma) ** 2
         return Motion(pose, covariance)
 
     def squared_mahalanobis(self, cam_from_world: Pose) -> float:
@@ -41,12 +41,10 @@ class Motion:
         away = se3_log_left(at.rotation, at.translation, cam_from_world.rotation, cam_from_world.translation)
         return float(away @ np.linalg.solve(self.covariance, away))
 
-    def update(self, cam_from_world: Pose, covariance: Array, dt_s: float, smoothing: float) -> "Motion":
-        """Motion after a new pose, dt_s after this one, with a part `smoothing` of the velocity before."""
+    def update(self, cam_from_world: Pose, covariance: Array, dt_s: float) -> "Motion":
+        """Motion after a new pose, dt_s after this one."""
         if dt_s <= 0:
             return Motion(cam_from_world, covariance, self.velocity)
         was = self.cam_from_world
         moved = se3_log_left(was.rotation, was.translation, cam_from_world.rotation, cam_from_world.translation) / dt_s
-        if self.velocity is None:
-            return Motion(cam_from_world, covariance, moved)
-        return Motion(cam_from_world, covariance, smoothing * self.velocity + (1 - smoothing) * moved)
+        return Motion(cam_from_world, covariance, moved)

@@ -7,11 +7,10 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.motion_model import Motion
+from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.preprocessing.denoising import smoothed
@@ -145,7 +144,7 @@ class RobustRun:
             return FittedFrame(fit, frame)
         stretch, ratio = (
             ContrastStretch.needed(frame.raw, config),
-            brightness_ratio(self.seen_rows, self.ok_rows, config),
+            brightness_ratio(self.seen_rows, self.ok_rows),
         )
         stretch = stretch if stretch.differs(self.stretch, config.min_gain) else self.stretch
         if stretch == self.stretch and (ratio == 1).all():
@@ -195,8 +194,8 @@ class RobustRun:
     def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:
         """Update appearance, patches, biases, motion and the usual support with the fit of a frame."""
         self.fitter.learn(frame.image, fit, frame.dt_s)
-        smoothing, rate = self.config.motion.velocity_smoothing, self.config.loss.usual_rate
-        self.motion = self.motion.update(fit.cam_from_world, fit.covariance, frame.dt_s, smoothing)
+        rate = self.config.edges.appearance.learning_rate
+        self.motion = self.motion.update(fit.cam_from_world, fit.covariance, frame.dt_s)
         self.usual_support += max(rate, 1 / (1 + self.frames_ok)) * (fit.support - self.usual_support)
         self.ok_rows = self.seen_rows
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
@@ -204,35 +203,22 @@ class RobustRun:
     def required_support(self, fit: Fit, predicted: Motion) -> float:
         """Support that a fit needs: far from the prediction nearly as much as usual."""
         loss = self.config.loss
-        if self.ok_ns is not None:
-            far = (
-                not fit.support >= self.usual_support
-                and predicted.squared_mahalanobis(fit.cam_from_world) > loss.far_chi2
-            )
-            part = loss.far_part if far else loss.found_part if self.is_lost else 0.0
-            return max(loss.min_support, part * self.usual_support)
-        initial = self.config.initialization
-        return (
-            initial.kept_support
-            if self.motion.squared_mahalanobis(fit.cam_from_world) < loss.far_chi2
-            else initial.min_support
-        )
+        if self.ok_ns is None:
+            return self.config.initialization.min_support
+        far = not fit.support >= self.usual_support and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
+        return max(loss.min_support, loss.far_part * self.usual_support if far or self.is_lost else 0.0)
 
     def prior_constrained(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
         """A fit constrained to the initial pose; None where another one has clearly more support."""
         initial = self.config.initialization
-        least = max(initial.kept_support, fit.support - initial.kept_advantage)
-        for narrow in (sigmas(sigma, self.range_m) for sigma in (initial.tight_sigma, initial.loose_sigma)):
-            kept = self.fitter.fit(frame.image, self.motion.cam_from_world, narrow, clock, initial.half_px)
-            if kept.finite and kept.support >= least:
-                break
-        else:
+        half_px = self.config.relocalization.refit_half_px
+        least = max(initial.min_support, fit.support - self.config.loss.advantage)
+        narrow = sigmas(initial.kept_sigma, self.range_m)
+        kept = self.fitter.fit(frame.image, self.motion.cam_from_world, narrow, clock, half_px)
+        if not (kept.finite and kept.support >= least):
             return None
-        right = inverse6(sigmas(initial.kept_sigma, self.range_m))
-        information = inverse6(kept.covariance) - inverse6(narrow) + right
-        residuals = kept.residuals and replace(kept.residuals, prior_information=right)
-        sure = max(self.config.patches.take_support, kept.edge_support)  # patches are taken there at once
-        return replace(kept, covariance=inverse6(information), edge_support=sure, residuals=residuals)
+        sure = max(self.config.relocalization.good_support, kept.edge_support)  # patches are taken there at once
+        return replace(kept, edge_support=sure)
 
     def recover(self, frame: Frame, fit: Fit) -> Fit:
         """The best fit around the prediction and the last pose, if it is better than the fit at hand."""
@@ -241,20 +227,20 @@ class RobustRun:
             covariance = covariance + sigmas(self.config.relocalization.guess_sigma, self.range_m)
         guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
         best, advantage = self.relocator.best(frame.image, guesses, covariance, self.range_m, fit)
-        fits_given = self.ok_ns is None and self.motion.squared_mahalanobis(fit.cam_from_world) < loss.far_chi2
+        fits_given = self.ok_ns is None and self.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
         holds = fits_given or (self.ok_ns is not None and fit.support >= loss.min_support)
         return best if advantage > (loss.advantage if holds and not self.is_slow(frame) else 0.0) else fit
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit; that of the edges alone where they contradict the patches and are clearly better supported so."""
         loss, relocalization = self.config.loss, self.config.relocalization
-        contradict = fit.edge_support < min(loss.contradicted_support, fit.support)
-        if not (contradict and fit.control_points >= loss.contradicting_points):
+        contradict = fit.edge_support < min(loss.min_support, fit.support)
+        if not (contradict and fit.control_points >= MIN_POINTS):
             return fit
         with clock.stage("relocalize"):
             kept, self.fitter.texture = (
                 self.fitter.texture,
-                Texture(self.fitter.edges, self.camera, self.fitter.view, self.config.patches),
+                Texture(self.fitter.edges, self.camera, self.fitter.view, self.config),
             )
             self.fitter.texture.now_s = kept.now_s
             narrow = sigmas(relocalization.fitted_sigma, self.range_m)

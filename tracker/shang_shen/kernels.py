@@ -1,6 +1,7 @@
 """Compiled loops of the published method: crossings of search lines, hypotheses and their costs, Gauss-Newton."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,9 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import normal_row, se3_exp_left, se3_log_left, solve6
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
+
+ITERATIONS = 3
+"""Gauss-Newton steps of a pose update, which begins within a search line's length of where it ends."""
 
 
 @compiled("f2 f2 f2 f0 f0 f2!")
@@ -83,19 +87,27 @@ def cheapest(twists: Array, extra: Array, J: Array, distances: Array, inlier_px:
     return best
 
 
-@compiled("f2 f2 f1 f1 f2 f1 f2 i0")
-def gauss_newton(
-    points_m: Array, normals: Array, target: Array, cam: Array, R: Array, t: Array, prior: Array, iterations: int
-) -> tuple[Array, Array, Array]:
-    """Pose (R, t) that brings points (n, 3) to target (n,) px along their normals, and its information (6, 6).
+class SolvedPose(NamedTuple):
+    """A pose R (3, 3), t (3,) and its information (6, 6)."""
 
-    prior (6, 6) holds it to where it starts; cam is an array of a camera without distortion.
+    R: Array
+    t: Array
+    information: Array
+
+
+@compiled("f2 f2 f1 f1 f2 f1 f2")
+def gauss_newton(
+    points_m: Array, normals: Array, target: Array, cam: Array, R: Array, t: Array, prior: Array
+) -> SolvedPose:
+    """The pose that brings points (n, 3) to target (n,) px along their normals, with its information.
+
+    prior (6, 6) holds it to where it starts, (R, t); cam is an array of a camera without distortion.
     """
     R_first, t_first = R, t
     R, t = R.copy(), t.copy()
     information = prior.copy()
     row, xi = np.zeros(6), np.zeros(6)
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         information = prior.copy()
         b = prior @ se3_log_left(R, t, R_first, t_first)
         for n in range(len(points_m)):
@@ -113,4 +125,4 @@ def gauss_newton(
         if not solve6(information, b, xi):
             xi[:] = np.nan
         R, t = se3_exp_left(R, t, xi)
-    return R, t, information
+    return SolvedPose(R, t, information)

@@ -35,13 +35,7 @@ def least_squares(J: Array, distances: Array, prior: Array) -> Array:
     return np.asarray(np.linalg.solve(J.T @ J + prior, J.T @ distances))
 
 
-def update_pose(
-    points: ControlPoints,
-    distances: Array,
-    camera: Camera,
-    cam_from_world: Pose,
-    iterations: int = 3,
-) -> tuple[Pose, Array]:
+def update_pose(points: ControlPoints, distances: Array, camera: Camera, cam_from_world: Pose) -> tuple[Pose, Array]:
     """PnP on control points matched at `distances` (n,): the new pose and its information matrix (6, 6) for 1 px.
 
     `distances` are measured from `points.pixels`, the projection at the pose that the points were made with.
@@ -50,5 +44,5 @@ def update_pose(
     prior = prior_information(float(np.median(cam_from_world.transform(points.points_m)[:, 2])))
     cam = camera_array(camera.without_distortion)
     R, t = cam_from_world.rotation, cam_from_world.translation
-    R, t, information = gauss_newton(points.points_m, points.normals, target, cam, R, t, prior, iterations)
-    return Pose(R, t), information
+    solved = gauss_newton(points.points_m, points.normals, target, cam, R, t, prior)
+    return Pose(solved.R, solved.t), solved.information

@@ -32,7 +32,7 @@ IMAGE = FileLimit("image", 512 * MB, "scale the image down")
 VIDEO = FileLimit("video", 65_536 * MB, "cut the video into shorter ones")
 """Read image by image: an hour of 4K."""
 BAG = FileLimit("bag", 65_536 * MB, "cut the bag into shorter ones")
-"""Read message by message, as a video; `ros2 bag record` splits where it is told."""
+"""Read message by message, as a video; `ros2 bag record` splits at a size that its user gives."""
 ANY = FileLimit("file", 1_048_576 * MB, "is it the file that was meant?")
 """Of which only a digest is taken."""
 

@@ -1,4 +1,4 @@
-"""How numba compiles kernels here: as ever, but without what takes long and is not needed."""
+"""numba's compilation pipeline without the slow passes that these kernels do not need."""
 
 from typing import Any, cast
 
@@ -44,7 +44,7 @@ class InnerLowering(KernelLowering):
 
     @property
     def lowering_class(self) -> type:
-        """Who makes the code."""
+        """The class that lowers to machine code."""
         return NotFromPython
 
 

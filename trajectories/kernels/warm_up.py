@@ -1,4 +1,4 @@
-"""Compiles kernels before they are needed: by two processes, and with a word about it, since it takes seconds.
+"""Compiles kernels before they are needed, in two processes, and reports it, since it takes seconds.
 
 Each kernel is compiled once on a machine, and kept (`kernel_cache`); then a process only loads what it needs.
 """

@@ -15,7 +15,7 @@ SHORTER_WINDOWS = (0.5, 0.25, 0.125)
 
 
 def progress(total: float, speed: float, acceleration: float) -> Array:
-    """Way covered (n,) from 0 to `total`, at rest at both ends."""
+    """Distance covered (n,), metres, from 0 to `total`, at rest at both ends."""
     return _smoothed(_ramp(np.array([[0.0], [total]]), np.array([abs(total) / speed]), 0), speed, acceleration)[:, 0]
 
 

@@ -40,7 +40,7 @@ class Barometer:
         return Table(self.measured, stamps, self._readings(flight, stamps, self._noise(len(stamps), rng)))
 
     def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
-        """The barometer at work."""
+        """Reader of the barometer in flight."""
         return RowByRow(self._noise(readings, rng), self._readings)
 
     def _noise(self, n: int, rng: np.random.Generator) -> Array:

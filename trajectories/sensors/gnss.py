@@ -55,7 +55,7 @@ class Gnss:
         return Table(self.measured, stamps, self.begin(len(stamps), obstacles, rng).read(flight, stamps))
 
     def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
-        """The receiver at work."""
+        """Reader of the receiver in flight."""
         return RowByRow(self._noise(readings, rng), partial(self._readings, obstacles))
 
     def _noise(self, n: int, rng: np.random.Generator) -> Array:

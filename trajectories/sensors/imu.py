@@ -45,7 +45,7 @@ class Imu:
         return Table(tuple(columns), stamps, self._readings(flight, stamps, self._noise(len(stamps), rng)))
 
     def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
-        """The unit at work."""
+        """Reader of the unit in flight."""
         return RowByRow(self._noise(readings, rng), self._readings)
 
     def _noise(self, n: int, rng: np.random.Generator) -> Array:

@@ -45,12 +45,12 @@ class FlowDeck:
         return Table(self.measured, stamps, self.begin(len(stamps), obstacles, rng).read(flight, stamps))
 
     def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Reader:
-        """The deck at work."""
+        """Reader of the deck in flight."""
         return FlowReader(self, obstacles, rng)
 
 
 class FlowReader:
-    """A flow deck at work: it keeps what it has not counted yet."""
+    """Reader of a flow deck in flight; it keeps the fractions of counts that are left over."""
 
     def __init__(self, deck: FlowDeck, obstacles: "ObstacleMesh", rng: np.random.Generator) -> None:
         self._deck, self._obstacles = deck, obstacles

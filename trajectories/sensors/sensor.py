@@ -57,12 +57,12 @@ class LiveSensorSpec(SensorSpec, Protocol):
         ...
 
     def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> "Reader":
-        """The sensor at work: it gives the readings that `measure` gives with the same rng."""
+        """Reader of the sensor in flight; it gives the readings that `measure` gives with the same rng."""
         ...
 
 
 class Reader(Protocol):
-    """A body sensor at work."""
+    """Reads a body sensor in flight."""
 
     def read(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
         """The next readings (n, k), at these stamps.

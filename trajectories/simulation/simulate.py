@@ -1,23 +1,44 @@
 """The flight loop: guidance, control, motors and air, integrated by MuJoCo."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from uavbench.trajectories.geometry.vectors import add, rotation, scale, subtract, vector
+from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Guidance, VehicleState
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.record_columns import RECORD_COLUMNS
-from uavbench.trajectories.vehicle.geometric_control import GAINS, REFERENCE_COLUMNS, Gains, thrust_commands
+from uavbench.trajectories.vehicle.geometric_control import (
+    GAINS,
+    REFERENCE_COLUMNS,
+    BodyState,
+    Gains,
+    thrust_commands,
+)
 from uavbench.trajectories.vehicle.quadrotor import STEP_S, Quadrotor, compile_mjcf, physics
 from uavbench.trajectories.vehicle.rigid_body import PLANT, Plant, accelerations, drag_force, plant, rotor_speed_sum
 from uavbench.trajectories.wind.air import Air
 
 BLOCK = 10
 """Control steps between updates of the guidance: 50 Hz."""
+
+
+class Actuation(NamedTuple):
+    """Thrusts of the rotors (4,), N, the controller's integral (3,), m/s^2, and the thrusts commanded (4,), N.
+
+    The last two are written in place at each step.
+    """
+
+    thrusts: Array
+    integral: Array
+    commands: Array
+
+
+ACTUATION = named_tuple(Actuation, "f1! f1! f1!")
 
 
 def simulate(simulation: "Simulation") -> Array:
@@ -48,10 +69,11 @@ class Simulation:
         hover = vehicle.hover_thrust_n
         self._data.qpos[:] = *first[0:3], math.cos(first[9] / 2), 0.0, 0.0, math.sin(first[9] / 2)
         self._data.act[:] = hover
-        self._integral = trim(self._plant, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(hover))))
+        integral = trim(self._plant, gains, air.mean_m_s[0], 4 * float(vehicle.rotor_speeds(np.array(hover))))
         self.qpos: Array = self._data.qpos
         self.qvel: Array = self._data.qvel
-        self._act, self._ctrl, self._push = self._data.act, self._data.ctrl, self._data.xfrc_applied[1]
+        self._actuation = Actuation(self._data.act, integral, self._data.ctrl)
+        self._push = self._data.xfrc_applied[1]
         self.step, self.steps = -guidance.warm_up, guidance.steps
         self.record = np.zeros((guidance.steps, RECORD_COLUMNS))
         self.reference = np.zeros((guidance.steps, REFERENCE_COLUMNS))
@@ -78,7 +100,7 @@ class Simulation:
             first = self.step + self._guidance.warm_up
             count = min(BLOCK, self.steps - self.step)
             self._winds = self._air.at(first, count, self.qpos[:3], self._obstacles)
-        _observe(self._plant, self._winds[at], self.qpos, self.qvel, self._act, self._push, self._row)
+        _observe(self._plant, self._winds[at], self.qpos, self.qvel, self._actuation.thrusts, self._push, self._row)
 
     def command(self, qpos: Array, qvel: Array) -> None:
         """Thrusts of guidance and controller for a believed state, in the form of the true one."""
@@ -88,7 +110,7 @@ class Simulation:
             self._rows = self._guidance.rows(self.step, min(BLOCK, self.steps - self.step), believed)
         if self.step >= 0:
             self.reference[self.step] = self._rows[at]
-        _command(self._plant, self._gains, self._rows[at], qpos, qvel, self._act, self._integral, self._ctrl, self._row)
+        _command(self._plant, self._gains, self._rows[at], qpos, qvel, self._actuation, self._row)
 
     def advance(self) -> None:
         """Move on by one step."""
@@ -132,25 +154,17 @@ def _observe(plant: Plant, wind: Array, qpos: Array, qvel: Array, act: Array, pu
         record[23 + k] = act[k]
 
 
-@compiled("Plant Gains f1 f1 f1 f1 f1! f1! f1!", Plant=PLANT, Gains=GAINS)
+@compiled("Plant Gains f1 f1 f1 Actuation f1!", Plant=PLANT, Gains=GAINS, Actuation=ACTUATION)
 def _command(
-    plant: Plant,
-    gains: Gains,
-    reference: Array,
-    qpos: Array,
-    qvel: Array,
-    act: Array,
-    integral: Array,
-    ctrl: Array,
-    record: Array,
+    plant: Plant, gains: Gains, reference: Array, qpos: Array, qvel: Array, actuation: Actuation, record: Array
 ) -> None:
     """Commands of one step for a believed state; the rotors' speeds are measured ones."""
-    R = rotation(qpos[3:7])
+    speed_sum = rotor_speed_sum(plant, actuation.thrusts)
     velocity, omega = vector(qvel[0:3]), vector(qvel[3:6])
-    speed_sum = rotor_speed_sum(plant, act)
-    thrust_commands(plant, gains, reference, vector(qpos[0:3]), velocity, R, omega, speed_sum, integral, ctrl)
+    state = BodyState(vector(qpos[0:3]), velocity, rotation(qpos[3:7]), omega, speed_sum)
+    thrust_commands(plant, gains, reference, state, actuation.integral, actuation.commands)
     for k in range(4):
-        record[19 + k] = ctrl[k]
+        record[19 + k] = actuation.commands[k]
 
 
 def _yaw(qpos: Array) -> float:

@@ -77,32 +77,38 @@ class Gains(NamedTuple):
 GAINS = named_tuple(Gains, "f0 f0 f0 f0 f1 f1")
 
 
+class BodyState(NamedTuple):
+    """Motion that the control law reacts to.
+
+    position (m) and velocity (m/s) in the world, R world_from_body, omega the angular velocity in the body (rad/s),
+    speed_sum of the four rotors (rad/s).
+    """
+
+    position: Vector
+    velocity: Vector
+    R: Matrix
+    omega: Vector
+    speed_sum: float
+
+
 @compiled
 def thrust_commands(
-    plant: Plant,
-    gains: Gains,
-    reference: Array,
-    position: Vector,
-    velocity: Vector,
-    R: Matrix,
-    omega: Vector,
-    speed_sum: float,
-    integral: Array,
-    command: Array,
+    plant: Plant, gains: Gains, reference: Array, state: BodyState, integral: Array, command: Array
 ) -> None:
     """Fill `command` (4,) with thrusts of the rotors, N, within their limits; move `integral` (3,), m/s^2, on.
 
-    R is world_from_body, omega the angular velocity in the body. The drag that the reference's own motion makes is fed
-    forward, and so is the thrust that the motors' lag would swallow.
+    The drag that the reference's own motion makes is fed forward, and so is the thrust that the motors' lag would
+    swallow.
     """
+    R, omega = state.R, state.omega
     x_d, v_d, a_d = vector(reference[0:3]), vector(reference[3:6]), vector(reference[6:9])
-    e_x, e_v = subtract(position, x_d), subtract(velocity, v_d)
+    e_x, e_v = subtract(state.position, x_d), subtract(state.velocity, v_d)
     for k in range(3):
         moved = integral[k] - gains.integral * e_x[k] * STEP_S
         integral[k] = min(gains.integral_limit, max(-gains.integral_limit, moved))
     feedback = add(add(scale(-gains.position, e_x), scale(-gains.velocity, e_v)), vector(integral))
     wanted = add(add(a_d, feedback), (0.0, 0.0, GRAVITY_M_S2))
-    force = subtract(scale(plant.mass, wanted), drag_force(plant, R, v_d, speed_sum))  # (12)
+    force = subtract(scale(plant.mass, wanted), drag_force(plant, R, v_d, state.speed_sum))  # (12)
     R_d = attitude(force, reference[9])
     thrust = dot(force, (R[0][2], R[1][2], R[2][2])) + plant.mass * plant.lag * reference[16]  # (15)
     body_from_world = transpose(R)
@@ -141,7 +147,7 @@ def attitude_error(R: Matrix, R_d: Matrix) -> Vector:
 def allocate(plant: Plant, thrust: float, torque: Vector, command: Array) -> None:
     """Fill `command` (4,) with thrusts that make a collective thrust and a torque, each within its limits.
 
-    Where they do not fit, the collective gives way before roll and pitch do: losing height is mended, toppling is not.
+    Where they do not fit, the collective thrust is reduced before the torques: lost height can be regained.
     """
     lowest, highest = inf, -inf
     for i in range(4):

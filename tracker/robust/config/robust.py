@@ -23,25 +23,16 @@ class MotionConfig:
 
     memory_s: Positive = 1.0
     """Time over which a velocity is forgotten. Chosen on rendered seeds."""
-    acceleration_m_s2: NotNegative = 4.0
-    """One standard deviation of the acceleration. Physical: a small multirotor flown by hand."""
+    acceleration_ranges_s2: NotNegative = 3.0
+    """One standard deviation of the acceleration, in ranges: a model may be in any unit. 4 m/s2, of a small multirotor
+    flown by hand, at 1.3 m."""
     angular_acceleration_rad_s2: NotNegative = 10.0
     """One standard deviation of the angular acceleration. Physical: the same."""
-    acceleration_ranges_s2: NotNegative = 3.0
-    """Least acceleration, in ranges: a model may be in any unit. As much as 4 m/s2 at 1.3 m."""
-    initial_speed_m_s: NotNegative = 0.3
-    """One standard deviation of the speed while none is known. Chosen on rendered seeds."""
-    initial_speed_ranges_s: NotNegative = 0.2
-    """Least of it, in ranges. As much as 0.3 m/s at 1.3 m."""
-    initial_rate_rad_s: NotNegative = 0.3
-    """One standard deviation of the angular rate while none is known. Chosen on rendered seeds."""
-    max_sigma_range_part: Positive = 0.15
-    """The prediction adds no more to the position's standard deviation than this part of the range. Chosen on rendered
-    seeds."""
-    max_sigma_rad: Positive = 0.2
-    """Nor to that of the orientation. Chosen on rendered seeds."""
-    velocity_smoothing: Part = 0.2
-    """Part of the velocity before that is kept with a new pose. Chosen on rendered seeds."""
+    initial_rate_1_s: NotNegative = 0.3
+    """One standard deviation of the velocity while none is known, in ranges/s and rad/s. Chosen on rendered seeds."""
+    max_sigma: Positive = 0.2
+    """The prediction adds no more than this to the standard deviations of the pose, in parts of the range and in rad.
+    Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
@@ -50,21 +41,11 @@ class InitializationConfig:
 
     sigma: Positive = 0.005
     """One standard deviation of the initial pose, in parts of the range and in rad. Chosen on rendered seeds."""
-    tight_sigma: Positive = 0.0003
-    """The same in the first fit that is to stay there. Measured on 22 first frames (docs/robust.md)."""
-    loose_sigma: Positive = 0.001
-    """The same in the second. Measured on 22 first frames: the support is 0.36 to 0.81 at the true pose, 0.29 to 0.78
-    beside it by 0.3 %, 0.04 to 0.28 by 1 % and more."""
     kept_sigma: Positive = 0.001
-    """One standard deviation of an initial pose that was kept. Chosen on rendered seeds."""
-    half_px: Positive = 12.0
-    """Half length of search lines in fits that are to stay. Chosen on rendered seeds."""
-    min_support: Part = 0.4
+    """The same in the fit that is to stay there, and once it was kept. Measured on 22 first frames: the support is 0.36
+    to 0.81 at the true pose, 0.29 to 0.78 beside it by 0.3 %, 0.04 to 0.28 by 1 % and more."""
+    min_support: Part = 0.3
     """Support that the first frame needs, while appearance is unknown. Measured on 22 first frames."""
-    kept_support: Part = 0.3
-    """Support that it needs at the initial pose. Measured on 22 first frames."""
-    kept_advantage: Part = 0.15
-    """Support by which a fit that may move must exceed one that stays. Chosen on rendered seeds."""
     young_frames: Annotated[int, Ge(0)] = 5
     """Frames in which a run does not trust its predictions. Chosen on rendered seeds."""
     doubted_support: Part = 0.68
@@ -83,22 +64,12 @@ class LossConfig:
     """Frames farther apart may be fitted to a neighbouring edge. Chosen on rendered seeds."""
     slow_part: Part = 0.92
     """Part of the usual support below which poses are then searched. Chosen on rendered seeds."""
-    usual_rate: Part = 0.1
-    """Rate at which the usual support is learned. Chosen on rendered seeds."""
     far_part: Part = 0.8
-    """Part of the usual support that a pose far from the prediction needs. Measured on a bridge: 0.55 to 0.64 is seen
-    one panel too far, 0.8 at its true place."""
-    found_part: Part = 0.7
-    """The same of the first pose after a loss. Measured on that bridge."""
-    far_chi2: Positive = 12.6
-    """Squared Mahalanobis distance beyond which a pose is far: 95 % of a chi-square with six degrees of freedom."""
+    """Part of the usual support that a pose far from the prediction needs, and the first one after a loss. Measured on
+    a bridge: 0.55 to 0.64 is seen one panel too far, 0.8 at its true place."""
     advantage: Part = 0.1
-    """Support by which another pose must exceed a fit that holds. Chosen on rendered seeds."""
-    contradicted_support: Part = 0.5
-    """With less edge support than this patches may lie on an occluder and carry the pose away. Chosen on rendered
+    """Support by which another pose must exceed a fit that holds, or an initial pose that does. Chosen on rendered
     seeds."""
-    contradicting_points: Count = 30
-    """Control points that this takes. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)

@@ -12,3 +12,5 @@ NEGATIVE_COLOUR, POSITIVE_COLOUR, TIMES_SEEN, MEAN_SQUARE = 0, 3, 6, 7
 """Columns of a row of appearance: mean colour (three columns) on the negative and on the positive side of the normal;
 how often it was seen; mean square of its residuals, px^2."""
 APPEARANCE_COLUMNS = 8
+BESIDE = 3
+"""The colours beside an edge are those 2 and 3 px away."""

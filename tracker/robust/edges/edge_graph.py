@@ -13,9 +13,6 @@ from uavbench.trajectories.geometry.bvh import build_tree
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.pose import Array
 
-ON_GROUND_PART = 1e-6
-"""An edge no higher above the lowest point stands on the ground; in diagonals of the bounding box. For round-off."""
-
 Indices = NDArray[np.int64]
 
 
@@ -24,9 +21,9 @@ class EdgeMap(NamedTuple):
 
     ends (e, 2, 3); faces (e, 2), -1 where there is none; inward (e, 2, 3) unit vectors from an edge into each of its
     faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
-    triangles for hidden-line removal; extent (8, 3) the corners of the box around it all; on_ground (e,) whether an
-    edge lies at the bottom of it; smooth (e,) whether the faces beside it are of one rounded surface, so that nothing
-    is seen of it between them; rounded (e,) whether it is an edge within such a surface or at the border of one.
+    triangles for hidden-line removal; extent (8, 3) the corners of the box around it all; smooth (e,) whether the faces
+    beside it are of one rounded surface, so that nothing is seen of it between them; rounded (e,) whether it is an edge
+    within such a surface or at the border of one.
     """
 
     ends: Array
@@ -35,7 +32,6 @@ class EdgeMap(NamedTuple):
     planes: Array
     triangles: Triangles
     extent: Array
-    on_ground: NDArray[np.bool_]
     smooth: NDArray[np.bool_]
     rounded: NDArray[np.bool_]
 
@@ -44,7 +40,6 @@ class EdgeMap(NamedTuple):
         """Edge map of a structure; faces that turn by less than rounded_deg are parts of one rounded surface."""
         structure = with_silhouettes(structure, rounded_deg)
         corners = structure.vertices[structure.triangles]
-        size = float(np.linalg.norm(np.diff(structure.bounds, axis=0)))
         _, first = np.unique(structure.triangle_face, return_index=True)
         offsets = np.einsum("ij,ij->i", structure.face_normals, corners[first, 0])
         return cls(
@@ -54,13 +49,12 @@ class EdgeMap(NamedTuple):
             np.column_stack([structure.face_normals, offsets]),
             Triangles.of(build_tree(corners), structure.triangle_face),
             np.array(list(product(*structure.bounds.T))),
-            (structure.edge_segments[..., 2] <= structure.bounds[0, 2] + ON_GROUND_PART * size).all(axis=1),
             _smooth(structure, rounded_deg),
             _rounded(structure, rounded_deg),
         )
 
 
-EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1! b1!", triangles=TRIANGLES)
+EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1!", triangles=TRIANGLES)
 
 
 def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:

@@ -39,12 +39,10 @@ class SearchLines(NamedTuple):
 class Candidates(NamedTuple):
     """Steps found on the search lines, k for each.
 
-    distance (n, k) from the line's middle, px, inf where none; penalty (n, k) of colours that differ from those
-    learned, squared standard deviations; contrast (n, k), grey levels.
+    distance (n, k) from the line's middle, px, inf where none; contrast (n, k), grey levels.
     """
 
     distance: Array
-    penalty: Array
     contrast: Array
 
 
@@ -60,7 +58,7 @@ class EdgeMeasurements(NamedTuple):
 
 CONTROL_POINTS = named_tuple(ControlPoints, "f2! i2! i1! i1!")
 SEARCH_LINES = named_tuple(SearchLines, "f2! f2! i1!")
-CANDIDATES = named_tuple(Candidates, "f2! f2! f2!")
+CANDIDATES = named_tuple(Candidates, "f2! f2!")
 EDGE_MEASUREMENTS = named_tuple(
     EdgeMeasurements,
     "points lines candidates f1! f1!",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.edges import AppearanceConfig, SearchConfig
 from uavbench.tracker.robust.edges.columns import (
+    BESIDE,
     MEAN_SQUARE,
     NEGATIVE_COLOUR,
     NORMAL_U,
@@ -27,12 +28,12 @@ from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-BESIDE = 3
-"""The colours beside an edge are those 2 and 3 px away."""
 REACH = 4
 """Px beyond the search range that a profile takes in, for the filter and the colours beside a candidate."""
 MAX_HALF_PX = 48
 """Longest half length of a search line: profiles have room for it."""
+SIGMAS = 3.0
+"""Standard deviations beyond which nothing is looked for: 99.7 % of a normal distribution lie within."""
 GREY = (0.114, 0.587, 0.299)
 """Weights of b, g, r in grey (ITU-R BT.601)."""
 SEARCH, APPEARANCE = kernel_type(SearchConfig), kernel_type(AppearanceConfig)
@@ -93,14 +94,13 @@ def search(
 ) -> Candidates:
     """Candidates of each control point on its search line.
 
-    rows (n,) are those of `appearance`; half (n,) the half lengths of the search lines in px. The penalty grows with
-    the squared distance between the colours beside a candidate and those learned. Contrast is signed along the learned
-    step, in grey levels; where nothing is learned it is that of the grey image, without sign.
+    rows (n,) are those of `appearance`; half (n,) the half lengths of the search lines in px. Candidates rank
+    by contrast, and lower the more the colours beside them differ from those learned. Contrast is signed along the
+    learned step, in grey levels; where nothing is learned it is that of the grey image, without sign.
     """
     lines, side = at.lines, at.side
     n, candidates = len(lines), config.candidates
     distance = np.full((n, candidates), np.inf)
-    penalty = np.full((n, candidates), np.inf)
     contrast = np.zeros((n, candidates))
     colours = np.zeros((2 * (MAX_HALF_PX + REACH) + 1, 3))
     grey = image.shape[2] == 1
@@ -127,13 +127,13 @@ def search(
             d1 = learned_row[POSITIVE_COLOUR + 1] - learned_row[NEGATIVE_COLOUR + 1]
             d2 = learned_row[POSITIVE_COLOUR + 2] - learned_row[NEGATIVE_COLOUR + 2]
             step = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
-            if step > config.min_learned_step_grey:
+            if step > config.min_contrast_grey:
                 w0, w1, w2 = d0 / step, d1 / step, d2 / step
             else:
                 learned = False
         least = config.min_contrast_grey
         if learned:
-            least = max(config.min_contrast_grey * config.learned_contrast_part, config.learned_step_part * step)
+            least = max(config.min_contrast_grey, config.learned_step_part * step)
         for k in range(2 * m + 1):
             f[k] = w0 * colours[k, 0] + w1 * colours[k, 1] + w2 * colours[k, 2]
         for k in range(2, 2 * m - 1):
@@ -154,20 +154,20 @@ def search(
                     low += (before - appearance[rows[p], NEGATIVE_COLOUR + c]) ** 2
                     high += (after - appearance[rows[p], POSITIVE_COLOUR + c]) ** 2
                 if side[p] == SILHOUETTE_POSITIVE:  # the background beside a silhouette edge changes
-                    low *= config.background_weight
+                    low = 0.0
                 elif side[p] == SILHOUETTE_NEGATIVE:
-                    high *= config.background_weight
+                    high = 0.0
                 cost = 0.5 * (low + high) / (config.colour_sigma_grey * config.colour_sigma_grey)
-                cost = min(config.max_penalty, cost)
-            value = g[k] / (step + config.rank_step_grey) - config.rank_penalty * cost
+                cost = min(SIGMAS * SIGMAS, cost)
+            value = g[k] / (step + config.colour_sigma_grey) - config.rank_penalty * cost
             slot = 0
             for s in range(1, candidates):
                 if rank[s] < rank[slot]:
                     slot = s
             if value > rank[slot]:
                 rank[slot] = value
-                distance[p, slot], penalty[p, slot], contrast[p, slot] = d, cost, g[k]
-    return Candidates(distance, penalty, contrast)
+                distance[p, slot], contrast[p, slot] = d, g[k]
+    return Candidates(distance, contrast)
 
 
 @compiled("u3 lines i1 f1 f1 f2! appearance", lines=SEARCH_LINES, appearance=APPEARANCE)
@@ -182,22 +182,22 @@ def learn(
 ) -> None:
     """Update `appearance`, in place, with the colours beside each control point that was found (n,) > 0 near its edge.
 
-    residual (n,) in px is how far from the pose's edge each was found, inf where nothing was.
+    residual (n,) in px is how far from the pose's edge each was found, inf where nothing was near.
     """
     lines, side = at.lines, at.side
     colours = np.zeros((2 * BESIDE + 1, 3))
     for p in range(len(lines)):
         r = rows[p]
-        if side[p] == OUTSIDE or not abs(residual[p]) < config.max_residual_px:
+        if side[p] == OUTSIDE or residual[p] == np.inf:
             continue
         if appearance[r, TIMES_SEEN] > 0.0:
-            gain = max(config.min_residual_rate, 1.0 / (2.0 + appearance[r, TIMES_SEEN]))
+            gain = max(config.learning_rate, 1.0 / (2.0 + appearance[r, TIMES_SEEN]))
             appearance[r, MEAN_SQUARE] += gain * (residual[p] * residual[p] - appearance[r, MEAN_SQUARE])
         if not found[p] > 0.0 or abs(residual[p]) > config.max_colour_residual_px:
             continue
         if not sample_profile(image, lines[p], BESIDE, colours):
             continue
-        gain = max(config.min_colour_rate, 1.0 / (1.0 + appearance[r, TIMES_SEEN]))
+        gain = max(config.learning_rate, 1.0 / (1.0 + appearance[r, TIMES_SEEN]))
         step = 0.0
         for c in range(3):
             before = 0.5 * (colours[BESIDE - 2, c] + colours[BESIDE - 3, c])
@@ -225,5 +225,5 @@ def search_range(J: Array, P: Array, most: float, config: SearchConfig) -> Array
         for i in range(6):
             for j in range(6):
                 s += J[p, i] * P[i, j] * J[p, j]
-        out[p] = min(most, max(config.min_half_px, config.prediction_sigmas * math.sqrt(s) + 1.0))
+        out[p] = min(most, max(config.fine_half_px, SIGMAS * math.sqrt(s) + 1.0))
     return out

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import camera_centre, clip_segment, normal_row, project
 from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edges.columns import (
+    BESIDE,
     BOTH_FACES,
     CREASE,
     EDGE,
@@ -30,6 +31,10 @@ from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
+MARGIN_PX = float(BESIDE)
+"""No point lies nearer to the image's border: the colours beside it would lie outside."""
+LEAST_SHRINK = 0.2
+"""Least factor from one sampling's spacing to the next: hardly anything may be seen."""
 BINS = 8
 """Parts of an edge, each with an appearance of its own."""
 SAMPLING = kernel_type(SamplingConfig)
@@ -128,7 +133,7 @@ def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlP
     total = 0.0
     for e in range(n_edges):
         total += length[e]
-    spacing_px, most, margin_px = config.spacing_px, config.max_points, config.margin_px
+    spacing_px, most = config.spacing_px, config.max_points
     spacing = max(spacing_px, total / most)
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)
@@ -151,22 +156,22 @@ def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlP
                 for i in range(3):
                     c[i] = R[i, 0] * q[0] + R[i, 1] * q[1] + R[i, 2] * q[2] + t[i]
                 u, v = project(c[0], c[1], c[2], lens)
-                if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
+                if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
                     continue
                 if n == len(points) or hidden(eye, q, triangles, faces[e, 0], faces[e, 1]):
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
                 keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
                 n += 1
-        if n > config.enough_part * most or spacing <= spacing_px:
+        if n >= most or spacing <= spacing_px:
             break
-        spacing = max(spacing_px, spacing * max(n, config.min_shrink * most) / most)
+        spacing = max(spacing_px, spacing * max(n, LEAST_SHRINK * most) / most)
     return by_edge(points[:n].copy(), keys[:n].copy())
 
 
-@compiled("points edges view f0", points=CONTROL_POINTS, edges=EDGE_MAP, view=VIEW)
-def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: float) -> SearchLines:
-    """Search lines of control points at a pose; outside where nearer than margin_px to the image's border."""
+@compiled("points edges view", points=CONTROL_POINTS, edges=EDGE_MAP, view=VIEW)
+def search_lines(points: ControlPoints, edges: EdgeMap, view: View) -> SearchLines:
+    """Search lines of control points at a pose; outside where nearer than MARGIN_PX to the image's border."""
     places, keys, ends, inward = points.points, points.keys, edges.ends, edges.inward
     n, R, t, lens, size, near = len(places), view.R, view.t, view.lens, view.size_px, view.near
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)
@@ -185,7 +190,7 @@ def search_lines(points: ControlPoints, edges: EdgeMap, view: View, margin_px: f
         if c[2] <= near:
             continue
         u, v = project(c[0], c[1], c[2], lens)
-        if not (margin_px <= u <= size[0] - 1 - margin_px and margin_px <= v <= size[1] - 1 - margin_px):
+        if not (MARGIN_PX <= u <= size[0] - 1 - MARGIN_PX and MARGIN_PX <= v <= size[1] - 1 - MARGIN_PX):
             continue
         step = c[2]  # a thousandth of the depth along the edge
         u1, v1 = project(c[0] + step * w[0], c[1] + step * w[1], c[2] + step * w[2], lens)

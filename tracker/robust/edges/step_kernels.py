@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavbench.tracker.order_kernels import insert
 from uavbench.tracker.robust.config.edges import SubpixelConfig
 from uavbench.tracker.robust.edges.columns import (
     MEAN_SQUARE,
@@ -37,10 +36,19 @@ from uavbench.trajectories.pose import Array
 CODES = np.arange(256) / 255
 LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2.4)
 """Linear light of sRGB codes (IEC 61966-2-1): pixels mix light, not codes."""
+LEAST_STEP = float(LIGHT[1])
+"""A step of light below that of one code is none."""
 BLUR_PX = 0.5
 """Standard deviation of H': 0.29 px of a pixel's area, whatever its direction, and 0.4 px of a sharp lens."""
-MAX_REACH_PX = 3
-"""Most pixels to either side of the edge on a scan line: the tables below have room for them."""
+CLEARANCE_PX = 3 * BLUR_PX
+"""Reach of the blur of a neighbouring edge: three standard deviations."""
+MAX_SHIFT_PX = BLUR_PX
+"""The fit is linear in the shift, and right only within one standard deviation of the blur."""
+MIN_REACH_PX, MAX_REACH_PX = 2, 3
+"""Pixels to either side of the edge on a scan line: fewer are too few for a step and two levels, more add little to it.
+"""
+ALONG_PX = 2
+"""Scan lines to either side of a control point: points are some 6 px apart, and those of two do not overlap."""
 TABLE_PX, STEPS_PER_PX = MAX_REACH_PX + 1, 64
 AT = np.arange(-TABLE_PX * STEPS_PER_PX, TABLE_PX * STEPS_PER_PX + 1) / STEPS_PER_PX
 STEP = np.array([0.5 * (1 + math.erf(s / (math.sqrt(2) * BLUR_PX))) for s in AT])
@@ -65,14 +73,13 @@ class SubpixelEdges(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Distance of a step in px along a normal, its variance in px^2, and the variance of the light about it."""
+    """Distance of a step in px along a normal, and its variance in px^2."""
 
     distance: float
     variance_px2: float
-    noise: float
 
 
-NO_STEP = Step(np.inf, np.inf, np.inf)
+NO_STEP = Step(np.inf, np.inf)
 FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
 
 
@@ -100,34 +107,24 @@ def refine_subpixel(
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
     distance, variance = np.full((len(lines), 1), np.inf), fitted.variance_px2.copy()
-    colour, n = np.empty(3), len(lines)
-    places, spreads, noises_of = np.empty(n), np.empty(n), np.empty(n)
+    colour = np.empty(3)
     for g in range(len(first) - 1):
         start, total = 0.0, 0.0
         for p in range(first[g], first[g + 1]):
             if weights[p] > 0.0:
                 start, total = start + weights[p] * residual[p], total + weights[p]
         start /= max(total, 1e-12)
-        noises = np.empty(first[g + 1] - first[g])
-        count = 0
         for p in range(first[g], first[g + 1]):
-            noises_of[p] = np.inf
+            if not weights[p] > 0.0:
+                continue
+            distance[p, 0] = residual[p]
             step = learned_light(appearance[rows[p]], image.shape[2], colour)
-            reach = min(config.reach_px, int(spacing[p] - config.clearance_px))
-            if weights[p] > 0.0 and side[p] != OUTSIDE and step > 0.0 and reach >= config.min_reach_px:
-                least = config.min_step_part * step
-                found = fit_step(image, lines[p], start, reach, config.along_px, colour, least)
-                places[p], spreads[p], noises_of[p] = found.distance, found.variance_px2, found.noise
-                if found.noise < np.inf:
-                    insert(noises, count, found.noise)
-                    count += 1
-        most = config.max_noise_ratio * noises[count // 2] if count > 0 else 0.0
-        for p in range(first[g], first[g + 1]):
-            if noises_of[p] <= most and abs(places[p] - start) < config.max_shift_px:
-                distance[p, 0] = places[p]
-                variance[p] = config.variance_px2 + spreads[p] + appearance[rows[p], MEAN_SQUARE]
-            elif weights[p] > 0.0:
-                distance[p, 0] = residual[p]
+            reach = min(MAX_REACH_PX, int(spacing[p] - CLEARANCE_PX))
+            if side[p] != OUTSIDE and step > 0.0 and reach >= MIN_REACH_PX:
+                found = fit_step(image, lines[p], start, reach, ALONG_PX, colour)
+                if abs(found.distance - start) < MAX_SHIFT_PX:
+                    distance[p, 0] = found.distance
+                    variance[p] = config.variance_px2 + found.variance_px2 + appearance[rows[p], MEAN_SQUARE]
     return SubpixelEdges(distance, variance)
 
 
@@ -149,9 +146,9 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
     return step
 
 
-@compiled("u3 f1 f0 i0 i0 f1 f0", inner=True)
-def fit_step(image: Image, line: Array, start: float, reach: int, along: int, colour: Array, least: float) -> Step:
-    """The step of light on a search line (4,); inf where there is none that is stronger than `least`.
+@compiled("u3 f1 f0 i0 i0 f1", inner=True)
+def fit_step(image: Image, line: Array, start: float, reach: int, along: int, colour: Array) -> Step:
+    """The step of light on a search line (4,); inf where there is none in the direction `colour`.
 
     Pixels of `along` rows, or columns, to either side that cross the edge most steeply, about the place at distance
     `start`, `reach` of each to either side of the edge.
@@ -186,7 +183,7 @@ def fit_step(image: Image, line: Array, start: float, reach: int, along: int, co
     b1, b2 = t1 - s01 * t0 / n, t2 - s02 * t0 / n
     det = a11 * a22 - a12 * a12
     step, slope = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
-    if not step > least:
+    if not step > LEAST_STEP:
         return NO_STEP
     noise = max(0.0, tt - t0 * t0 / n - step * b1 - slope * b2) / (n - 3)
-    return Step(start - slope / step, noise * a11 / det / (step * step), noise)
+    return Step(start - slope / step, noise * a11 / det / (step * step))

@@ -34,6 +34,10 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 WEIGHTS = kernel_type(WeightConfig)
+LEAST_WEIGHT = 0.02
+"""Weight of edges that touch: an edge of no weight at all would have no offset."""
+PARALLEL_COSINE = 0.82
+"""Cosine of 35 degrees, up to which edges disturb each other: as much as faces of one rounded surface turn."""
 
 Indices = NDArray[np.int64]
 
@@ -54,7 +58,7 @@ def edge_spacing(at: SearchLines, keys: Indices, config: WeightConfig) -> Array:
             if abs(du) > config.separate_px or abs(dv) > config.separate_px:
                 continue
             nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
-            if abs(nu * lines[q, NORMAL_U] + nv * lines[q, NORMAL_V]) < config.parallel_cosine:
+            if abs(nu * lines[q, NORMAL_U] + nv * lines[q, NORMAL_V]) < PARALLEL_COSINE:
                 continue
             across = abs(du * nu + dv * nv)
             gap[p] = min(gap[p], across)
@@ -69,18 +73,14 @@ def point_weights(spacing: Array, rows: Indices, appearance: Array, config: Weig
     spacing (n,) is the distance in px to another edge, of `edge_spacing`.
     """
     out = spacing.copy()
-    touching_px, least = config.touching_px, config.min_spacing_weight
     for p in range(len(out)):
         r = rows[p]
-        apart = min(1.0, max(least, (out[p] - touching_px) / (config.separate_px - touching_px)))
-        known = min(1.0, appearance[r, TIMES_SEEN] / config.known_frames)
+        apart = min(1.0, max(LEAST_WEIGHT, out[p] / config.separate_px))
         step = 0.0
         for c in range(3):
             step += (appearance[r, POSITIVE_COLOUR + c] - appearance[r, NEGATIVE_COLOUR + c]) ** 2
-        out[p] = apart * (
-            config.unknown_weight * (1.0 - known)
-            + known * step / (step + config.weak_step_grey * config.weak_step_grey)
-        )
+        known = step / (step + config.weak_step_grey * config.weak_step_grey)
+        out[p] = apart * (known if appearance[r, TIMES_SEEN] > 0.0 else config.unknown_weight)
     return out
 
 
@@ -103,29 +103,24 @@ def point_variances(
     return own
 
 
-@compiled("measured b1 weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
-def offset_variances(measured: EdgeMeasurements, on_ground: NDArray[np.bool_], config: WeightConfig) -> Array:
+@compiled("measured weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
+def offset_variances(measured: EdgeMeasurements, config: WeightConfig) -> Array:
     """Variance (g,) in px^2 of the offset that all control points of an edge share.
 
-    on_ground (e,) tells the edges of the structure that touch the ground. An edge of less weight may lie farther off.
+    An edge of less weight may lie farther off.
     """
-    points, own = measured.points, measured.variance_px2
-    first = points.first
+    first = measured.points.first
     shared = np.empty(len(first) - 1)
     for g in range(len(shared)):
         p = first[g]
         crease = measured.lines.side[p] == CREASE
         shared[g] = config.crease_variance_px2 if crease else config.silhouette_variance_px2
-        if on_ground[points.keys[p, EDGE]]:
-            shared[g] = config.contact_variance_px2
-        mean, weight, found = 0.0, 0.0, 0
+        weight, found = 0.0, 0
         for p in range(first[g], first[g + 1]):
             if measured.candidates.distance[p, 0] < np.inf:
-                mean, weight, found = mean + own[p], weight + measured.weight[p], found + 1
+                weight, found = weight + measured.weight[p], found + 1
         if found > 0:
-            shared[g] = (
-                (shared[g] + config.shared_part * mean / found) * found / max(weight, config.min_spacing_weight * found)
-            )
+            shared[g] *= found / max(weight, LEAST_WEIGHT * found)
     return shared
 
 
@@ -150,7 +145,7 @@ def support(
     weights (n,) of the control points and patch_weights (m,) are those of the M-estimator, > 0 where one took part;
     correlation (m,) < 0 where a patch was not looked for.
     """
-    have, want, patch_weight = 0.0, 0.0, config.patch_weight
+    have, want = 0.0, 0.0
     for p in range(len(weights)):
         want += measured.weight[p]
         if appearance[measured.points.rows[p], TIMES_SEEN] > 0.0:
@@ -161,7 +156,7 @@ def support(
     edges = have / max(1.0, want)
     for p in range(len(patch_weights)):
         if patch_weights[p] > 0.0:
-            have, want = have + patch_weight, want + patch_weight
+            have, want = have + 1.0, want + 1.0
         elif correlation[p] >= 0.0:
-            want += config.missed_weight * patch_weight
+            want += 1.0
     return Support(have / max(1.0, want), edges)

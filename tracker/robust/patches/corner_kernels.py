@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.order_kernels import falling
 from uavbench.tracker.robust.edges.hidden_line_kernels import TRIANGLES, Triangles
-from uavbench.tracker.robust.patches.patch_kernels import HALF, SIDE
+from uavbench.tracker.robust.patches.matches import HALF, SIDE
 from uavbench.trajectories.geometry.ray_triangle import ray_triangle
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled

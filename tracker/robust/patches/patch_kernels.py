@@ -1,7 +1,4 @@
-"""Compiled texture: small patches on known planes, found again by aligning them (Baker & Matthews 2004).
-
-A patch is a grid of SIDE x SIDE texels on a plane of the structure.
-"""
+"""Compiled texture: small patches on known planes, found again by aligning them (Baker & Matthews 2004)."""
 
 import math
 from typing import NamedTuple
@@ -15,81 +12,28 @@ from uavbench.tracker.robust.config.patches import AlignmentConfig
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
 from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.patches.matches import (
+    HALF,
+    PATCHES,
+    SIDE,
+    WARP,
+    Patches,
+    PatchMatches,
+    Shift,
+    Warp,
+)
 from uavbench.tracker.robust.view import VIEW, View
-from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-SIDE = 9
-HALF = (SIDE - 1) / 2
+BORDER_PX = HALF + 2
+"""A patch whose middle lies nearer to the image's border is not looked for: half of it, and 2 px for a larger one."""
+MAX_STEPS, SETTLED_TEXELS = 6, 0.02
+"""An alignment ends with a step below a fifth of a patch's own error, or after so many."""
 ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
-
-
-class Patches(NamedTuple):
-    """Patches, a row for each.
-
-    middles (n, 3); axes (n, 2, 3) the step of one texel along either axis in units of the model; texels
-    (n, SIDE, SIDE) grey values of mean 0 and norm 1; face (n,) on which a patch lies; hits (n,) frames in which it took
-    part, missed (n,) those since in which it was not found; taken_s (n,) stamp at which it was taken.
-    """
-
-    middles: Array
-    axes: Array
-    texels: Array
-    face: Indices
-    hits: Indices
-    missed: Indices
-    taken_s: Array
-
-    @classmethod
-    def room_for(cls, count: int) -> "Patches":
-        """Rows to fill."""
-        middles, axes, texels = np.zeros((count, 3)), np.zeros((count, 2, 3)), np.zeros((count, SIDE, SIDE))
-        face, hits, missed = (np.zeros(count, dtype=np.int64) for _ in range(3))
-        return cls(middles, axes, texels, face, hits, missed, np.zeros(count))
-
-
-class Warp(NamedTuple):
-    """A patch at a pose: pixel (u, v) of its middle, step A (2, 2) in px of a texel along either axis, and whether its
-    area and stretch are near those that it was taken with.
-    """
-
-    u: float
-    v: float
-    A: Array
-    alike: bool
-
-
-class Shift(NamedTuple):
-    """Shift (da, db) of a patch in texels, its correlation there, and the mean variance of da and db for texels that
-    differ by a variance of one.
-    """
-
-    da: float
-    db: float
-    correlation: float
-    spread: float
-
-
-class PatchMatches(NamedTuple):
-    """Where patches are found in an image.
-
-    places (m, 3) of their middles in the world; observed (m, 2) px; correlation (m,), 0 where a patch is not found and
-    -1 where it is not looked for; variance_px2 (m,) of the pixel along either axis.
-    """
-
-    places: Array
-    observed: Array
-    correlation: Array
-    variance_px2: Array
-
-
-PATCHES = named_tuple(Patches, "f2! f3! f3! i1! i1! i1! f1!")
-WARP = named_tuple(Warp, "f0 f0 f2! b0")
-PATCH_MATCHES = named_tuple(PatchMatches, "f2! f2! f1! f1!")
 
 
 @compiled("u3 warp f0 f0 f2! f0", inner=True, warp=WARP)
@@ -163,12 +107,11 @@ def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> War
         u1, v1 = project(xk, yk, max(zk, view.near), cam)
         A[0, k], A[1, k] = u1 - u, v1 - v
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-    largest = max(abs(A[0, 0]), abs(A[0, 1]), abs(A[1, 0]), abs(A[1, 1]))
-    return Warp(u, v, A, config.min_area < area < config.max_area and largest < config.max_stretch)
+    return Warp(u, v, A, 1.0 < area * config.max_area_change < config.max_area_change * config.max_area_change)
 
 
-@compiled("patches i0 edges view i0 f0", patches=PATCHES, edges=EDGE_MAP, view=VIEW)
-def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int, border_px: float) -> Indices:
+@compiled("patches i0 edges view i0", patches=PATCHES, edges=EDGE_MAP, view=VIEW)
+def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) -> Indices:
     """Rows, in order, of at most `most` of the first `count` patches that a pose shows: those found most often."""
     middles, face, planes = patches.middles, patches.face, edges.planes
     R, t, cam, size = view.R, view.t, view.lens, view.size_px
@@ -185,7 +128,7 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int, 
         x = R[0, 0] * middles[p, 0] + R[0, 1] * middles[p, 1] + R[0, 2] * middles[p, 2] + t[0]
         y = R[1, 0] * middles[p, 0] + R[1, 1] * middles[p, 1] + R[1, 2] * middles[p, 2] + t[1]
         u, v = project(x, y, z, cam)
-        if not (border_px < u < size[0] - border_px and border_px < v < size[1] - border_px):
+        if not (BORDER_PX < u < size[0] - BORDER_PX and BORDER_PX < v < size[1] - BORDER_PX):
             continue
         rows[n] = p
         n += 1
@@ -237,7 +180,7 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
                         value = correlation(now, ref)
                         if value > top:
                             top, ta, tb = value, j, i
-            if top > config.coarse_correlation:
+            if top > 0.0:
                 other = _refine(image, at, float(ta), float(tb), ref, now, config)
                 if other.correlation > best:
                     da, db, best = other.da, other.db, other.correlation
@@ -263,9 +206,9 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
         return Shift(da, db, -1.0, 0.0)
-    reach, longest, least = config.reach_texels, config.max_step_texels, config.min_contrast_grey
+    reach, least = config.reach_texels, config.min_contrast_grey
     begin_a, begin_b = da, db
-    for _ in range(config.max_steps):
+    for _ in range(MAX_STEPS):
         if not sample_patch(image, at, da, db, now, least):
             return Shift(da, db, -1.0, 0.0)
         ea, eb = 0.0, 0.0
@@ -275,11 +218,10 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
                 ea += 0.5 * (ref[i, j + 1] - ref[i, j - 1]) * e
                 eb += 0.5 * (ref[i + 1, j] - ref[i - 1, j]) * e
         step_a, step_b = (h11 * ea - h01 * eb) / det, (h00 * eb - h01 * ea) / det
-        da -= max(-longest, min(longest, step_a))
-        db -= max(-longest, min(longest, step_b))
+        da, db = da - step_a, db - step_b
         if abs(da - begin_a) > reach or abs(db - begin_b) > reach:
             return Shift(da, db, -1.0, 0.0)
-        if abs(step_a) + abs(step_b) < config.settled_texels:
+        if abs(step_a) + abs(step_b) < SETTLED_TEXELS:
             break
     return Shift(da, db, correlation(now, ref), 0.5 * (h00 + h11) / det)
 

@@ -13,25 +13,23 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.config.patches import PatchesConfig
+from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.corner_kernels import KeepOut, first_hit, strong_pixels
-from uavbench.tracker.robust.patches.patch_kernels import (
-    HALF,
-    SIDE,
-    Patches,
-    PatchMatches,
-    align,
-    choose,
-    count_hits,
-    shift_places,
-)
+from uavbench.tracker.robust.patches.matches import HALF, SIDE, Patches, PatchMatches
+from uavbench.tracker.robust.patches.patch_kernels import align, choose, count_hits, shift_places
 from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Array, Pose
 
 MAX_PATCHES = 600
 """Patches that are remembered; where there is no room for new ones, three quarters are kept."""
+
+LEAST_AGE_S = 1e-3
+"""A patch of this very frame has hardly any weight, but some."""
+SPACING_PX = float(SIDE)
+"""Patches lie no nearer to each other, so that they do not overlap. Measured round a box 2.5 m away: patches 6 px apart
+drift."""
 
 Indices = NDArray[np.int64]
 
@@ -39,8 +37,9 @@ Indices = NDArray[np.int64]
 class Texture:
     """The patches of a structure that were taken so far; rows from len(self) on are free."""
 
-    def __init__(self, edges: EdgeMap, camera: Camera, view: View, config: PatchesConfig) -> None:
-        self.config, self.alignment = config, kernel_values(config.alignment)
+    def __init__(self, edges: EdgeMap, camera: Camera, view: View, config: RobustConfig) -> None:
+        self.config, self.alignment = config.patches, kernel_values(config.patches.alignment)
+        self.from_edges_px = config.edges.weights.separate_px
         self.edges, self.camera, self.view = edges, camera, view
         self.count = 0
         self.patches = Patches.room_for(MAX_PATCHES)
@@ -53,13 +52,12 @@ class Texture:
 
     def choose(self, view: View) -> None:
         """Choose the patches to look for in a view: on faces turned to the camera, in the image, best known first."""
-        config = self.config
-        self.chosen = choose(self.patches, self.count, self.edges, view, config.max_used, config.alignment.border_px)
+        self.chosen = choose(self.patches, self.count, self.edges, view, self.config.max_used)
 
     def align(self, image: Image, view: View) -> PatchMatches:
         """Where the chosen patches are found near a view in an image (h, w, c)."""
         found = align(image, self.patches, self.chosen, view, self.alignment)
-        age_s = np.maximum(self.now_s - self.patches.taken_s[self.chosen], self.config.min_age_s)
+        age_s = np.maximum(self.now_s - self.patches.taken_s[self.chosen], LEAST_AGE_S)
         return found._replace(variance_px2=found.variance_px2 * (1 + self.config.young_s / age_s))
 
     def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> int:
@@ -79,15 +77,15 @@ class Texture:
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
         """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2)."""
         c = self.config
-        if self.count > MAX_PATCHES - c.spots:
+        if self.count > MAX_PATCHES - c.max_used:
             order = np.argsort(-self.patches.hits[: self.count], kind="stable")
             self._keep(np.argsort(order, kind="stable") < MAX_PATCHES * 3 // 4)
         spots = self._spots(pose)
         if not len(spots):
             return
-        most = min(MAX_PATCHES - self.count, c.initial_new if self.count == 0 else c.new)
-        edges = KeepOut(np.ascontiguousarray(edge_pixels), c.edge_margin_px)
-        known = KeepOut(self._known_pixels(pose), c.spacing_px)
+        most = min(MAX_PATCHES - self.count, 2 * c.max_used if self.count == 0 else c.new)
+        edges = KeepOut(np.ascontiguousarray(edge_pixels), self.from_edges_px)
+        known = KeepOut(self._known_pixels(pose), SPACING_PX)
         pixels = strong_pixels(image, spots, edges, known, c.min_corner_grey2, most)
         if len(pixels):
             self._append(image, pixels, pose)
@@ -105,7 +103,7 @@ class Texture:
             texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
             norm = float(np.linalg.norm(texels))
-            if face < 0 or norm < self.config.min_contrast_grey * SIDE:
+            if face < 0 or norm < self.config.alignment.min_contrast_grey * SIDE:
                 continue
             plane = self.edges.planes[face]
             points = eye + ray[:3] * ((plane[3] - plane[:3] @ eye) / (ray[:3] @ plane[:3]))[:, None]
@@ -127,7 +125,7 @@ class Texture:
         if (cam[:, 2] > self.view.near).all():
             px = self.camera.project(cam)
             low, high = np.maximum(px.min(axis=0), 0), np.minimum(px.max(axis=0), high)
-        n = self.config.initial_spots if self.count == 0 else self.config.spots
+        n = self.config.initial_spots if self.count == 0 else self.config.max_used
         k = np.arange(self.turn, self.turn + n)
         self.turn += n
         spread = np.column_stack([k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0])

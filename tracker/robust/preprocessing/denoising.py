@@ -21,7 +21,7 @@ def smoothed(image: Image, config: PreprocessingConfig) -> Image:
     sigma_px = noise_grey / (2 * math.sqrt(math.pi) * config.max_noise_grey)
     if sigma_px <= 1 / (2 * math.sqrt(math.pi)):
         return image
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), min(config.max_smoothing_px, sigma_px)), dtype=np.uint8)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.uint8)
 
 
 @compiled("u3")

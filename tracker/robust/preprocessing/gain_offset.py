@@ -38,7 +38,7 @@ class ContrastStretch:
     def needed(cls, image: Image, config: PreprocessingConfig) -> "ContrastStretch":
         """The stretch that an image needs; none where it has enough contrast."""
         low, middle, high = np.percentile(image[::APART_PX, ::APART_PX], (5, 50, 95))
-        gain = min(config.max_gain, config.usual_range_grey / max(float(high - low), 1.0))
+        gain = config.usual_range_grey / max(float(high - low), 1.0)
         return cls(gain, float(middle)) if gain > config.min_gain else cls()
 
     def of(self, image: Image) -> Image:
@@ -59,7 +59,7 @@ class ContrastStretch:
         return GainOffset(gain, MIDDLE + other.gain * (self.middle * ratio - other.middle) - MIDDLE * gain)
 
 
-def brightness_ratio(now: Image, then: Image, config: PreprocessingConfig) -> Array:
+def brightness_ratio(now: Image, then: Image) -> Array:
     """Median ratio (channels,) of brightness to that of an earlier image; 1 where too few pixels are usable.
 
     now and then are some rows (h, w) or (h, w, c) of each, h and w the same.
@@ -68,10 +68,10 @@ def brightness_ratio(now: Image, then: Image, config: PreprocessingConfig) -> Ar
     out = np.ones(a.shape[2])
     for c in range(len(out)):
         low, high = np.minimum(a[..., c], b[..., c]), np.maximum(a[..., c], b[..., c])
-        usable = (low > config.dark_grey) & (high < config.bright_grey)
+        usable = (low > 0) & (high < 255)
         if np.count_nonzero(usable) > usable.size // USABLE:
             out[c] = np.median(a[usable, c].astype(np.float64) / b[usable, c])
-    return np.ones(len(out)) if np.abs(np.log(out)).max() < config.min_brightness_change_log else out
+    return out
 
 
 def compensated(appearance: Array, change: GainOffset) -> Array:

@@ -14,6 +14,10 @@ from uavbench.trajectories.pose import Array
 HYPOTHESES = kernel_type(HypothesesConfig)
 EDGES_DRAWN = 3
 """Edges of a hypothesis: two candidates on each fix the six unknowns."""
+SIGMAS_TO_OUTLIER = 4.0
+"""Standard deviations of a candidate at which it counts as an outlier."""
+SCORED_POINTS = 96
+"""Control points that score a hypothesis, for time: with all of them poses are no better."""
 DRAWS_PER_EDGE = 4
 """Columns of the drawn numbers for each edge: control point, other point of its edge, candidate, and one unused."""
 
@@ -31,7 +35,7 @@ def add_drawn(
     """
     distance, J, first = measured.candidates.distance, measured.lines.jacobian, measured.points.first
     n, k = distance.shape
-    information = 1.0 / (config.candidate_sigma_px * config.candidate_sigma_px)
+    information = (SIGMAS_TO_OUTLIER / config.inlier_px) ** 2
     for s in range(EDGES_DRAWN):
         column = DRAWS_PER_EDGE * s
         p = min(n - 1, int(draws[column] * n))
@@ -63,12 +67,12 @@ def add_drawn(
 def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, config: HypothesesConfig) -> float:
     """Cost of a twist x (6,): truncated squared distances of the control points, and of the prior; given up at `most`.
 
-    Control points are thinned to `scored_points`.
+    Control points are thinned to about SCORED_POINTS.
     """
-    distance, penalty = measured.candidates.distance, measured.candidates.penalty
+    distance = measured.candidates.distance
     J, weight = measured.lines.jacobian, measured.weight
     n, k = distance.shape
-    stride = max(1, n // config.scored_points)
+    stride = max(1, n // SCORED_POINTS)
     cost = 0.0
     for i in range(6):
         for j in range(6):
@@ -80,7 +84,7 @@ def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float,
         least = 1.0
         for c in range(k):
             r = (distance[p, c] - moved) / config.inlier_px
-            least = min(least, r * r + config.colour_cost * penalty[p, c])
+            least = min(least, r * r)
         cost += weight[p] * least
         if cost > most:
             break

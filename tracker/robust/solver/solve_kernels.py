@@ -10,7 +10,7 @@ from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.edges.columns import NORMAL_U, NORMAL_V, U, V
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
 from uavbench.tracker.robust.kernel_values import kernel_type
-from uavbench.tracker.robust.patches.patch_kernels import PATCH_MATCHES, PatchMatches
+from uavbench.tracker.robust.patches.matches import PATCH_MATCHES, PatchMatches
 from uavbench.tracker.robust.solver.bias_kernels import FRAME_SUMS, LOCAL_BIASES, FrameSums, LocalBiases
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -52,17 +52,13 @@ class Step(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A pose R (3, 3), t (3,), the last step to it, the sums that step was made of, and the weighting in them.
-
-    farthest_px: how far the control points were moved along their lines at most.
-    """
+    """A pose R (3, 3), t (3,), the last step to it, the sums that step was made of, and the weighting in them."""
 
     R: Array
     t: Array
     step: Step
     sums: FrameSums
     weighting: Weighting
-    farthest_px: float
 
 
 POSE_PRIOR = named_tuple(PosePrior, "f2! f2! f1!")
@@ -104,13 +100,10 @@ def add_points(
     weighting: Weighting,
     sums: FrameSums,
     config: EstimatorConfig,
-) -> float:
-    """Weigh the control points at a pose and make the sums over the edges anew, in place.
-
-    Returns how far in px the control points are along their lines at most.
-    """
+) -> None:
+    """Weigh the control points at a pose and make the sums over the edges anew, in place."""
     points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
-    distance, penalty = measured.candidates.distance, measured.candidates.penalty
+    distance = measured.candidates.distance
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
     E, e, R, t, lens = sums.edge_information, sums.edge_vector, view.R, view.t, view.lens
     weight, variance_px2 = measured.weight, measured.variance_px2
@@ -119,7 +112,7 @@ def add_points(
         matrix.fill(0.0)
     for column in (S, d, e):
         column.fill(0.0)
-    row, c, farthest = np.empty(6), np.empty(3), 0.0
+    row, c = np.empty(6), np.empty(3)
     for g in range(len(first) - 1):
         for p in range(first[g], first[g + 1]):
             weights[p], residual[p] = 0.0, np.inf
@@ -132,11 +125,10 @@ def add_points(
             u, v = project(c[0], c[1], c[2], lens)
             nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
             moved = (u - lines[p, U]) * nu + (v - lines[p, V]) * nv
-            farthest = max(farthest, abs(moved))
             best, r_best = np.inf, np.inf
             for candidate in range(distance.shape[1]):
                 r = distance[p, candidate] - moved
-                cost = r * r / (width_px * width_px) + config.colour_cost * penalty[p, candidate]
+                cost = r * r / (width_px * width_px)
                 if cost < best:
                     best, r_best = cost, r
             residual[p] = r_best
@@ -150,7 +142,6 @@ def add_points(
                 for i in range(6):
                     s[g, i] += w * row[i]
     mirror(E)
-    return farthest
 
 
 @compiled(
@@ -271,7 +262,7 @@ def refine(
     variances of the measurements.
     """
     n, m, edges = len(measured.weight), len(matches.places), len(measured.points.first) - 1
-    R, t, farthest = view.R.copy(), view.t.copy(), 0.0
+    R, t = view.R.copy(), view.t.copy()
     weighting = Weighting(np.zeros(n), np.zeros(n), np.zeros(m))
     step = Step(np.zeros((6, 6)), np.zeros(6), np.zeros(6))
     sums = FrameSums(
@@ -280,10 +271,10 @@ def refine(
     )
     for width_px in widths_px:
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
-        farthest = add_points(measured, now, width_px, weighting, sums, config)
+        add_points(measured, now, width_px, weighting, sums, config)
         add_patches(matches, now, width_px, weighting, sums)
         if not solve_step(sums, biases, prior, now, step, config):
             break
         moved = se3_exp_left(R, t, step.to_fit)
         R, t = moved.R, moved.t
-    return Estimate(R, t, step, sums, weighting, farthest)
+    return Estimate(R, t, step, sums, weighting)

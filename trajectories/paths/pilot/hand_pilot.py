@@ -105,7 +105,7 @@ class Stage:
         return lowest, min(self.height_m[1], self.low_m + near * self.slope_down)
 
     def place(self, closeness: float, loftiness: float) -> tuple[float, float]:
-        """Distance and height wished for, from two wishes in 0..1, such that all of the structure is in view."""
+        """Distance and height (m) of two preferences in 0..1, such that all of the structure is in view."""
         nearest, furthest = self.range_m
         for distance in np.linspace(nearest, furthest, 41):  # The nearest place that still shows it all.
             lowest, highest = self.heights(float(distance))

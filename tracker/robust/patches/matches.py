@@ -1,0 +1,81 @@
+"""Named arrays of patches and of where they are found.
+
+A patch is a grid of SIDE x SIDE texels on a plane of the structure.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.trajectories.kernels.argument_types import named_tuple
+from uavbench.trajectories.pose import Array
+
+SIDE = 9
+HALF = (SIDE - 1) / 2
+
+Indices = NDArray[np.int64]
+
+
+class Patches(NamedTuple):
+    """Patches, a row for each.
+
+    middles (n, 3); axes (n, 2, 3) the step of one texel along either axis in units of the model; texels
+    (n, SIDE, SIDE) grey values of mean 0 and norm 1; face (n,) on which a patch lies; hits (n,) frames in which it took
+    part, missed (n,) those since in which it was not found; taken_s (n,) stamp at which it was taken.
+    """
+
+    middles: Array
+    axes: Array
+    texels: Array
+    face: Indices
+    hits: Indices
+    missed: Indices
+    taken_s: Array
+
+    @classmethod
+    def room_for(cls, count: int) -> "Patches":
+        """Rows to fill."""
+        middles, axes, texels = np.zeros((count, 3)), np.zeros((count, 2, 3)), np.zeros((count, SIDE, SIDE))
+        face, hits, missed = (np.zeros(count, dtype=np.int64) for _ in range(3))
+        return cls(middles, axes, texels, face, hits, missed, np.zeros(count))
+
+
+class Warp(NamedTuple):
+    """A patch at a pose: pixel (u, v) of its middle, step A (2, 2) in px of a texel along either axis, and whether its
+    area is near that which it was taken with.
+    """
+
+    u: float
+    v: float
+    A: Array
+    alike: bool
+
+
+class Shift(NamedTuple):
+    """Shift (da, db) of a patch in texels, its correlation there, and the mean variance of da and db for texels that
+    differ by a variance of one.
+    """
+
+    da: float
+    db: float
+    correlation: float
+    spread: float
+
+
+class PatchMatches(NamedTuple):
+    """Where patches are found in an image.
+
+    places (m, 3) of their middles in the world; observed (m, 2) px; correlation (m,), 0 where a patch is not found and
+    -1 where it is not looked for; variance_px2 (m,) of the pixel along either axis.
+    """
+
+    places: Array
+    observed: Array
+    correlation: Array
+    variance_px2: Array
+
+
+PATCHES = named_tuple(Patches, "f2! f3! f3! i1! i1! i1! f1!")
+WARP = named_tuple(Warp, "f0 f0 f2! b0")
+PATCH_MATCHES = named_tuple(PatchMatches, "f2! f2! f1! f1!")
