@@ -25,7 +25,8 @@ Status = Literal["ok", "lost", "not_initialized"]
 class TrackResult:
     """A tracker's result for one frame.
 
-    `cam_from_world` is the estimate, None unless status is `ok`. `covariance` (6, 6) is of the twist xi with
+    `cam_from_world` is the estimate, None unless status is `ok`; `guess` is the best guess of a tracker that searches,
+    and no estimate. `covariance` (6, 6) is of the twist xi with
     cam_from_world_true = exp(xi) @ cam_from_world, translation (m) first, rotation (rad) last, None where the tracker
     claims none. `stage_ms` holds the wall time of each stage by its name. The counts are None where they mean nothing.
     """
@@ -38,6 +39,7 @@ class TrackResult:
     control_points: int | None = None
     candidates: int | None = None
     inliers: int | None = None
+    guess: Pose | None = None
 
     def __post_init__(self) -> None:
         if (self.status == "ok") != (self.cam_from_world is not None):

@@ -10,6 +10,7 @@ from typing import Annotated
 from annotated_types import Ge
 
 from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.budget import BudgetConfig
 from uavbench.tracker.robust.config.edges import EdgesConfig
 from uavbench.tracker.robust.config.patches import PatchesConfig
 from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
@@ -121,3 +122,5 @@ class RobustConfig:
     """Loss of the track."""
     relocalization: RelocalizationConfig = field(default_factory=RelocalizationConfig)
     """Relocalization."""
+    budget: BudgetConfig = field(default_factory=BudgetConfig)
+    """Work of a frame."""
