@@ -232,6 +232,7 @@ class EdgeFitter:
                 best.sums,
                 best.step,
                 problem.prior.information,
+                found.measured.candidates.distance,
             ),
         )
 

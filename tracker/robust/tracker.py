@@ -11,6 +11,7 @@ from uavbench.tracker.geometry_kernels import inverse6
 from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.false_alarms import log10_false_alarms
 from uavbench.tracker.robust.motion_model import Motion
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
@@ -117,7 +118,9 @@ class RobustRun:
         fit, frame = self.compensated(frame, fit, clock)
         fit, settled = self.initialized_or_recovered(frame, fit, clock)
         fit = self.without_patches(frame, fit, clock)
-        holds = fit.finite and fit.support >= self.required_support(fit, frame.predicted)
+        holds = fit.finite and (
+            fit.support >= self.required_support(fit, frame.predicted) or self.is_there(fit, frame.predicted)
+        )
         self.is_lost = not (settled and holds)
         if self.is_lost:
             self.fitter.appearance, self.stretch = before  # a wrong pose tells nothing of the light
@@ -239,6 +242,18 @@ class RobustRun:
             else initial.min_support
         )
 
+    def is_there(self, fit: Fit, predicted: Motion) -> bool:
+        """Whether a track goes on since chance would not find so many edges where they are predicted."""
+        if (
+            self.ok_ns is None
+            or self.is_lost
+            or predicted.squared_mahalanobis(fit.cam_from_world) > self.config.loss.far_chi2
+        ):
+            return False
+        solver, half_px = self.config.solver, self.config.edges.search.fine_half_px
+        width_px, tests = solver.estimator.last_widths_px[-1], solver.hypotheses.count
+        return log10_false_alarms(fit, width_px, half_px, tests) < self.config.loss.log10_false_alarms
+
     def prior_constrained(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
         """A fit constrained to the initial pose; None where another one has clearly more support."""
         initial = self.config.initialization
@@ -274,7 +289,7 @@ class RobustRun:
         holds = given if first else fit.support >= loss.min_support
         if settled and found.advantage > (loss.advantage if holds and not slow else 0.0):
             return Decision(found.fit, True)
-        if settled or (holds and not first and not self.is_lost):
+        if settled or ((holds or self.is_there(fit, frame.predicted)) and not first and not self.is_lost):
             return Decision(fit, True)
         return Decision(found.fit, False)
 
