@@ -18,13 +18,14 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
 
 Image = NDArray[np.uint8]
-Status = Literal["ok", "lost", "not_initialized"]
+Status = Literal["ok", "ambiguous", "lost", "not_initialized"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackResult:
     """A tracker's result for one frame.
 
+    status `ambiguous`: several poses explain the frame about as well; it is no estimate, as little as `lost` is.
     `cam_from_world` is the estimate, None unless status is `ok`; `guess` is the best guess of a tracker that searches,
     and no estimate. `covariance` (6, 6) is of the twist xi with
     cam_from_world_true = exp(xi) @ cam_from_world, translation (m) first, rotation (rad) last, None where the tracker

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.tracker.synthetic import CAMERA, Scene, box, flown, pose_error
+from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown, look_at, pose_error
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.budget import BudgetConfig
 from uavbench.tracker.robust.tracker import Robust
@@ -96,3 +96,14 @@ def test_frames_that_are_tracked_do_no_search(flight):
     assert all(result.status == "ok" and result.guess is None for result in results)
     assert evaluations[1:].max() < BudgetConfig().evaluations / 4
     assert not run.relocator.under_way
+
+
+def test_between_two_equal_boxes_it_is_ambiguous_and_never_ok():
+    size = (0.25, 0.2, 0.2)
+    twins, rng = Scene([box_corners(size, (0.0, side)) for side in (-0.2, 0.2)], seed=5), np.random.default_rng(1)
+    poses = [look_at(np.array([1.0, 0.002 * k, 0.5]), (0.0, 0.0, 0.1)) for k in range(12)]
+    run = Robust().start(box(size), CAMERA, poses[0], np.random.default_rng(0))
+    results, evaluations = tracked(run, [twins.render(pose, noise_rng=rng) for pose in poses])
+    assert evaluations.max() <= BudgetConfig().evaluations
+    assert {result.status for result in results} == {"ambiguous", "lost"}
+    assert all(result.cam_from_world is None and result.guess is not None for result in results)

@@ -68,10 +68,13 @@ class FittedFrame(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """A fit, and whether it was found among all the poses that had to be tried before it may be believed."""
+    """A fit; whether it was found among all the poses that had to be tried before it may be believed; whether it was,
+    and another pose explains the frame about as well.
+    """
 
     fit: Fit
     settled: bool
+    rivalled: bool = False
 
 
 class RobustRun:
@@ -116,7 +119,7 @@ class RobustRun:
         before = Photometry(self.fitter.appearance, self.stretch)
         fit = self.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
         fit, frame = self.compensated(frame, fit, clock)
-        fit, settled = self.initialized_or_recovered(frame, fit, clock)
+        fit, settled, rivalled = self.initialized_or_recovered(frame, fit, clock)
         fit = self.without_patches(frame, fit, clock)
         holds = fit.finite and (
             fit.support >= self.required_support(fit, frame.predicted) or self.is_there(fit, frame.predicted)
@@ -126,7 +129,7 @@ class RobustRun:
             self.fitter.appearance, self.stretch = before  # a wrong pose tells nothing of the light
             guess = (fit if fit.finite else frame.predicted).cam_from_world
             return TrackResult(
-                status="lost",
+                status="ambiguous" if rivalled else "lost",
                 guess=guess,
                 stage_ms=clock.ms,
                 control_points=fit.control_points,
@@ -282,8 +285,9 @@ class RobustRun:
         sure = np.inf if first else self.usual_or_good()
         found = self.relocator.search(Sought(frame.image, guesses, covariance, self.range_m, fit, sure))
         enough = found.fit.support >= self.required_support(found.fit, frame.predicted)
-        settled = found.all_done or found.fit.support >= sure or (found.near_done and enough)
-        if settled:
+        rivalled = enough and found.near_done and not found.leads and not found.fit.support >= sure
+        settled = not rivalled and (found.all_done or found.fit.support >= sure or (found.near_done and enough))
+        if settled or found.all_done:
             self.relocator.forget()
         given = self.motion.squared_mahalanobis(fit.cam_from_world) < loss.far_chi2
         holds = given if first else fit.support >= loss.min_support
@@ -291,7 +295,7 @@ class RobustRun:
             return Decision(found.fit, True)
         if settled or ((holds or self.is_there(fit, frame.predicted)) and not first and not self.is_lost):
             return Decision(fit, True)
-        return Decision(found.fit, False)
+        return Decision(found.fit, False, rivalled)
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit; that of the edges alone where they contradict the patches and are clearly better supported so."""

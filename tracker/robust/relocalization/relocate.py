@@ -50,13 +50,15 @@ class Sought(NamedTuple):
 class Relocalized(NamedTuple):
     """The best supported fit in this frame, and how much better it is than the one at hand (inf where there was none);
 
-    whether all likely poses were fitted since the search began, and whether all poses were.
+    whether all likely poses were fitted since the search began, and whether all poses were; whether it leads the fits
+    of other poses.
     """
 
     fit: Fit
     advantage: float
     near_done: bool
     all_done: bool
+    leads: bool
 
 
 class Attempt(NamedTuple):
@@ -128,7 +130,7 @@ class Relocator:
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= config.most_fits)
         leads = self.lead(ranking.top) >= config.lead
-        return Relocalized(ranking.top, ranking.advantage, self.near_done and leads, all_done)
+        return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
 
     def lead(self, fit: Fit) -> float:
         """How much more support a fit has than those that ended at other poses since the search began."""
