@@ -293,7 +293,8 @@ class RobustRun:
         holds = given if first else fit.support >= loss.min_support
         if settled and found.advantage > (loss.advantage if holds and not slow else 0.0):
             return Decision(found.fit, True)
-        if settled or ((holds or self.is_there(fit, frame.predicted)) and not first and not self.is_lost):
+        tracked = not first and not slow and not self.is_lost
+        if settled or (tracked and (holds or self.is_there(fit, frame.predicted))):
             return Decision(fit, True)
         return Decision(found.fit, False, rivalled)
 
