@@ -1,5 +1,6 @@
 """Step 3, initialization: a known pose, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Protocol
@@ -13,7 +14,8 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.relocalization.relocate import Relocator, sigmas
+from uavbench.tracker.robust.relocalization.relocate import Relocator, Sought, sigmas
+from uavbench.tracker.robust.work import Work
 from uavbench.tracker.visible_edges import visible_edges
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_toml
@@ -93,8 +95,9 @@ class CoarseGuess:
         config = RobustConfig()
         spread = max(self.range_part, float(np.radians(self.angle_deg)), config.relocalization.guess_sigma) / 2
         fitter = EdgeFitter(structure, camera, rng, config)
-        relocator = Relocator.of(fitter, camera, config.relocalization)
-        fit, _ = relocator.best(image, [guess], sigmas(spread, range_m), range_m)
+        fitter.work = Work(allowed=sys.maxsize)  # nothing flies yet
+        relocator = Relocator(fitter, camera, config.relocalization)
+        fit = relocator.search(Sought(image, [guess], sigmas(spread, range_m), range_m)).fit
         return fit.cam_from_world if fit.finite else guess
 
 

@@ -18,14 +18,16 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
 
 Image = NDArray[np.uint8]
-Status = Literal["ok", "lost", "not_initialized"]
+Status = Literal["ok", "ambiguous", "lost", "not_initialized"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackResult:
     """A tracker's result for one frame.
 
-    `cam_from_world` is the estimate, None unless status is `ok`. `covariance` (6, 6) is of the twist xi with
+    status `ambiguous`: several poses explain the frame about as well; it is no estimate, as little as `lost` is.
+    `cam_from_world` is the estimate, None unless status is `ok`; `guess` is the best guess of a tracker that searches,
+    and no estimate. `covariance` (6, 6) is of the twist xi with
     cam_from_world_true = exp(xi) @ cam_from_world, translation (m) first, rotation (rad) last, None where the tracker
     claims none. `stage_ms` holds the wall time of each stage by its name. The counts are None where they mean nothing.
     """
@@ -38,6 +40,7 @@ class TrackResult:
     control_points: int | None = None
     candidates: int | None = None
     inliers: int | None = None
+    guess: Pose | None = None
 
     def __post_init__(self) -> None:
         if (self.status == "ok") != (self.cam_from_world is not None):

@@ -171,7 +171,7 @@ def _read_row(cells: Mapping[str, str], ms: Mapping[str, str]) -> TrackResult:
         covariance = np.zeros((6, 6))
         covariance[UPPER] = [float(cells[c]) for c in COVARIANCE_COLUMNS]
         covariance = covariance + np.triu(covariance, 1).T
-    counts = {name: int(cells[name]) if cells[name] else None for name in COUNT_COLUMNS}
+    counts: dict[str, Any] = {name: int(cells[name]) if cells[name] else None for name in COUNT_COLUMNS}
     stage_ms = {name.removesuffix("_ms"): float(value) for name, value in ms.items() if name != "frame" and value}
     if not np.isfinite(list(stage_ms.values())).all():
         raise ValueError("a time that is not finite")

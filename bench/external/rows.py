@@ -1,7 +1,8 @@
 """Rows printed by an external tracker, and the named faults in them.
 
 A row is `stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz`, then, if the tracker claims a covariance, the 21 numbers of its
-upper triangle by rows. The pose is `cam_from_world`. The statuses `lost` and `not_initialized` need nothing after them.
+upper triangle by rows. The pose is `cam_from_world`. The statuses `lost`,
+`ambiguous` and `not_initialized` need nothing after them.
 """
 
 import io

@@ -34,7 +34,9 @@ def test_a_covariance_is_the_upper_triangle_by_rows():
     assert np.trace(result.covariance) == 6
 
 
-@pytest.mark.parametrize("text", ["100,lost", "100,lost,,,,,,,", "100,not_initialized", " 100 , lost "])
+@pytest.mark.parametrize(
+    "text", ["100,lost", "100,lost,,,,,,,", "100,not_initialized", "100,ambiguous", " 100 , lost "]
+)
 def test_a_frame_without_a_pose_needs_no_numbers(text):
     stamp, result = read_row(text, "frame 0")
     assert stamp == 100

@@ -5,7 +5,15 @@ import pytest
 
 from tests.tracker.synthetic import BOX_TRIANGLES, CAMERA, Scene, box, box_corners, flown, look_at, pose_error
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.geometry_kernels import camera_array, normal_row, project, se3_exp_left, se3_log_left, solve6
+from uavbench.tracker.geometry_kernels import (
+    RigidMotion,
+    camera_array,
+    normal_row,
+    project,
+    se3_exp_left,
+    se3_log_left,
+    solve6,
+)
 from uavbench.tracker.protocol import ImageError
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.edges import SamplingConfig
@@ -15,7 +23,7 @@ from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.weight_kernels import support
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.patches import Texture
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, Reach
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.visible_edges import near_depth
@@ -262,8 +270,14 @@ def test_patches_taken_at_a_pose_are_found_again_there(flight):
 
 def test_pose_search_ranks_a_near_pose_first(flight):
     poses, images = flight
-    search = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), CONFIG.relocalization.search)
-    found = search.best_poses(images[19], [poses[0]], search.search_range(0.4, 0.12, 0.25, 0.3), 8)
-    scores = [score for score, _ in found]
+    config = CONFIG.relocalization.search
+    search = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), config)
+    guess = RigidMotion(np.array(poses[0].rotation), np.array(poses[0].translation))
+    target = search.target(images[19], sigma_px=30.0)
+    found = search.best_of(target, guess, search.block(-0.25, 0.0, Reach(0.12, 0.25, 0.3)), most=10**9)
+    scores = [candidate.score for candidate in found.candidates]
     assert scores == sorted(scores, reverse=True)
-    assert min(pose_error(pose, poses[19])[0] for _, pose in found) < 0.15
+    assert len(scores) == config.block_candidates
+    assert min(pose_error(Pose(*candidate.pose), poses[19])[0] for candidate in found.candidates) < 0.15
+    refined = search.refined(target, found.candidates[0]).candidates[0]
+    assert refined.score >= scores[0]

@@ -33,7 +33,8 @@ def start(
     are x right, y down, z forward.
 
     `track` takes an image (h, w, 3) BGR or (h, w) grey, uint8, and its time in ns, growing. Its result has `.status`
-    (`ok`, `lost`, `not_initialized`), `.cam_from_world` and `.covariance` (6, 6) of the twist, translation (m) first.
+    (`ok`, `ambiguous`, `lost`, `not_initialized`), `.cam_from_world` and `.covariance` (6, 6) of the twist, translation
+    (m) first.
     UserError for a file, name or pose that cannot be used.
 
     >>> import numpy as np

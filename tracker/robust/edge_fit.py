@@ -32,6 +32,7 @@ from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, ED
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Weighting, refine
 from uavbench.tracker.robust.view import View
+from uavbench.tracker.robust.work import Work
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
 
@@ -99,13 +100,20 @@ class EdgeFitter:
         self.texture = Texture(self.edges, camera, self.view, config)
         self.biases = NuisanceBiases(len(self.edges.ends) * 3, config.solver.bias)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
-        self.learned, self.offset_scale = 0, 1.0
+        self.learned, self.offset_scale, self.most_points = 0, 1.0, 0
         self.sharp = True
+        self.work = Work(config.budget.evaluations)
         self.draws = rng.random((config.solver.hypotheses.count, EDGES_DRAWN * DRAWS_PER_EDGE))
 
     def begin(self, stamp_ns: int, sharp: bool) -> None:
         """Begin with the frame of a stamp; sharp: its image was not smoothed."""
         self.texture.now_s, self.sharp = stamp_ns * 1e-9, sharp
+        self.work = Work(self.config.budget.evaluations)
+
+    @property
+    def largest_fit(self) -> int:
+        """Evaluations of the largest fit so far, and a quarter more."""
+        return self.most_points * 5 // 4 * self.config.budget.fit_evaluations
 
     def fit(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
@@ -117,6 +125,8 @@ class EdgeFitter:
         most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
         n = len(problem.points.points)
+        self.work.done += n * self.config.budget.fit_evaluations
+        self.most_points = max(self.most_points, n)
         if n < MIN_POINTS and len(self.texture.chosen) < MIN_POINTS:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
         aligned = self.align(problem, most_px, clock)
@@ -218,6 +228,7 @@ class EdgeFitter:
                 best.sums,
                 best.step,
                 problem.prior.information,
+                found.measured.candidates.distance,
             ),
         )
 

@@ -18,7 +18,8 @@ class FitResiduals:
     """What a fit was made of, for the appearance and the biases to be learned from.
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
-    view, the sums over a frame and the last step; prior_information (6, 6) of the prediction.
+    view, the sums over a frame and the last step; prior_information (6, 6) of the prediction; candidates_px (n, k) on
+    the search lines, from their middle, inf where none.
     """
 
     points: ControlPoints
@@ -29,6 +30,7 @@ class FitResiduals:
     sums: FrameSums
     step: Step
     prior_information: Array
+    candidates_px: Array
 
 
 @dataclass(frozen=True, eq=False)

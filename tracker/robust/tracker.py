@@ -10,12 +10,13 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
+from uavbench.tracker.robust.false_alarms import log10_false_alarms
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.preprocessing.denoising import smoothed
 from uavbench.tracker.robust.preprocessing.gain_offset import ContrastStretch, brightness_ratio, compensated
-from uavbench.tracker.robust.relocalization.relocate import Relocator, sigmas
+from uavbench.tracker.robust.relocalization.relocate import Relocator, Sought, sigmas
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.kernels.warm_up import prepare
@@ -40,12 +41,15 @@ class Robust:
 
 
 class Frame(NamedTuple):
-    """An image before and after preprocessing, the predicted motion, and the time since the last frame that was ok."""
+    """An image before and after preprocessing, the predicted motion, the time since the last frame that was ok, and
+    that since the last one.
+    """
 
     raw: Image
     image: Image
     predicted: Motion
     dt_s: float
+    step_s: float
 
 
 class Photometry(NamedTuple):
@@ -60,6 +64,16 @@ class FittedFrame(NamedTuple):
 
     fit: Fit
     frame: Frame
+
+
+class Decision(NamedTuple):
+    """A fit; whether it was found among all the poses that had to be tried before it may be believed; whether it was,
+    and another pose explains the frame about as well.
+    """
+
+    fit: Fit
+    settled: bool
+    rivalled: bool = False
 
 
 class RobustRun:
@@ -77,7 +91,7 @@ class RobustRun:
         # That of an inverse is stored by columns, which the kernels do not take.
         cam_from_world = Pose(np.ascontiguousarray(cam_from_world.rotation), cam_from_world.translation)
         self.fitter = EdgeFitter(structure, camera, rng, config)
-        self.relocator = Relocator.of(self.fitter, camera, config.relocalization)
+        self.relocator = Relocator(self.fitter, camera, config.relocalization)
         middle = structure.bounds.mean(axis=0, keepdims=True)
         self.range_m = float(np.linalg.norm(cam_from_world.transform(middle)))
         self.motion = Motion(cam_from_world, sigmas(config.initialization.sigma, self.range_m))
@@ -86,7 +100,7 @@ class RobustRun:
         self.seen_rows: Image | None = None
         self.ok_rows: Image | None = None
         self.stretch = ContrastStretch()
-        self.usual_support = 0.0
+        self.usual_support = self.step_s = 0.0
         self.frames_ok = 0
         self.until_search = 0
         self.was_wrong = self.kept_initial = self.is_lost = False
@@ -104,12 +118,22 @@ class RobustRun:
         before = Photometry(self.fitter.appearance, self.stretch)
         fit = self.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
         fit, frame = self.compensated(frame, fit, clock)
-        fit = self.initialized_or_recovered(frame, fit, clock)
+        fit, settled, rivalled = self.initialized_or_recovered(frame, fit, clock)
         fit = self.without_patches(frame, fit, clock)
-        self.is_lost = not (fit.finite and fit.support >= self.required_support(fit, frame.predicted))
+        holds = fit.finite and (
+            fit.support >= self.required_support(fit, frame.predicted) or self.is_there(fit, frame.predicted)
+        )
+        self.is_lost = not (settled and holds)
         if self.is_lost:
             self.fitter.appearance, self.stretch = before  # a wrong pose tells nothing of the light
-            return TrackResult(status="lost", stage_ms=clock.ms, control_points=fit.control_points, inliers=fit.inliers)
+            guess = (fit if fit.finite else frame.predicted).cam_from_world
+            return TrackResult(
+                status="ambiguous" if rivalled else "lost",
+                guess=guess,
+                stage_ms=clock.ms,
+                control_points=fit.control_points,
+                inliers=fit.inliers,
+            )
         with clock.stage("learn"):
             self.learn(frame, fit, stamp_ns)
         return TrackResult(
@@ -133,7 +157,7 @@ class RobustRun:
             self.fitter.begin(stamp_ns, image is stretched)
         with clock.stage("predict"):
             predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
-        return Frame(raw, image, predicted, dt_s)
+        return Frame(raw, image, predicted, dt_s, self.step_s)
 
     def compensated(self, frame: Frame, fit: Fit, clock: StageClock) -> FittedFrame:
         """Fit and frame after gain-offset compensation of the learned colours, where that is better supported."""
@@ -158,21 +182,23 @@ class RobustRun:
         self.fitter.appearance = colours
         return FittedFrame(fit, frame)
 
-    def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+    def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
         """The fit at hand; on the first frame a prior-constrained one, and where support is low the best one found."""
         self.until_search -= 1
         first = self.ok_ns is None
-        kept = self.prior_constrained(frame, fit, clock) if first else None
+        kept = self.prior_constrained(frame, fit, clock) if first and not self.relocator.under_way else None
         if kept is not None:
             self.kept_initial = True
-            return kept
+            return Decision(kept, True)
         if not (first or self.search_is_due(frame, fit) or not fit.finite):
-            return fit
+            self.relocator.forget()
+            return Decision(fit, True)
         with clock.stage("relocalize"):
-            better = self.recover(frame, fit)
-        self.was_wrong |= first and better is not fit
-        self.until_search = 0 if better is not fit else self.config.loss.search_every
-        return better
+            found = self.recover(frame, fit)
+        self.was_wrong |= first and found.settled and found.fit is not fit
+        if found.settled and not self.relocator.under_way:
+            self.until_search = 0 if found.fit is not fit else self.config.loss.search_every
+        return found
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
         """Whether a fit's support is too low to do without a pose search."""
@@ -181,7 +207,8 @@ class RobustRun:
         wanted = self.usual_or_good() if slow else self.config.relocalization.good_support
         if fit.support >= (self.config.initialization.doubted_support if doubted else wanted):
             return False
-        return doubted or slow or self.until_search < 0 or not fit.support >= loss.min_support
+        due = self.until_search < 0 or self.relocator.under_way
+        return doubted or slow or due or not fit.support >= loss.min_support
 
     def usual_or_good(self) -> float:
         """The larger of a good support and a part of the usual one."""
@@ -208,6 +235,14 @@ class RobustRun:
         far = not fit.support >= self.usual_support and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
         return max(loss.min_support, loss.far_part * self.usual_support if far or self.is_lost else 0.0)
 
+    def is_there(self, fit: Fit, predicted: Motion) -> bool:
+        """Whether a track goes on since chance would not find so many edges where they are predicted."""
+        if self.ok_ns is None or self.is_lost or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
+            return False
+        solver, half_px = self.config.solver, self.config.edges.search.fine_half_px
+        width_px, tests = solver.estimator.fine_widths_px[-1], solver.hypotheses.count
+        return log10_false_alarms(fit, width_px, half_px, tests) < self.config.loss.log10_false_alarms
+
     def prior_constrained(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
         """A fit constrained to the initial pose; None where another one has clearly more support."""
         initial = self.config.initialization
@@ -220,22 +255,37 @@ class RobustRun:
         sure = max(self.config.relocalization.good_support, kept.edge_support)  # patches are taken there at once
         return replace(kept, edge_support=sure)
 
-    def recover(self, frame: Frame, fit: Fit) -> Fit:
-        """The best fit around the prediction and the last pose, if it is better than the fit at hand."""
+    def recover(self, frame: Frame, fit: Fit) -> Decision:
+        """The best fit of a slice of the search around the prediction and the last pose, or the fit at hand."""
         loss, predicted, covariance = self.config.loss, frame.predicted.cam_from_world, frame.predicted.covariance
         if self.frames_ok < self.config.initialization.young_frames and not self.kept_initial:
             covariance = covariance + sigmas(self.config.relocalization.guess_sigma, self.range_m)
-        guesses = [predicted] if self.ok_ns is None else [predicted, self.motion.cam_from_world]
-        best, advantage = self.relocator.best(frame.image, guesses, covariance, self.range_m, fit)
-        fits_given = self.ok_ns is None and self.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
-        holds = fits_given or (self.ok_ns is not None and fit.support >= loss.min_support)
-        return best if advantage > (loss.advantage if holds and not self.is_slow(frame) else 0.0) else fit
+        first, slow = self.ok_ns is None, self.is_slow(frame)
+        guesses = [predicted] if first else [predicted, self.motion.cam_from_world]
+        if frame.step_s >= loss.slow_s:
+            self.relocator.forget()
+        sure = np.inf if first else self.usual_or_good()
+        found = self.relocator.search(Sought(frame.image, guesses, covariance, self.range_m, fit, sure))
+        enough = found.fit.support >= self.required_support(found.fit, frame.predicted)
+        rivalled = enough and found.near_done and not found.leads and not found.fit.support >= sure
+        settled = not rivalled and (found.all_done or found.fit.support >= sure or (found.near_done and enough))
+        if settled or found.all_done:
+            self.relocator.forget()
+        given = self.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+        holds = given if first else fit.support >= loss.min_support
+        if settled and found.advantage > (loss.advantage if holds and not slow else 0.0):
+            return Decision(found.fit, True)
+        tracked = not first and not slow and not self.is_lost
+        if settled or (tracked and (holds or self.is_there(fit, frame.predicted))):
+            return Decision(fit, True)
+        return Decision(found.fit, False, rivalled)
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
         """The fit; that of the edges alone where they contradict the patches and are clearly better supported so."""
         loss, relocalization = self.config.loss, self.config.relocalization
         contradict = fit.edge_support < min(loss.min_support, fit.support)
-        if not (contradict and fit.control_points >= MIN_POINTS):
+        room = self.fitter.work.left >= self.fitter.largest_fit
+        if not (contradict and room and fit.control_points >= MIN_POINTS):
             return fit
         with clock.stage("relocalize"):
             kept, self.fitter.texture = (
@@ -253,6 +303,7 @@ class RobustRun:
     def comes_after(self, stamp_ns: int) -> bool:
         """Whether a frame is later than those before it; remembers its stamp."""
         later = self.seen_ns is None or stamp_ns > self.seen_ns
+        self.step_s = 0.0 if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
         self.seen_ns = stamp_ns if later else self.seen_ns
         return later
 

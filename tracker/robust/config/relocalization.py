@@ -21,27 +21,36 @@ class PoseSearchConfig:
     min_points: Count = 12
     """With fewer points in view nothing is searched. Chosen on rendered seeds."""
     shift_step_px: Positive = 5.0
-    """Step of shifts far from a guess: the truncation distance. Chosen on rendered seeds."""
+    """Step of shifts, refined about the best one: the truncation distance. Chosen on rendered seeds."""
     view_step_rad: Positive = 0.16
-    """Step of azimuth and elevation far from a guess. Chosen on rendered seeds."""
-    roll_step_rad: Positive = 0.12
-    """Step of roll far from a guess. Chosen on rendered seeds."""
-    range_step_log: Positive = 0.11
-    """Step of the logarithm of the range far from a guess. Chosen on rendered seeds."""
-    near_shift_px: Positive = 3.0
-    """Step of shifts near a guess. Chosen on rendered seeds."""
-    near_turn_rad: Positive = 0.06
-    """Step of turns, and of the range as a part, near a guess. Chosen on rendered seeds."""
-    near_view_rad: Positive = 0.09
-    """Change of viewing direction with which near poses are tried again. Chosen on rendered seeds."""
+    """Step of azimuth and elevation. Chosen on rendered seeds."""
+    beside_rad: Positive = 0.1
+    """Change of viewing direction by which the best poses near an uncertain guess are improved. Chosen on rendered
+    seeds."""
+    roll_step_rad: Positive = 0.06
+    """Step of roll. Chosen on rendered seeds."""
+    range_step_log: Positive = 0.06
+    """Step of the logarithm of the range. Chosen on rendered seeds."""
+    far_step_factor: Positive = 2.0
+    """Both steps are so much longer far from a guess. Chosen on rendered seeds, for time."""
+    block_candidates: Count = 8
+    """Poses kept of each viewing direction, and refined of all. Chosen on rendered seeds."""
+    pattern_levels: Count = 3
+    """Halvings of the steps of a pattern search (Hooke & Jeeves 1961). Chosen on rendered seeds."""
+    pattern_sweeps: Count = 2
+    """Most sweeps with each step. Chosen on rendered seeds, for time."""
+    shift_cost: NotNegative = 0.02
+    """Score that each squared standard deviation of a shift from the guess costs. Chosen on rendered seeds."""
     outside_score: Part = 0.3
     """Score of a point that falls outside the image. Chosen on rendered seeds."""
     hopeless_score: Part = 0.12
-    """A pose worse than the best so far by this is given up early. Chosen on rendered seeds."""
-    pattern_levels: Count = 4
-    """Halvings of the steps of a pattern search (Hooke & Jeeves 1961). Chosen on rendered seeds."""
-    pattern_sweeps: Count = 3
-    """Most sweeps with each step. Chosen on rendered seeds."""
+    """Poses worse than the best so far by this are given up early. Chosen on rendered seeds."""
+    retried_score: Part = 0.12
+    """A pose that was fitted is tried again where it scores better by this. Chosen on rendered seeds."""
+    projection_evaluations: Count = 16
+    """What projecting an edge point takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
+    sampling_evaluations: Count = 300
+    """What finding a visible edge point takes, in evaluations. Measured on the same core."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +61,12 @@ class RelocalizationConfig:
     """The search on a small image."""
     good_support: Part = 0.6
     """With less support a pose is searched, first nearby, then farther away. Chosen on rendered seeds."""
-    sure_support: Part = 0.7
-    """With this support the search ends. Chosen on rendered seeds."""
-    near_reach_rad: Positive = 0.15
-    """Reach near a guess, in rad and parts of the range. Chosen on rendered seeds."""
-    near_shift_rad: Positive = 0.22
-    """Reach of the image's shift near a guess. Chosen on rendered seeds."""
+    near_roll_rad: Positive = 0.15
+    """Reach of roll near a guess. Chosen on rendered seeds."""
+    near_range_part: Positive = 0.15
+    """Reach of the range near a guess. Chosen on rendered seeds."""
+    near_shift_part: Positive = 0.17
+    """Reach of shifts near a guess, in parts of the image's width. Chosen on rendered seeds."""
     far_view_rad: Positive = 0.4
     """Reach of azimuth far from a guess, of elevation half of it. Chosen on rendered seeds."""
     far_roll_rad: Positive = 0.12
@@ -66,18 +75,13 @@ class RelocalizationConfig:
     """Reach of the range far from a guess. Chosen on rendered seeds."""
     far_shift_part: Positive = 0.3
     """Reach of shifts far from a guess, in parts of the image's width. Chosen on rendered seeds."""
-    near_fits: Annotated[int, Ge(2)] = 32
-    """Poses fitted of the search near a guess. Chosen on rendered seeds, for time."""
-    far_fits: Count = 16
-    """Poses fitted of the search far from it. Chosen on rendered seeds, for time."""
-    refits: Count = 2
-    """Times that the best fits are fitted again. Chosen on rendered seeds."""
-    refitted: Count = 4
-    """Fits that are fitted again. Chosen on rendered seeds."""
-    near_half_px: Positive = 20.0
-    """Half length of search lines from near poses. Chosen on rendered seeds."""
-    far_half_px: Positive = 28.0
-    """Half length of search lines from far poses. Chosen on rendered seeds."""
+    near_fits: Count = 8
+    """Poses that agree with the image about as well as the best one are fitted before it is believed, but no more than
+    this. Chosen on rendered seeds, for time."""
+    most_fits: Count = 64
+    """Fits after which a search ends once all places were looked at. Chosen on rendered seeds, for time."""
+    half_px: Positive = 20.0
+    """Half length of search lines from poses found. Chosen on rendered seeds."""
     refit_half_px: Positive = 12.0
     """Half length of search lines when fitted again. Chosen on rendered seeds."""
     found_sigma: Positive = 0.04
@@ -91,10 +95,10 @@ class RelocalizationConfig:
     that hid its top, 0.68 of 1.6 times as much at the true one."""
     distance_cost: NotNegative = 0.02
     """Support that each squared standard deviation from the guess costs. Chosen on rendered seeds."""
-    perturbations: Count = 8
-    """Poses sampled about each of the best fits (evolution strategy: Rechenberg 1973). Chosen on rendered seeds."""
-    generations: Annotated[int, Ge(0)] = 3
-    """Times that they are sampled while no fit is sure. Chosen on rendered seeds."""
+    lead: Part = 0.1
+    """Support by which the best fit leads those of other poses before it is believed. Chosen on rendered seeds."""
+    perturbations: Annotated[int, Ge(0)] = 24
+    """Poses sampled about the best fit (evolution strategy: Rechenberg 1973). Chosen on rendered seeds."""
     perturbation_turn_rad: Positive = 0.1
     """Their reach in turns of the object: wrong fits mostly have the right outline of a box turned by some 0.1 rad.
     Measured on rendered boxes."""

@@ -1,11 +1,10 @@
 """Search of the poses around a guess for those whose visible edges agree with the image.
 
-The camera is moved around the part of the structure that it looks at: in azimuth, elevation, range and roll; for each
-such pose all shifts in the image are tried, on a small image whose edge pixels are kept apart by direction (oriented
-chamfer matching: Shotton, Blake & Cipolla 2008).
+The camera is moved around the part of the structure that it looks at: to another viewing direction, and from there in
+roll and range; for each such pose all shifts in the image are tried, on a small image whose edge pixels are kept apart
+by direction (oriented chamfer matching: Shotton, Blake & Cipolla 2008).
 """
 
-from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
@@ -14,31 +13,74 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
-from uavbench.tracker.robust.edge_fit import SeenEdges
+from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
-    EdgePoints,
-    NearGuess,
+    FAR,
+    REFINEMENTS,
+    SeenEdges,
     SmallCamera,
+    Target,
     edge_channels,
-    score_poses,
-    search_about,
+    refine_pose,
+    score_changes,
     turned_about,
 )
-from uavbench.trajectories.pose import Array, Pose, rotation_exp
+from uavbench.tracker.robust.view import View
+from uavbench.trajectories.pose import Array
 
 SMALL_WIDTH = 160
 """Width of the small image, px."""
+BESIDE = 1 / 3
+"""Edges are seen beside the image too, up to this part of its width: a shift may bring them in."""
+GOLDEN = 0.6180339887498949
+"""Multiples of it, modulo 1, are spread evenly however many are taken."""
+Indices = NDArray[np.int64]
+STILL = np.zeros((1, 6))
 
 
-class ScoredPose(NamedTuple):
-    """A pose and its score in [0, 1]."""
+class Candidate(NamedTuple):
+    """A pose with its score, at most 1, the edges that were seen for it, and what its shift has cost of the score."""
 
     score: float
-    pose: Pose
+    pose: RigidMotion
+    seen: SeenEdges
+    cost: float = 0.0
+
+
+class Block(NamedTuple):
+    """Poses that are scored at a time: one viewing direction, turned from the guess's by azimuth and elevation (rad).
+
+    changes (k, 2) roll (rad) and range (part) from there; shifts (s, 2) in px of the small image.
+    """
+
+    azimuth_rad: float
+    elevation_rad: float
+    changes: Array
+    shifts: Indices
+
+
+class Reach(NamedTuple):
+    """Reach of a block: in roll (rad), in range (part), in shifts (parts of the image's size); factor on its steps."""
+
+    roll_rad: float
+    range_part: float
+    shift_part: float
+    step_factor: float = 1.0
+
+
+class Scored(NamedTuple):
+    """Candidates, best first, the evaluations that they took, and how many poses were scored for them."""
+
+    candidates: list[Candidate]
+    evaluations: int
+    poses: int
 
 
 class UndistortionMaps(NamedTuple):
@@ -48,142 +90,160 @@ class UndistortionMaps(NamedTuple):
     y: NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class SearchRange:
-    """How far from the guess to search: offsets in azimuth, elevation and roll (rad), ratios of range, px of shift."""
-
-    azimuth_rad: tuple[float, ...]
-    elevation_rad: tuple[float, ...]
-    roll_rad: tuple[float, ...]
-    range_ratio: tuple[float, ...]
-    shift_x: float
-    shift_y: float
-
-
 def grid(half: float, step: float) -> tuple[float, ...]:
     """Values from -half to half, no farther apart than step."""
     n = int(np.ceil(half / step))
     return tuple(float(v) for v in np.linspace(-half, half, 2 * n + 1)) if n else (0.0,)
 
 
+def whole(shifts: list[tuple[float, ...]]) -> Indices:
+    """Shifts (s, 2) in whole px."""
+    return np.round(shifts).astype(np.int64)
+
+
 class PoseSearch:
-    """Edge points of a structure and the small camera, ready to search images."""
+    """A structure's edges and the small camera, ready to search images."""
 
     def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: PoseSearchConfig) -> None:
-        self.config, self.values = config, kernel_values(config)
-        count = config.edge_points
-        lengths = np.linalg.norm(edges.ends[:, 1] - edges.ends[:, 0], axis=1)
-        spread_out = np.argsort(np.arange(count) * 0.6180339887498949 % 1.0)  # any first few lie all over
-        at = (spread_out + 0.5) / count * lengths.sum()
-        edge = np.minimum(np.searchsorted(np.cumsum(lengths), at), len(lengths) - 1)
-        part = (at - (np.cumsum(lengths) - lengths)[edge]) / lengths[edge]
-        along = edges.ends[edge, 1] - edges.ends[edge, 0]
-        points = np.ascontiguousarray(edges.ends[edge, 0] + part[:, None] * along)
-        direction = np.ascontiguousarray(along / lengths[edge, None])
-        self.edges = EdgePoints(points, direction, np.ascontiguousarray(edges.faces[edge]), edges.planes)
+        self.config, self.values, self.edges = config, kernel_values(config), edges
         self.scale = max(1.0, camera.width / SMALL_WIDTH)
         self.f = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) / self.scale
         self.f[2:] -= 0.5
         self.size = (round(camera.width / self.scale), round(camera.height / self.scale))
         self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near)
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
+        self.view = _wide_view(self.camera)
+        self.sampling_evaluations = config.sampling_evaluations * config.edge_points
+        self.sampling = kernel_values(SamplingConfig(max_points=config.edge_points, spacing_px=1.0))
 
-    def search_range(self, view_rad: float, roll_rad: float, range_part: float, shift_part: float) -> SearchRange:
-        """Range of half widths: change of viewing direction, roll, range as a part, shift as a part of the width."""
-        c = self.config
-        ratios = tuple(float(np.exp(v)) for v in grid(float(np.log1p(range_part)), c.range_step_log))
-        return SearchRange(
-            grid(view_rad, c.view_step_rad),
-            grid(view_rad / 2, c.view_step_rad),
-            grid(roll_rad, c.roll_step_rad),
-            ratios,
-            shift_part * SMALL_WIDTH,
-            shift_part * SMALL_WIDTH * 0.75,
-        )
+    def block(self, azimuth_rad: float, elevation_rad: float, reach: Reach) -> Block:
+        """Block of a viewing direction, turned from the guess's."""
+        c, longer = self.config, reach.step_factor
+        logs = grid(float(np.log1p(reach.range_part)), longer * c.range_step_log)
+        across, down = reach.shift_part * self.size[0], reach.shift_part * self.size[1]
+        shifts = whole(list(product(grid(across, c.shift_step_px), grid(down, c.shift_step_px))))
+        nearest_first = np.argsort(np.linalg.norm(shifts, axis=1), kind="stable")
+        changes = np.array(list(product(grid(reach.roll_rad, longer * c.roll_step_rad), map(np.expm1, logs))))
+        likeliest_first = np.argsort(np.linalg.norm(changes, axis=1), kind="stable")
+        return Block(azimuth_rad, elevation_rad, changes[likeliest_first], shifts[nearest_first])
 
-    def edge_distance(self, image: Image) -> NDArray[np.float32]:
-        """Distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, as a part of the truncation."""
+    def target(self, image: Image, sigma_px: float) -> Target:
+        """The edge pixels of an image by direction, with the cost of a shift whose standard deviation is sigma_px."""
         small = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
         if self.maps is not None:
             small = cv2.remap(small, self.maps.x, self.maps.y, cv2.INTER_LINEAR)
         small = small[..., None] if small.ndim == 2 else small
         channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.config.min_gradient_grey)
-        far = [cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels]
-        return np.asarray(np.minimum(np.array(far) / self.config.truncation_px, 1.0), dtype=np.float32)
+        far = np.array([cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels])
+        distance = np.asarray(np.minimum(far / self.config.truncation_px, 1.0) * FAR, dtype=np.uint8)
+        return Target(distance, self.config.shift_cost / sigma_px**2)
 
-    def best_poses(self, image: Image, guesses: list[Pose], around: SearchRange, most: int) -> list[ScoredPose]:
-        """The best poses around the guesses with their scores in [0, 1], best first."""
-        poses = [pose for guess in guesses for pose in self._around(guess, around)]
-        if not poses:
-            return []
+    def best_of(self, target: Target, guess: RigidMotion, block: Block, most: int) -> Scored:
+        """The best poses of a block about a guess, of as many as `most` evaluations allow."""
+        seen = self.seen(guess)
+        if not (block.azimuth_rad or block.elevation_rad):
+            return self.best_there(target, guess, seen, block, most)
+        return self.best_beside(target, Candidate(0.0, guess, seen), block, most)
+
+    def best_beside(self, target: Target, candidate: Candidate, block: Block, most: int) -> Scored:
+        """The same from another viewing direction, about the middle of what is seen for a candidate."""
+        guess = self.turned(candidate, block)
+        found = self.best_there(target, guess, self.seen(guess), block, most)
+        return found._replace(evaluations=found.evaluations + self.sampling_evaluations)
+
+    def best_there(self, target: Target, pose: RigidMotion, seen: SeenEdges, block: Block, most: int) -> Scored:
+        """The best poses of a block in the viewing direction of a pose that sees these edges."""
+        if len(seen.points) < self.config.min_points:
+            return Scored([], self.sampling_evaluations, len(block.changes))
+        sight = pose.R @ seen.focus + pose.t
+        changes = np.zeros((len(block.changes), 6))
+        changes[:, :3] = block.changes[:, :1] * (sight / np.linalg.norm(sight))
+        changes[:, 3] = block.changes[:, 1]
+        count = min(len(changes), max(0, most) // self.most_evaluations(len(seen.points), len(block.shifts)))
+        found = self.scored(target, pose, seen, changes[:count], block.shifts)
+        return found._replace(evaluations=found.evaluations + self.sampling_evaluations)
+
+    def again(self, target: Target, candidate: Candidate) -> Scored:
+        """A candidate scored in another image, shifted by no more than a step."""
         step = self.config.shift_step_px
-        shifts = np.array(list(product(grid(around.shift_x, step), grid(around.shift_y, step))), dtype=np.float64)
-        scores, best = score_poses(
-            self.edges,
-            np.array([pose.rotation for pose in poses]),
-            np.array([pose.translation for pose in poses]),
-            self.camera,
-            self.edge_distance(image),
-            shifts,
-            self.values,
-        )
-        order = np.argsort(-scores, kind="stable")[:most]
-        return [ScoredPose(float(scores[k]), self._shifted(poses[k], shifts[best[k]])) for k in order if scores[k] > 0]
+        shifts = whole(list(product((0.0, -step, step), repeat=2)))
+        found = self.scored(target._replace(shift_cost=0.0), candidate.pose, candidate.seen, STILL, shifts)
+        cost = candidate.cost
+        candidates = [each._replace(score=each.score - cost, cost=cost) for each in found.candidates]
+        return found._replace(candidates=candidates)
 
-    def near_poses(
-        self, image: Image, guess: Pose, seen: SeenEdges, reach_rad: float, shift_rad: float, most: int
-    ) -> list[ScoredPose]:
-        """The best poses within reach_rad, that part of the range and shift_rad of a guess that sees these edges."""
+    def most_evaluations(self, points: int, shifts: int) -> int:
+        """Most evaluations of one pose: that many edge points projected, and looked up for that many shifts."""
+        return points * (self.config.projection_evaluations + shifts + REFINEMENTS)
+
+    def most_of(self, block: Block) -> int:
+        """Most evaluations of a block."""
+        one = self.most_evaluations(2 * self.config.edge_points, len(block.shifts))
+        return len(block.changes) * one + 2 * self.sampling_evaluations
+
+    def refined(self, target: Target, candidate: Candidate) -> Scored:
+        """A candidate at the nearest maximum of its score."""
+        c, pose, seen = self.config, candidate.pose, candidate.seen
+        steps = np.array([c.roll_step_rad] * 4 + [c.shift_step_px / self.f[0] / 2] * 2)
+        found = refine_pose(seen, pose.R, pose.t, steps, self.camera, target, self.values)
+        pose = turned_about(pose.R, pose.t, pose.R @ seen.focus + pose.t, found.change)
+        refined = Candidate(found.score - candidate.cost, pose, seen, candidate.cost)
+        return Scored([refined], found.evaluations, 1)
+
+    def most_refining(self, candidate: Candidate) -> int:
+        """Most evaluations that refining a candidate takes."""
         c = self.config
-        if len(seen.points) < c.min_points:
-            return []
-        focus = guess.transform(seen.points).mean(axis=0)
-        shift = grid(shift_rad, c.near_shift_px / self.f[0])
-        turn, ratio = grid(reach_rad, c.near_turn_rad), grid(reach_rad, c.near_turn_rad)
-        changes = np.array(list(product((0.0,), (0.0,), turn, ratio, shift, shift)))
-        steps = np.array([c.near_turn_rad] * 4 + [c.near_shift_px / self.f[0]] * 2)
-        around = NearGuess(np.array(guess.rotation), np.array(guess.translation), seen.points, seen.direction, focus)
-        distance = self.edge_distance(image)
-        found = search_about(around, self.camera, distance, changes, steps, most // 2, self.values)
-        views = product((-c.near_view_rad, c.near_view_rad), repeat=2)
-        beside = np.array([[a, b, 0, 0, 0, 0] for a, b in ((0, 0), *views)])
-        again = (found.changes[:, None] + beside).reshape(-1, 6)
-        found = search_about(around, self.camera, distance, again, steps, most, self.values)
-        order = np.argsort(-found.scores, kind="stable")
-        poses = (Pose(*turned_about(around.R, around.t, focus, found.changes[k])) for k in order)
-        return [ScoredPose(float(found.scores[k]), pose) for k, pose in zip(order, poses, strict=True)]
+        tried = 1 + 12 * c.pattern_levels * c.pattern_sweeps
+        return tried * len(candidate.seen.points) * (c.projection_evaluations + 1)
 
-    def _around(self, guess: Pose, around: SearchRange) -> list[Pose]:
-        """Poses on the grid about what the guess looks at."""
-        points, near = self.edges.points, self.camera.near
-        cam = guess.transform(points)
-        u = self.f[0] * cam[:, 0] / cam[:, 2] + self.f[2]
-        v = self.f[1] * cam[:, 1] / cam[:, 2] + self.f[3]
-        inside = (cam[:, 2] > near) & (u > 0) & (u < self.size[0]) & (v > 0) & (v < self.size[1])
-        if np.count_nonzero(inside) < self.config.min_points:
-            inside = cam[:, 2] > near
-        if not inside.any():
-            return []
-        focus = points[inside].mean(axis=0)
-        eye = guess.inverse().translation
-        sight = (focus - eye) / np.linalg.norm(focus - eye)
-        side = np.cross(sight, [0.0, 0.0, 1.0])
-        norm = float(np.linalg.norm(side))
-        side = side / norm if norm > 1e-3 else guess.rotation[0]
-        out = []
-        for azimuth, elevation in product(around.azimuth_rad, around.elevation_rad):
-            orbit = rotation_exp(np.array([0.0, 0.0, azimuth])) @ rotation_exp(side * elevation)
-            for roll, ratio in product(around.roll_rad, around.range_ratio):
-                turn = orbit @ rotation_exp(sight * roll)
-                new_eye = focus + ratio * (orbit @ (eye - focus))
-                R = guess.rotation @ turn.T
-                out.append(Pose(R, -R @ new_eye))
+    def scored(self, target: Target, pose: RigidMotion, seen: SeenEdges, changes: Array, shifts: Indices) -> Scored:
+        """The best changes (k, 6) of a pose, each at the best of shifts (s, 2)."""
+        found = score_changes(seen, pose.R, pose.t, changes, shifts, self.camera, target, self.values)
+        focus = pose.R @ seen.focus + pose.t
+        changes = changes.copy()
+        changes[:, 4:] += np.arctan(found.shifts / self.f[:2])
+        best = np.argsort(-found.scores, kind="stable")[: self.config.block_candidates]
+        best = best[found.scores[best] > 0]
+        poses = (turned_about(pose.R, pose.t, focus, changes[k]) for k in best)
+        cost = target.shift_cost * np.square(found.shifts).sum(axis=1)
+        candidates = [
+            Candidate(float(found.scores[k]), at, seen, float(cost[k])) for k, at in zip(best, poses, strict=True)
+        ]
+        return Scored(candidates, found.evaluations, len(changes))
+
+    def pixels(self, R: Array, t: Array, points: Array) -> Array:
+        """Pixels (k, n, 2) of points (n, 3) in the small image, at poses (k, 3, 3) and (k, 3)."""
+        cam = points @ R.transpose(0, 2, 1) + t[:, None]
+        out: Array = cam[..., :2] / cam[..., 2:] * self.f[:2] + self.f[2:]
         return out
 
-    def _shifted(self, pose: Pose, shift: Array) -> Pose:
-        """The pose turned so that the middle of the image moves by a shift of the small image."""
-        fx, fy = self.f[0], self.f[1]
-        return Pose.exp([0, 0, 0, -np.arctan(shift[1] / fy), np.arctan(shift[0] / fx), 0]) @ pose
+    def seen(self, pose: RigidMotion) -> SeenEdges:
+        """Points on the edges that are visible at a pose in the image and beside it; any first few lie all over."""
+        points = sample_edges(self.edges, self.view.to(pose.R, pose.t), self.sampling)
+        spread_out = np.argsort(np.arange(len(points.points)) * GOLDEN % 1.0)
+        places, ends = points.points[spread_out], self.edges.ends[points.keys[spread_out, EDGE]]
+        along = ends[:, 1] - ends[:, 0]
+        focus = places.mean(axis=0) if len(places) else np.zeros(3)
+        return SeenEdges(places, along / np.linalg.norm(along, axis=1, keepdims=True), focus)
+
+    def turned(self, candidate: Candidate, block: Block) -> RigidMotion:
+        """The pose of a candidate moved about the middle of what it sees, to the viewing direction of a block."""
+        pose, seen = candidate.pose, candidate.seen
+        if not len(seen.points):
+            return pose
+        change = np.zeros(6)
+        change[:3] = block.azimuth_rad * pose.R[:, 2] + [block.elevation_rad, 0.0, 0.0]
+        return turned_about(pose.R, pose.t, pose.R @ seen.focus + pose.t, change)
+
+
+def _wide_view(camera: SmallCamera) -> View:
+    """View of the small camera that sees beside its image, too."""
+    border = np.floor(BESIDE * camera.size_px[0])
+    size = camera.size_px + 2 * border
+    lens = np.zeros(11)
+    lens[:2], lens[2:4] = camera.f[:2], camera.f[2:] + border
+    bounds = np.array([-0.5, -0.5, size[0] - 0.5, size[1] - 0.5])
+    return View(np.eye(3), np.zeros(3), lens, size, bounds, camera.near)
 
 
 def _undistortion_maps(camera: Camera, f: Array, size: tuple[int, int], scale: float) -> UndistortionMaps | None:

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.geometry_kernels import RigidMotion, camera_centre, se3_exp_left
-from uavbench.tracker.order_kernels import falling
+from uavbench.tracker.geometry_kernels import RigidMotion, se3_exp_left
 from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.argument_types import named_tuple
@@ -18,20 +17,18 @@ ORIENTATIONS = 8
 """Edge pixels are kept apart by their direction, in so many bins of half a turn."""
 DIAGONAL = 2.4
 """Ratio of a gradient's components above which it lies along an axis of the pixels: tan(67.5 degrees)."""
+FAR = 255
+"""The distance at which an edge point counts as missed: distances are whole parts of it, and sums of them exact."""
+REFINED_PX = np.array([2, 1])
+"""Steps of shifts about the best one, px of the small image."""
+REFINEMENTS = 9 * len(REFINED_PX)
+"""Shifts that are tried so."""
+FARTHEST_PX = 1e4
+"""Points farther beside the image are left out: no shift brings them in, and their places must be whole numbers."""
 SEARCH = kernel_type(PoseSearchConfig)
 
 Indices = NDArray[np.int64]
-
-
-class EdgePoints(NamedTuple):
-    """Points (n, 3) on the model's edges, unit direction (n, 3) of each edge, the faces (n, 2) beside it (-1: none),
-    and the planes (f, 4) of all faces: outward normal n and offset d, n . p = d on the face.
-    """
-
-    points: Array
-    direction: Array
-    faces: Indices
-    planes: Array
+Distance = NDArray[np.uint8]
 
 
 class SmallCamera(NamedTuple):
@@ -42,43 +39,59 @@ class SmallCamera(NamedTuple):
     near: float
 
 
-class ImagePoints(NamedTuple):
-    """Pixels (n, 2) and orientation bins (n,) of edge points; the first `filled` are set."""
-
-    pixels: Array
-    bins: Indices
-    filled: int
-
-
-class PoseScores(NamedTuple):
-    """Best score (h,) of each pose over all shifts, -1 where it was not scored, and the row (h,) of that shift."""
-
-    scores: Array
-    shifts: Indices
-
-
-class NearGuess(NamedTuple):
-    """A guess R (3, 3), t (3,), the points (n, 3) that it sees with their edges' direction (n, 3), and their mean,
-    focus (3,), in the camera.
+class Target(NamedTuple):
+    """What edges are laid on: distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, at most FAR;
+    the score that a shift costs, per squared px.
     """
 
-    R: Array
-    t: Array
+    distance: Distance
+    shift_cost: float
+
+
+class SeenEdges(NamedTuple):
+    """Points (n, 3) on the visible edges, the unit direction (n, 3) of their edges, and their mean, focus (3,)."""
+
     points: Array
     direction: Array
     focus: Array
 
 
-class NearChanges(NamedTuple):
-    """Changes (k, 6) of a guess as `turned_about` takes them, and their scores (k,)."""
+class ImagePoints(NamedTuple):
+    """Orientation bin, row and column (n, 3) of edge points in the small image, or beside it; the first `filled` are
+    set.
+    """
 
-    changes: Array
+    places: Indices
+    filled: int
+
+
+class Agreement(NamedTuple):
+    """Sum of FAR less the distances of edge points to the nearest edge pixel, and the number of points looked up."""
+
+    total: int
+    looked_up: int
+
+
+class RefinedPose(NamedTuple):
+    """Change (6,) of a pose, its score, and the evaluations that it took."""
+
+    change: Array
+    score: float
+    evaluations: int
+
+
+class PoseScores(NamedTuple):
+    """Score (k,) of each pose with the best shift (k, 2) in px of the small image, and the evaluations that it took."""
+
     scores: Array
+    shifts: Indices
+    evaluations: int
 
 
-EDGE_POINTS = named_tuple(EdgePoints, "f2! f2! i2! f2!")
 SMALL_CAMERA = named_tuple(SmallCamera, "f1! f1! f0")
-NEAR_GUESS = named_tuple(NearGuess, "f2! f1! f2! f2! f1!")
+TARGET = named_tuple(Target, "u3! f0")
+SEEN_EDGES = named_tuple(SeenEdges, "f2! f2! f1!")
+IMAGE_POINTS = named_tuple(ImagePoints, "i2! i0")
 
 
 @compiled("u3 f0")
@@ -121,84 +134,6 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     return out
 
 
-@compiled("points f2 f1 camera", inner=True, points=EDGE_POINTS, camera=SMALL_CAMERA)
-def seen_points(edges: EdgePoints, R: Array, t: Array, camera: SmallCamera) -> ImagePoints:
-    """The edge points that a pose shows in the small image.
-
-    A point shows when a face beside its edge is turned to the camera. Points outside the image are kept within a third
-    of its width, so that a shift may bring them in.
-    """
-    points, direction, faces, planes = edges.points, edges.direction, edges.faces, edges.planes
-    f, size = camera.f, camera.size_px
-    eye = camera_centre(R, t)
-    pixel, bins = np.empty((len(points), 2)), np.empty(len(points), np.int64)
-    n = 0
-    c, d = np.empty(3), np.empty(3)
-    for k in range(len(points)):
-        shows = False
-        for s in range(2):
-            q = faces[k, s]
-            if q >= 0 and planes[q, 0] * eye[0] + planes[q, 1] * eye[1] + planes[q, 2] * eye[2] > planes[q, 3]:
-                shows = True
-        if not shows:
-            continue
-        for i in range(3):
-            c[i] = R[i, 0] * points[k, 0] + R[i, 1] * points[k, 1] + R[i, 2] * points[k, 2] + t[i]
-            d[i] = R[i, 0] * direction[k, 0] + R[i, 1] * direction[k, 1] + R[i, 2] * direction[k, 2]
-        if c[2] <= camera.near:
-            continue
-        u, v = f[0] * c[0] / c[2] + f[2], f[1] * c[1] / c[2] + f[3]
-        reach = size[0] / 3
-        if not (-reach < u < size[0] + reach and -reach < v < size[1] + reach):
-            continue
-        du, dv = f[0] * (d[0] - c[0] / c[2] * d[2]), f[1] * (d[1] - c[1] / c[2] * d[2])
-        turn = math.atan2(du, -dv) / math.pi * ORIENTATIONS  # of the normal
-        pixel[n, 0], pixel[n, 1] = u, v
-        bins[n] = math.floor(turn) % ORIENTATIONS
-        n += 1
-    return ImagePoints(pixel, bins, n)
-
-
-@compiled("points f3 f2 camera s3 f2 search", points=EDGE_POINTS, camera=SMALL_CAMERA, search=SEARCH)
-def score_poses(
-    edges: EdgePoints,
-    rotations: Array,
-    translations: Array,
-    camera: SmallCamera,
-    distance: NDArray[np.float32],
-    shifts: Array,
-    config: PoseSearchConfig,
-) -> PoseScores:
-    """Scores of poses (h, 3, 3) and (h, 3), with the best of shifts (s, 2) in px of the small image.
-
-    The score is the mean over the edge points of 1 - distance, with distance (ORIENTATIONS, h, w) to the nearest edge
-    pixel of that direction, cut at 1; a point out of the image counts `outside_score`. Poses worse by
-    `hopeless_score` than the best so far may score less than they would.
-    """
-    h, w = distance.shape[1], distance.shape[2]
-    top = 0.0
-    scores = np.full(len(rotations), -1.0)
-    best = np.zeros(len(rotations), np.int64)
-    for k in range(len(rotations)):
-        seen = seen_points(edges, rotations[k], translations[k], camera)
-        pixel, bins, n = seen.pixels, seen.bins, seen.filled
-        if n < config.min_points:
-            continue
-        for s in range(len(shifts)):
-            total = 0.0
-            needed = max(scores[k], top - config.hopeless_score) * n
-            for p in range(n):
-                j, i = int(pixel[p, 0] + shifts[s, 0] + 0.5), int(pixel[p, 1] + shifts[s, 1] + 0.5)
-                total += 1.0 - distance[bins[p], i, j] if 0 <= i < h and 0 <= j < w else config.outside_score
-                if total + (n - 1 - p) < needed:
-                    break
-            if total > scores[k] * n:
-                scores[k] = total / n
-                best[k] = s
-                top = max(top, scores[k])
-    return PoseScores(scores, best)
-
-
 @compiled("f2 f1 f1 f1")
 def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
     """Pose (R, t) changed by a (6,).
@@ -216,18 +151,22 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
     return se3_exp_left(turned.R, turned.t, shift)
 
 
-@compiled("guess f1 camera s3 f0", inner=True, guess=NEAR_GUESS, camera=SMALL_CAMERA)
-def chamfer(
-    guess: NearGuess, change: Array, camera: SmallCamera, distance: NDArray[np.float32], outside: float
-) -> float:
-    """Score of a guess with a change (6,): mean over its points of 1 - distance to the nearest edge pixel of their
-    direction; `outside` out of view.
-    """
-    points, direction, f = guess.points, guess.direction, camera.f
-    pose = turned_about(guess.R, guess.t, guess.focus, change)
-    R, t = pose.R, pose.t
-    h, w = distance.shape[1], distance.shape[2]
-    total = 0.0
+@compiled("seen f2 f1", inner=True, seen=SEEN_EDGES)
+def focus_in_camera(seen: SeenEdges, R: Array, t: Array) -> Array:
+    """The middle (3,) of the points seen, in a camera at (R, t)."""
+    focus = t.copy()
+    for i in range(3):
+        for j in range(3):
+            focus[i] += R[i, j] * seen.focus[j]
+    return focus
+
+
+@compiled("seen f2 f1 camera", inner=True, seen=SEEN_EDGES, camera=SMALL_CAMERA)
+def image_points(seen: SeenEdges, R: Array, t: Array, camera: SmallCamera) -> ImagePoints:
+    """Edge points before the camera, in the small image or beside it."""
+    points, direction, f = seen.points, seen.direction, camera.f
+    places = np.empty((len(points), 3), np.int64)
+    n = 0
     for k in range(len(points)):
         x, y, z = t[0], t[1], t[2]
         dx, dy, dz = 0.0, 0.0, 0.0
@@ -238,65 +177,139 @@ def chamfer(
             dx += R[0, i] * direction[k, i]
             dy += R[1, i] * direction[k, i]
             dz += R[2, i] * direction[k, i]
-        value = outside
-        if z > camera.near:
-            a, b = x / z, y / z
-            u, v = f[0] * a + f[2], f[1] * b + f[3]
-            if -0.5 <= u < w - 0.5 and -0.5 <= v < h - 0.5:
-                turn = math.atan2(f[0] * (dx - a * dz), -f[1] * (dy - b * dz)) / math.pi * ORIENTATIONS
-                value = 1.0 - distance[math.floor(turn) % ORIENTATIONS, int(v + 0.5), int(u + 0.5)]
-        total += value
-    return total / max(1, len(points))
-
-
-@compiled("guess camera s3 f2 f1 i0 search", guess=NEAR_GUESS, camera=SMALL_CAMERA, search=SEARCH)
-def search_about(
-    guess: NearGuess,
-    camera: SmallCamera,
-    distance: NDArray[np.float32],
-    changes: Array,
-    steps: Array,
-    most: int,
-    config: PoseSearchConfig,
-) -> NearChanges:
-    """At most `most` of the changes (m, 6) of a guess that score best, improved by a pattern search from `steps` (6,)
-    down (Hooke & Jeeves 1961).
-    """
-    first = np.empty(len(changes))
-    for k in range(len(changes)):
-        first[k] = chamfer(guess, changes[k], camera, distance, config.outside_score)
-    order = falling(first)
-    out, scores = np.zeros((most, 6)), np.full(most, -1.0)
-    n = 0
-    for k in order:
-        if n == most:
-            break
-        near = False
-        for j in range(n):
-            away = 0.0
-            for i in range(6):
-                away = max(away, abs(out[j, i] - changes[k, i]) / steps[i])
-            near |= away < 1.0
-        if near:
+        if z <= camera.near:
             continue
-        a, best = changes[k].copy(), first[k]
-        step = steps.copy()
-        for _ in range(config.pattern_levels):
-            for _ in range(config.pattern_sweeps):
-                moved = False
-                for i in range(6):
-                    for sign in (-1.0, 1.0):
-                        a[i] += sign * step[i]
-                        value = chamfer(guess, a, camera, distance, config.outside_score)
-                        if value > best:
-                            best, moved = value, True
-                            break
-                        a[i] -= sign * step[i]
-                if not moved:
-                    break
-            step *= 0.5
-        scores[n] = best
-        for i in range(6):
-            out[n, i] = a[i]
+        a, b = x / z, y / z
+        turn = math.atan2(f[0] * (dx - a * dz), -f[1] * (dy - b * dz)) / math.pi * ORIENTATIONS  # of the normal
+        u, v = f[0] * a + f[2], f[1] * b + f[3]
+        if abs(u) > FARTHEST_PX or abs(v) > FARTHEST_PX:
+            continue
+        places[n, 0] = math.floor(turn) % ORIENTATIONS
+        places[n, 1], places[n, 2] = math.floor(v + 0.5), math.floor(u + 0.5)
         n += 1
-    return NearChanges(out[:n].copy(), scores[:n].copy())
+    return ImagePoints(places, n)
+
+
+@compiled("points u3 i0 i0 i0 i0", inner=True, points=IMAGE_POINTS)
+def agreement(points: ImagePoints, distance: Distance, right: int, down: int, outside: int, needed: int) -> Agreement:
+    """Agreement of points with edge pixels, the points shifted in px; given up where it cannot exceed what is needed.
+
+    A point outside the image counts `outside`.
+    """
+    places, n = points.places, points.filled
+    h, w = distance.shape[1], distance.shape[2]
+    total = 0
+    for p in range(n):
+        i, j = places[p, 1] + down, places[p, 2] + right
+        total += FAR - int(distance[places[p, 0], i, j]) if 0 <= i < h and 0 <= j < w else outside
+        if total + (n - 1 - p) * FAR <= needed:
+            return Agreement(total, p + 1)
+    return Agreement(total, n)
+
+
+@compiled("seen f2 f1 f2 i2 camera target search", seen=SEEN_EDGES, camera=SMALL_CAMERA, target=TARGET, search=SEARCH)
+def score_changes(
+    seen: SeenEdges,
+    R: Array,
+    t: Array,
+    changes: Array,
+    shifts: Indices,
+    camera: SmallCamera,
+    target: Target,
+    config: PoseSearchConfig,
+) -> PoseScores:
+    """Scores of a pose (R, t) with changes (k, 6) as `turned_about` takes them, with the best of shifts (s, 2) in px.
+
+    The score is the mean over the edge points of 1 - distance / FAR, with distance (ORIENTATIONS, h, w) to the nearest
+    edge pixel of that direction, less the cost of the shift; a point out of the image counts `outside_score`. The best
+    shift is refined.
+    Changes worse than the best one before by `hopeless_score` score nothing.
+    """
+    focus, distance = focus_in_camera(seen, R, t), target.distance
+    scores, best, evaluations = np.zeros(len(changes)), np.zeros((len(changes), 2), np.int64), 0
+    outside, hopeful = math.floor(config.outside_score * FAR), 0.0
+    for k in range(len(changes)):
+        pose = turned_about(R, t, focus, changes[k])
+        points = image_points(seen, pose.R, pose.t, camera)
+        evaluations += len(seen.points) * config.projection_evaluations
+        if points.filled < config.min_points:
+            continue
+        hopeless = max(0, math.floor((hopeful - config.hopeless_score) * FAR * points.filled))
+        top = hopeless
+        for s in range(len(shifts)):
+            right, down = shifts[s, 0], shifts[s, 1]
+            cost = math.floor(target.shift_cost * (right * right + down * down) * FAR * points.filled)
+            found = agreement(points, distance, right, down, outside, top + cost)
+            evaluations += found.looked_up
+            if found.total - cost > top:
+                top, best[k, 0], best[k, 1] = found.total - cost, right, down
+        if top == hopeless:
+            continue
+        for step in REFINED_PX:
+            middle_x, middle_y = best[k, 0], best[k, 1]
+            for side in range(9):
+                right, down = middle_x + (side % 3 - 1) * step, middle_y + (side // 3 - 1) * step
+                cost = math.floor(target.shift_cost * (right * right + down * down) * FAR * points.filled)
+                found = agreement(points, distance, right, down, outside, top + cost)
+                evaluations += found.looked_up
+                if found.total - cost > top:
+                    top, best[k, 0], best[k, 1] = found.total - cost, right, down
+        scores[k] = top / (FAR * points.filled)
+        hopeful = max(hopeful, scores[k])
+    return PoseScores(scores, best, evaluations)
+
+
+@compiled(
+    "seen f2 f1 f1 camera target search", inner=True, seen=SEEN_EDGES, camera=SMALL_CAMERA, target=TARGET, search=SEARCH
+)
+def score_change(
+    seen: SeenEdges,
+    R: Array,
+    t: Array,
+    change: Array,
+    camera: SmallCamera,
+    target: Target,
+    config: PoseSearchConfig,
+) -> float:
+    """Score of a pose (R, t) with a change (6,), which costs as much as a shift by the same angles."""
+    pose = turned_about(R, t, focus_in_camera(seen, R, t), change)
+    points = image_points(seen, pose.R, pose.t, camera)
+    outside = math.floor(config.outside_score * FAR)
+    total = agreement(points, target.distance, 0, 0, outside, 0).total
+    square = 0.0
+    for i in range(6):
+        square += change[i] * change[i]
+    cost = target.shift_cost * camera.f[0] * camera.f[0] * square
+    score: float = total / (FAR * max(points.filled, config.min_points)) - cost
+    return score
+
+
+@compiled("seen f2 f1 f1 camera target search", seen=SEEN_EDGES, camera=SMALL_CAMERA, target=TARGET, search=SEARCH)
+def refine_pose(
+    seen: SeenEdges,
+    R: Array,
+    t: Array,
+    steps: Array,
+    camera: SmallCamera,
+    target: Target,
+    config: PoseSearchConfig,
+) -> RefinedPose:
+    """The change of a pose that scores best, by a pattern search from `steps` (6,) down (Hooke & Jeeves 1961)."""
+    change, step, tried = np.zeros(6), steps.copy(), 1
+    best = score_change(seen, R, t, change, camera, target, config)
+    for _ in range(config.pattern_levels):
+        for _ in range(config.pattern_sweeps):
+            moved = False
+            for i in range(6):
+                for sign in (-1.0, 1.0):
+                    change[i] += sign * step[i]
+                    score = score_change(seen, R, t, change, camera, target, config)
+                    tried += 1
+                    if score > best:
+                        best, moved = score, True
+                        break
+                    change[i] -= sign * step[i]
+            if not moved:
+                break
+        step *= 0.5
+    return RefinedPose(change, best, tried * len(seen.points) * (config.projection_evaluations + 1))

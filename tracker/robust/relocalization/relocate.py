@@ -1,107 +1,309 @@
-"""Relocalization: pose search without a usable prediction, each pose found refined by a fit."""
+"""Relocalization: pose search without a usable prediction, in slices over as many frames as it needs.
 
-from dataclasses import dataclass
+A slice scores poses near the guesses anew in its own image, goes on far from them where the slice before stopped, and
+fits the best poses that no slice has fitted yet, until the frame's work is done. What earlier slices found is moved
+along with the prediction.
+"""
+
+from collections.abc import Iterator
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.pose_fit import Fit
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, SearchRange
-from uavbench.tracker.robust.relocalization.pose_search_kernels import turned_about
+from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSearch, Reach, Scored, grid
+from uavbench.tracker.robust.relocalization.pose_search_kernels import Target, turned_about
+from uavbench.tracker.robust.relocalization.tried_poses import NONE, PoseStack, TriedPoses
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
 
 ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
 """Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
+BESIDE_TIMES = 2
+"""Steps by which the viewing direction of the best pose is improved: to the reach of a slow or lost frame's guess."""
+COMPARED = 12
+"""Edge points by which two poses are compared: they are spread over all that is seen."""
+
+
+class Sought(NamedTuple):
+    """What a slice searches.
+
+    guesses are poses around which to search, the likeliest one first with its covariance (6, 6); first is a fit that
+    was made already; sure is the support with which a slice ends.
+    """
+
+    image: Image
+    guesses: list[Pose]
+    covariance: Array
+    range_m: float
+    first: Fit | None = None
+    sure: float = np.inf
 
 
 class Relocalized(NamedTuple):
-    """The best supported fit, and how much better it is than the one at hand; inf where there was none."""
+    """The best supported fit in this frame, and how much better it is than the one at hand (inf where there was none);
+
+    whether all likely poses were fitted since the search began, and whether all poses were; whether it leads the fits
+    of other poses.
+    """
 
     fit: Fit
     advantage: float
+    near_done: bool
+    all_done: bool
+    leads: bool
 
 
-@dataclass(frozen=True, eq=False)
+class Attempt(NamedTuple):
+    """A pose to be fitted: its standard deviation in parts of the range and in rad, half length of search lines; score
+    of a pose that agrees with the image, 0 of others.
+    """
+
+    pose: RigidMotion
+    sigma: float
+    half_px: float
+    score: float = 0.0
+
+
 class Relocator:
-    """Searches the pose of an image."""
+    """Searches the pose of an image, and keeps the state of the search from frame to frame."""
 
-    fitter: EdgeFitter
-    searcher: PoseSearch
-    config: RelocalizationConfig
+    def __init__(self, fitter: EdgeFitter, camera: Camera, config: RelocalizationConfig) -> None:
+        self.fitter, self.config = fitter, config
+        self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, config.search)
+        near = Reach(config.near_roll_rad, config.near_range_part, config.near_shift_part)
+        far = Reach(config.far_roll_rad, config.far_range_part, config.far_shift_part, config.search.far_step_factor)
+        self.near_block = self.searcher.block(0.0, 0.0, near)
+        self.far_blocks = [self.searcher.block(*turn, far) for turn in views(config)]
+        step = config.search
+        nearest = Reach(step.roll_step_rad, step.range_step_log, step.shift_step_px / self.searcher.size[0])
+        turn = step.beside_rad
+        sides = ((turn, 0.0), (-turn, 0.0), (0.0, turn), (0.0, -turn))
+        self.sides = [self.searcher.block(*side, nearest) for side in sides]
+        self.forget()
 
-    @classmethod
-    def of(cls, fitter: EdgeFitter, camera: Camera, config: RelocalizationConfig) -> "Relocator":
-        """Relocator that fits with a fitter."""
-        return cls(fitter, PoseSearch(fitter.edges, camera, fitter.view.near, config.search), config)
+    def forget(self) -> None:
+        """Begin anew."""
+        self.reference: RigidMotion | None = None
+        self.best_before: RigidMotion | None = None
+        self.kept: list[Candidate] = []
+        self.tried = TriedPoses()
+        self.seen = np.zeros((0, 3))
+        self.next_change = self.next_block = self.perturbations = 0
+        self.near_done = False
 
-    def best(
-        self, image: Image, guesses: list[Pose], covariance: Array, range_m: float, first: Fit | None = None
-    ) -> Relocalized:
-        """The best supported fit of all, against the first one that was made already.
+    @property
+    def under_way(self) -> bool:
+        """Whether a search has begun and not ended."""
+        return self.reference is not None
 
-        guesses are poses around which to search, the likeliest one first with its covariance (6, 6).
-        """
-        config, information = self.config, np.linalg.inv(covariance)
-
-        def score(fit: Fit) -> float:
-            away = (fit.cam_from_world @ guesses[0].inverse()).log()
-            found = config.found_support * float(np.log1p(fit.found))
-            return fit.support + found - config.distance_cost * float(away @ information @ away)
-
-        clock = StageClock()
-        found = sigmas(config.found_sigma, range_m)
-        fits = [] if first is None else [first]
-        near = [pose for guess in guesses for pose in self.near(image, guess)]
-        fits += [self.fitter.fit(image, pose, found, clock, config.near_half_px) for pose in [*guesses, *near]]
-        if not max(fit.support for fit in fits) >= config.good_support:
-            far = [scored.pose for scored in self.searcher.best_poses(image, guesses, self.far(), config.far_fits)]
-            fits += [self.fitter.fit(image, pose, found, clock, config.far_half_px) for pose in far]
-        fitted = sigmas(config.fitted_sigma, range_m)
-        for _ in range(config.refits):
-            fits = sorted((fit for fit in fits if fit.finite), key=score)
-            best = fits[-config.refitted :]
-            fits += [self.fitter.fit(image, fit.cam_from_world, fitted, clock, config.refit_half_px) for fit in best]
-        for generation in range(config.generations):
-            fits = sorted((fit for fit in fits if fit.finite), key=score)[-config.refitted :]
-            if not fits or fits[-1].support >= config.sure_support:
+    def search(self, sought: Sought) -> Relocalized:
+        """One slice of the search."""
+        work, config = self.fitter.work, self.config
+        guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
+        self.move_along(guesses[0])
+        target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
+        work.done += self.fitter.config.budget.distance_evaluations
+        candidates = self.score(target, guesses, self.is_uncertain(sought))
+        ranking = Ranking(sought, config)
+        clock, exhausted = StageClock(), False
+        for attempt in self.attempts(guesses, candidates, ranking):
+            if work.left < self.fitter.largest_fit:
                 break
-            turns = range(generation * config.refitted, (generation + 1) * config.refitted)
-            sampled = [pose for turn, fit in zip(turns, fits, strict=False) for pose in self.perturbed(fit, turn)]
-            fits += [self.fitter.fit(image, pose, found, clock, config.refit_half_px) for pose in sampled]
-        top = max((fit for fit in fits if fit.finite), key=score, default=fits[0])
-        return Relocalized(top, score(top) - score(first) if first is not None and first.finite else np.inf)
+            covariance = sigmas(attempt.sigma, sought.range_m)
+            fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
+            ranking.add(fit)
+            self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), fit.support)
+            if ranking.top.support >= sought.sure:
+                break
+        else:
+            exhausted = True
+        if ranking.top is not sought.first and ranking.top.finite:
+            self.best_before = motion(ranking.top.cam_from_world)
+        searched = self.next_block >= len(self.far_blocks) * len(guesses)
+        all_done = searched and (exhausted or len(self.tried) >= config.most_fits)
+        leads = self.lead(ranking.top) >= config.lead
+        return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
 
-    def near(self, image: Image, guess: Pose) -> list[Pose]:
-        """Poses near a guess whose projected edges agree with the image."""
-        config, seen = self.config, self.fitter.seen(guess)
-        reach = (config.near_reach_rad, config.near_shift_rad)
-        return [scored.pose for scored in self.searcher.near_poses(image, guess, seen, *reach, config.near_fits)]
+    def lead(self, fit: Fit) -> float:
+        """How much more support a fit has than those that ended at other poses since the search began."""
+        same = self.within_reach(motion(fit.cam_from_world), self.tried.reached)
+        return fit.support - float(self.tried.supports[~same].max(initial=0.0))
 
-    def far(self) -> SearchRange:
-        """Range of the pose search where no pose near a guess fits."""
-        c = self.config
-        return self.searcher.search_range(c.far_view_rad, c.far_roll_rad, c.far_range_part, c.far_shift_part)
+    def shift_sigma_px(self, sought: Sought) -> float:
+        """Standard deviation of the image's shift at the likeliest guess, px of the small image."""
+        moved, turned = sought.covariance[:3, :3].trace() / 3, sought.covariance[3:, 3:].trace() / 3
+        return float(np.sqrt(moved / sought.range_m**2 + turned) * self.searcher.f[0])
 
-    def perturbed(self, fit: Fit, turn: int) -> list[Pose]:
-        """Perturbations of a fit's pose, others in every turn (evolution strategy: Rechenberg 1973)."""
+    def is_uncertain(self, sought: Sought) -> bool:
+        """Whether the likeliest guess may be wrong by half a step of viewing directions or more."""
+        sigma_m = float(np.sqrt(sought.covariance[:3, :3].trace() / 3))
+        return sigma_m > 0.5 * self.config.search.view_step_rad * sought.range_m
+
+    def move_along(self, reference: RigidMotion) -> None:
+        """Move what was found in frames before as the likeliest guess has moved since."""
+        before, self.reference = self.reference, reference
+        if before is None:
+            return
+        R = reference.R @ before.R.T
+        by = RigidMotion(R, reference.t - R @ before.t)
+        self.kept = [each._replace(pose=product_of(by, each.pose)) for each in self.kept]
+        self.tried.move(by)
+        self.best_before = self.best_before and product_of(by, self.best_before)
+
+    def score(self, target: Target, guesses: list[RigidMotion], uncertain: bool) -> list[Candidate]:
+        """Poses that agree best with the edge pixels, best first; half of the work is left, and two fits."""
+        config, work, reserve = self.config, self.fitter.work, 2 * self.fitter.largest_fit
+        until = work.done + min(work.left // 2, work.left - reserve)
+
+        def taken(scored: Scored) -> list[Candidate]:
+            work.done += scored.evaluations
+            return scored.candidates
+
+        self.kept = [found for each in self.kept for found in taken(self.searcher.again(target, each))]
+        near: list[Candidate] = []
+        for guess in guesses:
+            block = self.near_block._replace(changes=np.roll(self.near_block.changes, -self.next_change, axis=0))
+            near += taken(found := self.searcher.best_of(target, guess, block, until - work.done))
+        self.next_change = (self.next_change + found.poses) % len(self.near_block.changes)
+        near.sort(key=lambda each: -each.score)
+        for _ in range(BESIDE_TIMES if uncertain else 0):
+            room = until - work.done >= len(self.sides) * self.searcher.most_of(self.sides[0])
+            beside = [
+                found
+                for side in (self.sides if near and room else ())
+                for found in taken(self.searcher.best_beside(target, near[0], side, until - work.done))[:1]
+            ]
+            near = sorted(near + beside, key=lambda each: -each.score)
+        rounds = [(block, guess) for block in self.far_blocks for guess in guesses]
+        while self.next_block < len(rounds) and until - work.done >= self.searcher.most_of(self.far_blocks[0]):
+            block, guess = rounds[self.next_block]
+            self.kept += taken(self.searcher.best_of(target, guess, block, until - work.done))
+            self.next_block += 1
+        self.kept = sorted(self.kept, key=lambda each: -each.score)[: config.search.block_candidates]
+        best = sorted(near + self.kept, key=lambda each: -each.score)
+        for k, each in enumerate(best[: config.search.block_candidates]):
+            if work.left - reserve >= self.searcher.most_refining(each):
+                (best[k],) = taken(self.searcher.refined(target, each))
+        return sorted(best, key=lambda each: -each.score)
+
+    def attempts(
+        self, guesses: list[RigidMotion], candidates: list[Candidate], ranking: "Ranking"
+    ) -> Iterator[Attempt]:
+        """Poses to fit in turn: where the best one of frames before is now; those that agree with the image nearly as
+        well as the best and were not tried; the guesses, perturbations of the best fit, and all others.
+        """
+        config = self.config
+
+        def found(pose: RigidMotion, score: float = 0.0) -> Iterator[Attempt]:
+            best = ranking.top
+            yield Attempt(pose, config.found_sigma, config.half_px, score)
+            if ranking.top is not best:
+                yield Attempt(motion(ranking.top.cam_from_world), config.fitted_sigma, config.refit_half_px)
+
+        self.seen = candidates[0].seen.points if candidates else self.seen
+        if self.best_before is not None:
+            again = [
+                each.pose for each in candidates if self.within_reach(each.pose, NONE.added(self.best_before)).any()
+            ]
+            yield Attempt((again or [self.best_before])[0], config.found_sigma, config.half_px)
+        for hopeless in (False, True):
+            for candidate in candidates:
+                worse = candidate.score < candidates[0].score - config.search.hopeless_score
+                if worse != hopeless or self.was_tried(candidate):
+                    continue
+                yield from found(candidate.pose, candidate.score)
+                self.near_done |= int(np.count_nonzero(self.tried.scores)) >= config.near_fits
+            self.near_done = True
+            for guess in () if hopeless else guesses:
+                yield from found(guess)
+            while not hopeless and self.perturbations < config.perturbations:
+                yield from self.perturbed(ranking.top)
+
+    def was_tried(self, candidate: Candidate) -> bool:
+        """Whether a pose within reach of a fit from this one was fitted, in an image that it agreed with as well."""
+        reached = self.within_reach(candidate.pose, self.tried.fitted)
+        return bool((reached & (self.tried.scores > candidate.score - self.config.search.retried_score)).any())
+
+    def within_reach(self, pose: RigidMotion, poses: PoseStack) -> NDArray[np.bool_]:
+        """Whether a fit from each of the poses (k,) reaches a pose: no edge point seen is a step of shifts away."""
+        points, step = self.seen[:COMPARED], self.config.search.shift_step_px
+        there = self.searcher.pixels(pose.R[None], pose.t[None], points)
+        at = self.searcher.pixels(poses.R, poses.t, points)
+        return np.asarray((np.abs(at - there) < step).all(axis=(1, 2)))
+
+    def perturbed(self, fit: Fit) -> Iterator[Attempt]:
+        """The next perturbation of a fit's pose, another one each time (evolution strategy: Rechenberg 1973)."""
+        self.perturbations += 1
         if fit.residuals is None or not len(fit.residuals.points.points):
-            return []
-        R, t = fit.cam_from_world.rotation, fit.cam_from_world.translation
-        focus = fit.cam_from_world.transform(fit.residuals.points.points).mean(axis=0)
-        count = self.config.perturbations
-        k = np.arange(1, count + 1)[:, None] + turn * count
-        changes = (k * ROBERTS % 1.0 * 2 - 1) * self.reach()
-        return [Pose(*turned_about(R, t, focus, a)) for a in changes]
+            return
+        c, pose = self.config, motion(fit.cam_from_world)
+        focus = pose.R @ fit.residuals.points.points.mean(axis=0) + pose.t
+        reach = np.repeat([c.perturbation_turn_rad, c.perturbation_part, c.perturbation_shift_rad], 2)
+        change = (self.perturbations * ROBERTS % 1.0 * 2 - 1) * reach
+        yield Attempt(turned_about(pose.R, pose.t, focus, change), c.found_sigma, c.refit_half_px)
 
-    def reach(self) -> Array:
-        """Reach (6,) of perturbations as `turned_about` takes them."""
-        c = self.config
-        return np.repeat([c.perturbation_turn_rad, c.perturbation_part, c.perturbation_shift_rad], 2)
+
+class Ranking:
+    """The fits of one frame, by support, by what was found, and by their distance from the likeliest guess."""
+
+    def __init__(self, sought: Sought, config: RelocalizationConfig) -> None:
+        self.config, self.from_guess = config, sought.guesses[0].inverse()
+        self.information = np.linalg.inv(sought.covariance)
+        self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
+        self.score = self.first = -np.inf
+        if sought.first is not None and sought.first.finite:
+            self.add(sought.first)
+            self.first = self.score
+
+    @property
+    def advantage(self) -> float:
+        """How much better the best fit is than the one at hand; inf where there was none."""
+        return self.score - self.first
+
+    def add(self, fit: Fit) -> None:
+        """Rank one more fit."""
+        if not fit.finite:
+            return
+        away = (fit.cam_from_world @ self.from_guess).log()
+        found = self.config.found_support * float(np.log1p(fit.found))
+        score = fit.support + found - self.config.distance_cost * float(away @ self.information @ away)
+        if score > self.score:
+            self.top, self.score = fit, score
+
+
+def views(config: RelocalizationConfig) -> list[tuple[float, float]]:
+    """Turns in azimuth and elevation (rad) of viewing directions far from a guess, the nearest ones first."""
+    step = config.search.view_step_rad
+    turns = product(grid(config.far_view_rad, step), grid(config.far_view_rad / 2, step))
+    return sorted(turns, key=lambda turn: turn[0] ** 2 + turn[1] ** 2)
+
+
+def motion(pose: Pose) -> RigidMotion:
+    """A pose in arrays that kernels take."""
+    return RigidMotion(np.array(pose.rotation, order="C"), np.array(pose.translation))
+
+
+def product_of(by: RigidMotion, pose: RigidMotion) -> RigidMotion:
+    """A pose moved from the left."""
+    return RigidMotion(by.R @ pose.R, by.R @ pose.t + by.t)
+
+
+def distinct(guesses: list[RigidMotion], range_m: float, part: float) -> list[RigidMotion]:
+    """Guesses without those whose camera is within a part of the range of the one before."""
+    kept = guesses[:1]
+    for guess in guesses[1:]:
+        apart = guess.R.T @ guess.t - kept[-1].R.T @ kept[-1].t
+        if np.linalg.norm(apart) > part * range_m:
+            kept.append(guess)
+    return kept
 
 
 def sigmas(sigma: float, range_m: float) -> Array:

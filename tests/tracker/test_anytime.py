@@ -1,0 +1,109 @@
+"""Relocalization in slices: no frame does more than its budget, and what was lost is found again within a few."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown, look_at, pose_error
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.config.budget import BudgetConfig
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.trajectories.pose import Pose
+
+STEP_NS = 66_666_667
+AWAY = Pose.exp([0.03, -0.02, 0.03, 0.04, -0.05, 0.03])
+"""An initial pose that is off by 4 % of the range and 4 degrees."""
+LOST_FRAMES = 6
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Poses and noisy frames of 1.3 seconds around a box."""
+    return flown(20, seed=23)
+
+
+def started(first, config=None):
+    return Robust(config or RobustConfig()).start(box(), CAMERA, first, np.random.default_rng(0))
+
+
+def tracked(run, images):
+    """Results of frames at 15 Hz with the evaluations that each took."""
+    results = [(run.track(image, i * STEP_NS), run.fitter.work.done) for i, image in enumerate(images)]
+    return [result for result, _ in results], np.array([done for _, done in results])
+
+
+def interrupted(images, kind):
+    """The frames of a flight, some of them black, or of a scene without the structure."""
+    rng, empty = np.random.default_rng(1), Scene([], seed=4)
+    poses, _ = flown(1, seed=23)
+    shown = {
+        "black": lambda: rng.integers(0, 2, images[0].shape).astype(np.uint8),
+        "another scene": lambda: empty.render(poses[0], noise_rng=rng),
+    }[kind]
+    return [*images[:4], *(shown() for _ in range(LOST_FRAMES)), *images[4 + LOST_FRAMES :]]
+
+
+@pytest.mark.parametrize("kind", ["black", "another scene"])
+def test_it_is_found_again_and_no_frame_exceeds_the_budget(flight, kind):
+    poses, images = flight
+    run = started(poses[0])
+    results, evaluations = tracked(run, interrupted(images, kind))
+    assert evaluations.max() <= BudgetConfig().evaluations
+    assert [result.status for result in results[5 : 4 + LOST_FRAMES]] == ["lost"] * (LOST_FRAMES - 1)
+    back = next(i for i in range(4 + LOST_FRAMES, len(results)) if results[i].status == "ok")
+    assert back < 4 + LOST_FRAMES + 3
+    for result, pose in zip(results[back:], poses[back:], strict=True):
+        assert pose_error(result.cam_from_world, pose)[0] < 0.01
+
+
+def test_the_first_frame_from_a_wrong_pose_obeys_the_budget_too(flight):
+    poses, images = flight
+    results, evaluations = tracked(started(AWAY @ poses[0]), images[:4])
+    assert evaluations.max() <= BudgetConfig().evaluations
+    assert pose_error(results[3].cam_from_world, poses[3])[0] < 0.01
+
+
+def test_with_little_work_a_frame_it_takes_more_frames_and_guesses_meanwhile(flight):
+    """Two fifths of the default: the distances to the edge pixels, the fit of tracking, and one fit more."""
+    poses, images = flight
+    config = RobustConfig(budget=replace(BudgetConfig(), evaluations=2_000_000))
+    results, evaluations = tracked(started(AWAY @ poses[0], config), images)
+    assert evaluations.max() <= config.budget.evaluations
+    assert results[0].status == "lost"
+    assert results[0].cam_from_world is None
+    assert np.isfinite(results[0].guess.matrix).all()
+    found = next(i for i, result in enumerate(results) if result.status == "ok")
+    assert pose_error(results[found].cam_from_world, poses[found])[0] < 0.01
+
+
+def test_a_search_over_several_frames_is_the_same_every_time(flight):
+    poses, images = flight
+    config = RobustConfig(budget=replace(BudgetConfig(), evaluations=2_000_000))
+    runs = [tracked(started(AWAY @ poses[0], config), images[:10]) for _ in range(2)]
+    np.testing.assert_array_equal(runs[0][1], runs[1][1])
+    for a, b in zip(runs[0][0], runs[1][0], strict=True):
+        assert a.status == b.status
+        for one, other in ((a.cam_from_world, b.cam_from_world), (a.guess, b.guess)):
+            assert (one is None) == (other is None)
+            assert one is None or np.array_equal(one.matrix, other.matrix)
+
+
+def test_frames_that_are_tracked_do_no_search(flight):
+    poses, images = flight
+    run = started(poses[0])
+    results, evaluations = tracked(run, images)
+    assert all(result.status == "ok" and result.guess is None for result in results)
+    assert evaluations[1:].max() < BudgetConfig().evaluations / 4
+    assert not run.relocator.under_way
+
+
+def test_between_two_equal_boxes_it_is_ambiguous_and_never_ok():
+    size = (0.25, 0.2, 0.2)
+    twins, rng = Scene([box_corners(size, (0.0, side)) for side in (-0.2, 0.2)], seed=5), np.random.default_rng(1)
+    poses = [look_at(np.array([1.0, 0.002 * k, 0.5]), (0.0, 0.0, 0.1)) for k in range(12)]
+    run = Robust().start(box(size), CAMERA, poses[0], np.random.default_rng(0))
+    results, evaluations = tracked(run, [twins.render(pose, noise_rng=rng) for pose in poses])
+    assert evaluations.max() <= BudgetConfig().evaluations
+    assert {result.status for result in results} == {"ambiguous", "lost"}
+    assert all(result.cam_from_world is None and result.guess is not None for result in results)
