@@ -1,7 +1,7 @@
 """What guidance and controller believe: the filter's estimate, or, as the bound of all estimators, the truth."""
 
 from dataclasses import replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from uavbench.bench.closed_loop.spec import CAMERA, FilterSpec
 from uavbench.tracker.fusion.measurements import Height, Measurement, OpticalFlow, Position
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
 from uavbench.tracker.fusion.vehicle_filter import VehicleFilter, Verdict
-from uavbench.tracker.protocol import TrackResult
+from uavbench.tracker.protocol import Prediction, TrackResult
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.barometer import EXPONENT, LAPSE_K_M, TEMPERATURE_K, Barometer
 from uavbench.trajectories.sensors.gnss import Gnss
@@ -22,12 +22,21 @@ CLIMB_M_S = 0.5
 """Climbing speed that the range may change with while flow is gathered, between two readings of a flow deck."""
 ROUNDING_VARIANCE = 1.0 / 6.0
 """Variance of the difference of two rounded numbers, each off by a uniform error of one."""
+KNOWN_STATES = 9
+"""Position, velocity and attitude: the first states of the filter's error, and those whose truth is known."""
 LEAST_BIAS_M_S2, LEAST_BIAS_RAD_S = 0.02, 0.002
 """Least standard deviations of the IMU's biases at the start, after a calibration at rest."""
 
 
+class Believed(NamedTuple):
+    """A state in the form of MuJoCo: qpos (7,) position and quaternion wxyz, qvel (6,) velocity and body rates."""
+
+    qpos: Array
+    qvel: Array
+
+
 class Estimator(Protocol):
-    """The estimate of the vehicle's state, in the form of MuJoCo: qpos (7,), qvel (6,)."""
+    """The estimate of the vehicle's state."""
 
     def sense(self, reading: Reading) -> None:
         """Take a reading of a body sensor."""
@@ -37,12 +46,16 @@ class Estimator(Protocol):
         """Take the tracker's answer to the frame of a stamp."""
         ...
 
-    def state_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
-        """State at a time, qpos and qvel; None for the true one."""
+    def state_at(self, stamp_ns: int) -> Believed | None:
+        """State at a time; None for the true one."""
         ...
 
-    def estimate(self, stamp_ns: int) -> Estimate | None:
-        """The same with its covariance; None for the true one."""
+    def covariance(self, stamp_ns: int) -> Array | None:
+        """Covariance (9, 9) of position, velocity and attitude at a time; None where none is claimed."""
+        ...
+
+    def expected(self, stamp_ns: int) -> Prediction | None:
+        """Where the camera is expected at a time; None where nothing is known but the tracker's own poses."""
         ...
 
     @property
@@ -65,8 +78,11 @@ class TrueState:
     def state_at(self, stamp_ns: int) -> None:
         """The true state."""
 
-    def estimate(self, stamp_ns: int) -> None:
-        """The true state."""
+    def covariance(self, stamp_ns: int) -> None:
+        """None: nothing is estimated."""
+
+    def expected(self, stamp_ns: int) -> None:
+        """None: the truth is no prediction."""
 
 
 class Filtered:
@@ -106,16 +122,22 @@ class Filtered:
             result = replace(result, covariance=self._unclaimed)
         self._filter.camera(stamp_ns, result)
 
-    def state_at(self, stamp_ns: int) -> tuple[Array, Array]:
-        """The filter's state at a time: qpos (7,) and qvel (6,)."""
+    def state_at(self, stamp_ns: int) -> Believed:
+        """The filter's state at a time."""
         state, rates = self._filter.nominal(stamp_ns)
         quaternion = np.empty(4)
         self._to_quaternion(quaternion, state[6:15])
-        return np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates])
+        return Believed(np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates]))
 
-    def estimate(self, stamp_ns: int) -> Estimate:
-        """The filter's estimate at a time."""
-        return self._filter.estimate(stamp_ns)
+    def covariance(self, stamp_ns: int) -> Array:
+        """That of the filter at a time."""
+        return self._filter.covariance(stamp_ns)[:KNOWN_STATES, :KNOWN_STATES]
+
+    def expected(self, stamp_ns: int) -> Prediction | None:
+        """The filter's prediction of the camera; None where it knows no number."""
+        pose, covariance = self._filter.predict_camera(stamp_ns)
+        known = np.isfinite(pose.matrix).all() and np.isfinite(covariance).all()
+        return Prediction(pose, covariance) if known else None
 
     @property
     def verdicts(self) -> list[Verdict]:
@@ -130,9 +152,10 @@ def fusion_config(spec: FilterSpec, imu: Imu) -> FusionConfig:
         gyro_noise_rad_s_sqrt_hz=spec.imu_scale * imu.gyro_noise_rad_s_sqrt_hz,
         accel_walk_m_s3_sqrt_hz=spec.imu_scale * imu.accel_walk_m_s3_sqrt_hz,
         gyro_walk_rad_s2_sqrt_hz=spec.imu_scale * imu.gyro_walk_rad_s2_sqrt_hz,
+        camera_slow_share=spec.camera_slow_share,
+        camera_slow_s=spec.camera_slow_s,
         camera_bias_m=spec.camera_bias_m,
         camera_bias_rad=float(np.radians(spec.camera_bias_deg)),
-        camera_bias_s=spec.camera_bias_s,
         gate=spec.gate,
         doubt_after=spec.doubt_after,
         history_s=spec.history_s,

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from uavbench.bench.closed_loop.ending import Ending
+from uavbench.bench.closed_loop.estimators import Believed
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.reports.closed_loop.flown import Flown, FlownPath
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.fusion.state import Estimate
 from uavbench.tracker.fusion.vehicle_filter import Verdict
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
@@ -22,9 +22,6 @@ from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.simulation.simulate import Simulation
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
-
-KNOWN_STATES = 9
-"""Position, velocity and attitude: the first states of the filter's error, and those whose truth is known."""
 
 
 class Notes:
@@ -39,18 +36,19 @@ class Notes:
         self._frames: list[tuple[int, int, TrackResult, int]] = []
         self._true_world_from_body: list[Pose] = []
 
-    def row(self, simulation: Simulation, estimated: Estimate | None, has_fix: bool) -> None:
-        """Note where the vehicle is, where it is estimated to be, and where it should be."""
+    def row(self, simulation: Simulation, believed: Believed | None, covariance: Array | None, has_fix: bool) -> None:
+        """Note where the vehicle is, where it is believed to be, and where it should be."""
         state, planned = simulation.record[simulation.step], simulation.reference[simulation.step]
         true_q, true_p, true_v = (state[RECORD[k]] for k in ("quaternions_wxyz", "positions_m", "velocities_m_s"))
         estimate = np.full(14, np.nan)
-        if estimated is not None:
-            pose, P = estimated.world_from_body, estimated.covariance
-            turn = rotation_log(pose.rotation.T @ rotation_from_quaternion(true_q))
-            error = np.concatenate([true_p - pose.translation, true_v - estimated.velocity_m_s, turn])
-            nees = error @ np.linalg.solve(P[:KNOWN_STATES, :KNOWN_STATES], error)
-            sigmas = np.sqrt(np.diag(P)[:3])
-            estimate = np.concatenate([pose.translation, pose.quaternion_wxyz, estimated.velocity_m_s, sigmas, [nees]])
+        if believed is not None:
+            qpos, qvel = believed
+            estimate[:10] = *qpos, *qvel[:3]
+            if covariance is not None:
+                turn = rotation_log(rotation_from_quaternion(qpos[3:7]).T @ rotation_from_quaternion(true_q))
+                error = np.concatenate([true_p - qpos[:3], true_v - qvel[:3], turn])
+                estimate[10:13] = np.sqrt(np.diag(covariance)[:3])
+                estimate[13] = error @ np.linalg.solve(covariance, error)
         fix = [float(has_fix)]
         self._rows.append(np.concatenate([true_p, true_q, true_v, estimate, planned[0:3], planned[9:10], fix]))
         self._stamps.append(simulation.step * STEP_NS)
@@ -88,6 +86,7 @@ class Notes:
         ending = self.ending or Ending("completed", "", last_ns)
         inputs = {
             "label": pilot.label,
+            "run": pilot.run,
             "sequence": {"name": spec.name},
             "start": {"kind": type(pilot.start).__name__, "parameters": parameters(pilot.start)},
             "loop": pilot.described_loop(),

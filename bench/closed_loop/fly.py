@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from uavbench.bench.closed_loop.camera_alone import CameraAlone
 from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.ending import Ending, Judge
 from uavbench.bench.closed_loop.estimators import Estimator, Filtered, TrueState
@@ -116,7 +117,9 @@ class Loop:
         tracker = self.tracker or self.take_off(image)
         true_pose = self.source.cam_from_world(stamp_ns)
         told = len(tracker.faults)
-        result = tracker.track(image, stamp_ns, self.sensors.upto(stamp_ns), true_pose)
+        assert self.estimator is not None
+        expected = self.estimator.expected(stamp_ns) if self.pilot.loop.prior else None
+        result = tracker.track(image, stamp_ns, self.sensors.upto(stamp_ns), expected, true_pose)
         latency = self.pilot.loop.latency
         answer_ns = stamp_ns + latency.delay_ns(result.stage_ms.get("total", 0.0), self.latency_rng)
         self.busy_until_ns = answer_ns if latency.occupies else -1
@@ -139,6 +142,8 @@ class Loop:
         self.tracker = TrackerInFlight(run)
         if pilot.loop.estimator == "truth":
             self.estimator = TrueState()
+        elif pilot.loop.estimator == "camera":
+            self.estimator = CameraAlone(spec.mount.cam_from_body, pose)
         else:
             imu = next(s for s in spec.sensors if isinstance(s, Imu))
             self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, spec.mount.cam_from_body, pose)
@@ -161,8 +166,8 @@ class Loop:
         estimated = estimator.state_at(now_ns) if estimator is not None else None
         simulation.command(*(estimated or (simulation.qpos, simulation.qvel)))
         if simulation.step % BLOCK == 0:
-            estimate = estimator.estimate(now_ns) if estimator is not None else None
-            self.notes.row(simulation, estimate, self.sensors.has_fix)
+            covariance = estimator.covariance(now_ns) if estimator is not None else None
+            self.notes.row(simulation, estimated, covariance, self.sensors.has_fix)
 
     def look_for_the_end(self) -> None:
         """Note how the flight ended if it did within the last steps."""

@@ -2,8 +2,8 @@
 
 import difflib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
@@ -33,7 +33,8 @@ class Suite:
 
     Its sequences are all rendered, or all recorded: without ground truth there is no error to set beside another.
     start is where the initial pose comes from; protocols are those that trackers run in beside the free run; flights is
-    the hash of what the file says of its sequences. loop: how its sequences are flown, None where they are not.
+    the hash of what the file says of its sequences. loops: how its sequences are flown, by name, "" for the only one;
+    none where they are not.
     """
 
     name: str
@@ -44,7 +45,7 @@ class Suite:
     start: Initialization = KNOWN
     protocols: tuple[Protocol, ...] = ()
     flights: str = ""
-    loop: LoopSpec | None = None
+    loops: Mapping[str, LoopSpec] = field(default_factory=dict)
 
 
 def load_suite(path: Path) -> Suite:
@@ -54,6 +55,7 @@ def load_suite(path: Path) -> Suite:
 
 def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     """Suite of the tables of a file; relative paths in it start at the file's folder. UserError as `load_suite`."""
+    data = _with_shared_loop(data)
     checked = _check(path, suite_model(extra), data, _repeated(data))
     errors: list[str] = []
     sequences = tuple(
@@ -66,9 +68,12 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         errors.append("give either `sequences`, which are rendered, or `recordings`, which are real images")
     trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
     start = build(checked.start, "start", errors)
-    loop = None if checked.loop is None else build(checked.loop, "loop", errors)
-    if loop is not None:
-        errors += _loop_mistakes(loop, sequences)
+    loops = {name: build(table, f"loops.{name}", errors) for name, table in checked.loops.items()}
+    if checked.loop is not None and not loops:
+        loops = {"": build(checked.loop, "loop", errors)}
+    errors += [
+        line for name, loop in loops.items() if loop is not None for line in _loop_mistakes(name, loop, sequences)
+    ]
     errors += [
         f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
         for spec in sequences
@@ -88,7 +93,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         start=start,
         protocols=tuple(checked.protocols),
         flights=flights,
-        loop=loop,
+        loops=loops,
     )
 
 
@@ -144,6 +149,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         recordings=(dict[Name, recording], {}),
         trackers=(Annotated[dict[Name, tracker], Field(min_length=1)], ...),
         loop=(loop, None),
+        loops=(dict[Name, loop], {}),
     )
 
 
@@ -176,17 +182,27 @@ def _repeated(data: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _loop_mistakes(loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
+def _with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a file with what `[loop]` says in each of `[loops.NAME]` that does not say it itself."""
+    shared, loops = data.get("loop", {}), data.get("loops")
+    if not isinstance(loops, dict) or not isinstance(shared, dict):
+        return data
+    each = {name: {**shared, **table} if isinstance(table, dict) else table for name, table in loops.items()}
+    return {**data, "loops": each}
+
+
+def _loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
     """A line for each way in which a loop cannot fly a sequence."""
-    mistakes = []
+    mistakes: list[str] = []
+    key = f"loops.{name}" if name else "loop"
     for spec in sequences:
         try:
             if isinstance(spec, SequenceSpec):
                 check_loop(loop, spec)
             elif spec is not None:
-                mistakes.append("loop: `recordings` are real images and cannot be flown; give `sequences`")
+                mistakes.append(f"{key}: `recordings` are real images and cannot be flown; give `sequences`")
         except UserError as error:
-            mistakes.append(f"loop: {error}")
+            mistakes.append(f"{key}: {error}")
     return mistakes
 
 

@@ -55,7 +55,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))
     folder = resolved(out or Path("out") / suite.name)
     shard = Shard.parse(where.shard) if where.shard else None
-    flown = verb == "fly" or (verb == "report" and suite.loop is not None)
+    flown = verb == "fly" or (verb == "report" and bool(suite.loops))
     whole = verb in ("report", "fly")
     last = "report" if whole and shard is None else "score" if whole else verb
     part = shard.of(suite) if shard else suite

@@ -7,7 +7,7 @@ DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that
 DIR/made/                               what each job wrote, with digests
 DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
 DIR/index.html ...                      the report
-DIR/flights/SEQUENCE/TRACKER@RATEhz/    one flight in closed loop, and score.json
+DIR/flights/SEQUENCE/TRACKER@RATEhz/    one flight in closed loop, and score.json; TRACKER@RATEhz+LOOP of several loops
 DIR/flights.json                        all scores of flights, beside tables/flights.md and figures/flights/
 """
 
@@ -166,23 +166,22 @@ def _report_job(
 
 def plan_flights(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
     """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; UserError without a `[loop]`."""
-    if suite.loop is None:
+    if not suite.loops:
         raise UserError(
             f"suite {suite.name} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
             "fly-box, fly-bridge or fly-facade"
         )
     with one_look():
         away = absent(suite.trackers)
-        flights = [
-            _fly_job(
-                spec, Pilot(label=label, tracker=tracker, rate_hz=rate, loop=suite.loop, start=suite.start), folder
-            )
-            for spec in suite.sequences
-            if isinstance(spec, SequenceSpec)
+        pilots = [
+            Pilot(label=label, tracker=tracker, rate_hz=rate, loop=loop, start=suite.start, variant=variant)
             for label, tracker in suite.trackers.items()
             if label not in away
             for rate in suite.rates_hz
+            for variant, loop in suite.loops.items()
         ]
+        specs = [spec for spec in suite.sequences if isinstance(spec, SequenceSpec)]
+        flights = [_fly_job(spec, pilot, folder) for spec in specs for pilot in pilots]
         scores = [_flight_score_job(job) for job in flights]
         paths = tuple(job.marker.parent for job in flights)
         work = ReportFlights(suite.title, folder, paths, absent=tuple(away.items()))
@@ -202,12 +201,11 @@ def plan_flights(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
 
 
 def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
-    run = f"{pilot.label}@{pilot.rate_hz:g}hz"
-    output = folder / "flights" / spec.name / run
+    output = folder / "flights" / spec.name / pilot.run
     code = code_hash("trajectories", "scenes", "tracker", "bench/closed_loop", "reports/closed_loop")
     return Job(
         verb="fly",
-        name=f"fly {spec.name} {run}",
+        name=f"fly {spec.name} {pilot.run}",
         work=Fly(spec, pilot, output),
         marker=output / MARKER,
         root=folder,

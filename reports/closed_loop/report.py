@@ -54,13 +54,13 @@ def table(title: str, scores: ListOf[FlightScore], failed: Mapping[str, str]) ->
     """The measures by sequence, tracker and rate, over seeds, in Markdown."""
     groups: dict[tuple[str, str], list[FlightScore]] = {}
     for score in scores:
-        groups.setdefault((score.sequence.rpartition("-s")[0], f"{score.label}@{score.rate_hz:g}hz"), []).append(score)
+        groups.setdefault((score.sequence.rpartition("-s")[0], score.run), []).append(score)
     head = ["sequence", "tracker", *HEADS]
     lines = [f"# {title}", "", _row(head), "|" + " --- |" * 2 + " ---: |" * len(HEADS)]
     lines += [_row([*names, *cells(group)]) for names, group in groups.items()]
     lines += ["", "success: flown to its end without a crash and within the corridor, with its Wilson interval."]
     lines += [
-        f"{score.sequence} {score.label}: {score.status} at {score.ended_s:.2f} s: {score.why}"
+        f"{score.sequence} {score.run}: {score.status} at {score.ended_s:.2f} s: {score.why}"
         for score in scores
         if score.why
     ]

@@ -12,6 +12,7 @@ from uavbench.bench.closed_loop.latency import Constant
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.runner.jobs import plan_flights
+from uavbench.bench.third_party.registry import absent
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.trajectories.errors import UserError
 
@@ -79,15 +80,41 @@ def test_mistakes_are_told_before_the_start(tmp_path, change, told):
 
 
 def test_an_empty_loop_has_the_defaults(tmp_path):
-    loop = load_suite(suite(tmp_path, FLOWN.replace(LOOP, "[loop]\n"))).loop
-    assert loop is not None and loop.latency == Constant(50.0) and loop.estimator == "filter"
+    loop = load_suite(suite(tmp_path, FLOWN.replace(LOOP, "[loop]\n"))).loops[""]
+    assert loop.latency == Constant(50.0) and loop.estimator == "filter"
 
 
-@pytest.mark.parametrize("name", ["fly-box", "fly-bridge", "fly-facade"])
+@pytest.mark.parametrize("name", ["fly-box", "fly-bridge", "fly-facade", "fly-latency", "fly-baselines"])
 def test_the_suites_of_flights_fly_every_tracker_on_every_seed(name, tmp_path):
     loaded = load_suite(suite_file(name))
     jobs = plan_flights(loaded, tmp_path)
-    assert len([job for job in jobs if job.verb == "fly"]) == len(loaded.sequences) * len(loaded.trackers)
+    pilots = (len(loaded.trackers) - len(absent(loaded.trackers))) * len(loaded.loops)
+    assert len([job for job in jobs if job.verb == "fly"]) == len(loaded.sequences) * pilots
+
+
+VARIANTS = LOOP + '[loops.filter]\n[loops.camera]\nestimator = "camera"\ncorridor_m = 0.2\n'
+
+
+def test_each_loop_of_a_suite_is_flown_with_what_all_share(tmp_path):
+    text = FLOWN.replace(LOOP, VARIANTS).replace('hold = { kind = "hold" }\n', "")
+    run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out", "--jobs", 1)
+    assert run.exit_code == 0, run.output
+    scores = {
+        name: FlightScore.load(tmp_path / "out" / "flights" / "box-s0" / f"truth@15hz+{name}" / "score.json")
+        for name in ("filter", "camera")
+    }
+    loops = load_suite(tmp_path / "few.toml").loops
+    assert (loops["filter"].corridor_m, loops["camera"].corridor_m) == (0.4, 0.2)
+    assert loops["camera"].latency == loops["filter"].latency == Constant(20.0)
+    assert scores["filter"].estimate_nees is not None and scores["camera"].estimate_nees is None
+    assert scores["camera"].estimate_rms_m > 0
+    assert "truth@15hz+camera" in run.output
+
+
+def test_a_mistake_in_one_loop_is_told_with_its_name(tmp_path):
+    text = FLOWN.replace(LOOP, VARIANTS.replace("corridor_m = 0.2", "coridor_m = 0.2"))
+    run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out")
+    assert "loops.camera.coridor_m: unknown key" in run.output
 
 
 def test_a_flight_that_cannot_be_flown_is_told_beside_those_that_can(tmp_path):

@@ -42,6 +42,9 @@ class MotionConfig:
     """Nor to that of the orientation. Chosen on rendered seeds."""
     velocity_smoothing: Part = 0.2
     """Part of the velocity before that is kept with a new pose. Chosen on rendered seeds."""
+    expected_scale: Positive = 3.0
+    """What the vehicle's filter expects counts with its standard deviations times this, with a ninth of its
+    information: the filter knows it from earlier poses of the same run, which must not count twice."""
 
 
 @dataclass(frozen=True)
