@@ -267,8 +267,8 @@ def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
     for depth in range(len(keys) - 2, -1, -1):
         if tables[depth] is not None and name in tables[depth].model_fields:
             return _path((*keys[:depth], name))
-    for beside, field in tables[-1].model_fields.items() if tables[-1] else ():
-        inner = _bare(field.annotation)
+    for beside, known in tables[-1].model_fields.items() if tables[-1] else ():
+        inner = _bare(known.annotation)
         if isinstance(inner, type) and issubclass(inner, BaseModel) and name in inner.model_fields:
             return _path((*keys[:-1], beside, name))
     return ""
