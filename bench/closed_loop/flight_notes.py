@@ -24,6 +24,19 @@ from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 
+def nees(path: FlownPath, rows: list[int], covariances: Array) -> Array:
+    """Normalized squared error (n,) of position, velocity and attitude in rows of a path, of covariances (n, 9, 9)."""
+
+    def error(name: str) -> Array:
+        return path.group(f"true_{name}")[rows] - path.group(f"estimated_{name}")[rows]
+
+    estimated, true = (rotation_from_quaternion(path.group(f"{kind}_q")[rows]) for kind in ("estimated", "true"))
+    turn = rotation_log(np.swapaxes(estimated, 1, 2) @ true)
+    errors = np.hstack([error("p_m"), error("v_m_s"), turn])
+    weighed = np.linalg.solve(covariances, errors[:, :, None])[:, :, 0]
+    return np.asarray((errors * weighed).sum(axis=1))
+
+
 class Notes:
     """Notes of one flight; `ending` is None while it goes on."""
 
@@ -32,6 +45,7 @@ class Notes:
         self.ending: Ending | None = None
         self.faults: list[tuple[int, str]] = []
         self._rows: list[Array] = []
+        self._claimed: dict[int, Array] = {}
         self._stamps: list[int] = []
         self._frames: list[tuple[int, int, TrackResult, int]] = []
         self._true_world_from_body: list[Pose] = []
@@ -42,13 +56,9 @@ class Notes:
         true_q, true_p, true_v = (state[RECORD[k]] for k in ("quaternions_wxyz", "positions_m", "velocities_m_s"))
         estimate = np.full(14, np.nan)
         if believed is not None:
-            qpos, qvel = believed
-            estimate[:10] = *qpos, *qvel[:3]
-            if covariance is not None:
-                turn = rotation_log(rotation_from_quaternion(qpos[3:7]).T @ rotation_from_quaternion(true_q))
-                error = np.concatenate([true_p - qpos[:3], true_v - qvel[:3], turn])
-                estimate[10:13] = np.sqrt(np.diag(covariance)[:3])
-                estimate[13] = error @ np.linalg.solve(covariance, error)
+            estimate[:10] = *believed.qpos, *believed.qvel[:3]
+        if covariance is not None:
+            self._claimed[len(self._rows)] = covariance
         fix = [float(has_fix)]
         self._rows.append(np.concatenate([true_p, true_q, true_v, estimate, planned[0:3], planned[9:10], fix]))
         self._stamps.append(simulation.step * STEP_NS)
@@ -72,13 +82,23 @@ class Notes:
         return Flown(
             results=results,
             groundtruth=Trajectory.from_poses(stamps, self._true_world_from_body),
-            path=FlownPath(np.array(self._stamps, dtype=np.int64), np.array(self._rows)),
+            path=self._path(),
             plan=self._open_loop.plan,
             answered_ns=np.array([answered for _, _, _, answered in self._frames], dtype=np.int64),
             innovations=[[v.stamp_ns, v.kind, v.d2, v.dof, v.why] for v in verdicts],
             structure=structure,
             camera=camera,
         )
+
+    def _path(self) -> FlownPath:
+        """The rows, with what was claimed of the estimates among them."""
+        path = FlownPath(np.array(self._stamps, dtype=np.int64), np.array(self._rows))
+        rows = list(self._claimed)
+        if rows:
+            covariances = np.array(list(self._claimed.values()))
+            path.group("sigma_p_m")[rows] = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[:, :3])
+            path.group("nees")[rows, 0] = nees(path, rows, covariances)
+        return path
 
     def _record(self, simulation: Simulation, radius_m: float) -> dict[str, Any]:
         spec, pilot = self._spec, self._pilot

@@ -83,7 +83,8 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
     if errors:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
-    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
+    flown = (data.get("loop"), data.get("loops")) if loops else ()
+    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"), *flown)
     return Suite(
         name=path.stem,
         title=checked.title,

@@ -8,7 +8,8 @@ DIR/made/                               what each job wrote, with digests
 DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
 DIR/index.html ...                      the report
 DIR/flights/SEQUENCE/TRACKER@RATEhz/    one flight in closed loop, and score.json; TRACKER@RATEhz+LOOP of several loops
-DIR/flights.json                        all scores of flights, beside tables/flights.md and figures/flights/
+DIR/videos/SEQUENCE/TRACKER@RATEhz/     the video of a flight, where it was asked for
+DIR/flights.json                        all scores of flights, beside index.html, tables/flights.md and figures/flights/
 """
 
 from collections.abc import Mapping
@@ -30,6 +31,7 @@ from uavbench.bench.runner.tasks import (
     ScoreFlight,
     Spec,
     Track,
+    Video,
 )
 from uavbench.bench.third_party.registry import absent
 from uavbench.scenes.spec import SequenceSpec
@@ -40,11 +42,14 @@ from uavbench.tracker.results import MARKER
 from uavbench.trajectories.errors import UserError
 
 VERBS = ("render", "track", "score", "report")
-FLIGHT_VERBS = ("fly", "score", "report")
+FLIGHT_VERBS = ("fly", "score", "video", "report")
 START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0.05, 1.0
 """Seconds of a sequence, a frame rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
 FLIGHT_SCORE_S, FLIGHT_FIGURE_S = 2.0, 2.0
 """Seconds of a flight's score, most of it the coverage, and of its figure."""
+VIDEO_S = 1.0
+"""Seconds of a video for each of its flight: its frames are rendered again, and drawn on."""
+VIDEO = "flight.webm"
 FLIGHTS = "flights.json"
 """What the report of flights lists its files in."""
 
@@ -164,8 +169,13 @@ def _report_job(
     )
 
 
-def plan_flights(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
-    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; UserError without a `[loop]`."""
+def plan_flights(
+    suite: Suite, folder: Path, last: str = "report", figures: Figures = "page", *, video: bool = False
+) -> list[Job]:
+    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; UserError without a `[loop]`.
+
+    figures: of the report; video: each flight gets one.
+    """
     if not suite.loops:
         raise UserError(
             f"suite {suite.name} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
@@ -184,19 +194,21 @@ def plan_flights(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
         flights = [_fly_job(spec, pilot, folder) for spec in specs for pilot in pilots]
         scores = [_flight_score_job(job) for job in flights]
         paths = tuple(job.marker.parent for job in flights)
-        work = ReportFlights(suite.title, folder, paths, absent=tuple(away.items()))
+        videos = [_video_job(job, folder) for job in flights] if video else []
+        work = ReportFlights(suite.title, folder, paths, absent=tuple(away.items()), figures=figures)
+        work = replace(work, videos=tuple(job.marker.with_name(VIDEO) for job in videos))
         report = Job(
             verb="report",
             name="report",
             work=work,
             marker=folder / FLIGHTS,
             root=folder,
-            content_hash=content_hash(suite.title, [job.content_hash for job in scores], away),
-            needs=tuple(scores),
+            content_hash=content_hash(suite.title, [job.content_hash for job in (*scores, *videos)], away, figures),
+            needs=(*scores, *videos),
             weight=1.0 + FLIGHT_FIGURE_S * len(scores),
             without=work.without,
         )
-        jobs = [*flights, *scores, report]
+        jobs = [*flights, *scores, *videos, report]
     return [job for job in jobs if FLIGHT_VERBS.index(job.verb) <= FLIGHT_VERBS.index(last)]
 
 
@@ -212,6 +224,23 @@ def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
         lists=MARKER,
         content_hash=content_hash(spec, pilot, code),
         weight=START_S + (RENDER_S + TRACK_S) * frames(spec) * pilot.rate_hz / spec.rate_hz,
+    )
+
+
+def _video_job(flight: Job, folder: Path) -> Job:
+    assert isinstance(flight.work, Fly)
+    spec = flight.work.spec
+    output = folder / "videos" / spec.name / flight.marker.parent.name
+    return Job(
+        verb="video",
+        name=flight.name.replace("fly", "video", 1),
+        work=Video(spec, flight.marker.parent, output),
+        marker=output / "video.json",
+        root=folder,
+        lists="video.json",
+        content_hash=content_hash(flight.content_hash, code_hash("reports", "bench/closed_loop")),
+        needs=(flight,),
+        weight=START_S + VIDEO_S * flight.weight,
     )
 
 

@@ -2,6 +2,9 @@
 
 import csv
 import json
+import re
+import shutil
+from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
@@ -48,6 +51,12 @@ def test_flights_end_in_a_table_scores_and_figures(done):
     assert score.success and score.tracker_rms_m < 1e-12
     assert 0 < score.coverage <= 1
     assert (out / "figures" / "flights" / "box-s0_truth@15hz.png").stat().st_size > 10_000
+    page = (out / "index.html").read_text()
+    named = re.findall(r'(?:src|href)="([^"#]+)"', page)
+    assert len({name for name in named if name.endswith(".png")}) == 3
+    assert all((out / name).is_file() for name in named)
+    assert "Every flight came to its end" in page
+    assert "| hold@15hz | truth@15hz | 1 | 0 | 0 |" in (out / "tables" / "pairs.md").read_text()
 
 
 def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
@@ -90,6 +99,31 @@ def test_the_suites_of_flights_fly_every_tracker_on_every_seed(name, tmp_path):
     jobs = plan_flights(loaded, tmp_path)
     pilots = (len(loaded.trackers) - len(absent(loaded.trackers))) * len(loaded.loops)
     assert len([job for job in jobs if job.verb == "fly"]) == len(loaded.sequences) * pilots
+
+
+def test_the_gate_compares_flights(done, tmp_path):
+    """The same again has too few seeds for a pass; a flight that crashes where it did not fails."""
+    folder, _ = done
+    same = uavbench("gate", folder / "out", "--baseline", folder / "out", "--out", tmp_path / "same")
+    assert same.exit_code == 3, same.output
+    found = json.loads((tmp_path / "same" / "gate.json").read_text())["findings"]
+    assert {f["metric"] for f in found} == {
+        "success", "path error", "path error, typical", "estimate error", "estimate error, typical"
+    }  # fmt: skip
+    assert {f["tracker"] if "tracker" in f else f["run"] for f in found} == {"hold@15hz", "truth@15hz"}
+    file = tmp_path / "baseline.json"
+    assert uavbench("gate", folder / "out", "--baseline", file, "--update").exit_code == 0
+    assert uavbench("gate", folder / "out", "--baseline", file, "--out", tmp_path / "file").exit_code == 3
+    worse = tmp_path / "worse"
+    shutil.copytree(folder / "out", worse)
+    path = worse / "flights" / "box-s0" / "truth@15hz" / "score.json"
+    crashed = replace(FlightScore.load(path), status="crashed", why="it came too close", success=False)
+    path.unlink()
+    crashed.save(path)
+    for baseline in (folder / "out", file):
+        told = uavbench("gate", worse, "--baseline", baseline, "--out", tmp_path / "worse-gate")
+        assert told.exit_code == 1, told.output
+        assert "it came too close" in told.output
 
 
 VARIANTS = LOOP + '[loops.filter]\n[loops.camera]\nestimator = "camera"\ncorridor_m = 0.2\n'

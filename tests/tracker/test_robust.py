@@ -70,7 +70,7 @@ def test_two_runs_are_the_same(flight):
 
 
 def test_what_the_filter_expects_is_where_it_searches_and_how_far(flight):
-    """After a second without a frame: it fits where it is told to 1 cm, and passes over a wrong pose told with doubt."""
+    """A second without a frame: it fits where it is told to 1 cm, and passes over a wrong pose told with doubt."""
     poses, images = flight
     sure, doubtful = np.diag([1e-4] * 6), np.eye(6)
     away = Pose.exp(np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.2]))
