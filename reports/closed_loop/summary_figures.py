@@ -66,7 +66,7 @@ def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure
             right.plot(error_cm, place, ls="none", marker="o" if score.success else "X", ms=3.5, color=ink, label=label)
         rows.append([run, share.n, share.successes, share.low, share.high, max(s.path_max_m for s in group)])
     left.set_yticks(range(len(groups)), groups)
-    left.invert_yaxis()
+    left.set_ylim(len(groups) - 0.5, -0.5)
     left.set_xlim(-3, 103)
     left.set_xlabel("success, 95 % interval (%)")
     right.set_xscale("log")
