@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from uavbench.bench.closed_loop.camera_alone import CameraAlone
 from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.ending import Ending, Judge
-from uavbench.bench.closed_loop.estimators import Estimator, Filtered, TrueState
+from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, TrueState
 from uavbench.bench.closed_loop.eye import WayFlown, eye, frame_rows, rows_after
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.open_loop import OpenLoop

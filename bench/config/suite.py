@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
-from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.spec import LoopSpec
+from uavbench.bench.config.loops import loop_mistakes, with_shared_loop
 from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import located
@@ -55,7 +55,7 @@ def load_suite(path: Path) -> Suite:
 
 def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     """Suite of the tables of a file; relative paths in it start at the file's folder. UserError as `load_suite`."""
-    data = _with_shared_loop(data)
+    data = with_shared_loop(data)
     checked = _check(path, suite_model(extra), data, _repeated(data))
     errors: list[str] = []
     sequences = tuple(
@@ -72,7 +72,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     if checked.loop is not None and not loops:
         loops = {"": build(checked.loop, "loop", errors)}
     errors += [
-        line for name, loop in loops.items() if loop is not None for line in _loop_mistakes(name, loop, sequences)
+        line for name, loop in loops.items() if loop is not None for line in loop_mistakes(name, loop, sequences)
     ]
     errors += [
         f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
@@ -181,30 +181,6 @@ def _repeated(data: dict[str, Any]) -> list[str]:
                 alike = f", {given[same]!r}: both are written {written}" if value != given[same] else ""
                 lines.append(f"{key}[{i}]: {value!r} is there already, as {key}[{same}]{alike}; leave one out")
     return lines
-
-
-def _with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
-    """The tables of a file with what `[loop]` says in each of `[loops.NAME]` that does not say it itself."""
-    shared, loops = data.get("loop", {}), data.get("loops")
-    if not isinstance(loops, dict) or not isinstance(shared, dict):
-        return data
-    each = {name: {**shared, **table} if isinstance(table, dict) else table for name, table in loops.items()}
-    return {**data, "loops": each}
-
-
-def _loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
-    """A line for each way in which a loop cannot fly a sequence."""
-    mistakes: list[str] = []
-    key = f"loops.{name}" if name else "loop"
-    for spec in sequences:
-        try:
-            if isinstance(spec, SequenceSpec):
-                check_loop(loop, spec)
-            elif spec is not None:
-                mistakes.append(f"{key}: `recordings` are real images and cannot be flown; give `sequences`")
-        except UserError as error:
-            mistakes.append(f"{key}: {error}")
-    return mistakes
 
 
 def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:

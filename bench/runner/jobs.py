@@ -238,7 +238,7 @@ def _video_job(flight: Job, folder: Path) -> Job:
         marker=output / "video.json",
         root=folder,
         lists="video.json",
-        content_hash=content_hash(flight.content_hash, code_hash("reports", "bench/closed_loop")),
+        content_hash=content_hash(flight.content_hash, code_hash("reports", "bench/closed_loop", "bench/filming")),
         needs=(flight,),
         weight=START_S + VIDEO_S * flight.weight,
     )

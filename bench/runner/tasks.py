@@ -199,7 +199,7 @@ class Video:
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write the video's folder."""
-        from uavbench.bench.closed_loop.video import write_video
+        from uavbench.bench.filming.video import write_video
 
         write_video(self.spec, self.flight, self.folder, content_hash, on_step)
 

@@ -12,7 +12,7 @@ from uavbench.trajectories.errors import UserError
 gymnasium = pytest.importorskip("gymnasium", reason="the extra uavbench[gym]")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from uavbench.bench.closed_loop.environment import CRASH_REWARD, NAME, InspectionEnv  # noqa: E402
+from uavbench.bench.learning.environment import CRASH_REWARD, NAME, InspectionEnv  # noqa: E402
 
 SUITE = FLOWN.replace("duration_s = 0.3", "duration_s = 2.0")
 

@@ -105,12 +105,11 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         self._imu, imu = next(iter(imus.items()))
         self._readings = max(1, int(imu.rate_hz / pilot.rate_hz))
         camera = spec.camera.camera()
-        free = {"low": -np.inf, "high": np.inf, "dtype": np.float64}
         self.observation_space = spaces.Dict({
             "image": spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8),
-            "imu": spaces.Box(shape=(self._readings, 6), **free),
-            "estimate": spaces.Box(shape=(13,), **free),
-            "planned": spaces.Box(shape=(4,), **free),
+            "imu": any_number(self._readings, 6),
+            "estimate": any_number(13),
+            "planned": any_number(4),
         })  # fmt: skip
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float64)
         self._open = ExitStack()
@@ -227,11 +226,21 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         }
 
 
+def any_number(*shape: int) -> spaces.Box[np.float64]:
+    """The space of arrays of a shape."""
+    return spaces.Box(-np.inf, np.inf, shape, dtype=np.float64)
+
+
 def yaw_of(believed: Array) -> float:
     """Yaw in rad of a state (13,)."""
     w, x, y, z = believed[3:7]
     return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
+def make(**given: Any) -> InspectionEnv:
+    """What `gymnasium.make` calls with its keyword arguments, those of `InspectionEnv.of_suite`."""
+    return InspectionEnv.of_suite(**given)
+
+
 if NAME not in gymnasium.registry:
-    gymnasium.register(NAME, entry_point=InspectionEnv.of_suite)
+    gymnasium.register(NAME, entry_point=make)
