@@ -6,6 +6,8 @@ import re
 import shutil
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -33,7 +35,7 @@ def uavbench(*arguments):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flights")
-    run = uavbench("fly", suite(folder), "--out", folder / "out", "--jobs", 1)
+    run = uavbench("fly", suite(folder), "--out", folder / "out", "--jobs", 1, "--video")
     assert run.exit_code == 0, run.output
     return folder, run
 
@@ -61,11 +63,9 @@ def test_flights_end_in_a_table_scores_and_figures(done):
 
 def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
     folder, _ = done
-    again = uavbench(
-        "run", folder / "few.toml", "--out", folder / "out", "--jobs", 1
-    )  # `run` flies a suite with a loop
+    again = uavbench("fly", folder / "few.toml", "--out", folder / "out", "--jobs", 1, "--video")
     assert again.exit_code == 0
-    assert "0 jobs done, 5 were fresh" in again.stderr
+    assert "0 jobs done, 7 were fresh" in again.stderr
     changed = plan_flights(load_suite(suite(folder, FLOWN.replace("20.0", "30.0"))), folder / "out")
     suite(folder)
     assert not any(job.fresh for job in changed)
@@ -99,6 +99,23 @@ def test_the_suites_of_flights_fly_every_tracker_on_every_seed(name, tmp_path):
     jobs = plan_flights(loaded, tmp_path)
     pilots = (len(loaded.trackers) - len(absent(loaded.trackers))) * len(loaded.loops)
     assert len([job for job in jobs if job.verb == "fly"]) == len(loaded.sequences) * pilots
+
+
+def test_a_video_shows_every_frame_from_the_camera_and_from_outside(done):
+    folder, _ = done
+    for run in ("hold@15hz", "truth@15hz"):
+        frames = list(csv.DictReader((folder / "out" / "flights" / "box-s0" / run / "frames.csv").open()))
+        video = cv2.VideoCapture(str(folder / "out" / "videos" / "box-s0" / run / "flight.webm"))
+        shown = []
+        while (read := video.read())[0]:
+            shown.append(read[1])
+        assert len(shown) == len(frames)
+        assert {picture.shape for picture in shown} == {(480, 640 + 640, 3)}
+        camera, outside = shown[-1][:, :640], shown[-1][:, 640:]
+        green = (camera[..., 1] > 150) & (camera[..., 2] < 120)
+        assert green.sum() > 100  # the model at the estimate
+        moved = np.abs(outside.astype(int) - shown[0][:, 640:]).max(axis=2) > 60
+        assert 0 < moved[40:].sum() < 0.2 * moved.size  # the vehicle, and nothing else
 
 
 def test_the_gate_compares_flights(done, tmp_path):
