@@ -116,7 +116,7 @@ def _sampled_once(flight: Flight, values: Array, stamp_ns: int) -> Array:
     share = (stamp_ns - int(stamps[row])) / max(int(stamps[after] - stamps[row]), 1)
     if share in (0, 1):
         return values[[after if share else row]]
-    return ((1 - share) * values[row] + share * values[after])[None]
+    return np.asarray((1 - share) * values[row] + share * values[after])[None]
 
 
 def write_table(table: Table, path: Path) -> None:
