@@ -63,6 +63,25 @@ class SensingRun(Run, Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Where the vehicle's filter expects the camera at the next frame.
+
+    covariance (6, 6) is of the twist xi with cam_from_world_true = exp(xi) @ cam_from_world, as in `TrackResult`.
+    """
+
+    cam_from_world: Pose
+    covariance: Array
+
+
+class PredictedRun(Run, Protocol):
+    """A run that takes what the vehicle's filter expects, in flight; nothing of the frame itself is in that."""
+
+    def predict(self, cam_from_world: Pose, covariance: Array) -> None:
+        """Expected pose of the next frame with its covariance (6, 6), as in `Prediction`; before each such frame."""
+        ...
+
+
 class Tracker(Protocol):
     """Parameters of a tracker variant: a frozen dataclass with this one method."""
 

@@ -16,7 +16,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.faults import checked, fault_message, is_ours
 from uavbench.tracker.initialization import Initialization, Known
-from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
+from uavbench.tracker.protocol import Image, Prediction, Run, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import Results
 from uavbench.tracker.versions import versions
@@ -119,19 +119,28 @@ def initial_pose(start: Initialization, sequence: Sequence, frame: int, seed: in
 
 
 def track_frame(
-    run: Run, image: Image, stamp_ns: int, samples: Mapping[str, Samples] | None = None
+    run: Run,
+    image: Image,
+    stamp_ns: int,
+    samples: Mapping[str, Samples] | None = None,
+    expected: Prediction | None = None,
 ) -> tuple[TrackResult, str]:
     """Result of one frame with its `total` wall time among stage_ms, and what the tracker did wrong, "" if nothing.
 
-    samples are what the body's sensors measured since the frame before, for a run that has `sense`.
+    samples are what the body's sensors measured since the frame before, for a run that has `sense`; expected is what
+    the vehicle's filter predicts of the frame, for one that has `predict`.
     """
     error = ""
     sense = getattr(run, "sense", None) if samples is not None else None
-    method = sense or run.track
+    predict = getattr(run, "predict", None) if expected is not None else None
+    method = sense or predict or run.track
     begin = time.perf_counter()
     try:
         if sense is not None:
             sense(samples)
+        if predict is not None and expected is not None:
+            method = predict
+            predict(expected.cam_from_world, expected.covariance)
         method = run.track
         result = run.track(image, stamp_ns)
         total_ms = (time.perf_counter() - begin) * 1e3

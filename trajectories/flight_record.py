@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.trajectories.pose import Array, Pose, read_only
+from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.trajectory import Trajectory
 
 Status = Literal["completed", "crashed"]
@@ -56,6 +57,15 @@ class Flight:
             object.__setattr__(self, name, read_only(getattr(self, name), (n, columns)))
         if (self.status == "crashed") != (self.crashed_ns is not None):
             raise ValueError("a flight has a crash time exactly when its status is crashed")
+
+    @classmethod
+    def of_rows(cls, stamps_ns: NDArray[np.int64], rows: Array) -> "Flight":
+        """Flight of rows (n, 30) of a record that still grows: views of it, not copied and not checked."""
+        flight = object.__new__(cls)
+        object.__setattr__(flight, "stamps_ns", stamps_ns)
+        for name, columns in RECORD.items():
+            object.__setattr__(flight, name, rows[:, columns])
+        return flight
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)

@@ -51,6 +51,8 @@ def figures_option(command: Any) -> Any:
 @click.command("fly")
 @click.argument("suite")
 @suite_options
+@figures_option
+@click.option("--video", is_flag=True, help="A video of each flight: the camera's view beside that from outside.")
 def fly_command(suite: str, **options: Any) -> None:
     """Fly SUITE in closed loop: each tracker steers the vehicle through what its camera sees."""
     sys.exit(bring_up_to("fly", suite, **options))

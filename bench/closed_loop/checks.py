@@ -21,20 +21,30 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
             raise unknown_name(f"sensor of sequence {spec.name}", name, [CAMERA, *there])
     if isinstance(spec.flight.path, Recorded):
         raise UserError(f"sequence {spec.name}: a recorded motion cannot be flown; choose a path that is planned")
+    sensors = {name: there[name] for name in wanted if name != CAMERA}
+    if loop.estimator != "truth":
+        _check_imu(spec.name, sensors)
     if loop.estimator == "filter":
-        _check_filter(loop, spec.name, {name: there[name] for name in wanted if name != CAMERA}, CAMERA in wanted)
+        _check_filter(loop, spec.name, sensors, CAMERA in wanted)
+    if loop.estimator == "camera" and CAMERA not in wanted:
+        raise UserError(
+            f"sequence {spec.name}: estimator `camera` flies on the tracker: add `camera` to `loop.sensors`"
+        )
     return tuple(wanted)
 
 
-def _check_filter(loop: LoopSpec, sequence: str, sensors: dict[str, SensorSpec], camera: bool) -> None:
+def _check_imu(sequence: str, sensors: dict[str, SensorSpec]) -> None:
     imus = [sensor for sensor in sensors.values() if isinstance(sensor, Imu)]
     if len(imus) != 1:
         raise UserError(
-            f"sequence {sequence}: the filter takes one IMU, and there are {len(imus)}: name it in the sequence's "
+            f"sequence {sequence}: the vehicle takes one IMU, and there are {len(imus)}: name it in the sequence's "
             "`sensors` and in `loop.sensors`"
         )
     if any(imus[0].offset_m):
-        raise UserError(f"sequence {sequence}: the filter takes an IMU in the body's origin: leave out its offset_m")
+        raise UserError(f"sequence {sequence}: the vehicle takes an IMU in the body's origin: leave out its offset_m")
+
+
+def _check_filter(loop: LoopSpec, sequence: str, sensors: dict[str, SensorSpec], camera: bool) -> None:
     always_out = any(first <= 0.0 and last >= 1e9 for first, last in loop.gnss_outages_s)
     gnss = any(isinstance(sensor, Gnss) for sensor in sensors.values()) and not always_out
     if not (camera or gnss or any(isinstance(sensor, FlowDeck) for sensor in sensors.values())):

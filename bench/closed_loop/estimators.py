@@ -1,7 +1,7 @@
-"""What guidance and controller believe: the filter's estimate, or, as the bound of all estimators, the truth."""
+"""What guidance and controller believe: the filter's estimate, the poses as they are, or, as the bound, the truth."""
 
 from dataclasses import replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from uavbench.bench.closed_loop.spec import CAMERA, FilterSpec
 from uavbench.tracker.fusion.measurements import Height, Measurement, OpticalFlow, Position
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
 from uavbench.tracker.fusion.vehicle_filter import VehicleFilter, Verdict
-from uavbench.tracker.protocol import TrackResult
-from uavbench.trajectories.pose import Array, Pose
+from uavbench.tracker.protocol import Prediction, TrackResult
+from uavbench.trajectories.pose import Array, Pose, rotation_exp
 from uavbench.trajectories.sensors.barometer import EXPONENT, LAPSE_K_M, TEMPERATURE_K, Barometer
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu
@@ -22,12 +22,21 @@ CLIMB_M_S = 0.5
 """Climbing speed that the range may change with while flow is gathered, between two readings of a flow deck."""
 ROUNDING_VARIANCE = 1.0 / 6.0
 """Variance of the difference of two rounded numbers, each off by a uniform error of one."""
+KNOWN_STATES = 9
+"""Position, velocity and attitude: the first states of the filter's error, and those whose truth is known."""
 LEAST_BIAS_M_S2, LEAST_BIAS_RAD_S = 0.02, 0.002
 """Least standard deviations of the IMU's biases at the start, after a calibration at rest."""
 
 
+class Believed(NamedTuple):
+    """A state in the form of MuJoCo: qpos (7,) position and quaternion wxyz, qvel (6,) velocity and body rates."""
+
+    qpos: Array
+    qvel: Array
+
+
 class Estimator(Protocol):
-    """The estimate of the vehicle's state, in the form of MuJoCo: qpos (7,), qvel (6,)."""
+    """The estimate of the vehicle's state."""
 
     def sense(self, reading: Reading) -> None:
         """Take a reading of a body sensor."""
@@ -37,12 +46,16 @@ class Estimator(Protocol):
         """Take the tracker's answer to the frame of a stamp."""
         ...
 
-    def state_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
-        """State at a time, qpos and qvel; None for the true one."""
+    def state_at(self, stamp_ns: int) -> Believed | None:
+        """State at a time; None for the true one."""
         ...
 
-    def estimate(self, stamp_ns: int) -> Estimate | None:
-        """The same with its covariance; None for the true one."""
+    def covariance(self, stamp_ns: int) -> Array | None:
+        """Covariance (9, 9) of position, velocity and attitude at a time; None where none is claimed."""
+        ...
+
+    def expected(self, stamp_ns: int) -> Prediction | None:
+        """Where the camera is expected at a time; None where nothing is known but the tracker's own poses."""
         ...
 
     @property
@@ -65,8 +78,71 @@ class TrueState:
     def state_at(self, stamp_ns: int) -> None:
         """The true state."""
 
-    def estimate(self, stamp_ns: int) -> None:
-        """The true state."""
+    def covariance(self, stamp_ns: int) -> None:
+        """None: nothing is estimated."""
+
+    def expected(self, stamp_ns: int) -> None:
+        """None: the truth is no prediction."""
+
+
+class CameraAlone:
+    """The latest pose, carried on by the velocity between the last two and turned by the gyroscope's readings.
+
+    No reading is weighed, refused or smoothed, and no other sensor is taken; what is out of order is left out.
+    """
+
+    verdicts: list[Verdict] = []  # noqa: RUF012
+
+    def __init__(self, cam_from_body: Pose, first_cam_from_world: Pose) -> None:
+        self._cam_from_body = cam_from_body
+        self._to_quaternion = physics().mju_mat2Quat
+        start = first_cam_from_world.inverse() @ cam_from_body
+        self._stamp_ns, self._place_m, self._velocity_m_s = 0, start.translation, np.zeros(3)
+        self._turned, self._turned_ns = start.rotation, 0
+        self._rates = np.zeros(3)
+        self._readings: list[Reading] = []
+
+    def sense(self, reading: Reading) -> None:
+        """Turn by a reading of the gyroscope."""
+        if isinstance(reading.sensor, Imu):
+            self._readings.append(reading)
+            self._turn(reading)
+
+    def answer(self, stamp_ns: int, result: TrackResult) -> None:
+        """Take a pose as it is."""
+        if result.cam_from_world is None or stamp_ns < self._stamp_ns:
+            return
+        pose = result.cam_from_world.inverse() @ self._cam_from_body
+        if stamp_ns > self._stamp_ns:
+            self._velocity_m_s = (pose.translation - self._place_m) * (1e9 / (stamp_ns - self._stamp_ns))
+        self._stamp_ns, self._place_m = stamp_ns, pose.translation
+        self._turned, self._turned_ns = pose.rotation, stamp_ns
+        self._readings = [reading for reading in self._readings if reading.stamp_ns > stamp_ns]
+        for reading in self._readings:
+            self._turn(reading)
+
+    def state_at(self, stamp_ns: int) -> Believed:
+        """Where the vehicle is if it kept its velocity and its rates."""
+        since_s = (stamp_ns - self._stamp_ns) * 1e-9
+        quaternion = np.empty(4)
+        self._to_quaternion(quaternion, self._after(stamp_ns).ravel())
+        place_m = self._place_m + since_s * self._velocity_m_s
+        return Believed(np.concatenate([place_m, quaternion]), np.concatenate([self._velocity_m_s, self._rates]))
+
+    def covariance(self, stamp_ns: int) -> None:
+        """None: nothing is known of its errors."""
+
+    def expected(self, stamp_ns: int) -> None:
+        """None: all that is known are the tracker's own poses."""
+
+    def _turn(self, reading: Reading) -> None:
+        """Turn from the reading before to this one."""
+        self._rates = reading.values[0:3]
+        self._turned, self._turned_ns = self._after(reading.stamp_ns), reading.stamp_ns
+
+    def _after(self, stamp_ns: int) -> Array:
+        """Rotation (3, 3) at a time, turned at the latest rates since the latest reading."""
+        return self._turned @ rotation_exp(self._rates * ((stamp_ns - self._turned_ns) * 1e-9))
 
 
 class Filtered:
@@ -106,16 +182,22 @@ class Filtered:
             result = replace(result, covariance=self._unclaimed)
         self._filter.camera(stamp_ns, result)
 
-    def state_at(self, stamp_ns: int) -> tuple[Array, Array]:
-        """The filter's state at a time: qpos (7,) and qvel (6,)."""
+    def state_at(self, stamp_ns: int) -> Believed:
+        """The filter's state at a time."""
         state, rates = self._filter.nominal(stamp_ns)
         quaternion = np.empty(4)
         self._to_quaternion(quaternion, state[6:15])
-        return np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates])
+        return Believed(np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates]))
 
-    def estimate(self, stamp_ns: int) -> Estimate:
-        """The filter's estimate at a time."""
-        return self._filter.estimate(stamp_ns)
+    def covariance(self, stamp_ns: int) -> Array:
+        """That of the filter at a time."""
+        return self._filter.covariance(stamp_ns)[:KNOWN_STATES, :KNOWN_STATES]
+
+    def expected(self, stamp_ns: int) -> Prediction | None:
+        """The filter's prediction of the camera; None where it knows no number."""
+        pose, covariance = self._filter.predict_camera(stamp_ns)
+        known = np.isfinite(pose.matrix).all() and np.isfinite(covariance).all()
+        return Prediction(pose, covariance) if known else None
 
     @property
     def verdicts(self) -> list[Verdict]:
@@ -130,9 +212,10 @@ def fusion_config(spec: FilterSpec, imu: Imu) -> FusionConfig:
         gyro_noise_rad_s_sqrt_hz=spec.imu_scale * imu.gyro_noise_rad_s_sqrt_hz,
         accel_walk_m_s3_sqrt_hz=spec.imu_scale * imu.accel_walk_m_s3_sqrt_hz,
         gyro_walk_rad_s2_sqrt_hz=spec.imu_scale * imu.gyro_walk_rad_s2_sqrt_hz,
+        camera_slow_share=spec.camera_slow_share,
+        camera_slow_s=spec.camera_slow_s,
         camera_bias_m=spec.camera_bias_m,
         camera_bias_rad=float(np.radians(spec.camera_bias_deg)),
-        camera_bias_s=spec.camera_bias_s,
         gate=spec.gate,
         doubt_after=spec.doubt_after,
         history_s=spec.history_s,

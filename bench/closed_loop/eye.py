@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.generate import camera_path, check_first_view, with_effects
+from uavbench.scenes.generate import Motion, camera_path, check_first_view, with_effects
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
 from uavbench.scenes.scene import Scene
 from uavbench.scenes.spec import SequenceSpec
@@ -34,7 +34,7 @@ class WayFlown:
 
 
 @contextmanager
-def eye(spec: SequenceSpec, scene: Scene, way: WayFlown) -> Iterator[CameraSimulator]:
+def eye(spec: SequenceSpec, scene: Scene, way: Motion) -> Iterator[CameraSimulator]:
     """The camera on its way, with every effect of the spec."""
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))

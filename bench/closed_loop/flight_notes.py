@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from uavbench.bench.closed_loop.ending import Ending
+from uavbench.bench.closed_loop.estimators import Believed
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.reports.closed_loop.flown import Flown, FlownPath
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.fusion.state import Estimate
 from uavbench.tracker.fusion.vehicle_filter import Verdict
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
@@ -23,8 +23,18 @@ from uavbench.trajectories.simulation.simulate import Simulation
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
-KNOWN_STATES = 9
-"""Position, velocity and attitude: the first states of the filter's error, and those whose truth is known."""
+
+def nees(path: FlownPath, rows: list[int], covariances: Array) -> Array:
+    """Normalized squared error (n,) of position, velocity and attitude in rows of a path, of covariances (n, 9, 9)."""
+
+    def error(name: str) -> Array:
+        return path.group(f"true_{name}")[rows] - path.group(f"estimated_{name}")[rows]
+
+    estimated, true = (rotation_from_quaternion(path.group(f"{kind}_q")[rows]) for kind in ("estimated", "true"))
+    turn = rotation_log(np.swapaxes(estimated, 1, 2) @ true)
+    errors = np.hstack([error("p_m"), error("v_m_s"), turn])
+    weighed = np.linalg.solve(covariances, errors[:, :, None])[:, :, 0]
+    return np.asarray((errors * weighed).sum(axis=1))
 
 
 class Notes:
@@ -35,22 +45,20 @@ class Notes:
         self.ending: Ending | None = None
         self.faults: list[tuple[int, str]] = []
         self._rows: list[Array] = []
+        self._claimed: dict[int, Array] = {}
         self._stamps: list[int] = []
         self._frames: list[tuple[int, int, TrackResult, int]] = []
         self._true_world_from_body: list[Pose] = []
 
-    def row(self, simulation: Simulation, estimated: Estimate | None, has_fix: bool) -> None:
-        """Note where the vehicle is, where it is estimated to be, and where it should be."""
+    def row(self, simulation: Simulation, believed: Believed | None, covariance: Array | None, has_fix: bool) -> None:
+        """Note where the vehicle is, where it is believed to be, and where it should be."""
         state, planned = simulation.record[simulation.step], simulation.reference[simulation.step]
         true_q, true_p, true_v = (state[RECORD[k]] for k in ("quaternions_wxyz", "positions_m", "velocities_m_s"))
         estimate = np.full(14, np.nan)
-        if estimated is not None:
-            pose, P = estimated.world_from_body, estimated.covariance
-            turn = rotation_log(pose.rotation.T @ rotation_from_quaternion(true_q))
-            error = np.concatenate([true_p - pose.translation, true_v - estimated.velocity_m_s, turn])
-            nees = error @ np.linalg.solve(P[:KNOWN_STATES, :KNOWN_STATES], error)
-            sigmas = np.sqrt(np.diag(P)[:3])
-            estimate = np.concatenate([pose.translation, pose.quaternion_wxyz, estimated.velocity_m_s, sigmas, [nees]])
+        if believed is not None:
+            estimate[:10] = *believed.qpos, *believed.qvel[:3]
+        if covariance is not None:
+            self._claimed[len(self._rows)] = covariance
         fix = [float(has_fix)]
         self._rows.append(np.concatenate([true_p, true_q, true_v, estimate, planned[0:3], planned[9:10], fix]))
         self._stamps.append(simulation.step * STEP_NS)
@@ -74,7 +82,7 @@ class Notes:
         return Flown(
             results=results,
             groundtruth=Trajectory.from_poses(stamps, self._true_world_from_body),
-            path=FlownPath(np.array(self._stamps, dtype=np.int64), np.array(self._rows)),
+            path=self._path(),
             plan=self._open_loop.plan,
             answered_ns=np.array([answered for _, _, _, answered in self._frames], dtype=np.int64),
             innovations=[[v.stamp_ns, v.kind, v.d2, v.dof, v.why] for v in verdicts],
@@ -82,12 +90,23 @@ class Notes:
             camera=camera,
         )
 
+    def _path(self) -> FlownPath:
+        """The rows, with what was claimed of the estimates among them."""
+        path = FlownPath(np.array(self._stamps, dtype=np.int64), np.array(self._rows))
+        rows = list(self._claimed)
+        if rows:
+            covariances = np.array(list(self._claimed.values()))
+            path.group("sigma_p_m")[rows] = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[:, :3])
+            path.group("nees")[rows, 0] = nees(path, rows, covariances)
+        return path
+
     def _record(self, simulation: Simulation, radius_m: float) -> dict[str, Any]:
         spec, pilot = self._spec, self._pilot
         last_ns = (simulation.steps - 1) * STEP_NS
         ending = self.ending or Ending("completed", "", last_ns)
         inputs = {
             "label": pilot.label,
+            "run": pilot.run,
             "sequence": {"name": spec.name},
             "start": {"kind": type(pilot.start).__name__, "parameters": parameters(pilot.start)},
             "loop": pilot.described_loop(),

@@ -5,7 +5,7 @@ from typing import Any
 
 from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.ending import Ending, Judge
-from uavbench.bench.closed_loop.estimators import Estimator, Filtered, TrueState
+from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, TrueState
 from uavbench.bench.closed_loop.eye import WayFlown, eye, frame_rows, rows_after
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.open_loop import OpenLoop
@@ -14,6 +14,7 @@ from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.closed_loop.trackers import GroundTruth
 from uavbench.bench.closed_loop.tracking import TrackerInFlight
 from uavbench.reports.closed_loop.flown import Flown
+from uavbench.scenes.dataset.body import Samples
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
@@ -21,6 +22,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.protocol import Image, TrackResult
 from uavbench.tracker.run import started, tracker_stream
 from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.simulation.flight import begin
@@ -54,7 +56,11 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
 
 
 class Loop:
-    """All parts of a flight at work: one `step` is one control step of the vehicle."""
+    """All parts of a flight at work: one `step` is one control step of the vehicle.
+
+    image, samples and true_cam_from_world are of the latest frame: what it shows, what the sensors measured up to it,
+    and where the camera was.
+    """
 
     def __init__(
         self,
@@ -81,6 +87,9 @@ class Loop:
         self.early: list[Reading] = []
         self.estimator: Estimator | None = None
         self.tracker: TrackerInFlight | None = None
+        self.image: Image | None = None
+        self.samples: dict[str, Samples] = {}
+        self.true_cam_from_world: Pose | None = None
 
     def step(self) -> None:
         """Where the vehicle is, what is measured and seen of it, what is estimated, and the thrusts that follow."""
@@ -116,7 +125,10 @@ class Loop:
         tracker = self.tracker or self.take_off(image)
         true_pose = self.source.cam_from_world(stamp_ns)
         told = len(tracker.faults)
-        result = tracker.track(image, stamp_ns, self.sensors.upto(stamp_ns), true_pose)
+        assert self.estimator is not None
+        expected = self.estimator.expected(stamp_ns) if self.pilot.loop.prior else None
+        self.image, self.samples, self.true_cam_from_world = image, self.sensors.upto(stamp_ns), true_pose
+        result = tracker.track(image, stamp_ns, self.samples, expected, true_pose)
         latency = self.pilot.loop.latency
         answer_ns = stamp_ns + latency.delay_ns(result.stage_ms.get("total", 0.0), self.latency_rng)
         self.busy_until_ns = answer_ns if latency.occupies else -1
@@ -139,6 +151,8 @@ class Loop:
         self.tracker = TrackerInFlight(run)
         if pilot.loop.estimator == "truth":
             self.estimator = TrueState()
+        elif pilot.loop.estimator == "camera":
+            self.estimator = CameraAlone(spec.mount.cam_from_body, pose)
         else:
             imu = next(s for s in spec.sensors if isinstance(s, Imu))
             self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, spec.mount.cam_from_body, pose)
@@ -161,15 +175,19 @@ class Loop:
         estimated = estimator.state_at(now_ns) if estimator is not None else None
         simulation.command(*(estimated or (simulation.qpos, simulation.qvel)))
         if simulation.step % BLOCK == 0:
-            estimate = estimator.estimate(now_ns) if estimator is not None else None
-            self.notes.row(simulation, estimate, self.sensors.has_fix)
+            covariance = estimator.covariance(now_ns) if estimator is not None else None
+            self.notes.row(simulation, estimated, covariance, self.sensors.has_fix)
+
+    def planned(self, rows: slice) -> Array:
+        """Rows (n, 17) of the plan that the vehicle must not stray from."""
+        return self.simulation.reference[rows]
 
     def look_for_the_end(self) -> None:
         """Note how the flight ended if it did within the last steps."""
         simulation, loop = self.simulation, self.pilot.loop
         first = (simulation.step - 1) // BLOCK * BLOCK
         rows = slice(first, simulation.step)
-        found = self.judge.ending(simulation.record[rows], simulation.reference[rows], first)
+        found = self.judge.ending(simulation.record[rows], self.planned(rows), first)
         if found is None and loop.time_limit_s is not None and simulation.step * STEP_NS >= loop.time_limit_s * 1e9:
             found = Ending("timed out", f"it took longer than {loop.time_limit_s:g} s", simulation.step * STEP_NS)
         self.notes.ending = self.notes.ending or found

@@ -7,8 +7,7 @@ import numpy as np
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.simulation.flight import begin, fly
-from uavbench.trajectories.simulation.simulate import simulate
+from uavbench.trajectories.simulation.flight import begin, fly_through
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 PLAN_STRIDE = 50
@@ -25,9 +24,9 @@ class OpenLoop:
     @classmethod
     def of(cls, spec: SequenceSpec, obstacles: ObstacleMesh) -> "OpenLoop":
         """The flight of a sequence; UserError where it fails, crashes or has no room."""
-        fly(replace(spec.flight, on_crash="error"), spec.mount, obstacles, spec.seed)
         simulation = begin(spec.flight, spec.mount, obstacles, spec.seed)
-        places = simulate(simulation)[:, 0:3]
+        flight = replace(spec.flight, on_crash="error")
+        places = fly_through(simulation, flight, spec.mount, obstacles).positions_m
         planned = simulation.reference
         rows = np.arange(0, len(planned), PLAN_STRIDE)
         plan = np.column_stack([rows * STEP_S, planned[rows, 0:3], planned[rows, 9]])

@@ -5,7 +5,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.scenes.dataset.body import CALIBRATED, Body, BodySensor, Samples
@@ -16,7 +15,6 @@ from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
-from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.registry import named
 from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorSpec, stamps_between
@@ -123,7 +121,4 @@ def body_of(spec: SequenceSpec) -> Body:
 
 def part(record: Array, first: int, last: int) -> Flight:
     """Rows `first` to `last` of a flight's record."""
-    rows = slice(first, last + 1)
-    stamps: NDArray[np.int64] = np.arange(first, last + 1, dtype=np.int64) * STEP_NS
-    state: dict[str, Any] = {name: record[rows, columns] for name, columns in RECORD.items()}
-    return Flight(stamps, **state)
+    return Flight.of_rows(np.arange(first, last + 1, dtype=np.int64) * STEP_NS, record[first : last + 1])

@@ -6,7 +6,7 @@ from uavbench.bench.closed_loop.trackers import GroundTruth
 from uavbench.bench.external.program import StreamRun
 from uavbench.bench.external.rows import ROW_FAULTS, TrackerFault
 from uavbench.scenes.dataset.body import Samples
-from uavbench.tracker.protocol import Image, Run, TrackResult
+from uavbench.tracker.protocol import Image, Prediction, Run, TrackResult
 from uavbench.tracker.run import track_frame
 from uavbench.trajectories.pose import Pose
 
@@ -26,14 +26,19 @@ class TrackerInFlight:
         self.faults: list[tuple[int, str]] = []
 
     def track(
-        self, image: Image, stamp_ns: int, samples: Mapping[str, Samples], true_cam_from_world: Pose
+        self,
+        image: Image,
+        stamp_ns: int,
+        samples: Mapping[str, Samples],
+        expected: Prediction | None,
+        true_cam_from_world: Pose,
     ) -> TrackResult:
         """Result of a frame, `lost` where there is none; only the tracker `truth` is told the true pose."""
         if isinstance(self._run, GroundTruth):
             return self._run.answer(true_cam_from_world)
         if self.has_ended:
             return LOST
-        result, error = track_frame(Watched(self._run, self), image, stamp_ns, samples)
+        result, error = track_frame(Watched(self._run, self), image, stamp_ns, samples, expected)
         if error:
             self.faults.append((stamp_ns, error))
         return result
@@ -44,8 +49,9 @@ class Watched:
 
     def __init__(self, run: Run, noted: TrackerInFlight) -> None:
         self._run, self._noted = run, noted
-        if hasattr(run, "sense"):
-            self.sense = run.sense
+        for optional in ("sense", "predict"):
+            if hasattr(run, optional):
+                setattr(self, optional, getattr(run, optional))
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """The run's own answer."""

@@ -2,16 +2,16 @@
 
 import difflib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
-from uavbench.bench.closed_loop.checks import check_loop
 from uavbench.bench.closed_loop.spec import LoopSpec
+from uavbench.bench.config.loops import loop_mistakes, with_shared_loop
 from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import located
@@ -33,7 +33,8 @@ class Suite:
 
     Its sequences are all rendered, or all recorded: without ground truth there is no error to set beside another.
     start is where the initial pose comes from; protocols are those that trackers run in beside the free run; flights is
-    the hash of what the file says of its sequences. loop: how its sequences are flown, None where they are not.
+    the hash of what the file says of its sequences. loops: how its sequences are flown, by name, "" for the only one;
+    none where they are not.
     """
 
     name: str
@@ -44,7 +45,7 @@ class Suite:
     start: Initialization = KNOWN
     protocols: tuple[Protocol, ...] = ()
     flights: str = ""
-    loop: LoopSpec | None = None
+    loops: Mapping[str, LoopSpec] = field(default_factory=dict)
 
 
 def load_suite(path: Path) -> Suite:
@@ -54,6 +55,7 @@ def load_suite(path: Path) -> Suite:
 
 def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     """Suite of the tables of a file; relative paths in it start at the file's folder. UserError as `load_suite`."""
+    data = with_shared_loop(data)
     checked = _check(path, suite_model(extra), data, _repeated(data))
     errors: list[str] = []
     sequences = tuple(
@@ -66,9 +68,12 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         errors.append("give either `sequences`, which are rendered, or `recordings`, which are real images")
     trackers = {label: build(table, f"trackers.{label}", errors) for label, table in checked.trackers.items()}
     start = build(checked.start, "start", errors)
-    loop = None if checked.loop is None else build(checked.loop, "loop", errors)
-    if loop is not None:
-        errors += _loop_mistakes(loop, sequences)
+    loops = {name: build(table, f"loops.{name}", errors) for name, table in checked.loops.items()}
+    if checked.loop is not None and not loops:
+        loops = {"": build(checked.loop, "loop", errors)}
+    errors += [
+        line for name, loop in loops.items() if loop is not None for line in loop_mistakes(name, loop, sequences)
+    ]
     errors += [
         f"rates_hz: {rate:g} Hz is more than the {spec.rate_hz:g} Hz of sequence {spec.name}"
         for spec in sequences
@@ -78,7 +83,8 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
     errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
     if errors:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
-    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"))
+    flown = (data.get("loop"), data.get("loops")) if loops else ()
+    flights = content_hash(data.get("sequences", data.get("recordings")), checked.seeds, data.get("start"), *flown)
     return Suite(
         name=path.stem,
         title=checked.title,
@@ -88,7 +94,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         start=start,
         protocols=tuple(checked.protocols),
         flights=flights,
-        loop=loop,
+        loops=loops,
     )
 
 
@@ -144,6 +150,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         recordings=(dict[Name, recording], {}),
         trackers=(Annotated[dict[Name, tracker], Field(min_length=1)], ...),
         loop=(loop, None),
+        loops=(dict[Name, loop], {}),
     )
 
 
@@ -174,20 +181,6 @@ def _repeated(data: dict[str, Any]) -> list[str]:
                 alike = f", {given[same]!r}: both are written {written}" if value != given[same] else ""
                 lines.append(f"{key}[{i}]: {value!r} is there already, as {key}[{same}]{alike}; leave one out")
     return lines
-
-
-def _loop_mistakes(loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
-    """A line for each way in which a loop cannot fly a sequence."""
-    mistakes = []
-    for spec in sequences:
-        try:
-            if isinstance(spec, SequenceSpec):
-                check_loop(loop, spec)
-            elif spec is not None:
-                mistakes.append("loop: `recordings` are real images and cannot be flown; give `sequences`")
-        except UserError as error:
-            mistakes.append(f"loop: {error}")
-    return mistakes
 
 
 def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:
@@ -251,8 +244,8 @@ def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
     for depth in range(len(keys) - 2, -1, -1):
         if tables[depth] is not None and name in tables[depth].model_fields:
             return _path((*keys[:depth], name))
-    for beside, field in tables[-1].model_fields.items() if tables[-1] else ():
-        inner = _bare(field.annotation)
+    for beside, known in tables[-1].model_fields.items() if tables[-1] else ():
+        inner = _bare(known.annotation)
         if isinstance(inner, type) and issubclass(inner, BaseModel) and name in inner.model_fields:
             return _path((*keys[:-1], beside, name))
     return ""

@@ -29,13 +29,15 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.faults import is_ours
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import UPPER, Results
 from uavbench.tracker.run import KNOWN, initial_pose, make_record, stride, tracker_stream
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.pose import Array, Pose
 
 OnFrame = Callable[[int, TrackResult], None]
 MAX_FAULTS_REPORTED = 20
+EXPECTED = "expected"
+"""First word of the line that says where the vehicle's filter expects the camera."""
 LONGEST_S = 86_400.0
 """A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
 MOST_MB = 1 << 27
@@ -123,6 +125,7 @@ class StreamRun:
 
     held: ExitStack | None = None
     owes = False
+    expected = ""
 
     def __init__(self, tracker: External, process: Process) -> None:
         self.tracker, self.process, self.frames, self.stamp_ns = tracker, process, 0, -1
@@ -135,8 +138,13 @@ class StreamRun:
         """Have what the sensors measured sent before the next frame."""
         self.before += sample_lines(samples)
 
+    def predict(self, cam_from_world: Pose, covariance: Array) -> None:
+        """Have the expected pose sent before the next frame."""
+        numbers = [*cam_from_world.translation, *cam_from_world.quaternion_wxyz, *np.asarray(covariance)[UPPER]]
+        self.expected = ",".join(repr(float(number)) for number in numbers)
+
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Send the samples and a frame, take its answer; TrackerFault when there is no good one.
+        """Send the samples, what is expected, and a frame, take its answer; TrackerFault when there is no good one.
 
         `total` is the wall time from the first byte sent until the answer was there.
         """
@@ -146,8 +154,9 @@ class StreamRun:
             image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
         pixels = np.ascontiguousarray(image)
         height, width, channels = (*pixels.shape, 1)[:3]
-        header = self.before + f"frame,{stamp_ns},{width},{height},{channels}\n".encode()
-        self.before = b""
+        expected = f"{EXPECTED},{stamp_ns},{self.expected}\n" if self.expected else ""
+        header = self.before + f"{expected}frame,{stamp_ns},{width},{height},{channels}\n".encode()
+        self.before, self.expected = b"", ""
         deadline = time.monotonic() + self.tracker.timeout_s
         begin = time.perf_counter()
         self.owes = True

@@ -8,6 +8,8 @@ hash of its content.
 
 import hashlib
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +24,12 @@ DIGITS = 6
 
 
 def write_baseline(side: Side, path: Path) -> None:
-    """Write what was measured in a suite's folder; UserError when a run of it is missing or crashed."""
-    for key, why in (*side.faults.items(), *((key, run.crash) for key, run in side.runs.items() if run.crash)):
+    """Write what was measured in a suite's folder; UserError when a run of it is missing, or a replayed one crashed."""
+    broken = {key: run.crash for key, run in side.runs.items() if run.crash and not side.is_flown}
+    for key, why in {**side.faults, **broken}.items():
         raise UserError(f"no baseline of {key[0]} on {key[1]}, seed {key[2]}: {why}")
     rows = [
-        [*key, _rounded(run.coverage), {metric: _rounded(value) for metric, value in run.errors.items()}]
+        [*key, _rounded(run.coverage), _known(run.errors), *([run.crash] if run.crash else [])]
         for key, run in sorted(side.runs.items())
     ]
     how = next((dict(run.how) for run in side.runs.values()), {})
@@ -51,9 +54,12 @@ def read_baseline(path: Path, flights: str) -> Side:
     try:
         runs: dict[Key, Measured] = {
             (str(run), str(sequence), int(seed)): Measured(
-                coverage=float(coverage), errors={str(k): float(v) for k, v in errors.items()}, how=dict(body["how"])
+                coverage=float(coverage),
+                errors={str(k): float(v) for k, v in errors.items()},
+                crash=str(crash[0]) if crash else "",
+                how=dict(body["how"]),
             )
-            for run, sequence, seed, coverage, errors in body["runs"]
+            for run, sequence, seed, coverage, errors, *crash in body["runs"]
         }
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise UserError(f"{path}: this is no baseline ({error}); {anew}") from None
@@ -67,6 +73,11 @@ def _is_baseline(path: Path) -> bool:
         return bool(body.pop("sha256", None) == _digest(body))
     except (UserError, OSError, ValueError, AttributeError):
         return False
+
+
+def _known(errors: Mapping[str, float]) -> dict[str, float]:
+    """The errors that are numbers, rounded."""
+    return {metric: _rounded(value) for metric, value in errors.items() if math.isfinite(value)}
 
 
 def _rounded(value: float) -> float:

@@ -5,8 +5,9 @@ hierarchical bootstrap and corrected by Holm over all metrics, lies above the ma
 fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Each error is
 compared twice: its mean change, in which a few runs that break show, and its typical change, in which they count
 little and cannot hide what happened to all others. Coverage is compared as an absolute: its mean loss against its own
-margin. What is missing or not finite fails; what cannot be judged, because one side does not have it at all, or a run
-crashes on both or is too short for the number, is `inconclusive`: a gate passes only what it has compared.
+margin; so is the share of flights in closed loop that succeed, beside their path and estimate errors. What is missing
+or not finite fails; what cannot be judged, because one side does not have it at all, or a run crashes on both or is too
+short for the number, is `inconclusive`: a gate passes only what it has compared.
 """
 
 import math
@@ -19,7 +20,8 @@ import numpy as np
 
 from uavbench.bench.gate.baseline import read_baseline
 from uavbench.bench.gate.paired_scores import (
-    ERRORS,
+    COVERAGE,
+    SUCCESS,
     Key,
     Measured,
     PairedValues,
@@ -101,7 +103,7 @@ def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], ma
     findings += [
         _not_judged(run, f"the baseline has `{metric}`, which this version does not know", metric)
         for run, metric in sorted({(key[0], metric) for key, one in base.runs.items() for metric in one.errors})
-        if metric not in ERRORS
+        if metric not in head.units
     ]
     findings += [
         ratio_finding(run, "latency", "ms", times, margins.latency, margins.resolution)
@@ -134,7 +136,7 @@ def _decided(finding: Finding) -> Finding:
     worse = finding.change > finding.margin
     if finding.p <= ALPHA and worse:
         return replace(finding, verdict="fail", reason="worse than the margin")
-    if finding.metric == "coverage":
+    if finding.metric in (COVERAGE, SUCCESS):
         doubt = "the loss is above the margin, but may be chance" if worse else ""
     else:
         doubt = finding.reason
@@ -145,17 +147,18 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
     """Findings on one tracker at one rate."""
     keys = [key for key in (*base.runs, *base.faults, *head.runs, *head.faults) if key[0] == run]
     crashed = sorted({k for k in keys if crash(head, k) and not crash(base, k)})
-    found = [coverage_finding(run, paired(keys, base, head, lambda one: one.coverage), margins.coverage)]
+    shares = paired(keys, base, head, lambda one: one.coverage)
+    found = [share_finding(run, head.share, shares, margins.coverage)]
     if crashed:
         _, sequence, seed = crashed[0]
         why = f"{_runs_crash(crashed)} that did not, first {sequence}, seed {seed}: {crash(head, crashed[0])}"
         found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
     both = sorted({k for k in keys if crash(head, k) and crash(base, k)})
-    if both:
+    if both and not head.is_flown:  # of a flight its success says so, on both sides alike
         _, sequence, seed = both[0]
         why = f"{_runs_crash(both)} on both sides, first {sequence}, seed {seed}: {crash(head, both[0])}"
         found.append(_not_judged(run, why, "crashes"))
-    for metric, (unit, _) in ERRORS.items():
+    for metric, unit in head.units.items():
         values = paired(keys, base, head, lambda one, metric=metric: one.errors.get(metric, math.nan))  # type: ignore[misc]
         at_most = TYPICAL * math.log1p(max(margins.error, margins.resolution))
         for name, limit in ((metric, math.inf), (f"{metric}, typical", at_most)):
@@ -217,9 +220,9 @@ def ratio_finding(
     return finding
 
 
-def coverage_finding(run: str, values: PairedValues, margin: float) -> Finding:
-    """Finding on the share of frames with a pose, compared as a difference; p is not corrected yet."""
-    finding = _described(run, "coverage", "", values, margin)
+def share_finding(run: str, metric: str, values: PairedValues, margin: float) -> Finding:
+    """Finding on a share, the higher the better, compared as a difference; p is not corrected yet."""
+    finding = _described(run, metric, "", values, margin)
     if finding.verdict != "pass":
         return finding
     base, head = (Bootstrap.of(side).mean for side in values.sides(lambda x: x))

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.scoring.score import PoseErrors, Score
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
@@ -15,6 +16,8 @@ from uavbench.trajectories.pose import Array
 
 Key = tuple[str, str, int]
 """Tracker and rate (`lsd@15hz`), sequence without its seed, seed."""
+COVERAGE, SUCCESS = "coverage", "success"
+"""What is compared as a share: of frames with a pose, of flights that succeed."""
 HOW = ("compared", "association", "rpe_pairs", "success", "std_ddof")
 """Parts of a score's record that must agree before two numbers are compared."""
 
@@ -30,11 +33,20 @@ ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
     "RPE 1 s": ("m", lambda score: _rmse(score.rpe.get("1 s"), "translation_m")),
 }
 """Metrics that are compared as ratios: unit and value of a score."""
+FLIGHT_ERRORS: dict[str, tuple[str, Callable[[FlightScore], float]]] = {
+    "path error": ("m", lambda score: score.path_rms_m),
+    "estimate error": ("m", lambda score: math.nan if score.estimate_rms_m is None else score.estimate_rms_m),
+}
+"""The same of flights in closed loop; one on its true state has no estimate."""
+FLOWN = "flown"
+"""Key of `how` of a flight: it is compared with no replayed run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
     """Values of one run that the gate compares: its coverage, and its errors by metric, NaN where one is undefined.
+
+    Of a flight in closed loop the coverage is 1 for a success, else 0.
 
     crash: what went wrong, "" if nothing did; frames: hash of what made the frames, images: that of the frames as they
     are, "" if any will do; how: the parts of the score's record that must agree.
@@ -59,6 +71,16 @@ class Measured:
             how={part: score.record.get(part) for part in HOW},
         )
 
+    @classmethod
+    def of_flight(cls, score: FlightScore) -> "Measured":
+        """The numbers of a flight in closed loop."""
+        return cls(
+            coverage=float(score.success),
+            errors={metric: value(score) for metric, (_, value) in FLIGHT_ERRORS.items()},
+            crash=score.why if score.status == "crashed" else "",
+            how={FLOWN: True},
+        )
+
 
 @dataclass(frozen=True)
 class Side:
@@ -73,6 +95,24 @@ class Side:
     flights: str = ""
     not_compared: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def is_flown(self) -> bool:
+        """Whether its runs are flights in closed loop."""
+        return any(run.how.get(FLOWN) for run in self.runs.values())
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each metric that is compared as a ratio."""
+        if not self.is_flown:
+            return {metric: unit for metric, (unit, _) in ERRORS.items()}
+        known = {metric for run in self.runs.values() for metric, v in run.errors.items() if math.isfinite(v)}
+        return {metric: unit for metric, (unit, _) in FLIGHT_ERRORS.items() if metric in known}
+
+    @property
+    def share(self) -> str:
+        """Name of what is compared as a share."""
+        return SUCCESS if self.is_flown else COVERAGE
+
 
 def read_side(folder: Path) -> Side:
     """Measured values of a suite's folder; UserError when it is none."""
@@ -81,7 +121,10 @@ def read_side(folder: Path) -> Side:
     faults: dict[Key, str] = {}
     try:
         names = [str(name) for name in about["sequences"]]
-        runs = [f"{label}@{float(rate):g}hz" for label in about["trackers"] for rate in about["rates_hz"]]
+        flown = "loops" in about and (folder / "flights").is_dir()
+        loops = [f"+{name}" if name else "" for name in map(str, about["loops"])] if flown else [""]
+        pairs = [(label, rate) for label in about["trackers"] for rate in about["rates_hz"]]
+        runs = [f"{label}@{float(rate):g}hz{loop}" for label, rate in pairs for loop in loops]
         if leads := [name for name in (*names, *runs) if "/" in name or "\0" in name]:
             raise ValueError(f"{leads[0]!r} is no name of a folder")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -91,11 +134,18 @@ def read_side(folder: Path) -> Side:
         for run in runs:
             key = (run, sequence or name, int(seed) if sequence and seed.isdecimal() else 0)
             try:
-                found[key] = Measured.of(Score.load(folder / "results" / name / run / "score.json"))
+                found[key] = _measured(folder, name, run, flown=flown)
             except UserError as error:
                 faults[key] = str(error)
     not_compared = {str(run): str(why) for run, why in (about.get("not_compared") or {}).items()}
     return Side(found, faults, str(about.get("flights", "")), not_compared)
+
+
+def _measured(folder: Path, sequence: str, run: str, *, flown: bool) -> Measured:
+    """Measured values of one run of a folder; UserError when it has no score."""
+    if flown:
+        return Measured.of_flight(FlightScore.load(folder / "flights" / sequence / run / "score.json"))
+    return Measured.of(Score.load(folder / "results" / sequence / run / "score.json"))
 
 
 def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
@@ -110,7 +160,7 @@ def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
             f"{what}: baseline and results are of the same flight, but its images differ: another GL driver, CPU or "
             "library rendered them; use `uavbench compare`, or copy the folder `sequences` of one to the other"
         )
-    for part in HOW:
+    for part in (*HOW, FLOWN):
         if base.how.get(part) != head.how.get(part):
             raise UserError(
                 f"{what}: `{part}` of the scores differs ({base.how.get(part)!r}, {head.how.get(part)!r}); "

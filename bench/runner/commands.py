@@ -19,7 +19,7 @@ from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
-from uavbench.bench.runner.jobs import FLIGHTS, plan, plan_flights
+from uavbench.bench.runner.jobs import plan, plan_flights
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures, Render
@@ -42,6 +42,7 @@ class ExecutionOptions:
     dry_run: bool = False
     isolate: bool = False
     figures: Figures = "page"
+    video: bool = False
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOptions) -> int:
@@ -55,11 +56,15 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))
     folder = resolved(out or Path("out") / suite.name)
     shard = Shard.parse(where.shard) if where.shard else None
-    flown = verb == "fly" or (verb == "report" and suite.loop is not None)
+    flown = verb == "fly" or (verb == "report" and bool(suite.loops))
     whole = verb in ("report", "fly")
     last = "report" if whole and shard is None else "score" if whole else verb
     part = shard.of(suite) if shard else suite
-    jobs = plan_flights(part, folder, last) if flown else plan(part, folder, last=last, figures=where.figures)
+    jobs = (
+        plan_flights(part, folder, last, where.figures, video=where.video)
+        if flown
+        else plan(part, folder, last, where.figures)
+    )
     if where.dry_run:
         click.echo(dry_run(jobs, folder, where.slurm or where.workers))
         click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
@@ -77,9 +82,9 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         for label, why in absent(suite.trackers).items():
             click.echo(f"absent: {label}: {why}", err=True)
         if last == "report" and "report" not in outcome.failed:
-            table, written = ("flights.md", FLIGHTS) if flown else ("summary.md", "index.html")
+            table = "flights.md" if flown else "summary.md"
             click.echo((folder / "tables" / table).read_text(encoding="utf-8"))
-            click.echo(f"report: {folder / written}")
+            click.echo(f"report: {folder / 'index.html'}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 

@@ -7,8 +7,9 @@ DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that
 DIR/made/                               what each job wrote, with digests
 DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
 DIR/index.html ...                      the report
-DIR/flights/SEQUENCE/TRACKER@RATEhz/    one flight in closed loop, and score.json
-DIR/flights.json                        all scores of flights, beside tables/flights.md and figures/flights/
+DIR/flights/SEQUENCE/TRACKER@RATEhz/    one flight in closed loop, and score.json; TRACKER@RATEhz+LOOP of several loops
+DIR/videos/SEQUENCE/TRACKER@RATEhz/     the video of a flight, where it was asked for
+DIR/flights.json                        all scores of flights, beside index.html, tables/flights.md and figures/flights/
 """
 
 from collections.abc import Mapping
@@ -30,6 +31,7 @@ from uavbench.bench.runner.tasks import (
     ScoreFlight,
     Spec,
     Track,
+    Video,
 )
 from uavbench.bench.third_party.registry import absent
 from uavbench.scenes.spec import SequenceSpec
@@ -40,11 +42,14 @@ from uavbench.tracker.results import MARKER
 from uavbench.trajectories.errors import UserError
 
 VERBS = ("render", "track", "score", "report")
-FLIGHT_VERBS = ("fly", "score", "report")
+FLIGHT_VERBS = ("fly", "score", "video", "report")
 START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0.05, 1.0
 """Seconds of a sequence, a frame rendered, its bound, a frame tracked, a score and a report's entry, at 640x480."""
 FLIGHT_SCORE_S, FLIGHT_FIGURE_S = 2.0, 2.0
 """Seconds of a flight's score, most of it the coverage, and of its figure."""
+VIDEO_S = 1.0
+"""Seconds of a video for each of its flight: its frames are rendered again, and drawn on."""
+VIDEO = "flight.webm"
 FLIGHTS = "flights.json"
 """What the report of flights lists its files in."""
 
@@ -164,56 +169,78 @@ def _report_job(
     )
 
 
-def plan_flights(suite: Suite, folder: Path, last: str = "report") -> list[Job]:
-    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; UserError without a `[loop]`."""
-    if suite.loop is None:
+def plan_flights(
+    suite: Suite, folder: Path, last: str = "report", figures: Figures = "page", *, video: bool = False
+) -> list[Job]:
+    """Jobs of a suite in `folder`, in order, up to and with those of the verb `last`; UserError without a `[loop]`.
+
+    figures: of the report; video: each flight gets one.
+    """
+    if not suite.loops:
         raise UserError(
             f"suite {suite.name} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
             "fly-box, fly-bridge or fly-facade"
         )
     with one_look():
         away = absent(suite.trackers)
-        flights = [
-            _fly_job(
-                spec, Pilot(label=label, tracker=tracker, rate_hz=rate, loop=suite.loop, start=suite.start), folder
-            )
-            for spec in suite.sequences
-            if isinstance(spec, SequenceSpec)
+        pilots = [
+            Pilot(label=label, tracker=tracker, rate_hz=rate, loop=loop, start=suite.start, variant=variant)
             for label, tracker in suite.trackers.items()
             if label not in away
             for rate in suite.rates_hz
+            for variant, loop in suite.loops.items()
         ]
+        specs = [spec for spec in suite.sequences if isinstance(spec, SequenceSpec)]
+        flights = [_fly_job(spec, pilot, folder) for spec in specs for pilot in pilots]
         scores = [_flight_score_job(job) for job in flights]
         paths = tuple(job.marker.parent for job in flights)
-        work = ReportFlights(suite.title, folder, paths, absent=tuple(away.items()))
+        videos = [_video_job(job, folder) for job in flights] if video else []
+        work = ReportFlights(suite.title, folder, paths, absent=tuple(away.items()), figures=figures)
+        work = replace(work, videos=tuple(job.marker.with_name(VIDEO) for job in videos))
         report = Job(
             verb="report",
             name="report",
             work=work,
             marker=folder / FLIGHTS,
             root=folder,
-            content_hash=content_hash(suite.title, [job.content_hash for job in scores], away),
-            needs=tuple(scores),
+            content_hash=content_hash(suite.title, [job.content_hash for job in (*scores, *videos)], away, figures),
+            needs=(*scores, *videos),
             weight=1.0 + FLIGHT_FIGURE_S * len(scores),
             without=work.without,
         )
-        jobs = [*flights, *scores, report]
+        jobs = [*flights, *scores, *videos, report]
     return [job for job in jobs if FLIGHT_VERBS.index(job.verb) <= FLIGHT_VERBS.index(last)]
 
 
 def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
-    run = f"{pilot.label}@{pilot.rate_hz:g}hz"
-    output = folder / "flights" / spec.name / run
+    output = folder / "flights" / spec.name / pilot.run
     code = code_hash("trajectories", "scenes", "tracker", "bench/closed_loop", "reports/closed_loop")
     return Job(
         verb="fly",
-        name=f"fly {spec.name} {run}",
+        name=f"fly {spec.name} {pilot.run}",
         work=Fly(spec, pilot, output),
         marker=output / MARKER,
         root=folder,
         lists=MARKER,
         content_hash=content_hash(spec, pilot, code),
         weight=START_S + (RENDER_S + TRACK_S) * frames(spec) * pilot.rate_hz / spec.rate_hz,
+    )
+
+
+def _video_job(flight: Job, folder: Path) -> Job:
+    assert isinstance(flight.work, Fly)
+    spec = flight.work.spec
+    output = folder / "videos" / spec.name / flight.marker.parent.name
+    return Job(
+        verb="video",
+        name=flight.name.replace("fly", "video", 1),
+        work=Video(spec, flight.marker.parent, output),
+        marker=output / "video.json",
+        root=folder,
+        lists="video.json",
+        content_hash=content_hash(flight.content_hash, code_hash("reports", "bench/closed_loop", "bench/filming")),
+        needs=(flight,),
+        weight=START_S + VIDEO_S * flight.weight,
     )
 
 

@@ -16,7 +16,7 @@ from uavbench.trajectories.files.temporary_names import is_temporary, remove_lef
 from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
 
 SUITE = "suite.json"
-DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "failed": 1, "made": 4}
+DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2, "failed": 1, "made": 4}
 """Folders in which something is written under a temporary name, and how many levels below."""
 
 
@@ -102,6 +102,7 @@ def _describe(folder: Path, suite: Suite) -> None:
         "trackers": list(suite.trackers),
         "rates_hz": list(suite.rates_hz),
         "flights": suite.flights,
+        **({"loops": list(suite.loops)} if suite.loops else {}),
     }
     text = json.dumps(about, indent=1) + "\n"
     path = folder / SUITE

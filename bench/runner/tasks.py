@@ -188,6 +188,21 @@ class Fly:
 
 
 @dataclass(frozen=True)
+class Video:
+    """Write the video of one flight."""
+
+    spec: SequenceSpec
+    flight: Path
+    folder: Path
+
+    def __call__(self, content_hash: str, on_step: OnStep) -> None:
+        """Write the video's folder."""
+        from uavbench.bench.filming.video import write_video
+
+        write_video(self.spec, self.flight, self.folder, content_hash, on_step)
+
+
+@dataclass(frozen=True)
 class ScoreFlight:
     """Score one flight."""
 
@@ -203,27 +218,32 @@ class ScoreFlight:
 
 @dataclass(frozen=True)
 class ReportFlights:
-    """Write tables and figures over all flights of a suite."""
+    """Write page, tables and figures over all flights of a suite."""
 
     title: str
     folder: Path
     flights: tuple[Path, ...]
     failed: tuple[tuple[str, str], ...] = ()
     absent: tuple[tuple[str, str], ...] = ()
+    figures: Figures = "page"
+    videos: tuple[Path, ...] = ()
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write flights.json, tables and figures."""
-        from uavbench.reports.closed_loop.report import write_flights
+        """Write index.html, flights.json, tables and figures."""
+        from uavbench.reports.closed_loop.report import FlightNotes, write_flights
 
-        more = {**dict(self.failed), **dict(self.absent)}
-        write_flights(self.folder, self.title, self.flights, more, content_hash=content_hash)
+        videos = tuple(path.relative_to(self.folder).as_posix() for path in self.videos)
+        notes = FlightNotes(self.title, dict(self.failed), dict(self.absent), videos)
+        given: dict[str, Any] = {"figures": self.figures, "content_hash": content_hash, "on_step": on_step}
+        write_flights(self.folder, notes, self.flights, **given)
 
     def without(self, failed: Mapping[str, str]) -> "ReportFlights | None":
         """The report of the flights that were flown; None where there is none."""
         lost = {path: _why_unflown(path, failed) for path in self.flights}
         kept = tuple(path for path in self.flights if not lost[path])
         told = tuple((" ".join(path.parts[-2:]), why) for path, why in lost.items() if why)
-        return replace(self, flights=kept, failed=told) if kept else None
+        videos = tuple(path for path in self.videos if f"video {' '.join(path.parts[-3:-1])}" not in failed)
+        return replace(self, flights=kept, failed=told, videos=videos) if kept else None
 
 
 def _why_unflown(path: Path, failed: Mapping[str, str]) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
 from uavbench.reports.closed_loop.flown import Flown
@@ -79,6 +80,7 @@ def _draw_space(solid: Any, flown: Flown) -> None:
         getattr(solid, f"set_{axis}label")(f"{axis} (m)" if axis != "z" else "", labelpad=-6)
         getattr(solid, f"{axis}axis").pane.fill = False
     solid.tick_params(labelsize=6, pad=-3)
+    solid.zaxis.set_major_locator(MaxNLocator(3))  # a flat scene leaves no room for more
     solid.set_box_aspect(tuple(high - low), zoom=1.1)
     solid.view_init(elev=22, azim=-62)
     solid.legend(loc="upper left")

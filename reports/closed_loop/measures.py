@@ -30,7 +30,8 @@ LOOK_EVERY_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class FlightScore:
-    """Measures of one flight; None where there is nothing to measure.
+    """Measures of one flight; None where there is nothing to measure. run: name of the flights of its tracker at
+    its rate in its loop.
 
     path_*: true against planned position; path_added_m is what estimation adds to the rms error of the same flight on
     its true state. clearance_min_m: least distance of the vehicle's sphere to structure or floor. estimate_*: the
@@ -40,6 +41,7 @@ class FlightScore:
     """
 
     label: str
+    run: str
     rate_hz: float
     sequence: str
     seed: int
@@ -99,6 +101,7 @@ def measure_flight(flown: Flown) -> FlightScore:
     known = translation_m[np.isfinite(translation_m)]
     return FlightScore(
         label=str(record["label"]),
+        run=str(record["run"]),
         rate_hz=float(record["rate_hz"]),
         sequence=str(record["sequence"]["name"]),
         seed=int(record["seed"]),

@@ -1,17 +1,35 @@
-"""Tables and figures over the flights of a suite."""
+"""The report over the flights of a suite: page, tables and figures in one folder.
+
+index.html                 how often each run succeeds, failures first, figures, and the runs in pairs
+tables/flights.*           measures by sequence, tracker, rate and loop (.md), and of every flight (.csv)
+tables/pairs.md            every pair of runs on the flights that both made
+figures/success.*          success and greatest path error; along.*: success and path error along a swept number
+figures/flights/           the flights: of each run the worst one unasked, with `figures="all"` every one
+flights.json               all scores, and the hash of what made this report
+"""
 
 import json
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from uavbench.reports.closed_loop.comparison import PairOfRuns, by_run, compared, success
+from uavbench.reports.closed_loop.figure import flight_in_closed_loop
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import FlightScore
-from uavbench.reports.statistics.proportion import Proportion
+from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
+from uavbench.reports.drawings import Drawing, Easel, Figures
+from uavbench.reports.page.templates import FigureOnPage, asset, environment
+from uavbench.reports.progress import OnStep, Steps
+from uavbench.reports.statistics.bootstrap import CONFIDENCE
 from uavbench.reports.style import house_style, write_csv
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.tracker.results import MARKER as RECORD
+from uavbench.tracker.versions import versions
 from uavbench.trajectories.files.writing import in_parts, write_text
 
 MARKER = "flights.json"
@@ -20,57 +38,182 @@ HEADS = (
     "estimate rms (cm)", "filter NEES", "tracker rms (cm)", "tracker NEES", "false to crash (s)", "coverage (%)",
     "of planned (%)",
 )  # fmt: skip
+PAIR_HEADS = (
+    "flights", "only the first succeeds", "only the second", "p", "both succeed", "path rms, first - second (cm)",
+    "95 %", "p",
+)  # fmt: skip
+PAIRS_TOLD = (
+    "Runs on the same sequences and seeds; p of success by McNemar's exact test, of the path error by the paired "
+    "bootstrap over flights in which both succeed, each adjusted by Holm over all pairs; * at the 5 % level."
+)
+MEASURES_TOLD = "Success: flown to its end without a crash and within the corridor, with its Wilson interval."
+ALPHA = 1 - CONFIDENCE
+"""Level at which a difference stands."""
+STATUS_CHIP = {"completed": "off-target"}
+"""Look of a flight's status on the page; one that completed and is no success left its corridor."""
+
+
+@dataclass(frozen=True)
+class FlightNotes:
+    """Notes of a report: its title, flights that could not be flown and trackers not on this machine, and why.
+
+    videos: files of flights' videos, relative to the report.
+    """
+
+    title: str
+    failed: Mapping[str, str]
+    absent: Mapping[str, str]
+    videos: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FlownRun:
+    """A flight's folder and its score."""
+
+    path: Path
+    score: FlightScore
+
+    @property
+    def slug(self) -> str:
+        """Name for files."""
+        return f"{self.score.sequence}_{self.score.run}"
 
 
 @in_parts(MARKER)
 def write_flights(
-    folder: Path, title: str, flights: ListOf[Path], failed: Mapping[str, str], *, content_hash: str = ""
+    folder: Path,
+    notes: FlightNotes,
+    flights: ListOf[Path],
+    *,
+    figures: Figures = "page",
+    content_hash: str = "",
+    on_step: OnStep | None = None,
 ) -> Path:
-    """Write tables/flights.md, .csv, figures/flights/ and flights.json, which lists all scores; the latter's path."""
-    from uavbench.reports.closed_loop.figure import flight_in_closed_loop
-
-    scores = [FlightScore.load(path / "score.json") for path in flights]
+    """Write the report of flights, folders with their scores; the path of flights.json, which lists all scores."""
+    runs = [FlownRun(path, FlightScore.load(path / "score.json")) for path in flights]
+    scores = [run.score for run in runs]
+    pairs = compared(scores)
     (folder / "tables").mkdir(parents=True)
-    write_text(folder / "tables" / "flights.md", table(title, scores, failed))
+    write_text(folder / "tables" / "flights.md", table(notes, scores))
+    write_text(folder / "tables" / "pairs.md", table_of_pairs(notes.title, pairs))
     columns = [f.name for f in fields(FlightScore)]
     rows = [["; ".join(v) if isinstance(v, tuple) else v for v in (getattr(s, c) for c in columns)] for s in scores]
     write_csv(folder / "tables" / "flights.csv", columns, rows)
+    (folder / "figures" / "flights").mkdir(parents=True)
+    drawings = drawings_of(runs)
+    easel = Easel(folder, figures, Steps(on_step, sum(d.always or figures == "all" for d in drawings)))
     with house_style():
-        for path, score in zip(flights, scores, strict=True):
-            stem = folder / "figures" / "flights" / f"{score.sequence}_{path.name}"
-            stem.parent.mkdir(parents=True, exist_ok=True)
-            flight_in_closed_loop(Flown.load(path), stem)
+        drawn = easel.draw(drawings)
+    write_page(folder, notes, runs, pairs, drawn, easel.left_out)
     about = {
-        "title": title,
+        "title": notes.title,
         "content_hash": content_hash,
         "scores": [asdict(s) for s in scores],
-        "failed": dict(failed),
+        "failed": dict(notes.failed),
+        "absent": dict(notes.absent),
     }
     write_text(folder / MARKER, json.dumps(about, indent=1) + "\n")
     return folder / MARKER
 
 
-def table(title: str, scores: ListOf[FlightScore], failed: Mapping[str, str]) -> str:
-    """The measures by sequence, tracker and rate, over seeds, in Markdown."""
+def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
+    """The figures of a report: over all flights, then each flight, the worst of a run unasked."""
+    scores = [run.score for run in runs]
+    made = [
+        Drawing("success", "Success",
+                "Share of flights that succeed, with its 95 % interval (Wilson), and the greatest path error of each "
+                "flight; a flight that crashed is as far off as it came.", partial(success_of_runs, scores))
+    ]  # fmt: skip
+    tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD)["loop"] for run in runs}
+    if found := swept_loops(tables):
+        caption = (
+            f"Against `{found.key}` of the loop: success with its 95 % interval, and the mean and the range of the "
+        )
+        caption += "rms path error, over the flown part of each flight; read it with the success."
+        made.append(Drawing("along", "Along the loops", caption, partial(along_loops, scores, found)))
+    worst = {id(worst_of([run for run in runs if run.score.run == name])) for name in by_run(scores)}
+    for run in sorted(runs, key=lambda run: run.score.success):
+        score = run.score
+        how = "Success" if score.success else f"No success: {score.why or 'it left its corridor'}"
+        caption = (
+            f"{how}. True, estimated and planned path; (a) errors of path, estimate and tracker, (b) normalized "
+            "innovation of each pose, hollow: refused, (c) when the tracker had a pose, red: none, and GNSS a fix."
+        )
+        draw = partial(_draw_flight, run.path)
+        made.append(Drawing(f"flights/{run.slug}", f"{score.sequence}, {score.run}", caption, draw, id(run) in worst))
+    return made
+
+
+def worst_of(runs: ListOf[FlownRun]) -> FlownRun:
+    """The flight that went worst: one without success before one with it, then the one furthest off its path."""
+    return max(runs, key=lambda run: (not run.score.success, run.score.path_max_m))
+
+
+def _draw_flight(path: Path, stem: Path) -> list[Path]:
+    return flight_in_closed_loop(Flown.load(path), stem)
+
+
+def write_page(
+    folder: Path,
+    notes: FlightNotes,
+    runs: ListOf[FlownRun],
+    pairs: ListOf[PairOfRuns],
+    figures: ListOf[FigureOnPage],
+    left_out: int,
+) -> None:
+    """Write `index.html`."""
+    scores = [run.score for run in runs]
+    first = read_json(runs[0].path / RECORD)
+    text = environment().get_template("page_flights.html").render(
+        title=notes.title,
+        css=asset("page.css"),
+        flights=len(scores),
+        runs=len(by_run(scores)),
+        heads=HEADS,
+        rows=[(sequence, run, cells(group)) for (sequence, run), group in groups_of(scores).items()],
+        told=MEASURES_TOLD,
+        failures=[s for s in scores if not s.success],
+        chips=STATUS_CHIP,
+        notes=notes,
+        figures=[f.sized(folder) for f in figures],
+        left_out=left_out,
+        pair_heads=PAIR_HEADS,
+        pairs=[(pair.first, pair.second, cells_of_pair(pair)) for pair in pairs],
+        pairs_told=PAIRS_TOLD,
+        record=json.dumps({k: v for k, v in first.items() if k != "files"}, indent=1),
+        version=versions()["uavbench"],
+    )  # fmt: skip
+    write_text(folder / "index.html", text)
+
+
+def groups_of(scores: ListOf[FlightScore]) -> dict[tuple[str, str], list[FlightScore]]:
+    """The flights by sequence without its seed, and run."""
     groups: dict[tuple[str, str], list[FlightScore]] = {}
     for score in scores:
-        groups.setdefault((score.sequence.rpartition("-s")[0], f"{score.label}@{score.rate_hz:g}hz"), []).append(score)
-    head = ["sequence", "tracker", *HEADS]
-    lines = [f"# {title}", "", _row(head), "|" + " --- |" * 2 + " ---: |" * len(HEADS)]
-    lines += [_row([*names, *cells(group)]) for names, group in groups.items()]
-    lines += ["", "success: flown to its end without a crash and within the corridor, with its Wilson interval."]
-    lines += [
-        f"{score.sequence} {score.label}: {score.status} at {score.ended_s:.2f} s: {score.why}"
-        for score in scores
-        if score.why
-    ]
-    lines += [f"{name}: {why}" for name, why in failed.items()]
+        groups.setdefault((score.sequence.rpartition("-s")[0], score.run), []).append(score)
+    return groups
+
+
+def table(notes: FlightNotes, scores: ListOf[FlightScore]) -> str:
+    """The measures by sequence, tracker, rate and loop, over seeds, in Markdown."""
+    lines = [f"# {notes.title}", "", *_head(["sequence", "tracker"], HEADS)]
+    lines += [_row([*names, *cells(group)]) for names, group in groups_of(scores).items()]
+    lines += ["", MEASURES_TOLD]
+    lines += [f"{s.sequence} {s.run}: {s.status} at {s.ended_s:.2f} s: {s.why}" for s in scores if s.why]
+    lines += [f"{name}: {why}" for name, why in {**notes.failed, **notes.absent}.items()]
     return "\n".join(lines) + "\n"
+
+
+def table_of_pairs(title: str, pairs: ListOf[PairOfRuns]) -> str:
+    """Every pair of runs, in Markdown."""
+    lines = [f"# {title}", "", *_head(["first", "second"], PAIR_HEADS)]
+    lines += [_row([pair.first, pair.second, *cells_of_pair(pair)]) for pair in pairs]
+    return "\n".join([*lines, "", PAIRS_TOLD]) + "\n"
 
 
 def cells(group: ListOf[FlightScore]) -> list[str]:
     """Cells of a row: means over the flights of a group, the worst of clearance and greatest path error."""
-    share = Proportion.of(sum(s.success for s in group), len(group))
+    share = success(group)
     return [
         str(len(group)),
         f"{share.successes}",
@@ -90,9 +233,31 @@ def cells(group: ListOf[FlightScore]) -> list[str]:
     ]
 
 
+def cells_of_pair(pair: PairOfRuns) -> list[str]:
+    """Cells of a row of the table of pairs."""
+    path, bounds = "", ""
+    if pair.path_m is not None:
+        path = f"{100 * pair.path_m.mean:+.2f}"
+        bounds = pair.path_m.why or f"{100 * pair.path_m.low:+.2f} to {100 * pair.path_m.high:+.2f}"
+    return [
+        str(pair.flights),
+        str(pair.first_only),
+        str(pair.second_only),
+        f"{pair.success_p:.3g}{'*' * (pair.success_p <= ALPHA)}",
+        str(pair.both),
+        path,
+        bounds,
+        f"{pair.path_p:.3g}{'*' * (pair.path_p <= ALPHA)}" if pair.path_m is not None else "",
+    ]
+
+
 def _mean(values: ListOf[float | None], decimals: int) -> str:
     known = [value for value in values if value is not None]
     return f"{np.mean(known):.{decimals}f}" if known else ""
+
+
+def _head(names: ListOf[str], heads: ListOf[str]) -> list[str]:
+    return [_row([*names, *heads]), "|" + " --- |" * len(names) + " ---: |" * len(heads)]
 
 
 def _row(cells: ListOf[str]) -> str:

@@ -33,7 +33,7 @@ class Swept:
 
 def swept(sequences: ListOf[Sequence]) -> Swept | None:
     """The one number in which the configs of the sequences differ; None where there is no such number."""
-    configs = {s.name: dict(_leaves(s.info.get("config") or {})) for s in sequences}
+    configs = {s.name: dict(leaves(s.info.get("config") or {})) for s in sequences}
     for config in configs.values():
         for own in ("name", "seed"):
             config.pop(own, None)
@@ -77,13 +77,13 @@ def _percent_or_cm(run: ScoredRun, what: Literal["ate", "success"]) -> float | N
     return None if error is None else 100 * error.rmse
 
 
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Every plain value of a config with the path of its key."""
     if isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _leaves(item, f"{path}.{key}" if path else str(key))
+            yield from leaves(item, f"{path}.{key}" if path else str(key))
     elif isinstance(value, list):
         for k, item in enumerate(value):
-            yield from _leaves(item, f"{path}[{k}]")
+            yield from leaves(item, f"{path}[{k}]")
     else:
         yield path, value

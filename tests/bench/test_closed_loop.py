@@ -61,7 +61,7 @@ class Watching:
     """A tracker that keeps what it is given in `seen` and says what `answers` says of each frame."""
 
     def __init__(self, answers=None):
-        self.seen, self.answers = {"images": [], "samples": []}, answers
+        self.seen, self.answers = {"images": [], "samples": [], "expected": []}, answers
 
     def start(self, structure, camera, cam_from_world, rng, *, body):
         self.seen["body"] = body
@@ -74,6 +74,9 @@ class WatchingRun:
 
     def sense(self, samples):
         self.tracker.seen["samples"].append(samples)
+
+    def predict(self, cam_from_world, covariance):
+        self.tracker.seen["expected"].append((cam_from_world, covariance))
 
     def track(self, image, stamp_ns):
         self.tracker.seen["images"].append((stamp_ns, image.copy()))
@@ -137,6 +140,61 @@ def test_readings_and_body_reach_the_tracker_at_their_time():
     assert all(np.isfinite(v).all() for t, v in gnss if not 0.3e9 <= t < 0.6e9)
 
 
+class Echoing(Watching):
+    """A tracker that says what the filter expects, as if it had seen it there."""
+
+    def start(self, structure, camera, cam_from_world, rng):
+        return EchoingRun(self)
+
+
+class EchoingRun(WatchingRun):
+    sense = None
+
+    def track(self, image, stamp_ns):
+        pose, covariance = self.tracker.seen["expected"][-1]
+        return TrackResult(status="ok", cam_from_world=pose, covariance=covariance)
+
+
+ECHO = """
+import sys
+print("ready", flush=True)
+for line in sys.stdin.buffer:
+    kind, stamp, *words = line.decode().strip().split(",")
+    if kind == "expected":
+        expected = stamp + ",ok," + ",".join(words)
+    if kind == "frame":
+        width, height, channels = map(int, words)
+        sys.stdin.buffer.read(width * height * channels)
+        print(expected if expected.startswith(stamp) else stamp + ",lost", flush=True)
+"""
+
+
+def test_trackers_are_told_where_the_filter_expects_the_camera(tmp_path):
+    """The prediction is the truth up to its own covariance, and a program gets the same numbers."""
+    spec, tracker = box(sensors=(Imu(),)), Watching()
+    silent = flown(spec, tracker)
+    expected = tracker.seen["expected"]
+    assert len(expected) == len(silent.results) > 5
+    for i, (pose, covariance) in enumerate(expected):
+        true = spec.mount.cam_from_body @ silent.groundtruth.pose(i).inverse()
+        xi = (true @ pose.inverse()).log()
+        assert xi @ np.linalg.solve(covariance, xi) < 30.0  # chi-square of 6: 4e-5
+    python = flown(spec, Echoing())
+    (tmp_path / "echo.py").write_text(ECHO)
+    program = flown(spec, External(command=(sys.executable, str(tmp_path / "echo.py"))))
+    assert program.results.ok.all()
+    for one, other in zip(python.results.rows, program.results.rows, strict=True):
+        np.testing.assert_allclose(one.cam_from_world.matrix, other.cam_from_world.matrix, atol=1e-9)
+        np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("loop", [{"prior": False}, {"estimator": "truth"}])
+def test_nothing_is_expected_where_there_is_no_prior(loop):
+    tracker = Watching()
+    flown(box(), tracker, **loop)
+    assert tracker.seen["images"] and not tracker.seen["expected"]
+
+
 def test_the_controller_believes_what_the_tracker_says():
     """Poses that are 10 cm beside the truth move the vehicle by as much."""
     spec = box()
@@ -152,6 +210,26 @@ def test_the_controller_believes_what_the_tracker_says():
     honest, lied = (measure_flight(f) for f in (first, flown(spec, Watching(lying), sensors=("imu", "camera"))))
     assert honest.success and honest.path_max_m < 0.05
     assert lied.path_max_m > 0.06
+
+
+def test_without_a_filter_the_vehicle_flies_on_the_poses_as_they_are():
+    """Poses of the truth carry it; ones that are 10 cm beside move the belief by as much at once."""
+    spec = box()
+    honest = flown(spec, GroundTruth(), estimator="camera")
+    assert measure_flight(honest).success
+    assert honest.innovations == []
+    truth = {t: honest.groundtruth.pose(i) for i, t in enumerate(honest.results.stamps_ns.tolist())}
+    aside = Pose(np.eye(3), np.array([0.0, 0.0, 0.1]))
+
+    def jumps(stamp_ns):
+        body = truth[stamp_ns] @ aside if stamp_ns > 0.5e9 else truth[stamp_ns]
+        return TrackResult(status="ok", cam_from_world=spec.mount.cam_from_body @ body.inverse())
+
+    moved = flown(spec, Watching(jumps), estimator="camera")
+    error = moved.path.group("true_p_m") - moved.path.group("estimated_p_m")
+    after = int(np.searchsorted(moved.path.stamps_ns, moved.results.stamps_ns[moved.results.stamps_ns > 0.5e9][0]))
+    assert np.abs(error[: after - 1]).max() < 0.02
+    assert 0.07 < np.abs(error[after + 1]).max() < 0.2
 
 
 def test_a_constant_latency_gives_the_same_bytes_again(tmp_path):
@@ -268,6 +346,8 @@ def test_python_that_fails_in_flight_is_lost_and_told(answer):
     (LoopSpec(), (Imu(offset_m=(0.1, 0.0, 0.0)),), "offset_m"),
     (LoopSpec(sensors=("imu", "gnss"), gnss_outages_s=((0.0, 1e9),)), (Imu(), Gnss()), "no sensor can hold"),
     (LoopSpec(latency=Constant(2500.0)), (Imu(),), "history_s"),
+    (LoopSpec(estimator="camera"), (Barometer(),), "one IMU"),
+    (LoopSpec(estimator="camera", sensors=("imu",)), (Imu(),), "add `camera`"),
 ])  # fmt: skip
 def test_a_loop_that_cannot_hold_the_vehicle_is_refused(loop, sensors, told):
     with pytest.raises(UserError, match=told):

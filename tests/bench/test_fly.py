@@ -2,7 +2,12 @@
 
 import csv
 import json
+import re
+import shutil
+from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -12,6 +17,7 @@ from uavbench.bench.closed_loop.latency import Constant
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.runner.jobs import plan_flights
+from uavbench.bench.third_party.registry import absent
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.trajectories.errors import UserError
 
@@ -29,7 +35,7 @@ def uavbench(*arguments):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flights")
-    run = uavbench("fly", suite(folder), "--out", folder / "out", "--jobs", 1)
+    run = uavbench("fly", suite(folder), "--out", folder / "out", "--jobs", 1, "--video")
     assert run.exit_code == 0, run.output
     return folder, run
 
@@ -47,15 +53,19 @@ def test_flights_end_in_a_table_scores_and_figures(done):
     assert score.success and score.tracker_rms_m < 1e-12
     assert 0 < score.coverage <= 1
     assert (out / "figures" / "flights" / "box-s0_truth@15hz.png").stat().st_size > 10_000
+    page = (out / "index.html").read_text()
+    named = re.findall(r'(?:src|href)="([^"#]+)"', page)
+    assert len({name for name in named if name.endswith(".png")}) == 3
+    assert all((out / name).is_file() for name in named)
+    assert "Every flight came to its end" in page
+    assert "| hold@15hz | truth@15hz | 1 | 0 | 0 |" in (out / "tables" / "pairs.md").read_text()
 
 
 def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
     folder, _ = done
-    again = uavbench(
-        "run", folder / "few.toml", "--out", folder / "out", "--jobs", 1
-    )  # `run` flies a suite with a loop
+    again = uavbench("fly", folder / "few.toml", "--out", folder / "out", "--jobs", 1, "--video")
     assert again.exit_code == 0
-    assert "0 jobs done, 5 were fresh" in again.stderr
+    assert "0 jobs done, 7 were fresh" in again.stderr
     changed = plan_flights(load_suite(suite(folder, FLOWN.replace("20.0", "30.0"))), folder / "out")
     suite(folder)
     assert not any(job.fresh for job in changed)
@@ -79,15 +89,83 @@ def test_mistakes_are_told_before_the_start(tmp_path, change, told):
 
 
 def test_an_empty_loop_has_the_defaults(tmp_path):
-    loop = load_suite(suite(tmp_path, FLOWN.replace(LOOP, "[loop]\n"))).loop
-    assert loop is not None and loop.latency == Constant(50.0) and loop.estimator == "filter"
+    loop = load_suite(suite(tmp_path, FLOWN.replace(LOOP, "[loop]\n"))).loops[""]
+    assert loop.latency == Constant(50.0) and loop.estimator == "filter"
 
 
-@pytest.mark.parametrize("name", ["fly-box", "fly-bridge", "fly-facade"])
+@pytest.mark.parametrize("name", ["fly-box", "fly-bridge", "fly-facade", "fly-latency", "fly-baselines"])
 def test_the_suites_of_flights_fly_every_tracker_on_every_seed(name, tmp_path):
     loaded = load_suite(suite_file(name))
     jobs = plan_flights(loaded, tmp_path)
-    assert len([job for job in jobs if job.verb == "fly"]) == len(loaded.sequences) * len(loaded.trackers)
+    pilots = (len(loaded.trackers) - len(absent(loaded.trackers))) * len(loaded.loops)
+    assert len([job for job in jobs if job.verb == "fly"]) == len(loaded.sequences) * pilots
+
+
+def test_a_video_shows_every_frame_from_the_camera_and_from_outside(done):
+    folder, _ = done
+    for run in ("hold@15hz", "truth@15hz"):
+        frames = list(csv.DictReader((folder / "out" / "flights" / "box-s0" / run / "frames.csv").open()))
+        video = cv2.VideoCapture(str(folder / "out" / "videos" / "box-s0" / run / "flight.webm"))
+        shown = []
+        while (read := video.read())[0]:
+            shown.append(read[1])
+        assert len(shown) == len(frames)
+        assert {picture.shape for picture in shown} == {(480, 640 + 640, 3)}
+        camera, outside = shown[-1][:, :640], shown[-1][:, 640:]
+        green = (camera[..., 1] > 150) & (camera[..., 2] < 120)
+        assert green.sum() > 100  # the model at the estimate
+        moved = np.abs(outside.astype(int) - shown[0][:, 640:]).max(axis=2) > 60
+        assert 0 < moved[40:].sum() < 0.2 * moved.size  # the vehicle, and nothing else
+
+
+def test_the_gate_compares_flights(done, tmp_path):
+    """The same again has too few seeds for a pass; a flight that crashes where it did not fails."""
+    folder, _ = done
+    same = uavbench("gate", folder / "out", "--baseline", folder / "out", "--out", tmp_path / "same")
+    assert same.exit_code == 3, same.output
+    found = json.loads((tmp_path / "same" / "gate.json").read_text())["findings"]
+    assert {f["metric"] for f in found} == {
+        "success", "path error", "path error, typical", "estimate error", "estimate error, typical"
+    }  # fmt: skip
+    assert {f["tracker"] if "tracker" in f else f["run"] for f in found} == {"hold@15hz", "truth@15hz"}
+    file = tmp_path / "baseline.json"
+    assert uavbench("gate", folder / "out", "--baseline", file, "--update").exit_code == 0
+    assert uavbench("gate", folder / "out", "--baseline", file, "--out", tmp_path / "file").exit_code == 3
+    worse = tmp_path / "worse"
+    shutil.copytree(folder / "out", worse)
+    path = worse / "flights" / "box-s0" / "truth@15hz" / "score.json"
+    crashed = replace(FlightScore.load(path), status="crashed", why="it came too close", success=False)
+    path.unlink()
+    crashed.save(path)
+    for baseline in (folder / "out", file):
+        told = uavbench("gate", worse, "--baseline", baseline, "--out", tmp_path / "worse-gate")
+        assert told.exit_code == 1, told.output
+        assert "it came too close" in told.output
+
+
+VARIANTS = LOOP + '[loops.filter]\n[loops.camera]\nestimator = "camera"\ncorridor_m = 0.2\n'
+
+
+def test_each_loop_of_a_suite_is_flown_with_what_all_share(tmp_path):
+    text = FLOWN.replace(LOOP, VARIANTS).replace('hold = { kind = "hold" }\n', "")
+    run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out", "--jobs", 1)
+    assert run.exit_code == 0, run.output
+    scores = {
+        name: FlightScore.load(tmp_path / "out" / "flights" / "box-s0" / f"truth@15hz+{name}" / "score.json")
+        for name in ("filter", "camera")
+    }
+    loops = load_suite(tmp_path / "few.toml").loops
+    assert (loops["filter"].corridor_m, loops["camera"].corridor_m) == (0.4, 0.2)
+    assert loops["camera"].latency == loops["filter"].latency == Constant(20.0)
+    assert scores["filter"].estimate_nees is not None and scores["camera"].estimate_nees is None
+    assert scores["camera"].estimate_rms_m > 0
+    assert "truth@15hz+camera" in run.output
+
+
+def test_a_mistake_in_one_loop_is_told_with_its_name(tmp_path):
+    text = FLOWN.replace(LOOP, VARIANTS.replace("corridor_m = 0.2", "coridor_m = 0.2"))
+    run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out")
+    assert "loops.camera.coridor_m: unknown key" in run.output
 
 
 def test_a_flight_that_cannot_be_flown_is_told_beside_those_that_can(tmp_path):

@@ -10,11 +10,11 @@ from uavbench.bench.gate.decision import (
     Finding,
     Margins,
     compare_sides,
-    coverage_finding,
     decide,
     gate,
     overall,
     ratio_finding,
+    share_finding,
 )
 from uavbench.bench.gate.paired_scores import ERRORS, Measured, PairedValues, Side
 from uavbench.reports.statistics.bootstrap import holm, sign_flip_p
@@ -128,15 +128,15 @@ def test_a_crash_that_the_baseline_has_too_is_not_new():
 def test_coverage_is_compared_as_a_difference_by_the_signs_of_the_pairs():
     base = dict.fromkeys(KEYS, 0.9)
     head = {key: 0.9 - (0.04 if k % 4 else -0.02) for k, key in enumerate(KEYS)}
-    found = coverage_finding("lsd", PairedValues(base, head), 0.01)
+    found = share_finding("lsd", "coverage", PairedValues(base, head), 0.01)
     assert found.change == pytest.approx(0.025)
     assert found.low < 0.025 < found.high
     assert found.p == sign_flip_p(np.array([base[key] - head[key] for key in sorted(KEYS)]))
     assert decide([found])[0].verdict == "fail"
     doubtful = PairedValues(base, base | {KEYS[0]: 0.5})
-    (lost,) = decide([coverage_finding("lsd", doubtful, 0.01)])
+    (lost,) = decide([share_finding("lsd", "coverage", doubtful, 0.01)])
     assert (lost.verdict, lost.reason) == ("inconclusive", "the loss is above the margin, but may be chance")
-    (little,) = decide([coverage_finding("lsd", PairedValues(base, base | {KEYS[0]: 0.8}), 0.01)])
+    (little,) = decide([share_finding("lsd", "coverage", PairedValues(base, base | {KEYS[0]: 0.8}), 0.01)])
     assert (little.verdict, little.reason) == ("pass", "")
 
 

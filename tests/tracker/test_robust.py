@@ -77,6 +77,26 @@ def test_two_runs_are_the_same(flight):
         np.testing.assert_array_equal(a.covariance, b.covariance)
 
 
+def test_what_the_filter_expects_is_where_it_searches_and_how_far(flight):
+    """A second without a frame: it fits where it is told to 1 cm, and passes over a wrong pose told with doubt."""
+    poses, images = flight
+    sure, doubtful = np.diag([1e-4] * 6), np.eye(6)
+    away = Pose.exp(np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.2]))
+    for told, covariance, surer in ((poses[19], sure, True), (away @ poses[19], doubtful, False)):
+        run = started(poses[0])
+        run.track(images[0], 0)
+        run.predict(told, covariance)
+        before = run.expected
+        result = run.track(images[19], 19 * STEP_NS)
+        assert run.expected is None  # it counts once
+        own = run.motion.predict(19 * 1e-9 * STEP_NS, run.range_m, CONFIG.motion)
+        assert (before.spread_m(run.range_m) < own.spread_m(run.range_m)) == surer
+        if surer:
+            assert result.status == "ok"
+            assert pose_error(result.cam_from_world, poses[19])[0] < 0.003
+            assert "relocalize" not in result.stage_ms  # a search was not needed
+
+
 def test_it_recovers_from_a_start_error_of_four_percent_and_four_degrees(flight):
     poses, images = flight
     rng = np.random.default_rng(2)

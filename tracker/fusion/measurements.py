@@ -10,11 +10,11 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from uavbench.tracker.fusion.state import ERROR
+from uavbench.tracker.fusion.state import ERROR, FusionConfig
 from uavbench.tracker.geometry_kernels import se3_log_left
 from uavbench.trajectories.pose import Array, Pose, hat, read_only
 
-POSITION, VELOCITY, ATTITUDE, CAMERA_BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(15, 21)
+POSITION, VELOCITY, ATTITUDE, SLOW = slice(0, 3), slice(3, 6), slice(6, 9), slice(15, 21)
 """Where the parts of the error stand."""
 
 
@@ -44,9 +44,9 @@ class Measurement(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraPose:
-    """A tracker's pose: covariance (6, 6) of the twist xi with cam_from_world_true = exp(xi) @ cam_from_world.
+    """A tracker's pose, with the error xi (6,): cam_from_world_true = exp(xi) @ cam_from_world.
 
-    xi is white noise of that covariance plus the slow bias of the camera's poses.
+    xi is white noise of a covariance (6, 6), and the slow error of the camera's poses of the covariance `slow` (6, 6).
     """
 
     rank: ClassVar[int] = 1
@@ -54,10 +54,26 @@ class CameraPose:
     cam_from_world: Pose
     covariance: Array
     cam_from_body: Pose
+    slow: Array = field(default_factory=lambda: np.zeros((6, 6)))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "covariance", checked(self.covariance, 6))
+        object.__setattr__(self, "slow", read_only(self.slow, (6, 6)))
         finite("cam_from_world", self.cam_from_world.matrix)
+
+    @classmethod
+    def claimed(
+        cls, stamp_ns: int, cam_from_world: Pose, covariance: Array, cam_from_body: Pose, config: FusionConfig
+    ) -> "CameraPose":
+        """A pose whose tracker claims a covariance (6, 6) in all; ValueError unless that is finite and positive."""
+        whole = checked(covariance, 6)
+        return cls(
+            stamp_ns=stamp_ns,
+            cam_from_world=cam_from_world,
+            covariance=(1.0 - config.camera_slow_share) * whole,
+            cam_from_body=cam_from_body,
+            slow=config.slow_covariance(whole),
+        )
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
         """The twist from the measured to the predicted camera, negated, and how the body's error moves it."""
@@ -78,8 +94,9 @@ class CameraPose:
         H = np.zeros((6, ERROR))
         H[:, POSITION] = by_body[:, :3] @ -R.T
         H[:, ATTITUDE] = -by_body[:, 3:]
-        H[:, CAMERA_BIAS] = -np.eye(6)
-        return Innovation(state[21:27] - e, H, self.covariance)
+        L = np.linalg.cholesky(self.slow) if self.slow.any() else self.slow
+        H[:, SLOW] = -L
+        return Innovation(L @ state[21:27] - e, H, self.covariance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

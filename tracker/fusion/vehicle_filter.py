@@ -64,7 +64,7 @@ class Checkpoint:
 
 
 class VehicleFilter:
-    """Error-state Kalman filter of pose, velocity, IMU biases and a slow bias of the camera's poses.
+    """Error-state Kalman filter of pose, velocity, IMU biases and the slow error of the camera's poses.
 
     Events are kept for `history_s` with the state after each. One that comes late is put where it belongs, and all
     after it is done again, so that the state is the same to the bit as if it had come in time. Readings between two
@@ -76,10 +76,8 @@ class VehicleFilter:
         self.config, self.cam_from_body = config, cam_from_body
         self._densities = config.densities
         self._gates = {m: float(chdtri(m, 1.0 - config.gate)) for m in range(1, 7)}
-        P = np.zeros((ERROR, ERROR))
+        P = np.eye(ERROR)
         P[:15, :15] = initial.covariance
-        P[15:18, 15:18] = np.eye(3) * config.camera_bias_m**2
-        P[18:, 18:] = np.eye(3) * config.camera_bias_rad**2
         self._arrivals = 0
         self._keys: list[Key] = []
         self._events: list[Sample | Measurement] = []
@@ -99,11 +97,8 @@ class VehicleFilter:
         if result.status != "ok" or result.cam_from_world is None or result.covariance is None:
             return
         try:
-            pose = CameraPose(
-                stamp_ns=stamp_ns,
-                cam_from_world=result.cam_from_world,
-                covariance=result.covariance,
-                cam_from_body=self.cam_from_body,
+            pose = CameraPose.claimed(
+                stamp_ns, result.cam_from_world, result.covariance, self.cam_from_body, self.config
             )
         except (ValueError, np.linalg.LinAlgError) as error:
             self._past.append(Verdict(stamp_ns, "CameraPose", None, None, str(error)))
@@ -147,6 +142,10 @@ class VehicleFilter:
         if sample is None:
             raise ValueError(f"no IMU sample yet: no angular velocity is known at {stamp_ns}")
         return state, sample.gyro - state[18:21]
+
+    def covariance(self, stamp_ns: int) -> Array:
+        """Covariance (15, 15) of the estimate at a stamp, alone; ValueError as in `estimate`."""
+        return self._at(stamp_ns)[1][:15, :15]
 
     def predict_camera(self, stamp_ns: int) -> tuple[Pose, Array]:
         """Predicted `cam_from_world` and the covariance (6, 6) of its twist: a prior for a tracker."""

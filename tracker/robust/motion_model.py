@@ -35,6 +35,11 @@ class Motion:
         covariance.flat[TURNS] += min(turn, config.max_sigma) ** 2
         return Motion(pose, covariance)
 
+    def spread_m(self, range_m: float) -> float:
+        """Standard deviation of where something at a range_m is expected, by position and orientation together."""
+        variance = self.covariance.flat[MOVES].sum() + range_m**2 * self.covariance.flat[TURNS].sum()
+        return float(np.sqrt(variance))
+
     def squared_mahalanobis(self, cam_from_world: Pose) -> float:
         """Squared Mahalanobis distance of a pose from this one."""
         at = self.cam_from_world

@@ -41,8 +41,10 @@ class Robust:
 
 
 class Frame(NamedTuple):
-    """An image before and after preprocessing, the predicted motion, the time since the last frame that was ok, and
-    that since the last one.
+    """An image before and after preprocessing, and the predicted motion.
+
+    dt_s is the time since the last frame that was ok, step_s that since the last one, extrapolated_s the part of dt_s
+    over which the prediction is the motion model's own guess.
     """
 
     raw: Image
@@ -50,6 +52,7 @@ class Frame(NamedTuple):
     predicted: Motion
     dt_s: float
     step_s: float
+    extrapolated_s: float
 
 
 class Photometry(NamedTuple):
@@ -104,6 +107,15 @@ class RobustRun:
         self.frames_ok = 0
         self.until_search = 0
         self.was_wrong = self.kept_initial = self.is_lost = False
+        self.expected: Motion | None = None
+
+    def predict(self, cam_from_world: Pose, covariance: Array) -> None:
+        """Take what the vehicle's filter expects of the next frame; the surer of it and the motion model counts there.
+
+        Its covariance is widened: earlier poses of this run are in it, and must not count twice.
+        """
+        pose = Pose(np.ascontiguousarray(cam_from_world.rotation), np.ascontiguousarray(cam_from_world.translation))
+        self.expected = Motion(pose, self.config.motion.expected_scale**2 * np.asarray(covariance))
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate the pose of the next frame; `lost` also where the stamp goes back or the image is frozen.
@@ -112,9 +124,10 @@ class RobustRun:
         """
         image = check_image(image, self.camera)
         clock = StageClock()
+        expected, self.expected = self.expected, None
         if not self.comes_after(stamp_ns) or self.is_frozen(image):
             return TrackResult(status="lost")
-        frame = self.prepared(image, stamp_ns, clock)
+        frame = self.prepared(image, stamp_ns, expected, clock)
         before = Photometry(self.fitter.appearance, self.stretch)
         fit = self.fitter.fit(frame.image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
         fit, frame = self.compensated(frame, fit, clock)
@@ -146,7 +159,7 @@ class RobustRun:
             inliers=fit.inliers,
         )
 
-    def prepared(self, raw: Image, stamp_ns: int, clock: StageClock) -> Frame:
+    def prepared(self, raw: Image, stamp_ns: int, expected: Motion | None, clock: StageClock) -> Frame:
         """A frame, stretched and smoothed as it needs, with the prediction."""
         dt_s = 0.0 if self.ok_ns is None else (stamp_ns - self.ok_ns) * 1e-9
         with clock.stage("denoise"):
@@ -157,7 +170,9 @@ class RobustRun:
             self.fitter.begin(stamp_ns, image is stretched)
         with clock.stage("predict"):
             predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
-        return Frame(raw, image, predicted, dt_s, self.step_s)
+            if expected is not None and expected.spread_m(self.range_m) < predicted.spread_m(self.range_m):
+                return Frame(raw, image, expected, dt_s, self.step_s, 0.0)
+        return Frame(raw, image, predicted, dt_s, self.step_s, dt_s)
 
     def compensated(self, frame: Frame, fit: Fit, clock: StageClock) -> FittedFrame:
         """Fit and frame after gain-offset compensation of the learned colours, where that is better supported."""
@@ -215,8 +230,8 @@ class RobustRun:
         return max(self.config.relocalization.good_support, self.config.loss.slow_part * self.usual_support)
 
     def is_slow(self, frame: Frame) -> bool:
-        """Whether the time since the last frame is so long that a neighbouring edge may be fitted."""
-        return frame.dt_s >= self.config.loss.slow_s
+        """Whether motion was extrapolated for so long that a neighbouring edge may be fitted."""
+        return frame.extrapolated_s >= self.config.loss.slow_s
 
     def learn(self, frame: Frame, fit: Fit, stamp_ns: int) -> None:
         """Update appearance, patches, biases, motion and the usual support with the fit of a frame."""

@@ -66,12 +66,10 @@ class Imu:
 
     def _readings(self, flight: Flight, stamps_ns: NDArray[np.int64], noise: Array) -> Array:
         rates, forces = inertial_ground_truth(flight, np.array(self.offset_m))
-        rates, forces = sampled(flight, rates, stamps_ns), sampled(flight, forces, stamps_ns)
-        gyro_noise, accel_noise, gyro_bias, accel_bias = (noise[:, 3 * k : 3 * k + 3] for k in range(4))
-        gyro, accel = rates + gyro_bias + gyro_noise, forces + accel_bias + accel_noise
-        gyro = np.clip(gyro, -self.gyro_range_rad_s, self.gyro_range_rad_s)
-        accel = np.clip(accel, -self.accel_range_m_s2, self.accel_range_m_s2)
-        return np.column_stack([gyro, accel, gyro_bias, accel_bias])
+        biases = noise[:, 6:12]
+        readings = sampled(flight, np.hstack([rates, forces]), stamps_ns) + biases + noise[:, 0:6]
+        limits = np.repeat([self.gyro_range_rad_s, self.accel_range_m_s2], 3)
+        return np.hstack([np.clip(readings, -limits, limits), biases])
 
 
 _NAMES = (("w", "rad_s"), ("a", "m_s2"), ("gyro_bias_", "rad_s"), ("accel_bias_", "m_s2"))

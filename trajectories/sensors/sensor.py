@@ -99,12 +99,24 @@ def stamps_between(first: int, last: int, rate_hz: float) -> NDArray[np.int64]:
 
 def sampled(flight: Flight, values: Array, stamps_ns: NDArray[np.int64]) -> Array:
     """Values (n, k) at stamps (m,): of the row where there is one, else linear between the rows 2 ms apart."""
+    if len(stamps_ns) == 1:  # in flight: the same, without arrays of one number
+        return _sampled_once(flight, values, int(stamps_ns[0]))
     row = np.clip(np.searchsorted(flight.stamps_ns, stamps_ns, side="right") - 1, 0, max(len(flight) - 2, 0))
     after = np.minimum(row + 1, len(flight) - 1)
     step = np.maximum(flight.stamps_ns[after] - flight.stamps_ns[row], 1)
     share = ((stamps_ns - flight.stamps_ns[row]) / step)[:, None]
     mixed = np.where(share == 0, values[row], (1 - share) * values[row] + share * values[after])
     return np.where(share == 1, values[after], mixed)
+
+
+def _sampled_once(flight: Flight, values: Array, stamp_ns: int) -> Array:
+    stamps = flight.stamps_ns
+    row = min(max(int(stamps.searchsorted(stamp_ns, side="right")) - 1, 0), max(len(flight) - 2, 0))
+    after = min(row + 1, len(flight) - 1)
+    share = (stamp_ns - int(stamps[row])) / max(int(stamps[after] - stamps[row]), 1)
+    if share in (0, 1):
+        return values[[after if share else row]]
+    return np.asarray((1 - share) * values[row] + share * values[after])[None]
 
 
 def write_table(table: Table, path: Path) -> None:

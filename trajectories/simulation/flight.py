@@ -1,5 +1,7 @@
 """A flight: its specification, and its simulation."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -51,38 +53,79 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
     no room or needs more thrust than there is, a crash, motors at their limits, or a camera inside the structure.
     """
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
-    try:
+    with _told_with_path(spec):
         guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
         record = _record(spec, guidance, vehicle, obstacles, seed)
-        step = crash_step(record, vehicle, obstacles)
-        if step == 0 or (step is not None and spec.on_crash == "error"):
-            raise crash_error(record, step, obstacles)
-        whole = record[: None if step is None else step + 1]
-        whole = whole[np.isfinite(whole).all(axis=1)]
-        check_camera(whole, mount, obstacles)
-        if step is None and not isinstance(guidance, Replay):
-            check_saturation(whole, vehicle, spec.saturation_share)
+        return _checked(record, spec, mount, obstacles, vehicle, replayed=isinstance(guidance, Replay))
+
+
+def fly_through(simulation: Simulation, spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh) -> Flight:
+    """The flight of a simulation that `begin` made, flown to its end on its true state; UserError as `fly`."""
+    vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
+    with _told_with_path(spec):
+        return _checked(simulate(simulation), spec, mount, obstacles, vehicle)
+
+
+@contextmanager
+def _told_with_path(spec: FlightSpec) -> Iterator[None]:
+    """Name the path in a user's mistake."""
+    try:
+        yield
     except UserError as error:
         raise UserError(f"path {path_name(spec.path)}: {error}") from None
+
+
+def _checked(
+    record: Array,
+    spec: FlightSpec,
+    mount: Mount,
+    obstacles: ObstacleMesh,
+    vehicle: Quadrotor,
+    *,
+    replayed: bool = False,
+) -> Flight:
+    """The flight of a record (n, 30), up to its crash; UserError as `fly`."""
+    step = crash_step(record, vehicle, obstacles)
+    if step == 0 or (step is not None and spec.on_crash == "error"):
+        raise crash_error(record, step, obstacles)
+    whole = record[: None if step is None else step + 1]
+    whole = whole[np.isfinite(whole).all(axis=1)]
+    check_camera(whole, mount, obstacles)
+    if step is None and not replayed:
+        check_saturation(whole, vehicle, spec.saturation_share)
     return _flight(whole, crashed=step is not None)
 
 
-def begin(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> Simulation:
-    """A flight at its start, to be flown step by step.
+def begin(
+    spec: FlightSpec,
+    mount: Mount,
+    obstacles: ObstacleMesh,
+    seed: int,
+    guide: Callable[[Guidance], Guidance] | None = None,
+) -> Simulation:
+    """A flight at its start, to be flown step by step; where given, it follows guide(the path's guidance).
 
     UserError for a path that leaves no room or needs more thrust than there is, and for a recorded motion.
     """
     guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
     if isinstance(guidance, Replay):
         raise UserError(f"path {path_name(spec.path)}: a recorded motion cannot be flown; choose a planned path")
-    return _begin(spec, guidance, Quadrotor.from_mjcf(spec.airframe.build(mount)), obstacles, seed)
+    vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
+    return _begin(spec, guidance, vehicle, obstacles, seed, guide)
 
 
-def _begin(spec: FlightSpec, guidance: Guidance, vehicle: Quadrotor, obstacles: ObstacleMesh, seed: int) -> Simulation:
+def _begin(
+    spec: FlightSpec,
+    guidance: Guidance,
+    vehicle: Quadrotor,
+    obstacles: ObstacleMesh,
+    seed: int,
+    guide: Callable[[Guidance], Guidance] | None = None,
+) -> Simulation:
     air = spec.wind.start(guidance.warm_up + guidance.steps, STEP_S, stream(seed, "wind"))
     if isinstance(guidance, Planned):
         check_plan(guidance, vehicle, obstacles, air.mean_m_s[guidance.warm_up :], spec.clearance_m)
-    return Simulation(vehicle, spec.control.gains(), guidance, air, obstacles)
+    return Simulation(vehicle, spec.control.gains(), guide(guidance) if guide else guidance, air, obstacles)
 
 
 def _record(

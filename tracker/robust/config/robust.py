@@ -34,6 +34,9 @@ class MotionConfig:
     max_sigma: Positive = 0.2
     """The prediction adds no more than this to the standard deviations of the pose, in parts of the range and in rad.
     Chosen on rendered seeds."""
+    expected_scale: Positive = 3.0
+    """What the vehicle's filter expects counts with its standard deviations times this, with a ninth of its
+    information: the filter knows it from earlier poses of the same run, which must not count twice."""
 
 
 @dataclass(frozen=True)

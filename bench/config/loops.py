@@ -1,0 +1,34 @@
+"""The tables `[loop]` and `[loops.NAME]` of a suite: what they share, and what is wrong with them."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from uavbench.bench.closed_loop.checks import check_loop
+from uavbench.bench.closed_loop.spec import LoopSpec
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.images.recorded_sequence import RecordingSpec
+from uavbench.trajectories.errors import UserError
+
+
+def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a file with what `[loop]` says in each of `[loops.NAME]` that does not say it itself."""
+    shared, loops = data.get("loop", {}), data.get("loops")
+    if not isinstance(loops, dict) or not isinstance(shared, dict):
+        return data
+    each = {name: {**shared, **table} if isinstance(table, dict) else table for name, table in loops.items()}
+    return {**data, "loops": each}
+
+
+def loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
+    """A line for each way in which a loop cannot fly a sequence."""
+    mistakes: list[str] = []
+    key = f"loops.{name}" if name else "loop"
+    for spec in sequences:
+        try:
+            if isinstance(spec, SequenceSpec):
+                check_loop(loop, spec)
+            elif spec is not None:
+                mistakes.append(f"{key}: `recordings` are real images and cannot be flown; give `sequences`")
+        except UserError as error:
+            mistakes.append(f"{key}: {error}")
+    return mistakes

@@ -1,0 +1,91 @@
+"""The environment for learners: Gymnasium's own checks, the same flight twice, what is rewarded, and how it ends."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.bench.small_suites import FLOWN
+from uavbench.trajectories.errors import UserError
+
+gymnasium = pytest.importorskip("gymnasium", reason="the extra uavbench[gym]")
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+from uavbench.bench.learning.environment import CRASH_REWARD, NAME, InspectionEnv  # noqa: E402
+
+SUITE = FLOWN.replace("duration_s = 0.3", "duration_s = 2.0")
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("env") / "few.toml"
+    path.write_text(SUITE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def env(suite):
+    made = InspectionEnv.of_suite(str(suite), "truth")
+    yield made
+    made.close()
+
+
+def towards_the_plan(observed):
+    away = observed["planned"] - observed["estimate"][[0, 1, 2, 0]]
+    return np.clip(np.append(away[:3] / 0.5, 0.0), -1, 1)
+
+
+def test_gymnasium_finds_nothing_wrong(env):
+    with warnings.catch_warnings(record=True):
+        warnings.simplefilter("always")
+        check_env(env, skip_render_check=True)
+
+
+def test_a_seed_gives_the_same_flight_and_another_one_another(env):
+    def flown(seed):
+        observed, _ = env.reset(seed=seed)
+        out = [observed]
+        for _ in range(4):
+            observed, _, _, _, _ = env.step(towards_the_plan(observed))
+            out.append(observed)
+        return out
+
+    one, two, other = flown(5), flown(5), flown(6)
+    for a, b in zip(one, two, strict=True):
+        assert all(np.array_equal(a[key], b[key]) for key in a)
+    assert not np.array_equal(one[-1]["estimate"], other[-1]["estimate"])
+
+
+def test_an_agent_that_follows_the_plan_sees_the_surface_and_comes_to_the_end(env):
+    observed, about = env.reset(seed=1)
+    seen, frames, over = about["coverage"], 1, False
+    while not over:
+        observed, reward, failed, over, about = env.step(towards_the_plan(observed))
+        assert not failed
+        assert 0 <= reward == pytest.approx(about["coverage"] - seen)
+        seen, frames = about["coverage"], frames + 1
+    assert seen > 0.1
+    assert 25 <= frames <= 31  # 2 s at 15 Hz
+    assert np.linalg.norm(observed["estimate"][:3] - observed["planned"][:3]) < 0.2
+
+
+def test_an_agent_that_dives_is_told_of_its_crash(env):
+    env.reset(seed=1)
+    for _ in range(31):
+        _, reward, failed, over, about = env.step(np.array([0.0, 0.0, -1.0, 0.0]))
+        if failed or over:
+            break
+    assert failed and reward == CRASH_REWARD
+    assert about["status"] == "crashed" and "floor" in about["why"]
+
+
+def test_it_is_made_by_name_and_its_mistakes_are_told(suite):
+    made = gymnasium.make(NAME, suite=str(suite), tracker="hold", render_mode="rgb_array")
+    observed, _ = made.reset(seed=2)
+    assert np.array_equal(made.render(), observed["image"][..., ::-1])
+    made.close()
+    with pytest.raises(UserError, match="robots"):
+        InspectionEnv.of_suite(str(suite), "robots")
+    with pytest.raises(UserError, match="loop"):
+        InspectionEnv.of_suite(str(suite), "truth", "late")

@@ -1,0 +1,96 @@
+"""Flights beside each other: pairs of runs against exact tests, swept loops, and the worst flight of a run."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from scipy.stats import binom
+
+from uavbench.reports.closed_loop.comparison import by_run, compared, success
+from uavbench.reports.closed_loop.measures import FlightScore
+from uavbench.reports.closed_loop.report import FlownRun, cells_of_pair, worst_of
+from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
+from uavbench.reports.style import house_style
+
+
+def score(run, seed, *, succeeds=True, path_m=0.01, sequence="box"):
+    """A flight of a run, with what the comparison reads of it."""
+    numbers = {f.name: 0.1 for f in fields(FlightScore)}
+    return FlightScore(**{
+        **numbers, "label": run.split("@")[0], "run": run, "rate_hz": 15.0, "sequence": f"{sequence}-s{seed}",
+        "seed": seed, "status": "completed" if succeeds else "crashed", "why": "", "success": succeeds,
+        "path_rms_m": path_m, "path_max_m": 3 * path_m, "frames": 10, "faults": (),
+    })  # fmt: skip
+
+
+def flights(run, fates, path_m=0.01):
+    return [
+        score(run, seed, succeeds=fate == "+", path_m=path_m * (1 + 0.01 * seed)) for seed, fate in enumerate(fates)
+    ]
+
+
+def test_success_is_compared_by_the_flights_in_which_one_alone_succeeds():
+    scores = flights("a@15hz", "++++++++--") + flights("b@15hz", "-------+--")
+    (pair,) = compared(scores)
+    assert (pair.flights, pair.first_only, pair.second_only, pair.both) == (10, 7, 0, 1)
+    assert pair.success_p == pytest.approx(2 * binom.cdf(0, 7, 0.5))
+    assert cells_of_pair(pair)[3].endswith("*")
+    assert success(by_run(scores)["a@15hz"]).successes == 8
+
+
+def test_path_errors_are_compared_where_both_succeed():
+    scores = flights("a@15hz", "++++++-+", 0.02) + flights("b@15hz", "+++++++-", 0.01)
+    (pair,) = compared(scores)
+    assert (pair.both, pair.first_only, pair.second_only) == (6, 1, 1)
+    expected = [0.01 * (1 + 0.01 * seed) for seed in range(6)]
+    assert pair.path_m.mean == pytest.approx(sum(expected) / 6)
+    assert pair.path_m.low > 0 and pair.path_p < 0.05 and pair.success_p == 1.0
+
+
+def test_p_is_adjusted_over_all_pairs_and_runs_without_a_flight_in_common_are_none():
+    runs = {name: flights(name, fates) for name, fates in (("a", "+" * 7), ("b", "-" * 7), ("c", "+" * 7))}
+    pairs = {(p.first, p.second): p for p in compared([s for group in runs.values() for s in group])}
+    assert pairs["a", "b"].success_p == pytest.approx(3 * 2**-6)
+    assert pairs["a", "c"].success_p == 1.0
+    apart = [score("d", 0, sequence="box"), score("e", 0, sequence="wall")]
+    assert compared(apart) == []
+
+
+def test_the_worst_flight_of_a_run_is_one_that_failed():
+    runs = [FlownRun(Path(str(s.seed)), s) for s in flights("a", "+-+")]
+    assert worst_of(runs).score.seed == 1
+    assert worst_of([runs[0], runs[2]]).score.seed == 2
+
+
+LATENCY = {"estimator": "filter", "latency": {"kind": "constant", "ms": 0.0}}
+
+
+@pytest.mark.parametrize(("tables", "key"), [
+    ({str(ms): {**LATENCY, "latency": {"kind": "constant", "ms": ms}} for ms in (0.0, 50.0, 200.0)}, "latency.ms"),
+    ({str(ms): {**LATENCY, "latency": {"kind": "constant", "ms": ms}} for ms in (0.0, 50.0)}, None),
+    ({name: {**LATENCY, "estimator": name} for name in ("filter", "camera", "truth")}, None),
+    ({str(k): {"corridor_m": 0.1 * k, "time_limit_s": 1.0 * k} for k in range(3)}, None),
+    ({"": LATENCY}, None),
+])  # fmt: skip
+def test_loops_are_swept_where_one_number_alone_differs(tables, key):
+    found = swept_loops(tables)
+    assert (found and found.key) == key
+    if found:
+        assert list(found.values.values()) == [0.0, 50.0, 200.0]
+
+
+def test_figures_over_flights_are_the_same_twice(tmp_path):
+    tables = {f"{ms}ms": {"latency": {"ms": float(ms)}} for ms in (0, 50, 200)}
+    fates = {"0ms": "++++", "50ms": "+++-", "200ms": "----"}
+    scores = [s for loop, fate in fates.items() for s in flights(f"a@15hz+{loop}", fate)]
+    with house_style():
+        for name in ("one", "two"):
+            success_of_runs(scores, tmp_path / name / "success")
+            along_loops(scores, swept_loops(tables), tmp_path / name / "along")
+    for path in sorted((tmp_path / "one").iterdir()):
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+    rows = (tmp_path / "one" / "along.csv").read_text().splitlines()
+    assert rows[0] == "run,latency.ms,flights,successes,low,high,path_rms_cm"
+    assert [row.split(",")[:4] for row in rows[1:]] == [
+        ["a@15hz", "0", "4", "4"], ["a@15hz", "50", "4", "3"], ["a@15hz", "200", "4", "0"]
+    ]  # fmt: skip
