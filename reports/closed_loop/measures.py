@@ -13,9 +13,9 @@ import numpy as np
 
 from uavbench.reports.closed_loop.coverage import coverage
 from uavbench.reports.closed_loop.flown import Flown
-from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
-from uavbench.reports.metrics.nees import is_singular
+from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
+from uavbench.reports.uncertainty.nees import is_singular
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text

@@ -9,11 +9,11 @@ from uavbench.reports.evaluation.options import Options
 from uavbench.reports.metrics.align import Similarity, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes
 from uavbench.reports.metrics.association import NS, PosePairs, match, paired
-from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM, Consistency
-from uavbench.reports.metrics.pose_nees import pose_consistency
 from uavbench.reports.metrics.rpe import interval_pairs, motion_error_sizes
 from uavbench.reports.metrics.sub_trajectories import KITTI_LENGTHS_M, SegmentErrors, rpg_lengths, segment_errors
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
+from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM, Consistency
+from uavbench.reports.uncertainty.pose_nees import pose_consistency
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.covariances import PoseCovariances

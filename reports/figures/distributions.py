@@ -11,12 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
-from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM, chi_square_quantile
-from uavbench.reports.metrics.nees import nees
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import hierarchical_interval
 from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
+from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM, chi_square_quantile
+from uavbench.reports.uncertainty.nees import nees
 from uavbench.trajectories.pose import Array
 
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
 from uavbench.reports.metrics.association import NS
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
-from uavbench.reports.metrics.nees import component_sigmas, euler_zyx
 from uavbench.reports.scoring.coverage import failures
 from uavbench.reports.scoring.runs import ScoredRun, counts
 from uavbench.reports.style import GROUND_TRUTH, LOSS, colour, line
+from uavbench.reports.uncertainty.nees import component_sigmas, euler_zyx
 from uavbench.trajectories.pose import Array
 
 COMPONENTS = (("x", "cm"), ("y", "cm"), ("z", "cm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))

@@ -15,8 +15,8 @@ from uavbench.reports.many_runs.comparison import Spread, extra
 from uavbench.reports.many_runs.curves import Band
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.many_runs.groups import counted
-from uavbench.reports.metrics.consistency import DEGREES_OF_FREEDOM
 from uavbench.reports.style import GROUND_TRUTH, colour, line, marker, panel_letter
+from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
 from uavbench.trajectories.pose import Array
 
 WIDE_RANGE = 20.0

@@ -13,16 +13,16 @@ from pydantic import TypeAdapter, ValidationError
 from uavbench.reports.metrics.align import Alignment, align
 from uavbench.reports.metrics.ape import absolute_errors
 from uavbench.reports.metrics.association import PosePairs
-from uavbench.reports.metrics.consistency import Consistency
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M, FrameErrors, frame_errors
 from uavbench.reports.metrics.latency import Latency, deadline_misses, stage_latencies
 from uavbench.reports.metrics.model_space import ModelSpace, model_space
-from uavbench.reports.metrics.nees import consistency
 from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, motion_error_sizes
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.reports.protocols.restarting import Replay, replay_in_real_time
 from uavbench.reports.scoring.coverage import Tracking, tracking
 from uavbench.reports.scoring.crlb_ratio import ErrorOverBound
+from uavbench.reports.uncertainty.consistency import Consistency
+from uavbench.reports.uncertainty.nees import consistency
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.tracker.results import Results

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from tests.reports.drawn import box, results_of, true_rows
 from uavbench.reports.metrics.model_space import add, box_symmetries, edge_reprojection, model_space, mspd, mssd
-from uavbench.reports.metrics.nees import component_sigmas, consistency, euler_zyx, nees
 from uavbench.reports.scoring.crlb_ratio import edge_bounds
+from uavbench.reports.uncertainty.nees import component_sigmas, consistency, euler_zyx, nees
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.structure import Structure

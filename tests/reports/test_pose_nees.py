@@ -14,8 +14,8 @@ from uavbench.bench.cli.main import main
 from uavbench.reports.evaluation.evaluate import evaluate_files
 from uavbench.reports.evaluation.evaluation import evaluate
 from uavbench.reports.evaluation.options import Options
-from uavbench.reports.metrics.nees import consistency
 from uavbench.reports.scoring.score import score
+from uavbench.reports.uncertainty.nees import consistency
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose

@@ -13,7 +13,6 @@ from click.testing import CliRunner
 
 from tests.bench.drawn_scores import make_score, summary
 from uavbench.bench.cli.main import main
-from uavbench.reports.metrics.consistency import Consistency
 from uavbench.reports.metrics.model_space import ModelSpace
 from uavbench.reports.protocols.restarting import Replay
 from uavbench.reports.scoring.crlb_ratio import ErrorOverBound
@@ -24,6 +23,7 @@ from uavbench.reports.tables.latex import ONE_COLUMN_PT, TWO_COLUMNS_PT, latex
 from uavbench.reports.tables.summary_table import Table
 from uavbench.reports.tables.summary_table import summary_table as table_of_frame
 from uavbench.reports.tables.writers import heads, markdown, write_summary, write_table, write_tables
+from uavbench.reports.uncertainty.consistency import Consistency
 from uavbench.trajectories.errors import UserError
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.reports.drawn import results_of, true_rows
-from uavbench.reports.metrics.nees import component_sigmas, consistency, euler_zyx, nees
+from uavbench.reports.uncertainty.nees import component_sigmas, consistency, euler_zyx, nees
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results

@@ -7,7 +7,7 @@ freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 
 import numpy as np
 
-from uavbench.reports.metrics.consistency import SINGULAR, Consistency, consistency_of
+from uavbench.reports.uncertainty.consistency import SINGULAR, Consistency, consistency_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results
 from uavbench.trajectories.pose import Array, hat

@@ -7,8 +7,8 @@ estimator it is chi-square distributed with 6 degrees of freedom (Bar-Shalom, Li
 import numpy as np
 
 from uavbench.reports.metrics.association import PosePairs
-from uavbench.reports.metrics.consistency import SINGULAR, Consistency, consistency_of
 from uavbench.reports.metrics.quaternions import between, conjugate, multiply, rotate_back
+from uavbench.reports.uncertainty.consistency import SINGULAR, Consistency, consistency_of
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory_files.covariances import PoseCovariances
 
