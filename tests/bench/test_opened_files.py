@@ -182,6 +182,8 @@ def allowed(path, verb, keyed, folders):
         return True
     if path.parent == ROOT / "src" / "uavbench.egg-info":  # of the installation in place; the code has its hash
         return True
+    if path == ROOT / "src" / "uavbench" / "__init__.py":  # names for scripts, which the keys of kernels cover
+        return True
     for root in (ROOT / "src" / "uavbench", ROOT):
         if not path.is_relative_to(root):
             continue

@@ -20,7 +20,7 @@ from uavbench.bench.cli.files import EXPORTS
 from uavbench.bench.cli.main import main
 from uavbench.bench.reference import main as reference
 from uavbench.bench.trial.check import TRIAL
-from uavbench.reports.report import write_scores
+from uavbench.reports.report import ReportInputs, write_scores
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.baselines.hold import Hold
@@ -64,7 +64,7 @@ def inputs(tmp_path_factory):
     (folder / "report").mkdir()
     sequence = Sequence.load(TRIAL)
     results = track_sequence(Hold(), sequence, rate_hz=5.0, seed=0)
-    write_scores(folder / "report", "small", [score(sequence, results)], {}, {})
+    write_scores(folder / "report", ReportInputs("small", []), [score(sequence, results)])
     for name in ("000000.png", "000001.png"):
         shutil.copy(TRIAL / "frames" / name, folder / "images" / name)
     tracker = '{ kind = "external", command = ["false"] }'

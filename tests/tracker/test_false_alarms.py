@@ -33,16 +33,15 @@ def test_what_chance_finds_too_is_no_evidence():
 
 
 def repainted(log10_false_alarms):
-    """Statuses of a flight round a box whose faces change their texture in flight; patches count three times as much.
+    """Statuses of a flight round a box whose faces change their texture in flight, where much support is asked for.
 
     So all patches are missed while all edges are found, as where noise hides the texture of a plain facade.
     """
     poses, images = flown(KNOWN + 6, seed=11)
     other, rng = Scene([box_corners()], seed=12), np.random.default_rng(2)
     config = RobustConfig()
-    weights = replace(config.edges.weights, patch_weight=8.0)
-    loss = replace(config.loss, log10_false_alarms=log10_false_alarms)
-    config = replace(config, edges=replace(config.edges, weights=weights), loss=loss)
+    loss = replace(config.loss, log10_false_alarms=log10_false_alarms, min_support=0.8)
+    config = replace(config, loss=loss)
     run = Robust(config).start(box(), CAMERA, poses[0], np.random.default_rng(0))
     shown = [*images[:KNOWN], *(other.render(pose, noise_rng=rng) for pose in poses[KNOWN:])]
     results = [run.track(image, i * STEP_NS) for i, image in enumerate(shown)]

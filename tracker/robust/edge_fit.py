@@ -105,10 +105,10 @@ class EdgeFitter:
         self.work = Work(config.budget.evaluations)
         self.draws = rng.random((config.solver.hypotheses.count, EDGES_DRAWN * DRAWS_PER_EDGE))
 
-    def begin(self, stamp_ns: int, sharp: bool) -> None:
-        """Begin with the frame of a stamp; sharp: its image was not smoothed."""
+    def begin(self, stamp_ns: int, step_s: float, sharp: bool) -> None:
+        """Begin with the frame of a stamp, step_s after the one before; sharp: its image was not smoothed."""
         self.texture.now_s, self.sharp = stamp_ns * 1e-9, sharp
-        self.work = Work(self.config.budget.evaluations)
+        self.work = Work(self.config.budget.allowed(step_s))
 
     @property
     def largest_fit(self) -> int:

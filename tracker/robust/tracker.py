@@ -167,7 +167,7 @@ class RobustRun:
                 self.stretch = ContrastStretch.needed(raw, self.config.preprocessing)
             stretched = self.stretch.of(raw)
             image = smoothed(stretched, self.config.preprocessing)
-            self.fitter.begin(stamp_ns, image is stretched)
+            self.fitter.begin(stamp_ns, self.step_s, image is stretched)
         with clock.stage("predict"):
             predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
             if expected is not None and expected.spread_m(self.range_m) < predicted.spread_m(self.range_m):
@@ -282,8 +282,10 @@ class RobustRun:
         sure = np.inf if first else self.usual_or_good()
         found = self.relocator.search(Sought(frame.image, guesses, covariance, self.range_m, fit, sure))
         enough = found.fit.support >= self.required_support(found.fit, frame.predicted)
-        rivalled = enough and found.near_done and not found.leads and not found.fit.support >= sure
-        settled = not rivalled and (found.all_done or found.fit.support >= sure or (found.near_done and enough))
+        # Frames far apart: another place that looks the same may have as much support as usual.
+        is_sure = found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
+        rivalled = enough and found.near_done and not found.leads and not is_sure
+        settled = not rivalled and (is_sure or found.all_done or (found.near_done and enough))
         if settled or found.all_done:
             self.relocator.forget()
         given = self.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2

@@ -109,28 +109,32 @@ class Relocator:
         work, config = self.fitter.work, self.config
         guesses = distinct([motion(guess) for guess in sought.guesses], sought.range_m, config.search.view_step_rad)
         self.move_along(guesses[0])
-        target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
-        work.done += self.fitter.config.budget.distance_evaluations
-        candidates = self.score(target, guesses, self.is_uncertain(sought))
-        ranking = Ranking(sought, config)
-        clock, exhausted = StageClock(), False
-        for attempt in self.attempts(guesses, candidates, ranking):
-            if work.left < self.fitter.largest_fit:
-                break
-            covariance = sigmas(attempt.sigma, sought.range_m)
-            fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
-            ranking.add(fit)
-            self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), fit.support)
-            if ranking.top.support >= sought.sure:
-                break
-        else:
-            exhausted = True
+        ranking, exhausted = Ranking(sought, config), False
+        if not self.fit_in_turn(self.at_guesses(guesses, ranking), sought, ranking):
+            target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
+            work.done += self.fitter.config.budget.distance_evaluations
+            candidates = self.score(target, guesses, self.is_uncertain(sought))
+            exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= config.most_fits)
         leads = self.lead(ranking.top) >= config.lead
         return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
+
+    def fit_in_turn(self, attempts: "Iterator[Attempt]", sought: Sought, ranking: "Ranking") -> bool:
+        """Fit poses until one has enough support or the work is done; whether that was before the last one."""
+        clock = StageClock()
+        for attempt in attempts:
+            if self.fitter.work.left < self.fitter.largest_fit:
+                return True
+            covariance = sigmas(attempt.sigma, sought.range_m)
+            fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
+            ranking.add(fit)
+            self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), fit.support)
+            if ranking.top.support >= sought.sure:
+                return True
+        return False
 
     def lead(self, fit: Fit) -> float:
         """How much more support a fit has than those that ended at other poses since the search began."""
@@ -194,20 +198,23 @@ class Relocator:
                 (best[k],) = taken(self.searcher.refined(target, each))
         return sorted(best, key=lambda each: -each.score)
 
-    def attempts(
-        self, guesses: list[RigidMotion], candidates: list[Candidate], ranking: "Ranking"
-    ) -> Iterator[Attempt]:
+    def at_guesses(self, guesses: list[RigidMotion], ranking: "Ranking") -> Iterator[Attempt]:
+        """The guesses as poses to fit: a prediction is mostly better than its covariance says."""
+        for guess in guesses:
+            yield from self.found(guess, 0.0, ranking)
+
+    def found(self, pose: RigidMotion, score: float, ranking: "Ranking") -> Iterator[Attempt]:
+        """A pose to fit, and the fit from it once more where it is the best so far."""
+        best = ranking.top
+        yield Attempt(pose, self.config.found_sigma, self.config.half_px, score)
+        if ranking.top is not best:
+            yield Attempt(motion(ranking.top.cam_from_world), self.config.fitted_sigma, self.config.refit_half_px)
+
+    def attempts(self, candidates: list[Candidate], ranking: "Ranking") -> Iterator[Attempt]:
         """Poses to fit in turn: where the best one of frames before is now; those that agree with the image nearly as
-        well as the best and were not tried; the guesses, perturbations of the best fit, and all others.
+        well as the best and were not tried; perturbations of the best fit, and all others.
         """
         config = self.config
-
-        def found(pose: RigidMotion, score: float = 0.0) -> Iterator[Attempt]:
-            best = ranking.top
-            yield Attempt(pose, config.found_sigma, config.half_px, score)
-            if ranking.top is not best:
-                yield Attempt(motion(ranking.top.cam_from_world), config.fitted_sigma, config.refit_half_px)
-
         self.seen = candidates[0].seen.points if candidates else self.seen
         if self.best_before is not None:
             again = [
@@ -219,11 +226,9 @@ class Relocator:
                 worse = candidate.score < candidates[0].score - config.search.hopeless_score
                 if worse != hopeless or self.was_tried(candidate):
                     continue
-                yield from found(candidate.pose, candidate.score)
+                yield from self.found(candidate.pose, candidate.score, ranking)
                 self.near_done |= int(np.count_nonzero(self.tried.scores)) >= config.near_fits
             self.near_done = True
-            for guess in () if hopeless else guesses:
-                yield from found(guess)
             while not hopeless and self.perturbations < config.perturbations:
                 yield from self.perturbed(ranking.top)
 
