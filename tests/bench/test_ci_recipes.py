@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_core")]
+pytestmark = [pytest.mark.ci, pytest.mark.slow, pytest.mark.usefixtures("one_core")]
 ROOT = Path(__file__).parents[2]
 RECIPES = ROOT / "ci-recipes"
 SUITE = """

@@ -26,7 +26,7 @@ from uavbench.bench.runner.slurm import run_shards
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.ci, pytest.mark.slow]
 ROOT = Path(__file__).parents[2]
 
 

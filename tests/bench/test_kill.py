@@ -19,7 +19,7 @@ import pytest
 from tests.bench.process_trees import as_from_a_terminal, wait_until
 from tests.bench.small_suites import small_suite
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.ci, pytest.mark.slow]
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 WHOM = ("main", "a worker", "all")
 CASES = list(product(SIGNALS, WHOM))

@@ -51,6 +51,7 @@ def sequences(out: Path) -> dict[str, Path]:
     return {path.parent.name: path for path in sorted(out.glob("sequences/[!.]*/manifest.json"))}
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_a_killed_render_redoes_one_sequence_a_worker_and_ends_as_any_other(tmp_path: Path) -> None:
     suite = tmp_path / "suite.toml"

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from uavbench.bench.gate.validation import main
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.ci, pytest.mark.slow]
 SUITE = """
 title = "few"
 seeds = [0, 1, 2, 3, 4]
