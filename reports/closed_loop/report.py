@@ -38,6 +38,11 @@ HEADS = (
     "estimate rms (cm)", "filter NEES", "tracker rms (cm)", "tracker NEES", "false to crash (s)", "coverage (%)",
     "of planned (%)",
 )  # fmt: skip
+ON_PAGE = (
+    "flown", "success", "95 %", "crashed", "path rms (cm)", "path max (cm)", "clearance (m)", "estimate rms (cm)",
+    "filter NEES", "tracker rms (cm)", "coverage (%)",
+)  # fmt: skip
+"""What the page shows of them: as many columns as its width holds."""
 PAIR_HEADS = (
     "flights", "only the first succeeds", "only the second", "p", "both succeed", "path rms, first - second (cm)",
     "95 %", "p",
@@ -127,7 +132,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD)["loop"] for run in runs}
     if found := swept_loops(tables):
         caption = (
-            f"Against `{found.key}` of the loop: success with its 95 % interval, and the mean and the range of the "
+            f"Against {found.key} of the loop: success with its 95 % interval, and the mean and the range of the "
         )
         caption += "rms path error, over the flown part of each flight; read it with the success."
         made.append(Drawing("along", "Along the loops", caption, partial(along_loops, scores, found)))
@@ -169,8 +174,8 @@ def write_page(
         css=asset("page.css"),
         flights=len(scores),
         runs=len(by_run(scores)),
-        heads=HEADS,
-        rows=[(sequence, run, cells(group)) for (sequence, run), group in groups_of(scores).items()],
+        heads=ON_PAGE,
+        rows=[(sequence, run, on_page(cells(group))) for (sequence, run), group in groups_of(scores).items()],
         told=MEASURES_TOLD,
         failures=[s for s in scores if not s.success],
         chips=STATUS_CHIP,
@@ -184,6 +189,11 @@ def write_page(
         version=versions()["uavbench"],
     )  # fmt: skip
     write_text(folder / "index.html", text)
+
+
+def on_page(row: ListOf[str]) -> list[str]:
+    """The cells of a row that the page shows."""
+    return [row[HEADS.index(head)] for head in ON_PAGE]
 
 
 def groups_of(scores: ListOf[FlightScore]) -> dict[tuple[str, str], list[FlightScore]]:

@@ -1,5 +1,7 @@
 """The picking page in headless Chromium: corners chosen and clicked, the pose solved, the file saved."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -51,3 +53,34 @@ def test_five_clicks_make_a_first_pose(tmp_path):
         assert page.problems == []
     difference = (read_init(picking.out, sequence.camera) @ pose.inverse()).log()
     assert np.linalg.norm(difference[:3]) < 0.02
+
+
+class Slow(Picking):
+    """Solves when it is told to."""
+
+    may_solve = threading.Event()
+
+    def solve(self, pairs):
+        assert self.may_solve.wait(60)
+        return super().solve(pairs)
+
+
+@pytest.mark.slow
+def test_an_answer_that_comes_late_leaves_what_was_told_since(tmp_path):
+    sequence = Sequence.load(TRIAL)
+    picking = Slow(sequence.image(0), sequence.camera, sequence.structure, tmp_path / "init.toml")
+    pixels = sequence.camera.project(sequence.true_cam_from_world(0).transform(picking.corners))
+    with served(picking) as address, browser() as page:
+        page.call("Page.navigate", url=address)
+        page.until("document.readyState === 'complete' && photo.complete")
+        for count, corner in enumerate((1, 3, 5, 7, 6), start=1):
+            click_at(page, *on_screen(page, "model", f"placed(data.corners[{corner}])"))
+            page.until_text("#told", f"Corner {corner + 1} is chosen")
+            if count <= 4:
+                click_at(page, *on_screen(page, "image", f"toCanvas({pixels[corner].tolist()})"))
+                page.until_is("pairs.length", count)
+        picking.may_solve.set()
+        page.until("solved && solved.rms_px < 0.5")
+        page.until_text("#told", "Corner 7 is chosen")
+        page.click("#save")  # the server ends with it
+        page.until_text("#told", "Saved")
