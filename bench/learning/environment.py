@@ -102,8 +102,8 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
             raise UserError(f"sequence {spec.name}: the environment observes an IMU; name one in its `sensors`")
         self._spec, self._pilot, self.render_mode = spec, pilot, render_mode
         self.metadata = {**self.metadata, "render_fps": round(pilot.rate_hz)}
-        self._imu, imu = next(iter(imus.items()))
-        self._readings = max(1, int(imu.rate_hz / pilot.rate_hz))
+        self._imu = next((name for name in imus if name in self._sensor_names), next(iter(imus)))
+        self._readings = max(1, int(imus[self._imu].rate_hz / pilot.rate_hz))
         camera = spec.camera.camera()
         self.observation_space = spaces.Dict({
             "image": spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8),
