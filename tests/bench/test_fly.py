@@ -143,6 +143,17 @@ def test_the_gate_compares_flights(done, tmp_path):
         assert "it came too close" in told.output
 
 
+def test_the_gate_refuses_flights_of_another_suite(done, tmp_path):
+    folder, _ = done
+    other = tmp_path / "other"
+    shutil.copytree(folder / "out", other)
+    about = json.loads((other / "suite.json").read_text())
+    (other / "suite.json").unlink()
+    (other / "suite.json").write_text(json.dumps({**about, "flights": "of another loop"}))
+    told = uavbench("gate", other, "--baseline", folder / "out", "--out", tmp_path / "gate")
+    assert told.exit_code == 2 and "different flights" in told.output
+
+
 VARIANTS = LOOP + '[loops.filter]\n[loops.camera]\nestimator = "camera"\ncorridor_m = 0.2\n'
 
 
