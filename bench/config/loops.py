@@ -11,12 +11,18 @@ from uavbench.trajectories.errors import UserError
 
 
 def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
-    """The tables of a file with what `[loop]` says in each of `[loops.NAME]` that does not say it itself."""
+    """The tables of a file with what `[loop]` says, key by key, in each of `[loops.NAME]` that does not say it itself."""
     shared, loops = data.get("loop", {}), data.get("loops")
     if not isinstance(loops, dict) or not isinstance(shared, dict):
         return data
-    each = {name: {**shared, **table} if isinstance(table, dict) else table for name, table in loops.items()}
-    return {**data, "loops": each}
+    return {**data, "loops": {name: _with_shared(shared, table) for name, table in loops.items()}}
+
+
+def _with_shared(shared: Any, own: Any) -> Any:
+    """A value with what another says and it does not; a table takes nothing from one of another kind."""
+    if not (isinstance(shared, dict) and isinstance(own, dict)) or own.get("kind") not in (None, shared.get("kind")):
+        return own
+    return {**shared, **{key: _with_shared(shared.get(key), value) for key, value in own.items()}}
 
 
 def loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
