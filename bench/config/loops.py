@@ -11,7 +11,7 @@ from uavbench.trajectories.errors import UserError
 
 
 def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
-    """The tables of a file with what `[loop]` says, key by key, in each of `[loops.NAME]` that does not say it itself."""
+    """The tables of a file, each of `[loops.NAME]` with every key of `[loop]` that it does not have itself."""
     shared, loops = data.get("loop", {}), data.get("loops")
     if not isinstance(loops, dict) or not isinstance(shared, dict):
         return data

@@ -42,8 +42,8 @@ def _refuse_unsaid(*files: Found) -> None:
     for found in files:
         if found.frame is None or _ends(found.frame)[1] == UNSAID:
             raise UserError(
-                f"{found.file}: does not say whether its poses are of the body or of the camera, so that --mount cannot "
-                "convert between them; say it in the first line of the file, as `# frame: world_from_cam`, or leave "
+                f"{found.file}: does not say whether its poses are of the body or of the camera, so that --mount "
+                "cannot convert them; say it in the first line of the file, as `# frame: world_from_cam`, or leave "
                 "--mount out"
             )
 

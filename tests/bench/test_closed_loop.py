@@ -235,7 +235,9 @@ def test_without_a_filter_the_vehicle_flies_on_the_poses_as_they_are():
 
 @pytest.mark.parametrize("estimator", ["filter", "camera"])
 def test_an_imu_that_the_loop_does_not_name_changes_nothing(estimator):
-    wild = Imu(gyro_noise_rad_s_sqrt_hz=0.1, accel_noise_m_s2_sqrt_hz=1.0, gyro_bias_rad_s=0.5, offset_m=(0.1, 0.0, 0.0))
+    wild = Imu(
+        gyro_noise_rad_s_sqrt_hz=0.1, accel_noise_m_s2_sqrt_hz=1.0, gyro_bias_rad_s=0.5, offset_m=(0.1, 0.0, 0.0)
+    )
     named = tuple(named_sensors((Imu(), Imu())))
     paths = [
         flown(
