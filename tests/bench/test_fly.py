@@ -118,6 +118,15 @@ def test_a_video_shows_every_frame_from_the_camera_and_from_outside(done):
         assert 0 < moved[40:].sum() < 0.2 * moved.size  # the vehicle, and nothing else
 
 
+def test_a_shard_makes_its_videos_too(tmp_path, monkeypatch):
+    planned = []
+    monkeypatch.setattr("uavbench.bench.runner.commands.dry_run", lambda jobs, *_: planned.append(jobs) or "")
+    command = ("fly", suite(tmp_path), "--out", tmp_path / "out", "--shard", "1/1", "--dry-run")
+    for more in ((), ("--video",)):
+        assert uavbench(*command, *more).exit_code == 0
+    assert [{job.verb for job in jobs} for jobs in planned] == [{"fly", "score"}, {"fly", "score", "video"}]
+
+
 def test_the_gate_compares_flights(done, tmp_path):
     """The same again has too few seeds for a pass; a flight that crashes where it did not fails."""
     folder, _ = done
