@@ -25,6 +25,14 @@ def _with_shared(shared: Any, own: Any) -> Any:
     return {**shared, **{key: _with_shared(shared.get(key), value) for key, value in own.items()}}
 
 
+def without_loop(suite: str) -> UserError:
+    """The mistake of a suite that is to be flown and does not say how."""
+    return UserError(
+        f"suite {suite} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
+        "fly-box, fly-bridge or fly-facade"
+    )
+
+
 def loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
     """A line for each way in which a loop cannot fly a sequence."""
     mistakes: list[str] = []

@@ -17,6 +17,7 @@ from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.fly import Loop
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.spec import Pilot
+from uavbench.bench.config.loops import without_loop
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.reports.closed_loop.coverage import sees, surface_points
@@ -120,6 +121,8 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
     def of_suite(cls, suite: str, tracker: str, loop: str = "", **options: Any) -> "InspectionEnv":
         """The first sequence of a suite of flights, by its name or file, with a tracker of it in one of its loops."""
         found = load_suite(suite_file(suite))
+        if not found.loops:
+            raise without_loop(found.name)
         if tracker not in found.trackers:
             raise unknown_name("tracker", tracker, list(found.trackers))
         if loop not in found.loops:
