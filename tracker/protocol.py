@@ -25,11 +25,11 @@ Status = Literal["ok", "ambiguous", "lost", "not_initialized"]
 class TrackResult:
     """A tracker's result for one frame.
 
-    status `ambiguous`: several poses explain the frame about as well; it is no estimate, as little as `lost` is.
-    `cam_from_world` is the estimate, None unless status is `ok`; `guess` is the best guess of a tracker that searches,
-    and no estimate. `covariance` (6, 6) is of the twist xi with
-    cam_from_world_true = exp(xi) @ cam_from_world, translation (m) first, rotation (rad) last, None where the tracker
-    claims none. `stage_ms` holds the wall time of each stage by its name. The counts are None where they mean nothing.
+    status is `ambiguous` where several poses explain the frame about equally well; like `lost`, it comes without an
+    estimate. `cam_from_world` is the estimate, None unless status is `ok`; `guess` is the best guess of a tracker that
+    searches, and no estimate. `covariance` (6, 6) is of the twist xi with cam_from_world_true = exp(xi) @
+    cam_from_world, translation (m) first, rotation (rad) last, None where the tracker claims none. `stage_ms` holds the
+    wall time of each stage by its name. The counts are None where they mean nothing.
     """
 
     status: Status

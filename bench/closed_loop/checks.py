@@ -1,5 +1,7 @@
 """What a loop must have before it starts: a sensor that can hold the vehicle."""
 
+from collections.abc import Collection
+
 from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.closed_loop.spec import CAMERA, LoopSpec
 from uavbench.scenes.spec import SequenceSpec
@@ -31,6 +33,11 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
             f"sequence {spec.name}: estimator `camera` flies on the tracker: add `camera` to `loop.sensors`"
         )
     return tuple(wanted)
+
+
+def loop_imu(sensors: Collection[str], spec: SequenceSpec) -> str:
+    """Name of the one IMU among the sensors that `check_loop` found for a loop that is not flown on the truth."""
+    return next(name for name, sensor in named(spec.sensors).items() if name in sensors and isinstance(sensor, Imu))
 
 
 def _check_imu(sequence: str, sensors: dict[str, SensorSpec]) -> None:

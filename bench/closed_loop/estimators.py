@@ -88,13 +88,14 @@ class TrueState:
 class CameraAlone:
     """The latest pose, carried on by the velocity between the last two and turned by the gyroscope's readings.
 
-    No reading is weighed, refused or smoothed, and no other sensor is taken; what is out of order is left out.
+    No reading is weighed, refused or smoothed, and no sensor but the IMU of that name is taken; what is out of order is
+    left out.
     """
 
     verdicts: list[Verdict] = []  # noqa: RUF012
 
-    def __init__(self, cam_from_body: Pose, first_cam_from_world: Pose) -> None:
-        self._cam_from_body = cam_from_body
+    def __init__(self, imu: str, cam_from_body: Pose, first_cam_from_world: Pose) -> None:
+        self._imu, self._cam_from_body = imu, cam_from_body
         self._to_quaternion = physics().mju_mat2Quat
         start = first_cam_from_world.inverse() @ cam_from_body
         self._stamp_ns, self._place_m, self._velocity_m_s = 0, start.translation, np.zeros(3)
@@ -104,7 +105,7 @@ class CameraAlone:
 
     def sense(self, reading: Reading) -> None:
         """Turn by a reading of the gyroscope."""
-        if isinstance(reading.sensor, Imu):
+        if reading.name == self._imu:
             self._readings.append(reading)
             self._turn(reading)
 

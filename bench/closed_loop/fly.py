@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from uavbench.bench.closed_loop.checks import check_loop
+from uavbench.bench.closed_loop.checks import check_loop, loop_imu
 from uavbench.bench.closed_loop.ending import Ending, Judge
 from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, TrueState
 from uavbench.bench.closed_loop.eye import WayFlown, eye, frame_rows, rows_after
@@ -24,7 +24,7 @@ from uavbench.tracker.run import started, tracker_stream
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
-from uavbench.trajectories.sensors.imu import Imu
+from uavbench.trajectories.sensors.registry import named
 from uavbench.trajectories.simulation.flight import begin
 from uavbench.trajectories.simulation.simulate import BLOCK, Simulation
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, Quadrotor
@@ -152,9 +152,10 @@ class Loop:
         if pilot.loop.estimator == "truth":
             self.estimator = TrueState()
         elif pilot.loop.estimator == "camera":
-            self.estimator = CameraAlone(spec.mount.cam_from_body, pose)
+            imu_name = loop_imu(self.sensor_names, spec)
+            self.estimator = CameraAlone(imu_name, spec.mount.cam_from_body, pose)
         else:
-            imu = next(s for s in spec.sensors if isinstance(s, Imu))
+            imu: Any = named(spec.sensors)[loop_imu(self.sensor_names, spec)]
             self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, spec.mount.cam_from_body, pose)
         for reading in self.early:
             self.estimator.sense(reading)

@@ -11,12 +11,26 @@ from uavbench.trajectories.errors import UserError
 
 
 def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
-    """The tables of a file with what `[loop]` says in each of `[loops.NAME]` that does not say it itself."""
+    """The tables of a file, each of `[loops.NAME]` with every key of `[loop]` that it does not have itself."""
     shared, loops = data.get("loop", {}), data.get("loops")
     if not isinstance(loops, dict) or not isinstance(shared, dict):
         return data
-    each = {name: {**shared, **table} if isinstance(table, dict) else table for name, table in loops.items()}
-    return {**data, "loops": each}
+    return {**data, "loops": {name: _with_shared(shared, table) for name, table in loops.items()}}
+
+
+def _with_shared(shared: Any, own: Any) -> Any:
+    """A value with what another says and it does not; a table takes nothing from one of another kind."""
+    if not (isinstance(shared, dict) and isinstance(own, dict)) or own.get("kind") not in (None, shared.get("kind")):
+        return own
+    return {**shared, **{key: _with_shared(shared.get(key), value) for key, value in own.items()}}
+
+
+def without_loop(suite: str) -> UserError:
+    """The mistake of a suite that is to be flown and does not say how."""
+    return UserError(
+        f"suite {suite} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
+        "fly-box, fly-bridge or fly-facade"
+    )
 
 
 def loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:

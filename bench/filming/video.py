@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.bench.closed_loop.eye import eye
+from uavbench.bench.filming.files import MARKER, VIDEO
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.figures.space import limits
 from uavbench.reports.figures.tracker_pictures import View, draw, write_text_on
@@ -29,8 +30,8 @@ from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion
 from uavbench.trajectories.trajectory import Trajectory
 
-MARKER, VIDEO, CODEC = "video.json", "flight.webm", "VP80"
-"""The codec plays in every browser, and comes with OpenCV's wheels."""
+CODEC = "VP80"
+"""It plays in every browser, and comes with OpenCV's wheels."""
 OUTSIDE_PX, OUTSIDE_DEG = (640, 480), 45.0
 """Size and field of view of the view from outside."""
 FROM_DEG, ABOVE_DEG = -62.0, 28.0

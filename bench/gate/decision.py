@@ -89,6 +89,11 @@ def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Fi
     base = read_baseline(baseline, head.flights) if baseline.is_file() else read_side(baseline)
     if not base.runs:
         raise UserError(f"{baseline}: no scores in it; `uavbench run` a suite there first")
+    if base.is_flown and base.flights != head.flights:  # a flight's score does not say of what it is
+        raise UserError(
+            f"{baseline} and {results} are of different flights: their suites differ in sequences, seeds, start or "
+            "loops; fly the same suite in both"
+        )
     return compare_sides(base, head, read_timing(results), margins)
 
 

@@ -10,6 +10,7 @@ import click
 
 from uavbench.bench.gate.decision import Finding, Margins, gate, overall
 from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
+from uavbench.reports.json_values import json_values
 from uavbench.trajectories.files.writing import write_text
 
 HEADER = ["tracker", "metric", "baseline", "value", "change", "95 % bounds", "margin", "verdict", "why"]
@@ -81,10 +82,7 @@ def to_markdown(findings: list[Finding]) -> str:
 
 def to_json(findings: list[Finding], margins: Margins) -> str:
     """JSON object; NaN becomes null."""
-    rows = [
-        {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(f).items()}
-        for f in findings
-    ]
+    rows = [json_values(asdict(finding)) for finding in findings]
     about = {"verdict": overall(findings), "means": FOOT, "margins": asdict(margins), "findings": rows}
     return json.dumps(about, indent=1, allow_nan=False) + "\n"
 

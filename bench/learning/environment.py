@@ -17,6 +17,7 @@ from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.fly import Loop
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.spec import Pilot
+from uavbench.bench.config.loops import without_loop
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.reports.closed_loop.coverage import sees, surface_points
@@ -102,8 +103,8 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
             raise UserError(f"sequence {spec.name}: the environment observes an IMU; name one in its `sensors`")
         self._spec, self._pilot, self.render_mode = spec, pilot, render_mode
         self.metadata = {**self.metadata, "render_fps": round(pilot.rate_hz)}
-        self._imu, imu = next(iter(imus.items()))
-        self._readings = max(1, int(imu.rate_hz / pilot.rate_hz))
+        self._imu = next((name for name in imus if name in self._sensor_names), next(iter(imus)))
+        self._readings = max(1, int(imus[self._imu].rate_hz / pilot.rate_hz))
         camera = spec.camera.camera()
         self.observation_space = spaces.Dict({
             "image": spaces.Box(0, 255, (camera.height, camera.width, 3), np.uint8),
@@ -120,6 +121,8 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
     def of_suite(cls, suite: str, tracker: str, loop: str = "", **options: Any) -> "InspectionEnv":
         """The first sequence of a suite of flights, by its name or file, with a tracker of it in one of its loops."""
         found = load_suite(suite_file(suite))
+        if not found.loops:
+            raise without_loop(found.name)
         if tracker not in found.trackers:
             raise unknown_name("tracker", tracker, list(found.trackers))
         if loop not in found.loops:
@@ -151,7 +154,10 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         self._loop.guidance = self._guidance
         self._points, self._normals = surface_points(scene.built.structure)
         self._seen = np.zeros(len(self._points), dtype=bool)
-        self._to_next_frame(self._loop)
+        while self._loop.image is None and self._flies(self._loop):  # an effect may withhold frames
+            self._to_next_frame(self._loop)
+        if self._loop.image is None:
+            raise UserError(f"sequence {spec.name}, seed {own}: the flight ends before the camera gives a frame")
         self._look(self._loop)
         return self._observed(self._loop), {"coverage": float(self._seen.mean())}
 
@@ -160,8 +166,11 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         loop = self._loop
         if loop is None:
             raise UserError("the environment is not begun; call reset")
+        given = np.asarray(action, dtype=float)
+        if given.shape != (4,) or not np.isfinite(given).all():
+            raise UserError(f"an action is four numbers from -1 to 1 (x, y, z, yaw), not {given.tolist()}")
         believed = self._believed(loop)
-        way = np.clip(np.asarray(action, dtype=float), -1.0, 1.0) * [REACH_M, REACH_M, REACH_M, REACH_RAD]
+        way = np.clip(given, -1.0, 1.0) * [REACH_M, REACH_M, REACH_M, REACH_RAD]
         self._guidance.setpoint = np.append(believed[:3], yaw_of(believed)) + way
         self._to_next_frame(loop)
         ending = loop.notes.ending
@@ -187,10 +196,14 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         return self._guidance
 
     @staticmethod
-    def _to_next_frame(loop: Loop) -> None:
-        """Fly until another frame was seen, or to the end."""
+    def _flies(loop: Loop) -> bool:
+        """Whether the flight goes on."""
+        return loop.notes.ending is None and not loop.simulation.is_over
+
+    def _to_next_frame(self, loop: Loop) -> None:
+        """Fly until the next frame's time, or to the end."""
         before = loop.frame
-        while loop.frame == before and loop.notes.ending is None and not loop.simulation.is_over:
+        while loop.frame == before and self._flies(loop):
             loop.step()
 
     def _look(self, loop: Loop) -> float:

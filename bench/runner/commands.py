@@ -58,7 +58,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     shard = Shard.parse(where.shard) if where.shard else None
     flown = verb == "fly" or (verb == "report" and bool(suite.loops))
     whole = verb in ("report", "fly")
-    last = "report" if whole and shard is None else "score" if whole else verb
+    of_shard = "video" if flown and where.video else "score"
+    last = "report" if whole and shard is None else of_shard if whole else verb
     part = shard.of(suite) if shard else suite
     jobs = (
         plan_flights(part, folder, last, where.figures, video=where.video)
@@ -70,7 +71,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
         return 0
     if where.slurm:
-        run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate)
+        run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)
         run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
         outcome = run_graph(jobs, executor, progress)
@@ -88,9 +89,9 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 
-def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False) -> int:
+def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False, video: bool = False) -> int:
     """Do one shard `i/n` of a suite in this process; the report is left to whoever waits for all shards."""
-    return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate))
+    return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate, video=video))
 
 
 def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:

@@ -17,7 +17,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from uavbench.bench.closed_loop.spec import Pilot
+from uavbench.bench.config.loops import without_loop
 from uavbench.bench.config.suite import Protocol, Suite
+from uavbench.bench.filming.files import MARKER as VIDEO_MARKER
+from uavbench.bench.filming.files import VIDEO
 from uavbench.bench.inputs.content_hash import code_hash, content_hash, one_look
 from uavbench.bench.runner.graph import Job
 from uavbench.bench.runner.tasks import (
@@ -39,7 +42,6 @@ from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import MARKER
-from uavbench.trajectories.errors import UserError
 
 VERBS = ("render", "track", "score", "report")
 FLIGHT_VERBS = ("fly", "score", "video", "report")
@@ -49,7 +51,6 @@ FLIGHT_SCORE_S, FLIGHT_FIGURE_S = 2.0, 2.0
 """Seconds of a flight's score, most of it the coverage, and of its figure."""
 VIDEO_S = 1.0
 """Seconds of a video for each of its flight: its frames are rendered again, and drawn on."""
-VIDEO = "flight.webm"
 FLIGHTS = "flights.json"
 """What the report of flights lists its files in."""
 
@@ -177,10 +178,7 @@ def plan_flights(
     figures: of the report; video: each flight gets one.
     """
     if not suite.loops:
-        raise UserError(
-            f"suite {suite.name} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
-            "fly-box, fly-bridge or fly-facade"
-        )
+        raise without_loop(suite.name)
     with one_look():
         away = absent(suite.trackers)
         pilots = [
@@ -235,9 +233,9 @@ def _video_job(flight: Job, folder: Path) -> Job:
         verb="video",
         name=flight.name.replace("fly", "video", 1),
         work=Video(spec, flight.marker.parent, output),
-        marker=output / "video.json",
+        marker=output / VIDEO_MARKER,
         root=folder,
-        lists="video.json",
+        lists=VIDEO_MARKER,
         content_hash=content_hash(flight.content_hash, code_hash("reports", "bench/closed_loop", "bench/filming")),
         needs=(flight,),
         weight=START_S + VIDEO_S * flight.weight,

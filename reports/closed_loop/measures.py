@@ -6,10 +6,11 @@ NEES divided by its degrees of freedom is 1 for an honest estimator.
 """
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from uavbench.reports.closed_loop.coverage import coverage
 from uavbench.reports.closed_loop.flown import Flown
@@ -30,14 +31,14 @@ LOOK_EVERY_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class FlightScore:
-    """Measures of one flight; None where there is nothing to measure. run: name of the flights of its tracker at
-    its rate in its loop.
+    """Measures of one flight; None where there is nothing to measure.
 
-    path_*: true against planned position; path_added_m is what estimation adds to the rms error of the same flight on
-    its true state. clearance_min_m: least distance of the vehicle's sphere to structure or floor. estimate_*: the
-    filter's position and its NEES over its degrees of freedom, tracker_* the same of the tracker's poses. refused_share
-    of the camera's poses did not pass the filter's gate. first_false_s: stamp of the first false pose, and
-    false_to_crash_s the time from there to the crash. coverage of the surface, and what the plan would cover.
+    run: name of the flights of its tracker at its rate in its loop. path_*: true against planned position; path_added_m
+    is what estimation adds to the rms error of the same flight on its true state. clearance_min_m: least distance of
+    the vehicle's sphere to structure or floor. estimate_*: the filter's position and its NEES over its degrees of
+    freedom, tracker_* the same of the tracker's poses. refused_share of the camera's poses did not pass the filter's
+    gate. first_false_s: stamp of the first false pose, and false_to_crash_s the time from there to the crash. coverage
+    of the surface, and what the plan would cover.
     """
 
     label: str
@@ -78,11 +79,16 @@ class FlightScore:
     def load(cls, path: Path) -> "FlightScore":
         """Read what `save` wrote; UserError naming the file."""
         values = read_json(path)
+        known = {name: values[name] for name in cls.__dataclass_fields__ if name in values}
         try:
-            given = {f.name: values[f.name] for f in fields(cls)}
-        except KeyError as error:
-            raise UserError(f"{path}: lacks {error}; score the flight again") from None
-        return cls(**{**given, "faults": tuple(given["faults"])})
+            return _ADAPTER.validate_python(known)
+        except ValidationError as error:
+            first = error.errors()[0]
+            what = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+            raise UserError(f"{path}: not the score of a flight: {what}; score the flight again") from None
+
+
+_ADAPTER = TypeAdapter(FlightScore)
 
 
 def measure_flight(flown: Flown) -> FlightScore:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uavbench.reports.evaluation.options import Options
+from uavbench.reports.json_values import json_values
 from uavbench.reports.metrics.align import Similarity, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes
 from uavbench.reports.metrics.association import NS, PosePairs, match, paired
@@ -103,7 +104,7 @@ class Evaluation:
             "record": self.record,
         }
         if self.nees:
-            value["nees"] = {name: each and asdict(each) for name, each in vars(self.nees).items()}
+            value["nees"] = {name: each and json_values(asdict(each)) for name, each in vars(self.nees).items()}
         if self.segments:
             value["segments"] = [
                 {name: s if isinstance(s, float) else ErrorSummary(**s).to_json() for name, s in asdict(each).items()}

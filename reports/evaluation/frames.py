@@ -11,8 +11,11 @@ from uavbench.trajectories.errors import UserError
 def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: Alignment) -> Found:
     """The estimate in the frame of the reference; UserError where both say one and they differ.
 
-    What moves may differ where a mount is given, and what stands still where the estimate is aligned.
+    What moves may differ where a mount is given, and what stands still where the estimate is aligned. UserError, too,
+    where a mount is given and one of them does not say what moves.
     """
+    if mount is not None:
+        _refuse_unsaid(reference, estimate)
     if reference.frame is None or estimate.frame is None:
         return estimate
     (fixed, moving), (other_fixed, other_moving) = _ends(reference.frame), _ends(estimate.frame)
@@ -32,6 +35,17 @@ def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: A
             "one frame"
         )
     return estimate.seen_as(f"{other_fixed}_from_{moving}", mount_of(mount))
+
+
+def _refuse_unsaid(*files: Found) -> None:
+    """UserError naming the first file that does not say what moves: a mount would silently convert nothing."""
+    for found in files:
+        if found.frame is None or _ends(found.frame)[1] == UNSAID:
+            raise UserError(
+                f"{found.file}: does not say whether its poses are of the body or of the camera, so that --mount "
+                "cannot convert them; say it in the first line of the file, as `# frame: world_from_cam`, or leave "
+                "--mount out"
+            )
 
 
 def _ends(frame: str) -> tuple[str, str]:

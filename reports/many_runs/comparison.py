@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uavbench.reports.json_values import json_values
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.statistics.bootstrap import (
     Comparison,
@@ -43,8 +44,7 @@ class Spread:
 
     def to_json(self) -> dict[str, Any]:
         """JSON object; NaN becomes null."""
-        mean = {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in asdict(self.mean).items()}
-        return {**mean, "std": self.std, "min": self.least, "max": self.most}
+        return {**json_values(asdict(self.mean)), "std": self.std, "min": self.least, "max": self.most}
 
 
 def comparisons(many: ManyRuns) -> dict[str, list[Comparison]]:

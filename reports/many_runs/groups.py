@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
+from fnmatch import translate
 from glob import glob, has_magic
 from pathlib import Path
 
@@ -101,7 +102,7 @@ def _parsed(spec: str) -> tuple[str, str]:
     name, sign, pattern = (part.strip() for part in spec.partition("="))
     if not (name and sign and pattern):
         raise UserError(f"--group {spec}: write NAME=PATTERN, such as --group ORB='orb/run*.tum'")
-    return name, str(Path(pattern).expanduser())
+    return name, str(Path(pattern.replace("[^", "[!")).expanduser())  # as shells have it, and glob has not
 
 
 def _matching(pattern: str, estimates: Iterable[Path]) -> list[tuple[Path, str]]:
@@ -125,19 +126,25 @@ def _place(path: Path) -> str:
 
 
 def _expression(pattern: str) -> str:
-    """Regular expression of a glob pattern, a group for each wildcard; `*` takes what it must, `/` too."""
+    """Regular expression of a glob pattern, a group for each wildcard; only `**` takes `/` too."""
     out = []
-    for part in re.split(r"(\*+|\?|\[!?\]?[^\]]*\])", pattern):
-        if part.startswith("*"):
-            out.append("(.*?)")
+    for part in re.split(r"(\*\*/|\*+|\?|\[!?\]?[^\]]*\])", pattern):
+        if part == "**/":
+            out.append("(?:(.*?)/)?")
+        elif part.startswith("*"):
+            out.append("(.*?)" if part == "**" else "([^/]*?)")
         elif part == "?":
-            out.append("(.)")
+            out.append("([^/])")
         elif len(part) > 2 and part.startswith("["):
-            inside = part[1:-1].replace("\\", r"\\")
-            out.append(f"([^{inside[1:]}])" if inside.startswith("!") else f"([{inside}])")
+            out.append(f"({_one_of(part)})")
         else:
             out.append(re.escape(part))
     return "".join(out)
+
+
+def _one_of(part: str) -> str:
+    """Regular expression of one `[...]`, with its ranges as `glob` has them."""
+    return translate(part).removeprefix("(?s:")[: -len(r")\Z")]
 
 
 def _named(members: Mapping[str, ListOf[tuple[Path, str]]]) -> list[Run]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from uavbench.reports.json_values import json_values
 from uavbench.reports.many_runs.comparison import BOLD, Spread, comparisons, extra, summary
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
 from uavbench.reports.statistics.bootstrap import Comparison
@@ -53,7 +54,7 @@ class ManyResults:
         }
         tests = {
             metric: [
-                {**vars(c), "difference": _interval(c), "significant": c.significant} for c in found
+                {**vars(c), "difference": json_values(vars(c.difference)), "significant": c.significant} for c in found
             ]
             for metric, found in self.tested.items()
         }  # fmt: skip
@@ -127,8 +128,3 @@ def _row(run: EvaluatedRun) -> list[Any]:
 def _spread(many: ManyRuns, metric: str, name: str) -> Mapping[str, Any] | None:
     found = Spread.of(many.values(metric)[name])
     return found.to_json() if found else None
-
-
-def _interval(c: Comparison) -> dict[str, Any]:
-    """Interval of a paired difference as JSON, NaN as null."""
-    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in vars(c.difference).items()}

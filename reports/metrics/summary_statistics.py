@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from uavbench.reports.json_values import json_values
 from uavbench.trajectories.pose import Array
 
 
@@ -43,7 +44,7 @@ class ErrorSummary:
 
     def to_json(self) -> dict[str, float | int | None]:
         """JSON object; NaN becomes null."""
-        return {k: v if np.isfinite(v) else None for k, v in asdict(self).items()}
+        return json_values(asdict(self))
 
     @classmethod
     def from_json(cls, values: dict[str, float | int | None]) -> "ErrorSummary":

@@ -53,7 +53,13 @@ def consistency_of(values: Array, variances: Array) -> Consistency | None:
         low=low,
         high=high,
         inside=float(((values >= inner_low) & (values <= inner_high)).sum()) / (n + singular),
-        sharpness_m=float(np.median(np.sqrt(variances[:, :3].sum(axis=1)))),
-        sharpness_deg=float(np.degrees(np.median(np.sqrt(variances[:, 3:].sum(axis=1))))),
+        sharpness_m=_median_sigma(variances[:, :3]),
+        sharpness_deg=float(np.degrees(_median_sigma(variances[:, 3:]))),
         singular=singular,
     )
+
+
+def _median_sigma(variances: Array) -> float:
+    """Median over the rows (m, 3); a sum that is negative, which no covariance has, counts as 0."""
+    with np.errstate(over="ignore"):  # of numbers near the largest
+        return float(np.median(np.sqrt(np.maximum(variances.sum(axis=1), 0.0))))

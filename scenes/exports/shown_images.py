@@ -38,6 +38,7 @@ class Shown:
     def png(self, frame: int) -> bytes:
         """The image of a frame as a PNG file; UserError when it cannot be read."""
         if self._places is None and self.sequence.files[frame].endswith(".png"):
+            self.sequence.image(frame)  # a file that was cut off is not handed on
             return self.sequence.image_bytes(frame)
         return png(self.image(frame))
 

@@ -36,6 +36,7 @@ from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.sensors.registry import measure
+from uavbench.trajectories.sensors.registry import named as named_sensors
 from uavbench.trajectories.simulation.flight import FlightSpec
 from uavbench.trajectories.simulation.flight import fly as fly_open_loop
 
@@ -230,6 +231,21 @@ def test_without_a_filter_the_vehicle_flies_on_the_poses_as_they_are():
     after = int(np.searchsorted(moved.path.stamps_ns, moved.results.stamps_ns[moved.results.stamps_ns > 0.5e9][0]))
     assert np.abs(error[: after - 1]).max() < 0.02
     assert 0.07 < np.abs(error[after + 1]).max() < 0.2
+
+
+@pytest.mark.parametrize("estimator", ["filter", "camera"])
+def test_an_imu_that_the_loop_does_not_name_changes_nothing(estimator):
+    wild = Imu(
+        gyro_noise_rad_s_sqrt_hz=0.1, accel_noise_m_s2_sqrt_hz=1.0, gyro_bias_rad_s=0.5, offset_m=(0.1, 0.0, 0.0)
+    )
+    named = tuple(named_sensors((Imu(), Imu())))
+    paths = [
+        flown(
+            box(sensors=(unnamed, Imu())), GroundTruth(), estimator=estimator, sensors=("camera", named[1])
+        ).path.group("estimated_p_m")
+        for unnamed in (Imu(), wild)
+    ]
+    np.testing.assert_array_equal(*paths)
 
 
 def test_a_constant_latency_gives_the_same_bytes_again(tmp_path):

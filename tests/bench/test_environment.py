@@ -1,6 +1,9 @@
 """The environment for learners: Gymnasium's own checks, the same flight twice, what is rewarded, and how it ends."""
 
+import itertools
 import warnings
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,7 @@ from uavbench.trajectories.errors import UserError
 gymnasium = pytest.importorskip("gymnasium", reason="the extra uavbench[gym]")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+from uavbench.bench.closed_loop.eye import eye  # noqa: E402
 from uavbench.bench.learning.environment import CRASH_REWARD, NAME, InspectionEnv  # noqa: E402
 
 SUITE = FLOWN.replace("duration_s = 0.3", "duration_s = 2.0")
@@ -80,6 +84,38 @@ def test_an_agent_that_dives_is_told_of_its_crash(env):
     assert about["status"] == "crashed" and "floor" in about["why"]
 
 
+@pytest.mark.parametrize("action", [np.full(4, np.nan), np.zeros(3), np.zeros((1, 4)), np.array([0, 0, np.inf, 0])])
+def test_an_action_that_is_none_is_refused(env, action):
+    env.reset(seed=1)
+    with pytest.raises(UserError, match="four numbers from -1 to 1"):
+        env.step(action)
+
+
+def withheld(image, first):
+    """The images of a camera, none for the first so many."""
+    frames = itertools.count()
+    return lambda stamp_ns: None if next(frames) < first else image(stamp_ns)
+
+
+@pytest.mark.parametrize("first", [2, 1000])
+def test_an_episode_begins_with_the_first_frame_that_comes(suite, monkeypatch, first):
+    made = InspectionEnv.of_suite(str(suite), "truth")
+
+    @contextmanager
+    def late_eye(*given):
+        with eye(*given) as source:
+            yield replace(source, image=withheld(source.image, first))
+
+    monkeypatch.setattr("uavbench.bench.learning.environment.eye", late_eye)
+    if first < 30:
+        observed, _ = made.reset(seed=1)
+        assert observed["image"].any()
+    else:
+        with pytest.raises(UserError, match="before the camera gives a frame"):
+            made.reset(seed=1)
+    made.close()
+
+
 def test_it_is_made_by_name_and_its_mistakes_are_told(suite):
     made = gymnasium.make(NAME, suite=str(suite), tracker="hold", render_mode="rgb_array")
     observed, _ = made.reset(seed=2)
@@ -89,3 +125,5 @@ def test_it_is_made_by_name_and_its_mistakes_are_told(suite):
         InspectionEnv.of_suite(str(suite), "robots")
     with pytest.raises(UserError, match="loop"):
         InspectionEnv.of_suite(str(suite), "truth", "late")
+    with pytest.raises(UserError, match=r"tiny says nothing of how it is flown: give it a table \[loop\]"):
+        InspectionEnv.of_suite("tiny", "lsd")

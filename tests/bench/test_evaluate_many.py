@@ -239,6 +239,16 @@ def test_frames_that_differ_among_the_estimates_are_refused_without_the_truth_sa
     assert call(tmp_path, "body.tum", "cam.tum", "--ignore-frames", monkeypatch=monkeypatch).exit_code == 0
 
 
+def test_a_mount_is_refused_where_nothing_says_what_it_converts(made, tmp_path, monkeypatch):
+    for name, frame in (("gt.tum", ""), ("body.tum", "world_from_body"), ("cam.tum", "world_from_cam")):
+        write_tum(trajectory(WAY + 0.01 * len(name)), tmp_path / name, frame)
+    (tmp_path / "sequence.json").write_text(json.dumps({"cam_from_body": np.eye(4).tolist()}))
+    for estimates in (("cam.tum",), ("body.tum", "cam.tum")):
+        done = call(tmp_path, *estimates, "--mount", tmp_path, monkeypatch=monkeypatch)
+        assert done.exit_code == 2, done.output
+        assert "gt.tum: does not say whether its poses are of the body or of the camera" in done.output
+
+
 def test_the_pairs_are_those_of_the_names(run, made, tmp_path, monkeypatch):
     """B's best run beside A's worst would be paired by order; by name they are not."""
     for name, scales in (("a", (1, 2, 3, 4, 5, 6, 7)), ("b", (7.1, 6.1, 5.1, 4.1, 3.1, 2.1, 1.1))):

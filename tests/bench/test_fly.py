@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from tests.bench.small_suites import FLOWN, LOOP
 from uavbench.bench.cli.main import main
-from uavbench.bench.closed_loop.latency import Constant
+from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.runner.jobs import plan_flights
@@ -118,6 +118,15 @@ def test_a_video_shows_every_frame_from_the_camera_and_from_outside(done):
         assert 0 < moved[40:].sum() < 0.2 * moved.size  # the vehicle, and nothing else
 
 
+def test_a_shard_makes_its_videos_too(tmp_path, monkeypatch):
+    planned = []
+    monkeypatch.setattr("uavbench.bench.runner.commands.dry_run", lambda jobs, *_: planned.append(jobs) or "")
+    command = ("fly", suite(tmp_path), "--out", tmp_path / "out", "--shard", "1/1", "--dry-run")
+    for more in ((), ("--video",)):
+        assert uavbench(*command, *more).exit_code == 0
+    assert [{job.verb for job in jobs} for jobs in planned] == [{"fly", "score"}, {"fly", "score", "video"}]
+
+
 def test_the_gate_compares_flights(done, tmp_path):
     """The same again has too few seeds for a pass; a flight that crashes where it did not fails."""
     folder, _ = done
@@ -143,6 +152,17 @@ def test_the_gate_compares_flights(done, tmp_path):
         assert "it came too close" in told.output
 
 
+def test_the_gate_refuses_flights_of_another_suite(done, tmp_path):
+    folder, _ = done
+    other = tmp_path / "other"
+    shutil.copytree(folder / "out", other)
+    about = json.loads((other / "suite.json").read_text())
+    (other / "suite.json").unlink()
+    (other / "suite.json").write_text(json.dumps({**about, "flights": "of another loop"}))
+    told = uavbench("gate", other, "--baseline", folder / "out", "--out", tmp_path / "gate")
+    assert told.exit_code == 2 and "different flights" in told.output
+
+
 VARIANTS = LOOP + '[loops.filter]\n[loops.camera]\nestimator = "camera"\ncorridor_m = 0.2\n'
 
 
@@ -160,6 +180,19 @@ def test_each_loop_of_a_suite_is_flown_with_what_all_share(tmp_path):
     assert scores["filter"].estimate_nees is not None and scores["camera"].estimate_nees is None
     assert scores["camera"].estimate_rms_m > 0
     assert "truth@15hz+camera" in run.output
+
+
+def test_a_loop_keeps_what_all_share_of_a_table_that_it_names_too(tmp_path):
+    shared = "[loop]\nfilter = { gate = 0.9, imu_scale = 3.0 }\ncrash = { stray_m = 7.0 }\n" + (
+        'latency = { kind = "constant", ms = 20.0 }\n'
+        "[loops.a]\nfilter = { imu_scale = 2.0 }\ncrash.tilt_deg = 60.0\nlatency = { ms = 5.0 }\n"
+        '[loops.b]\nlatency = { kind = "lognormal" }\n'
+    )
+    loops = load_suite(suite(tmp_path, FLOWN.replace(LOOP, shared))).loops
+    assert (loops["a"].filter.gate, loops["a"].filter.imu_scale) == (0.9, 2.0)
+    assert (loops["a"].crash.stray_m, loops["a"].crash.tilt_deg) == (7.0, 60.0)
+    assert loops["a"].latency == Constant(5.0)
+    assert loops["b"].latency == Lognormal() and loops["b"].filter.imu_scale == 3.0
 
 
 def test_a_mistake_in_one_loop_is_told_with_its_name(tmp_path):

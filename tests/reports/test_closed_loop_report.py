@@ -1,5 +1,6 @@
 """Flights beside each other: pairs of runs against exact tests, swept loops, and the worst flight of a run."""
 
+import json
 from dataclasses import fields
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.closed_loop.report import FlownRun, cells_of_pair, worst_of
 from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
 from uavbench.reports.style import house_style
+from uavbench.trajectories.errors import UserError
 
 
 def score(run, seed, *, succeeds=True, path_m=0.01, sequence="box"):
@@ -60,6 +62,17 @@ def test_the_worst_flight_of_a_run_is_one_that_failed():
     runs = [FlownRun(Path(str(s.seed)), s) for s in flights("a", "+-+")]
     assert worst_of(runs).score.seed == 1
     assert worst_of([runs[0], runs[2]]).score.seed == 2
+
+
+@pytest.mark.parametrize(("key", "value"), [("faults", 5), ("path_rms_m", "far"), ("success", None), ("frames", [])])
+def test_a_score_that_is_none_is_named(tmp_path, key, value):
+    score("a", 0).save(tmp_path / "score.json")
+    assert FlightScore.load(tmp_path / "score.json") == score("a", 0)
+    values = json.loads((tmp_path / "score.json").read_text())
+    (tmp_path / "score.json").unlink()
+    (tmp_path / "score.json").write_text(json.dumps({**values, key: value}))
+    with pytest.raises(UserError, match=rf"score\.json: not the score of a flight: {key}"):
+        FlightScore.load(tmp_path / "score.json")
 
 
 LATENCY = {"estimator": "filter", "latency": {"kind": "constant", "ms": 0.0}}

@@ -47,6 +47,20 @@ def test_runs_are_called_by_what_the_wildcards_stand_for(made):
     assert names_of(made, [f"A={made}/a/../a/run1.tum"], ["a/run1.tum"]) == {("A", "run1")}
 
 
+def test_patterns_choose_as_in_a_shell(made):
+    """Among the estimates as on the disk: ranges, negations, and wildcards that stay in their folder."""
+    estimates = [f"a/run{k}.tum" for k in range(RUNS)]
+    for pattern, expected in (("[^0-4]", {"5", "6"}), ("[!0-4]", {"5", "6"}), ("[0-11]", {"0", "1"})):
+        left = [name for name in estimates if name[5] in expected]
+        for given in ([], left):
+            assert {name for _, name in names_of(made, [f"A={made}/a/run{pattern}.tum"], given)} == expected
+    with pytest.raises(UserError, match="matches no file"):
+        names_of(made, [f"A={made}/a/run[6-0].tum"])
+    with pytest.raises(UserError, match="matches no file"):
+        names_of(made, [f"A={made}/*.tum"], ["a/run0.tum"])
+    assert names_of(made, [f"A={made}/a/**/run0.tum"]) == {("A", "run0")}
+
+
 def test_runs_pair_by_name_then_by_order_and_else_not_at_all():
     assert pairing({"A": ["1", "2", "3"], "B": ["3", "1", "2"]}).rows == {"A": [0, 1, 2], "B": [1, 2, 0]}
     some = pairing({"A": ["1", "2", "3"], "B": ["2", "3"]})

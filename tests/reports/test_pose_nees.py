@@ -35,6 +35,26 @@ def truth() -> Trajectory:
     return Trajectory((t * 1e9).astype(np.int64), p, turn.as_quat()[:, [3, 0, 1, 2]])
 
 
+@pytest.mark.parametrize("claimed", [-1e-4, 1e308])
+def test_covariances_that_are_none_give_json_that_can_be_read(tmp_path, claimed):
+    """Negative ones, and ones whose sums are too large for a number."""
+    write_tum(truth(), tmp_path / "gt.tum")
+    for name in ("a", "b"):
+        write_covariant(tmp_path / f"{name}.tum", truth(), np.tile(claimed * np.eye(6), (N, 1, 1)))
+    paths = [str(tmp_path / f"{name}.tum") for name in ("gt", "a", "b")]
+
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    one = CliRunner().invoke(main, ["evaluate", *paths[:2], "--json"])
+    assert one.exit_code == 0, one.output
+    nees = json.loads(one.stdout, parse_constant=refuse)["nees"]["before"]
+    assert nees["singular"] == (N if claimed < 0 else 0)
+    many = CliRunner().invoke(main, ["evaluate", *paths, "--json"])
+    assert many.exit_code == 0, many.output
+    json.loads(many.stdout, parse_constant=refuse)
+
+
 def covariances() -> Array:
     """One (6, 6) per pose, full and different."""
     rng = np.random.default_rng(8)

@@ -386,3 +386,14 @@ def test_a_folder_that_is_not_empty_is_refused_and_left_alone(sequence: Sequence
     assert (tmp_path / "empty" / "poses.txt").is_file()
     with pytest.raises(UserError, match="unknown export format"):
         export(sequence, "euroq", tmp_path / "x")
+
+
+@pytest.mark.parametrize("format", sorted(EXPORTS))
+def test_an_image_that_was_cut_off_is_named(sequence: Sequence, tmp_path: Path, format: str) -> None:
+    shutil.copytree(sequence.folder, tmp_path / "arc")
+    image = tmp_path / "arc" / sequence.files[1]
+    image.write_bytes(image.read_bytes()[:200])
+    plain = replace(Sequence.load(tmp_path / "arc"), camera=PINHOLE)
+    with pytest.raises(UserError, match=image.name):
+        export(plain, format, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -53,6 +53,12 @@ def snapshot(folder):
     return {path.relative_to(folder).as_posix(): told(path) for path in sorted(folder.rglob("*"))}
 
 
+def test_parts_are_not_written_into_a_file(tmp_path):
+    (tmp_path / "out").touch()
+    with pytest.raises(UserError, match="out: is a file; name a folder"), new_parts(tmp_path / "out", "report.json"):
+        pass
+
+
 KINDS = ["file", "link", "link to a folder", "dangling link", "hard link", "fifo", "folder"]
 
 

@@ -70,8 +70,10 @@ class FittedFrame(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """A fit; whether it was found among all the poses that had to be tried before it may be believed; whether it was,
-    and another pose explains the frame about as well.
+    """A fit, and whether it may be believed.
+
+    settled: all poses that had to be tried before were. rivalled: they were, and another pose explains the frame about
+    as well.
     """
 
     fit: Fit

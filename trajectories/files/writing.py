@@ -93,6 +93,7 @@ def new_parts(folder: Path, marker: str) -> Iterator[Path]:
     marker: JSON file that lists them; while they are being placed it carries no content hash. Nothing is touched, and
     a UserError names it, when something that uavbench did not write is in the way.
     """
+    _refuse_no_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with temporary(folder / Path(marker).stem) as own:
         with _making(own.made):
@@ -152,13 +153,17 @@ def refuse_foreign(folder: Path, marker: str) -> None:
     """UserError when `folder` is no folder, or holds what uavbench did not write; names the first of it."""
     if folder.is_symlink():
         raise UserError(f"{folder}: is a link; name the folder itself, or a new one")
-    if os.path.lexists(folder) and not folder.is_dir():
-        raise UserError(f"{folder}: is a file; name a folder to write to")
+    _refuse_no_folder(folder)
     for name in foreign(folder, marker):
         raise UserError(
             f"{folder}: holds something else than uavbench wrote there: {name}; move it, or name an empty or a new "
             "folder"
         )
+
+
+def _refuse_no_folder(folder: Path) -> None:
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise UserError(f"{folder}: is a file; name a folder to write to")
 
 
 def foreign(folder: Path, marker: str) -> Iterator[str]:

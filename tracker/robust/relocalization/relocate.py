@@ -48,10 +48,11 @@ class Sought(NamedTuple):
 
 
 class Relocalized(NamedTuple):
-    """The best supported fit in this frame, and how much better it is than the one at hand (inf where there was none);
+    """The best supported fit of a slice, and how far the search has come.
 
-    whether all likely poses were fitted since the search began, and whether all poses were; whether it leads the fits
-    of other poses.
+    advantage: how much better it is than the fit at hand, inf where there was none. near_done: all likely poses were
+    fitted since the search began; all_done: all poses were. leads: it has clearly more support than the fits that ended
+    at other poses.
     """
 
     fit: Fit
@@ -62,8 +63,10 @@ class Relocalized(NamedTuple):
 
 
 class Attempt(NamedTuple):
-    """A pose to be fitted: its standard deviation in parts of the range and in rad, half length of search lines; score
-    of a pose that agrees with the image, 0 of others.
+    """A pose to be fitted.
+
+    sigma: its standard deviation, in parts of the range and in rad; half_px: half length of the search lines; score:
+    its agreement with the edge pixels, 0 where it was not found by that.
     """
 
     pose: RigidMotion
