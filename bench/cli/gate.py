@@ -56,16 +56,38 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
 @click.command("gate")
 @click.argument("results", type=click.Path(path_type=Path))
 @click.option(
-    "--baseline",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="Folder of a run on the same frames, or a file made by --update.",
+    "--baseline", type=click.Path(path_type=Path), help="Folder of a run on the same frames, or a file made by --update."
 )
 @click.option("--update", is_flag=True, help="Make the baseline, a file, anew from RESULTS; compare nothing.")
+@click.option(
+    "--record", "history", type=click.Path(path_type=Path), help="History file that RESULTS are added to, a line a commit."
+)
+@click.option("--commit", default="", metavar="REF", help="Commit of the line; default: the one checked out.")
+@click.option("--environment", default="", metavar="NAME", help="Name of the machines whose results are one history.")
 @margin_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
-def gate_command(results: Path, baseline: Path, update: bool, margins: "Margins", out: Path | None) -> None:
-    """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive."""
+def gate_command(
+    results: Path,
+    baseline: Path | None,
+    update: bool,
+    history: Path | None,
+    margins: "Margins",
+    out: Path | None,
+    **where: str,
+) -> None:
+    """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive.
+
+    With --record they become a line of a history too, or alone when there is no baseline.
+    """
+    if baseline is None and (history is None or update):
+        raise click.UsageError("give --baseline to compare with, or --record to keep the results")
+    if history is not None:
+        from uavbench.bench.history.record import Where, record
+
+        record(results, Where(history, where["commit"], where["environment"]))
+        click.echo(history, err=True)
+    if baseline is None:
+        return
     if update:
         from uavbench.bench.gate.baseline import write_baseline
         from uavbench.bench.gate.paired_scores import read_side
