@@ -1,4 +1,4 @@
-"""The commands that judge changes: gate, compare, speed, sensitivity."""
+"""The commands that judge changes: gate, history, compare, speed, sensitivity."""
 
 import sys
 from collections.abc import Callable
@@ -56,11 +56,16 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
 @click.command("gate")
 @click.argument("results", type=click.Path(path_type=Path))
 @click.option(
-    "--baseline", type=click.Path(path_type=Path), help="Folder of a run on the same frames, or a file made by --update."
+    "--baseline",
+    type=click.Path(path_type=Path),
+    help="Folder of a run on the same frames, or a file made by --update.",
 )
 @click.option("--update", is_flag=True, help="Make the baseline, a file, anew from RESULTS; compare nothing.")
 @click.option(
-    "--record", "history", type=click.Path(path_type=Path), help="History file that RESULTS are added to, a line a commit."
+    "--record",
+    "history",
+    type=click.Path(path_type=Path),
+    help="History file that RESULTS are added to, a line a commit.",
 )
 @click.option("--commit", default="", metavar="REF", help="Commit of the line; default: the one checked out.")
 @click.option("--environment", default="", metavar="NAME", help="Name of the machines whose results are one history.")
@@ -98,6 +103,27 @@ def gate_command(
     from uavbench.bench.gate.findings import pronounce
 
     sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
+
+
+@click.command("history")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--margin", default="1%", show_default=True, callback=share, help="Smallest change that is told.")
+@click.option("--since", default="", metavar="COMMIT", help="Changes before this commit are accepted: no alarm.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the page, figures and forms.")
+def history_command(file: Path, margin: float, since: str, out: Path) -> None:
+    """Draw the trends of a history FILE with their change points: exit code 0 quiet, 1 something became worse."""
+    from uavbench.reports.history.history_file import read_history
+    from uavbench.reports.history.page import write_trends
+    from uavbench.reports.history.trend import trends
+
+    history = read_history(file)
+    found = trends(history, margin, since)
+    page = write_trends(out, history, found)
+    for trend in found:
+        for change in trend.changes:
+            click.echo(f"{'ALARM  ' if change in trend.alarms else ''}{trend.said(change)}")
+    click.echo(page)
+    sys.exit(1 if any(trend.alarms for trend in found) else 0)
 
 
 @click.command("speed")
@@ -140,4 +166,10 @@ def sensitivity_command(suite: str, tracker: str, value: tuple[str, ...], jobs: 
     sys.exit(study(suite, out, tracker, value, jobs))
 
 
-COMMANDS: tuple[click.Command, ...] = (gate_command, speed_command, compare_command, sensitivity_command)
+COMMANDS: tuple[click.Command, ...] = (
+    gate_command,
+    history_command,
+    speed_command,
+    compare_command,
+    sensitivity_command,
+)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uavbench.bench.gate.paired_scores import Measured, Side, read_side
+from uavbench.bench.gate.paired_scores import Side, read_side
 from uavbench.bench.gate.versions import git
 from uavbench.bench.history.environment import environment
 from uavbench.reports.history.history_file import (
@@ -37,7 +37,7 @@ FREE = ("uavbench",)
 
 @dataclass(frozen=True)
 class Where:
-    """Where a line goes: the history's file, the commit it is of ("" for the one checked out), the environment's name."""
+    """Where a line goes: the history's file, the line's commit ("" for the one checked out), the environment's name."""
 
     file: Path
     commit: str = ""
@@ -116,8 +116,8 @@ def described(where: Where) -> tuple[str, str, str]:
     """Hash, time and subject of the commit that a line is of; UserError where changes are in none."""
     if not where.commit and (changed := list(_changed(where.file))):
         raise UserError(
-            f"the working tree has changes that are in no commit: {changed[0]}; commit them, or say with --commit which "
-            "commit the results are of"
+            f"the working tree has changes that are in no commit: {changed[0]}; commit them, or say with --commit "
+            "which commit the results are of"
         )
     ref = where.commit or "HEAD"
     shown = git("show", "--no-patch", "--format=%H%x00%cI%x00%s", "--end-of-options", f"{ref}^{{commit}}")
