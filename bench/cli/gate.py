@@ -1,4 +1,4 @@
-"""The commands that judge changes: gate, history, compare, speed, sensitivity."""
+"""The commands that judge changes: gate, history, compare, bisect, speed, sensitivity."""
 
 import sys
 from collections.abc import Callable
@@ -153,6 +153,26 @@ def compare_command(
     sys.exit(compare((base_ref, head_ref), suite, out, repeats, margins, jobs))
 
 
+@click.command("bisect")
+@click.argument("good")
+@click.argument("bad", default="HEAD")
+@click.option(
+    "--metric", default="ATE", show_default=True, help="What became worse: ATE, ATE rotation, RPE 1 s, coverage."
+)
+@click.option("--tracker", default="", metavar="LABEL", help="Of the suite, or LABEL@RATEhz; default: its only one.")
+@click.option("--suite", default="gate", show_default=True, help="Suite that the commits' trackers run on.")
+@click.option("--margin", default="1%", show_default=True, callback=share, help="BAD must be worse by more than this.")
+@jobs_option("Processes that render")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/bisect"), show_default=True)
+def bisect_command(
+    good: str, bad: str, metric: str, tracker: str, suite: str, margin: float, jobs: int, out: Path
+) -> None:
+    """Find the commit after GOOD, up to BAD, with which a metric became worse: exit code 3 when several are left."""
+    from uavbench.bench.history.measuring import What, run_bisect
+
+    sys.exit(run_bisect((good, bad), What(suite, metric, tracker), out, margin, jobs))
+
+
 @click.command("sensitivity")
 @click.argument("suite")
 @click.option("--tracker", default="robust", show_default=True, help="Label of the suite's tracker that is studied.")
@@ -171,5 +191,6 @@ COMMANDS: tuple[click.Command, ...] = (
     history_command,
     speed_command,
     compare_command,
+    bisect_command,
     sensitivity_command,
 )
