@@ -112,6 +112,7 @@ def gate_command(
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the page, figures and forms.")
 def history_command(file: Path, margin: float, since: str, out: Path) -> None:
     """Draw the trends of a history FILE with their change points: exit code 0 quiet, 1 something became worse."""
+    from uavbench.reports.history.change_points import LEAST_COMMITS
     from uavbench.reports.history.history_file import read_history
     from uavbench.reports.history.page import write_trends
     from uavbench.reports.history.trend import trends
@@ -122,6 +123,8 @@ def history_command(file: Path, margin: float, since: str, out: Path) -> None:
     for trend in found:
         for change in trend.changes:
             click.echo(f"{'ALARM  ' if change in trend.alarms else ''}{trend.said(change)}")
+    if len(history.commits) < LEAST_COMMITS:
+        click.echo(f"{len(history.commits)} of the {LEAST_COMMITS} commits from which changes are looked for")
     click.echo(page)
     sys.exit(1 if any(trend.alarms for trend in found) else 0)
 

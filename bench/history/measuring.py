@@ -22,6 +22,7 @@ from uavbench.bench.history.bisect import Cannot, Found, Measurement, between, b
 from uavbench.bench.inputs.file_paths import FREE
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.bench.runner.output_folder import resolved
+from uavbench.reports.history.series import LEAST_ERROR
 from uavbench.trajectories.errors import UserError, one_line, unknown_name
 from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
 
@@ -86,7 +87,7 @@ class Measuring:
                 return Cannot(f"no number of {self.metric} for {sequence}, seed {seed}")
         by_sequence: dict[str, list[float]] = {}
         for (_, sequence, _), value in runs.items():
-            worse = -value if self.metric == COVERAGE else math.log(max(value, np.finfo(float).tiny))
+            worse = -value if self.metric == COVERAGE else math.log(max(value, LEAST_ERROR))
             by_sequence.setdefault(sequence, []).append(worse)
         mean = float(np.mean([np.mean(each) for each in by_sequence.values()]))
         if self.metric == COVERAGE:

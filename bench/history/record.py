@@ -27,6 +27,7 @@ from uavbench.reports.history.history_file import (
     rounded,
     write_history,
 )
+from uavbench.reports.history.series import LEAST_ERROR
 from uavbench.reports.statistics.bootstrap import hierarchical_interval
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
@@ -142,7 +143,7 @@ def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) 
     known = [each for each in known if len(each)]
     value, low, high = math.nan, math.nan, math.nan
     if known:
-        scaled = known if bigger else [np.log(np.maximum(each, np.finfo(float).tiny)) for each in known]
+        scaled = known if bigger else [np.log(np.maximum(each, LEAST_ERROR)) for each in known]
         found = hierarchical_interval(scaled)
         value, low, high = (v if bigger else math.exp(v) for v in (found.mean, found.low, found.high))
     return Recorded(

@@ -56,7 +56,7 @@ def history_of(errors: Array) -> History:
 
 
 def _recorded(row: Array) -> Recorded:
-    value = float(np.exp(np.mean(np.log(row))))
+    value = float(np.exp(np.mean(np.log(row)))) if len(row) else None
     return Recorded(unit="m", better="smaller", value=value, low=None, high=None, runs={"all": row.tolist()})
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from uavbench.reports.figures.drawn import Drawn, finite, save_panel
 from uavbench.reports.history.change_points import Change
-from uavbench.reports.history.series import Series
+from uavbench.reports.history.series import LEAST_ERROR, Series
 from uavbench.reports.history.trend import Trend, short
 from uavbench.reports.style import COLOURS, LOSS, colour, marker
 from uavbench.trajectories.pose import Array
@@ -56,7 +56,7 @@ def draw_trend(trend: Trend, panel: Axes) -> Drawn:
 
 def level_of(series: Series, changes: list[Change]) -> Array:
     """The fitted value at each commit (n,): a mean between steps, a line along a drift."""
-    values = series.value if series.bigger else np.log(np.maximum(series.value, np.finfo(float).tiny))
+    values = series.value if series.bigger else np.log(np.maximum(series.value, LEAST_ERROR))
     fitted = np.empty(len(values))
     ends = sorted({0, len(values), *(c.at for c in changes if c.kind == "step")})
     for start, end in pairwise(ends):

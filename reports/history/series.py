@@ -16,6 +16,8 @@ from uavbench.trajectories.pose import Array
 AT_MOST = 0.19
 """Limit of how far one flight counts beyond the others, in logs: twice a change of 10 %, as the gate's typical change
 has it; a run that slips by chance cannot hide, nor feign, a change of all."""
+LEAST_ERROR = 1e-12
+"""In the unit of the metric: what is below is equal, as in the gate."""
 LEAST_SPREAD = 0.002
 """Spread of a flight between commits, in logs or shares, below which flights count alike."""
 
@@ -65,7 +67,7 @@ def all_series(history: History) -> list[Series]:
 
 def series_of(history: History, tracker: str, metric: str) -> Series | None:
     """A tracker's metric along the commits that have a number of it; None where none has."""
-    have = [c for c in history.commits if (r := c.metrics.get(tracker, {}).get(metric)) and r.value is not None]
+    have = [c for c in history.commits if (r := c.metrics.get(tracker, {}).get(metric)) and _has_number(r)]
     if not have:
         return None
     recorded = [c.metrics[tracker][metric] for c in have]
@@ -83,7 +85,7 @@ def flights_worse(recorded: list[Recorded], *, bigger: bool) -> Array:
     keys = sorted({key for each in recorded for key, _ in _flights(each)})
     table = [dict(_flights(each)) for each in recorded]
     values = np.array([[row.get(key, np.nan) for key in keys] for row in table], dtype=float)
-    values = -values if bigger else np.log(np.maximum(values, np.finfo(float).tiny))
+    values = -values if bigger else np.log(np.maximum(values, LEAST_ERROR))
     values = values[:, np.isfinite(values).any(axis=0)]
     apart = values - np.nanmedian(values, axis=0)
     if bigger:
@@ -108,6 +110,10 @@ def spread(values: Array) -> float:
     if len(values) < 2:
         return 0.0
     return float(1.4826 * np.median(np.abs(np.diff(values))) / np.sqrt(2))
+
+
+def _has_number(recorded: Recorded) -> bool:
+    return recorded.value is not None and any(np.isfinite(value) for _, value in _flights(recorded))
 
 
 def _flights(recorded: Recorded) -> Iterator[tuple[tuple[str, int], float]]:

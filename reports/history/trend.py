@@ -1,9 +1,10 @@
 """The verdict on a history: every series with its changes, and which of them raise an alarm."""
 
-import math
 from dataclasses import dataclass
 
-from uavbench.reports.history.change_points import LEAST_COMMITS, Change, changes
+import numpy as np
+
+from uavbench.reports.history.change_points import Change, changes
 from uavbench.reports.history.history_file import Commit, History
 from uavbench.reports.history.series import Series, all_series
 from uavbench.trajectories.errors import UserError
@@ -34,12 +35,12 @@ class Trend:
 def trends(history: History, margin: float, since: str = "") -> list[Trend]:
     """The trend of every metric; changes before the commit `since` are accepted.
 
-    UserError when the history has no such commit, or too few for any trend.
+    UserError when the history has no such commit, or none at all.
     """
     names = [entry.commit for entry in history.commits]
     begin = _place(names, since) if since else 0
-    if len(names) < LEAST_COMMITS:
-        raise UserError(f"the history has {len(names)} commits; a trend needs {LEAST_COMMITS}: record more")
+    if not names:
+        raise UserError("the history has no commits: record one with `uavbench gate RESULTS --record FILE`")
     found = []
     for series in all_series(history):
         accepted = {entry.commit for entry in history.commits[:begin]}
@@ -49,7 +50,7 @@ def trends(history: History, margin: float, since: str = "") -> list[Trend]:
             for k, change in enumerate(every)
             if change.size > 0
             and series.commits[change.at].commit not in accepted
-            and _net(series, every[k:]) >= margin
+            and _left(series, every[k:]) >= margin
         ]
         found.append(Trend(series, every, alarms))
     return found
@@ -60,11 +61,11 @@ def short(commit: Commit) -> str:
     return commit.commit[:SHORT]
 
 
-def _net(series: Series, every: list[Change]) -> float:
-    """What is left of changes at the end."""
-    if series.bigger:
-        return sum(change.size for change in every)
-    return math.prod(1 + change.size for change in every) - 1
+def _left(series: Series, every: list[Change]) -> float:
+    """What was left, at the best commit since, of the first of these changes."""
+    sizes = np.array([change.size for change in every])
+    together = np.cumsum(sizes) if series.bigger else np.cumprod(1 + sizes) - 1
+    return float(together.min())
 
 
 def _place(names: list[str], since: str) -> int:

@@ -97,6 +97,15 @@ def test_runs_without_a_number_are_no_change():
     assert changes(series_of(replace(history, commits=commits), *NAME)) == []
 
 
+@pytest.mark.parametrize("error", [0.0, 1e-300, 1e300])
+def test_errors_of_any_size_and_none_at_all_are_followed(error):
+    errors = noisy(12)
+    errors[6:] = error
+    assert len(found(np.maximum(errors, 1e-300))) == 1
+    empty = history_of(errors[:, :0] + 1.0)
+    assert trends(empty, 0.01) == []
+
+
 def covered(shares):
     """A history of one tracker's coverage, shares (commits, flights)."""
     history = history_of(np.ones((len(shares), 2)))
@@ -123,6 +132,10 @@ def test_what_was_made_good_and_what_is_accepted_do_not_alarm():
     history = history_of(errors)
     (trend,) = trends(history, 0.01)
     assert len(trend.changes) == 2 and trend.alarms == []
+    again = errors.copy()
+    again[44:] *= 1.1
+    (trend,) = trends(history_of(again), 0.01)
+    assert len(trend.changes) == 3 and trend.alarms == trend.changes[2:]
     errors[35:] *= 1.1
     (trend,) = trends(history_of(errors), 0.01)
     assert len(trend.alarms) == 1
@@ -166,7 +179,10 @@ def test_mistakes_are_told(tmp_path, monkeypatch):
     write_history(file, history_of(noisy(3)))
     out = ["--out", str(tmp_path / "out")]
     few = CliRunner().invoke(main, ["history", str(file), *out])
-    assert few.exit_code == 2 and "3 commits" in few.output
+    assert few.exit_code == 0 and "3 of the 4 commits" in few.output
+    write_history(file, history_of(noisy(0)))
+    none = CliRunner().invoke(main, ["history", str(file), *out])
+    assert none.exit_code == 2 and "no commits" in none.output
     write_history(file, history_of(noisy(9)))
     unknown = CliRunner().invoke(main, ["history", str(file), "--since", "feed", *out])
     assert unknown.exit_code == 2 and "--since feed" in unknown.output
