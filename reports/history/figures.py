@@ -30,8 +30,10 @@ def draw_trend(trend: Trend, panel: Axes) -> Drawn:
     low, high = (
         (fitted - spread, fitted + spread) if series.bigger else (fitted * np.exp(-spread), fitted * np.exp(spread))
     )
-    panel.fill_between(at, low, high, color=LOSS, lw=0, alpha=0.6, step=None)
-    panel.plot(at, fitted, color=colour(0), lw=1.0)
+    for start, end in pairwise(steps_of(trend.changes, n)):
+        part = slice(start, end)
+        panel.fill_between(at[part], low[part], high[part], color=LOSS, lw=0, alpha=0.6)
+        panel.plot(at[part], fitted[part], color=colour(0), lw=1.0)
     panel.plot(at, series.value, **marker(0), ms=2.4)
     for change in trend.changes:
         bad = change in trend.alarms
@@ -58,12 +60,16 @@ def level_of(series: Series, changes: list[Change]) -> Array:
     """The fitted value at each commit (n,): a mean between steps, a line along a drift."""
     values = series.value if series.bigger else np.log(np.maximum(series.value, LEAST_ERROR))
     fitted = np.empty(len(values))
-    ends = sorted({0, len(values), *(c.at for c in changes if c.kind == "step")})
-    for start, end in pairwise(ends):
+    for start, end in pairwise(steps_of(changes, len(values))):
         x = np.arange(start, end)
         line = any(c.kind == "drift" and c.first == start for c in changes)
         fitted[start:end] = np.polyval(np.polyfit(x, values[start:end], int(line)), x)
     return fitted if series.bigger else np.exp(fitted)
+
+
+def steps_of(changes: list[Change], n: int) -> list[int]:
+    """Where the levels of n commits begin, and n."""
+    return sorted({0, n, *(change.at for change in changes if change.kind == "step")})
 
 
 def save_trend(trend: Trend, stem: Path) -> list[Path]:

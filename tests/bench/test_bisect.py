@@ -137,6 +137,7 @@ def test_trackers_run_from_each_commit_s_own_tree(repository, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "src"), str(ROOT)]))
     (repository / "suite.toml").write_text(SUITE)
     (repository / "stream.py").write_text(STREAM)
+    (repository / ".gitignore").write_text("out/\n")
     commit(repository, "offset.py", "OFF = 0.1\n")
     commit(repository, "notes", "nothing\n")
     commit(repository, "offset.py", "OFF = 1 +\n")
@@ -150,6 +151,8 @@ def test_trackers_run_from_each_commit_s_own_tree(repository, monkeypatch):
     assert about["suspects"][0] == worse, result.output
     assert sum("skipped" in each for each in about["tried"].values()) == 1
     assert result.exit_code == 3 and "cannot run" in result.output
-    again = CliRunner().invoke(main, [*arguments, "--tracker", "stream"])
-    assert again.exit_code == 3, again.output
+    more = commit(repository, "offset.py", "OFF = 30.0\n")
+    commit(repository, "notes", "all\n")
+    again = CliRunner().invoke(main, ["bisect", "HEAD~3", *arguments[2:], "--tracker", "stream@15hz"])
+    assert again.exit_code == 0 and f"first worse commit: {more[:7]}" in again.output, again.output
     assert git(repository, "status", "--porcelain", "-uno") == ""
