@@ -1,4 +1,4 @@
-"""The commands that judge changes: gate, compare, speed, sensitivity."""
+"""The commands that judge changes: gate, history, compare, bisect, speed, sensitivity."""
 
 import sys
 from collections.abc import Callable
@@ -58,14 +58,41 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
 @click.option(
     "--baseline",
     type=click.Path(path_type=Path),
-    required=True,
     help="Folder of a run on the same frames, or a file made by --update.",
 )
 @click.option("--update", is_flag=True, help="Make the baseline, a file, anew from RESULTS; compare nothing.")
+@click.option(
+    "--record",
+    "history",
+    type=click.Path(path_type=Path),
+    help="History file that RESULTS are added to, a line a commit.",
+)
+@click.option("--commit", default="", metavar="REF", help="Commit of the line; default: the one checked out.")
+@click.option("--environment", default="", metavar="NAME", help="Name of the machines whose results are one history.")
 @margin_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
-def gate_command(results: Path, baseline: Path, update: bool, margins: "Margins", out: Path | None) -> None:
-    """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive."""
+def gate_command(
+    results: Path,
+    baseline: Path | None,
+    update: bool,
+    history: Path | None,
+    margins: "Margins",
+    out: Path | None,
+    **where: str,
+) -> None:
+    """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive.
+
+    With --record they become a line of a history too, or alone when there is no baseline.
+    """
+    if baseline is None and (history is None or update):
+        raise click.UsageError("give --baseline to compare with, or --record to keep the results")
+    if history is not None:
+        from uavbench.bench.history.record import Where, record
+
+        record(results, Where(history, where["commit"], where["environment"]))
+        click.echo(history, err=True)
+    if baseline is None:
+        return
     if update:
         from uavbench.bench.gate.baseline import write_baseline
         from uavbench.bench.gate.paired_scores import read_side
@@ -76,6 +103,30 @@ def gate_command(results: Path, baseline: Path, update: bool, margins: "Margins"
     from uavbench.bench.gate.findings import pronounce
 
     sys.exit(pronounce(results, baseline, margins, out or results / "gate"))
+
+
+@click.command("history")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--margin", default="1%", show_default=True, callback=share, help="Smallest change that is told.")
+@click.option("--since", default="", metavar="COMMIT", help="Changes before this commit are accepted: no alarm.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the page, figures and forms.")
+def history_command(file: Path, margin: float, since: str, out: Path) -> None:
+    """Draw the trends of a history FILE with their change points: exit code 0 quiet, 1 something became worse."""
+    from uavbench.reports.history.change_points import LEAST_COMMITS
+    from uavbench.reports.history.history_file import read_history
+    from uavbench.reports.history.page import write_trends
+    from uavbench.reports.history.trend import trends
+
+    history = read_history(file)
+    found = trends(history, margin, since)
+    page = write_trends(out, history, found)
+    for trend in found:
+        for change in trend.changes:
+            click.echo(f"{'ALARM  ' if change in trend.alarms else ''}{trend.said(change)}")
+    if len(history.commits) < LEAST_COMMITS:
+        click.echo(f"{len(history.commits)} of the {LEAST_COMMITS} commits from which changes are looked for")
+    click.echo(page)
+    sys.exit(1 if any(trend.alarms for trend in found) else 0)
 
 
 @click.command("speed")
@@ -105,6 +156,26 @@ def compare_command(
     sys.exit(compare((base_ref, head_ref), suite, out, repeats, margins, jobs))
 
 
+@click.command("bisect")
+@click.argument("good")
+@click.argument("bad", default="HEAD")
+@click.option(
+    "--metric", default="ATE", show_default=True, help="What became worse: ATE, ATE rotation, RPE 1 s, coverage."
+)
+@click.option("--tracker", default="", metavar="LABEL", help="Of the suite, or LABEL@RATEhz; default: its only one.")
+@click.option("--suite", default="gate", show_default=True, help="Suite that the commits' trackers run on.")
+@click.option("--margin", default="1%", show_default=True, callback=share, help="BAD must be worse by more than this.")
+@jobs_option("Processes that render")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("out/bisect"), show_default=True)
+def bisect_command(
+    good: str, bad: str, metric: str, tracker: str, suite: str, margin: float, jobs: int, out: Path
+) -> None:
+    """Find the commit after GOOD, up to BAD, with which a metric became worse: exit code 3 when several are left."""
+    from uavbench.bench.history.measuring import What, run_bisect
+
+    sys.exit(run_bisect((good, bad), What(suite, metric, tracker), out, margin, jobs))
+
+
 @click.command("sensitivity")
 @click.argument("suite")
 @click.option("--tracker", default="robust", show_default=True, help="Label of the suite's tracker that is studied.")
@@ -118,4 +189,11 @@ def sensitivity_command(suite: str, tracker: str, value: tuple[str, ...], jobs: 
     sys.exit(study(suite, out, tracker, value, jobs))
 
 
-COMMANDS: tuple[click.Command, ...] = (gate_command, speed_command, compare_command, sensitivity_command)
+COMMANDS: tuple[click.Command, ...] = (
+    gate_command,
+    history_command,
+    speed_command,
+    compare_command,
+    bisect_command,
+    sensitivity_command,
+)

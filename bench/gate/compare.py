@@ -12,6 +12,7 @@ import os
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.bench.runner.output_folder import resolved
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.results import MARKER, Results
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import mark, refuse_foreign, refuse_foreign_file, write_text
@@ -112,19 +115,7 @@ def run_in_turn(
                 for side in SIDES if (repeat + number) % 2 == 0 else SIDES[::-1]:
                     if label in unknown:
                         continue
-                    ask = {
-                        "rate_hz": rate_hz,
-                        "seed": spec.seed,
-                        "sequence": str(out / "head" / "sequences" / spec.name),
-                        "out": str(out / side / "results" / spec.name / run),
-                        "content_hash": content_hash(sides[side].version.commit, label, rate_hz, spec.seed, spec.name),
-                        **({"start": start} if start else {}),
-                    }
-                    results = Path(ask["out"])
-                    refuse_foreign(results, MARKER)
-                    answer = sides[side].track(label, ask)
-                    if "error" not in answer:
-                        mark(results, MARKER)  # an older version does not
+                    answer = track_on(sides[side], Run(label, rate_hz, spec), out / "head", out / side, start)
                     if "error" in answer and side == "base":
                         unknown[label] = str(answer["error"]).splitlines()[-1].strip()
                     elif "error" in answer:
@@ -133,6 +124,38 @@ def run_in_turn(
                         key = (label, run, spec.name, spec.seed, side)
                         times.setdefault(key, []).append([np.nan if t is None else t for t in answer["total_ms"]])
     return times, unknown
+
+
+@dataclass(frozen=True)
+class Run:
+    """A tracker at a rate on a sequence."""
+
+    label: str
+    rate_hz: float
+    spec: SequenceSpec | RecordingSpec
+
+    @property
+    def name(self) -> str:
+        """`lsd@15hz`."""
+        return f"{self.label}@{self.rate_hz:g}hz"
+
+
+def track_on(side: Side, run: Run, frames: Path, out: Path, start: dict[str, Any] | None) -> dict[str, Any]:
+    """Run a version's tracker on rendered frames, its results in the folder `out`; the answer, maybe an `error`."""
+    spec, results = run.spec, out / "results" / run.spec.name / run.name
+    refuse_foreign(results, MARKER)
+    ask = {
+        "rate_hz": run.rate_hz,
+        "seed": spec.seed,
+        "sequence": str(frames / "sequences" / spec.name),
+        "out": str(results),
+        "content_hash": content_hash(side.version.commit, run.label, run.rate_hz, spec.seed, spec.name),
+        **({"start": start} if start else {}),
+    }
+    answer = side.track(run.label, ask)
+    if "error" not in answer:
+        mark(results, MARKER)  # an older version does not
+    return answer
 
 
 def smallest(times: Times, labels: list[str]) -> dict[str, list[dict[str, Any]]]:

@@ -148,7 +148,7 @@ def git(*arguments: str) -> bytes:
     try:
         done = subprocess.run(["git", *arguments], capture_output=True, check=True)
     except FileNotFoundError:
-        raise UserError("compare needs git") from None
+        raise UserError("git is not installed: versions of a repository need it") from None
     except subprocess.CalledProcessError as error:
         words = error.stderr.decode(errors="replace").strip().splitlines()
         command = " ".join(word for word in arguments if word != "-C" and not word.startswith(os.sep))

@@ -162,3 +162,31 @@ def test_nightly_keeps_the_code_of_the_run(foreign):
     done = foreign.shell(steps("github-nightly.yml", "nightly")["Run"], SUITE="none.toml")
     assert done.returncode == 2
     assert "none.toml" in done.stdout
+
+
+def test_the_history_is_kept_on_its_branch_and_grows_with_each_commit(foreign):
+    server = foreign.folder.parent / "server.git"
+    foreign.git("init", "-q", "--bare", str(server))
+    foreign.git("remote", "add", "origin", str(server))
+    step = steps("github-history.yml", "history")
+    for number in (1, 2):
+        foreign.git("commit", "-q", "--allow-empty", "-m", f"change {number}")
+        measured = foreign.shell(step["Measure"])
+        assert measured.returncode == 0, measured.stderr
+        done = foreign.shell(step["History"])
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert f"{number} of the 4 commits" in done.stdout
+        foreign.git("worktree", "remove", "--force", "out/kept")
+        foreign.git("branch", "-D", "uavbench-history") if number == 1 else None
+    kept = subprocess.run(
+        ["git", "show", "uavbench-history:history.json"], cwd=server, check=True, capture_output=True, text=True
+    ).stdout
+    assert kept.count('"subject": "change') == 2 and '"name": "github-hosted"' in kept
+    names = subprocess.run(
+        ["git", "ls-tree", "-r", "--name-only", "uavbench-history"],
+        cwd=server,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    assert "page/index.html" in names and "suite.toml" not in names

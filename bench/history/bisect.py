@@ -1,0 +1,105 @@
+"""`uavbench bisect GOOD BAD --metric M`: the commit with which a metric became worse.
+
+The commits between the two are halved as `git bisect` does it, which commit being next said by git itself
+(`git rev-list --bisect-all`), so that branches and merges are followed; the working tree is not touched. Every commit's
+tracker runs from its own tree on the frames of BAD's suite. A commit is worse when its metric, the mean over the
+flights, is nearer to that of BAD than to that of GOOD. One that cannot run is skipped, and said so.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from uavbench.bench.gate.versions import git
+from uavbench.trajectories.errors import UserError
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """How much worse a commit is (`worse`: the mean log of an error, or a loss), and its value as people read it."""
+
+    worse: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Cannot:
+    """Why a commit could not be measured."""
+
+    why: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a bisection found.
+
+    suspects: the first worse commit, with those that were skipped before it and may be it; verdicts: of every commit
+    that was tried, in words.
+    """
+
+    suspects: list[str]
+    verdicts: Mapping[str, str] = field(default_factory=dict)
+
+
+def bisect(good: str, bad: str, margin: float, measure: Callable[[str], Measurement | Cannot], tell: Tell) -> Found:
+    """The first worse commit after `good` through `bad`, full hashes; UserError when `bad` is not worse by `margin`.
+
+    margin: a share of an error, or of all frames or flights.
+    """
+    levels = {name: _ends(name, measure, tell) for name in (good, bad)}
+    if levels[bad].worse - levels[good].worse <= math.log1p(margin):
+        raise UserError(
+            f"{short(bad)} is not worse than {short(good)}: {levels[bad].text} against {levels[good].text}, by less "
+            f"than --margin {100 * margin:g}%"
+        )
+    limit = (levels[good].worse + levels[bad].worse) / 2
+    verdicts = {good: f"good {levels[good].text}", bad: f"worse {levels[bad].text}"}
+    goods, skipped = [good], set[str]()
+    while following := next((c for c in candidates(goods, bad) if c not in skipped), ""):
+        found = measure(following)
+        if isinstance(found, Cannot):
+            skipped.add(following)
+            verdicts[following] = f"skipped: {found.why}"
+        elif found.worse > limit:
+            bad = following
+            verdicts[following] = f"worse {found.text}"
+        else:
+            goods.append(following)
+            verdicts[following] = f"good {found.text}"
+        tell(f"{short(following)} {verdicts[following]}")
+    return Found([bad, *(c for c in candidates(goods, bad) if c in skipped)], verdicts)
+
+
+def candidates(goods: list[str], bad: str) -> list[str]:
+    """Commits that may be the first worse one, but for `bad` itself, the one that halves them best first."""
+    given = git("rev-list", "--bisect-all", bad, *(f"^{good}" for good in goods)).decode().splitlines()
+    return [commit for commit in (line.split(" ")[0] for line in given) if commit != bad]
+
+
+def between(good: str, bad: str) -> tuple[str, str]:
+    """Full hashes of two commits; UserError unless the second follows from the first."""
+    found = [
+        git("rev-parse", "--verify", "--end-of-options", f"{ref}^{{commit}}").decode().strip() for ref in (good, bad)
+    ]
+    first, last = found
+    if git("merge-base", first, last).decode().strip() != first:
+        raise UserError(f"{good} is no ancestor of {bad}: give the good commit first, and both of one line of history")
+    if first == last:
+        raise UserError(f"{good} and {bad} are the same commit")
+    return first, last
+
+
+def short(commit: str) -> str:
+    """Hash and subject as people read them."""
+    return git("show", "--no-patch", "--format=%h %s", commit).decode(errors="replace").strip()
+
+
+def _ends(commit: str, measure: Callable[[str], Measurement | Cannot], tell: Tell) -> Measurement:
+    """A measurement of one of the two given commits; UserError when it cannot run."""
+    found = measure(commit)
+    if isinstance(found, Cannot):
+        raise UserError(f"{short(commit)} cannot be measured: {found.why}; give a commit that runs")
+    tell(f"{short(commit)} {found.text}")
+    return found

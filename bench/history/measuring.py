@@ -1,0 +1,154 @@
+"""What a bisection asks of commits: each one's tracker run on the same frames and scored by the running version."""
+
+import json
+import math
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from uavbench.bench.config.suite import Suite, load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.gate.compare import Run, describe, reading_from, score_all, track_on
+from uavbench.bench.gate.compare_sides import at_work, file_of
+from uavbench.bench.gate.paired_scores import COVERAGE, ERRORS, Side, read_side
+from uavbench.bench.gate.versions import version
+from uavbench.bench.history.bisect import Cannot, Found, Measurement, between, bisect, short
+from uavbench.bench.inputs.file_paths import FREE
+from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
+from uavbench.bench.runner.output_folder import resolved
+from uavbench.reports.history.series import LEAST_ERROR
+from uavbench.trajectories.errors import UserError, one_line, unknown_name
+from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+
+SEVERAL = 3
+"""Exit code when skipped commits leave more than one that may have made it worse."""
+
+
+@dataclass(frozen=True)
+class What:
+    """What is bisected: the suite, the metric, and the tracker ("" for the only one), as `lsd` or `lsd@15hz`."""
+
+    suite: str
+    metric: str
+    tracker: str = ""
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """Measures commits of the repository that the current folder is in.
+
+    file: of the suite in the working tree; out: folder with the frames in `head` and, by commit, the results; start:
+    the suite's table of the initial pose.
+    """
+
+    suite: Suite
+    file: Path
+    out: Path
+    label: str
+    rate_hz: float
+    metric: str
+    start: dict[str, Any] | None
+
+    def __call__(self, commit: str) -> Measurement | Cannot:
+        """How much worse the metric is at a commit; why not where it cannot run, or has no number."""
+        folder = self.out / commit
+        try:
+            with version(commit) as each, at_work(each, self.file, [self.label]) as side:
+                for label, why in side.unknown.items():
+                    return Cannot(f"{label}: {one_line(why)}")
+                for spec in self.suite.sequences:
+                    answer = track_on(side, Run(self.label, self.rate_hz, spec), self.out / "head", folder, self.start)
+                    if "error" in answer:
+                        return Cannot(f"{spec.name}: {one_line(str(answer['error']).splitlines()[-1])}")
+        except UserError as error:
+            return Cannot(one_line(str(error)))
+        alone = self.one_rate()
+        describe(folder, alone, [self.label], {})
+        score_all(self.out, commit, alone, [self.label])
+        return self.of(read_side(folder))
+
+    def one_rate(self) -> Suite:
+        """The suite with the one rate that is measured."""
+        return replace(self.suite, rates_hz=(self.rate_hz,))
+
+    def of(self, side: Side) -> Measurement | Cannot:
+        """The metric of a commit's scores."""
+        runs = {
+            key: run.coverage if self.metric == COVERAGE else run.errors[self.metric] for key, run in side.runs.items()
+        }
+        for (_, sequence, seed), value in runs.items():
+            if not math.isfinite(value):
+                return Cannot(f"no number of {self.metric} for {sequence}, seed {seed}")
+        by_sequence: dict[str, list[float]] = {}
+        for (_, sequence, _), value in runs.items():
+            worse = -value if self.metric == COVERAGE else math.log(max(value, LEAST_ERROR))
+            by_sequence.setdefault(sequence, []).append(worse)
+        mean = float(np.mean([np.mean(each) for each in by_sequence.values()]))
+        if self.metric == COVERAGE:
+            return Measurement(mean, f"{self.metric} {-mean:.4f}")
+        return Measurement(mean, f"{self.metric} {math.exp(mean):.5g} {ERRORS[self.metric][0]}")
+
+
+def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, workers: int) -> int:
+    """Find the commit with which a metric became worse; 0 when it is found, 3 when several are left."""
+    out = resolved(out)
+    refuse_foreign_file(out / "bisect.json")
+    if what.metric not in (names := [*ERRORS, COVERAGE]):
+        hint = "; times need interleaved runs: use `uavbench compare`" if what.metric == "latency" else ""
+        raise UserError(f"{unknown_name('metric', what.metric, names)}{hint}")
+    good, bad = between(*refs)
+    with measuring(bad, what, out, workers) as measure:
+        if isinstance(measure, int):
+            return measure
+        found = bisect(good, bad, margin, measure, lambda line: click.echo(line, err=True))
+    write_text(out / "bisect.json", json.dumps(to_json(found, what), indent=1) + "\n", sealed=True)
+    first, *others = found.suspects
+    if not others:
+        click.echo(f"first worse commit: {short(first)}")
+        return 0
+    click.echo(f"the first worse commit is one of these {1 + len(others)}; all but the first named cannot run:")
+    for commit in found.suspects:
+        click.echo(f"  {short(commit)}")
+    return SEVERAL
+
+
+@contextmanager
+def measuring(bad: str, what: What, out: Path, workers: int) -> Iterator[Measuring | int]:
+    """What measures commits, with the frames of the suite of `bad` rendered; an exit code when they cannot be."""
+    given = suite_file(what.suite)
+    file = given.parent.resolve() / given.name
+    with version(bad) as last:
+        flown = file_of(last, file)
+        with reading_from(last.environment([])[FREE] if flown != file else None):
+            suite = load_suite(flown)
+            label, rate_hz = chosen(suite, what.tracker)
+            code = bring_up_to("render", str(flown), out / "head", ExecutionOptions(workers=workers))
+        start = tomllib.loads(flown.read_text(encoding="utf-8")).get("start")
+    yield code or Measuring(suite, file, out, label, rate_hz, what.metric, start)
+
+
+def chosen(suite: Suite, tracker: str) -> tuple[str, float]:
+    """Label and rate of a tracker of the suite; UserError when it has none of the name, or several."""
+    runs = {f"{label}@{rate:g}hz": (label, rate) for label in suite.trackers for rate in suite.rates_hz}
+    fitting = [run for run, (label, _) in runs.items() if tracker in ("", label, run)]
+    if not fitting:
+        raise unknown_name("tracker", tracker, [*runs])
+    if len(fitting) > 1:
+        raise UserError(f"the suite has several runs: say which with --tracker: {', '.join(fitting)}")
+    return runs[fitting[0]]
+
+
+def to_json(found: Found, what: What) -> dict[str, Any]:
+    """What was found, and how."""
+    return {
+        "metric": what.metric,
+        "first_worse": found.suspects[0] if len(found.suspects) == 1 else None,
+        "suspects": found.suspects,
+        "tried": dict(found.verdicts),
+    }

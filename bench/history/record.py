@@ -1,0 +1,164 @@
+"""`uavbench gate --record FILE`: what was measured at a commit becomes its line of a history.
+
+A history is of one suite's flights, scored in one way, in one environment, for else a step in it may be of anything.
+What differs is refused and named. An environment may be given a name: then its details may change, and are kept with
+each commit so that a reader sees which did.
+"""
+
+import fcntl
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.bench.gate.paired_scores import Side, read_side
+from uavbench.bench.gate.versions import git
+from uavbench.bench.history.environment import environment
+from uavbench.reports.history.history_file import (
+    Commit,
+    History,
+    Recorded,
+    SuiteIdentity,
+    read_history,
+    rounded,
+    write_history,
+)
+from uavbench.reports.history.series import LEAST_ERROR
+from uavbench.reports.statistics.bootstrap import hierarchical_interval
+from uavbench.scenes.dataset.table_files import read_json
+from uavbench.trajectories.errors import UserError
+
+FREE = ("uavbench",)
+"""Details of an environment that change with the commits of a repository that is uavbench's own."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a line goes: the history's file, the line's commit ("" for the one checked out), the environment's name."""
+
+    file: Path
+    commit: str = ""
+    name: str = ""
+
+
+def record(folder: Path, where: Where) -> None:
+    """Add the scores of a suite's folder to a history; UserError when they are of another suite or environment."""
+    side = read_side(folder)
+    for key, why in side.faults.items():
+        raise UserError(f"not recorded: {key[0]} on {key[1]}, seed {key[2]}: {why}")
+    if not side.runs or not side.flights:
+        raise UserError(f"{folder}: nothing to record; give a folder of `uavbench run`, `score` or `fly`")
+    suite = identity(folder, side)
+    entry = entry_of(side, where, environment(folder))
+    with alone(where.file):
+        if where.file.exists():
+            history = read_history(where.file)
+            expect_same(where, history, suite, entry.environment)
+            history = replace(history, name=where.name or history.name)
+        else:
+            history = History(suite=suite, name=where.name, environment=entry.environment, commits=[])
+        write_history(where.file, history.with_commit(entry))
+
+
+def identity(folder: Path, side: Side) -> SuiteIdentity:
+    """What must agree between the commits of a history."""
+    name = str(read_json(folder / "suite.json").get("suite") or folder.name)
+    return SuiteIdentity(name=name, flights=side.flights, how=dict(next(iter(side.runs.values())).how))
+
+
+def expect_same(where: Where, history: History, suite: SuiteIdentity, details: dict[str, str]) -> None:
+    """UserError unless a history is of this suite and environment."""
+    file = where.file
+    if history.suite.flights != suite.flights:
+        named = f"of the suite {history.suite.name!r}, these results are of {suite.name!r}"
+        alike = "of other flights of this suite, which has changed since"
+        told = named if history.suite.name != suite.name else alike
+        raise UserError(f"{file}: the history is {told}; record into another file, or move this one away")
+    if history.suite.how != suite.how:
+        raise UserError(f"{file}: the history's numbers were computed in another way; record into another file")
+    if history.name and where.name != history.name:
+        given = f"not of {where.name!r}" if where.name else "give it to go on in this history"
+        raise UserError(f"{file}: the history is of the environment --environment {history.name!r}: {given}")
+    other = [
+        f"{key} {history.environment.get(key, 'none')} there, {details.get(key, 'none')} here"
+        for key in sorted({*history.environment, *details} - {*FREE})
+        if history.environment.get(key) != details.get(key)
+    ]
+    if other and not where.name:
+        raise UserError(
+            f"{file}: the history is of another environment: {'; '.join(other)}; record into another file, or give "
+            "both a name with --environment NAME if such differences are acceptable to you"
+        )
+
+
+def entry_of(side: Side, where: Where, details: dict[str, str]) -> Commit:
+    """A commit's line, of what was measured in a folder."""
+    commit, time, subject = described(where)
+    metrics: dict[str, dict[str, Recorded]] = {}
+    crashes: dict[str, int] = {}
+    for run in sorted({key[0] for key in side.runs}):
+        of_run = {(key[1], key[2]): one for key, one in side.runs.items() if key[0] == run}
+        metrics[run] = {side.share: _recorded({key: one.coverage for key, one in of_run.items()}, "", bigger=True)}
+        for metric, unit in side.units.items():
+            values = {key: one.errors.get(metric, math.nan) for key, one in of_run.items()}
+            metrics[run][metric] = _recorded(values, unit, bigger=False)
+        if crashed := sum(bool(one.crash) for one in of_run.values()):
+            crashes[run] = crashed
+    return Commit(
+        commit=commit, time=time, subject=subject, environment=details, metrics=metrics, crashes=crashes
+    )  # fmt: skip
+
+
+def described(where: Where) -> tuple[str, str, str]:
+    """Hash, time and subject of the commit that a line is of; UserError where changes are in none."""
+    if not where.commit and (changed := list(_changed(where.file))):
+        raise UserError(
+            f"the working tree has changes that are in no commit: {changed[0]}; commit them, or say with --commit "
+            "which commit the results are of"
+        )
+    ref = where.commit or "HEAD"
+    shown = git("show", "--no-patch", "--format=%H%x00%cI%x00%s", "--end-of-options", f"{ref}^{{commit}}")
+    commit, time, subject = shown.decode(errors="replace").rstrip("\n").split("\0")
+    return commit, time, subject
+
+
+def _changed(file: Path) -> Iterator[str]:
+    """Files that git keeps and that differ from its last commit, but for the history itself."""
+    top = Path(git("rev-parse", "--show-toplevel").decode().rstrip("\n"))
+    for name in git("-C", str(top), "diff", "--name-only", "-z", "HEAD").decode(errors="replace").split("\0"):
+        if name and (top / name).resolve() != file.resolve():
+            yield name
+
+
+def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) -> Recorded:
+    """A metric of one tracker: (sequence, seed) -> value, NaN where there is none."""
+    runs: dict[str, list[float]] = {}
+    for sequence, seed in sorted(values):
+        runs.setdefault(sequence, []).append(values[sequence, seed])
+    known = [np.array(each)[np.isfinite(each)] for each in runs.values()]
+    known = [each for each in known if len(each)]
+    value, low, high = math.nan, math.nan, math.nan
+    if known:
+        scaled = known if bigger else [np.log(np.maximum(each, LEAST_ERROR)) for each in known]
+        found = hierarchical_interval(scaled)
+        value, low, high = (v if bigger else math.exp(v) for v in (found.mean, found.low, found.high))
+    return Recorded(
+        unit=unit, better="bigger" if bigger else "smaller", value=rounded(value), low=rounded(low),
+        high=rounded(high), runs={name: [rounded(v) for v in each] for name, each in runs.items()},
+    )  # fmt: skip
+
+
+@contextmanager
+def alone(file: Path) -> Iterator[None]:
+    """No other process records into a history of this folder meanwhile: its line would be lost."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    handle = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)

@@ -1,0 +1,130 @@
+"""The file of a history: one suite, one environment, one line for each commit.
+
+{"format": "uavbench history 1", "suite": {...}, "environment": {...}, "commits": [
+ {"commit": "1f3a...", "time": "2026-03-01T12:00:00+00:00", "subject": "...", "environment": {...}, "metrics": {...}},
+...]}
+
+Numbers carry six significant digits. The order of the lines is that in which the commits were first recorded.
+"""
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import JSON
+from uavbench.trajectories.files.reading import read_json
+from uavbench.trajectories.files.writing import owning, write_text
+
+FORMAT = "uavbench history 1"
+STRICT: Any = {"extra": "forbid", "allow_inf_nan": False}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """One metric of one tracker at one commit.
+
+    value: mean over sequences of the mean over seeds, geometric where a smaller one is better; low, high: its 95 %
+    interval over sequences and seeds; runs: the values of each sequence's seeds, None where a run has no number.
+    """
+
+    __pydantic_config__ = STRICT
+
+    unit: str
+    better: Literal["smaller", "bigger"]
+    value: float | None
+    low: float | None
+    high: float | None
+    runs: dict[str, list[float | None]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Commit:
+    """What was measured at one commit: metrics by tracker and name, and with what. time: of the commit, ISO 8601."""
+
+    __pydantic_config__ = STRICT
+
+    commit: str
+    time: str
+    subject: str
+    environment: dict[str, str]
+    metrics: dict[str, dict[str, Recorded]]
+    crashes: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteIdentity:
+    """The suite that a history is of: its name, the hash of its flights, and how its numbers are computed."""
+
+    __pydantic_config__ = STRICT
+
+    name: str
+    flights: str
+    how: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class History:
+    """The commits of one suite in one environment.
+
+    name: what the user calls the environment, "" where its details must agree; environment: its details.
+    """
+
+    __pydantic_config__ = STRICT
+
+    suite: SuiteIdentity
+    name: str
+    environment: dict[str, str]
+    commits: list[Commit]
+
+    def with_commit(self, entry: Commit) -> "History":
+        """The history with this entry, in the place of one of the same commit or at the end."""
+        place = next((k for k, each in enumerate(self.commits) if each.commit == entry.commit), len(self.commits))
+        commits = [*self.commits[:place], entry, *self.commits[place + 1 :]]
+        return History(suite=self.suite, name=self.name, environment=self.environment, commits=commits)
+
+
+def read_history(path: Path) -> History:
+    """The history of a file; UserError naming the file and the place when it is broken, cut short or none."""
+    advice = "take back the file of an earlier run, or start another"
+    try:
+        body = read_json(path, limit=JSON)
+    except UserError as error:
+        raise UserError(f"{error}; {advice}" if path.is_file() else f"{error}") from None
+    if body.pop("format", None) != FORMAT:
+        raise UserError(f"{path}: is no history of `uavbench gate --record` (no format {FORMAT!r}); {advice}")
+    try:
+        history = _adapter().validate_python(body)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise UserError(f"{path}: this history is broken at `{place}`: {first['msg']}; {advice}") from None
+    names = [entry.commit for entry in history.commits]
+    if twice := next((name for name in names if names.count(name) > 1), ""):
+        raise UserError(f"{path}: this history has commit {twice} twice; {advice}")
+    return history
+
+
+def write_history(path: Path, history: History) -> None:
+    """Write a history, whole or not at all; UserError when `path` is there and is no history."""
+    ours = [path] if path.is_file() and read_history(path) else []
+    head = {"format": FORMAT, **asdict(history)}
+    lines = [json.dumps(entry, allow_nan=False) for entry in head.pop("commits")]
+    text = json.dumps(head, allow_nan=False)[:-1] + ', "commits": [\n ' + ",\n ".join(lines) + "\n]}\n"
+    with owning(ours):
+        write_text(path, text)
+
+
+def rounded(value: float) -> float | None:
+    """A number with six significant digits: less than any margin; None when it is not finite."""
+    return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+@cache
+def _adapter() -> "TypeAdapter[History]":
+    return TypeAdapter(History)

@@ -1,0 +1,206 @@
+"""The history of a suite: change points, drift, alarms, the page and the forms of other services."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from uavbench.bench.cli.main import main
+from uavbench.bench.history.validation import RERUNS, Trial, history_of, measured, resampled
+from uavbench.reports.history import change_points
+from uavbench.reports.history.change_points import changes
+from uavbench.reports.history.history_file import Recorded, read_history, write_history
+from uavbench.reports.history.series import series_of
+from uavbench.reports.history.trend import trends
+from uavbench.scenes.dataset.table_files import read_json
+
+NAME = ("tracker", "metric")
+FLIGHTS = read_json(RERUNS)["robust@15hz"]["ATE"]
+
+
+def noisy(commits, seed=0, flights=FLIGHTS):
+    return resampled(flights, commits, np.random.default_rng(seed))
+
+
+def found(errors):
+    return changes(series_of(history_of(errors), *NAME))
+
+
+@pytest.mark.parametrize("metric", ["ATE", "ATE rotation", "RPE 1 s"])
+def test_five_percent_are_found_within_five_commits_and_nothing_is_found_in_nothing(metric):
+    shares = measured(read_json(RERUNS)["robust@15hz"][metric], Trial(looks=37))
+    assert shares["steps found"] >= 90
+    assert shares["false alarms"] <= 1
+    assert shares["drifts found"] >= 90
+
+
+def test_a_step_is_told_where_it_is_and_how_large():
+    errors = noisy(50)
+    errors[30:] *= 1.1
+    (step,) = found(errors)
+    assert step.kind == "step" and abs(step.at - 30) <= 1 and step.size == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_drift_that_no_two_commits_show_is_told_as_one():
+    errors = noisy(60) * 1.002 ** np.arange(60)[:, None]
+    (drift,) = found(errors)
+    assert drift.kind == "drift" and (drift.first, drift.last) == (0, 59)
+    assert drift.size == pytest.approx(1.002**59 - 1, abs=0.03)
+
+
+def test_three_commits_that_made_it_worse_are_each_told():
+    errors = noisy(80)
+    for at in (20, 45, 65):
+        errors[at:] *= 1.08
+    assert [step.kind for step in found(errors)] == ["step"] * 3
+    assert np.abs(np.array([step.at for step in found(errors)]) - [20, 45, 65]).max() <= 1
+
+
+def test_chance_that_is_drawn_once_and_stays_is_no_change():
+    """With fixed seeds the commits repeat the same digits until one draws other random numbers."""
+    alarmed = 0
+    for seed in range(50):
+        errors = np.repeat(noisy(4, seed), 10, axis=0)
+        alarmed += any(change.size > 0 for change in found(errors))
+    assert alarmed <= 1
+
+
+def test_equal_digits_and_one_worse_commit_are_told_at_once():
+    errors = np.repeat(noisy(1), 12, axis=0)
+    assert found(errors) == []
+    errors[-1] *= 1.05
+    (step,) = found(errors)
+    assert step.at == 11 and step.size == pytest.approx(0.05)
+    assert [c.at for c in found(errors[:, :1])] == [11], "with one flight"
+
+
+def test_a_run_that_slips_by_chance_is_no_change_and_hides_none():
+    errors = noisy(50)
+    errors[40:, 3] *= 20
+    assert found(errors) == []
+    errors[30:] *= 1.1
+    assert [abs(step.at - 30) <= 1 for step in found(errors)] == [True]
+
+
+def test_runs_without_a_number_are_no_change():
+    history = history_of(noisy(30))
+    commits = []
+    for k, commit in enumerate(history.commits):
+        runs = {"all": [None if (k + i) % 7 == 0 else v for i, v in
+                        enumerate(commit.metrics[NAME[0]][NAME[1]].runs["all"])]}  # fmt: skip
+        metric = replace(commit.metrics[NAME[0]][NAME[1]], runs=runs)
+        commits.append(replace(commit, metrics={NAME[0]: {NAME[1]: metric}}))
+    assert changes(series_of(replace(history, commits=commits), *NAME)) == []
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-300, 1e300])
+def test_errors_of_any_size_and_none_at_all_are_followed(error):
+    errors = noisy(12)
+    errors[6:] = error
+    assert len(found(np.maximum(errors, 1e-300))) == 1
+    empty = history_of(errors[:, :0] + 1.0)
+    assert trends(empty, 0.01) == []
+
+
+def covered(shares):
+    """A history of one tracker's coverage, shares (commits, flights)."""
+    history = history_of(np.ones((len(shares), 2)))
+    commits = [
+        replace(commit, metrics={NAME[0]: {"coverage": Recorded(
+            unit="", better="bigger", value=float(np.mean(row)), low=None, high=None, runs={"all": list(row)})}})
+        for commit, row in zip(history.commits, shares, strict=True)
+    ]  # fmt: skip
+    return replace(history, commits=commits)
+
+
+def test_a_loss_of_coverage_is_worse_and_a_gain_is_not():
+    shares = np.ones((20, 6))
+    shares[12:] -= 0.1
+    (trend,) = trends(covered(shares), 0.01)
+    assert [(c.at, round(c.size, 6)) for c in trend.alarms] == [(12, 0.1)]
+    (trend,) = trends(covered(shares[::-1]), 0.01)
+    assert len(trend.changes) == 1 and trend.alarms == []
+
+
+def test_what_was_made_good_and_what_is_accepted_do_not_alarm():
+    errors = noisy(50)
+    errors[20:35] *= 1.1
+    history = history_of(errors)
+    (trend,) = trends(history, 0.01)
+    assert len(trend.changes) == 2 and trend.alarms == []
+    again = errors.copy()
+    again[44:] *= 1.1
+    (trend,) = trends(history_of(again), 0.01)
+    assert len(trend.changes) == 3 and trend.alarms == trend.changes[2:]
+    errors[35:] *= 1.1
+    (trend,) = trends(history_of(errors), 0.01)
+    assert len(trend.alarms) == 1
+    (trend,) = trends(history_of(errors), 0.01, since=history.commits[30].commit)
+    assert len(trend.changes) == 1 and trend.alarms == []
+
+
+def named(history):
+    commits = [
+        replace(c, subject="<script>alert(1)</script> $x_1$", time=f"2026-01-{k % 28 + 1:02d}T00:00:00+00:00")
+        for k, c in enumerate(history.commits)
+    ]
+    return replace(history, suite=replace(history.suite, name="mine"), commits=commits)
+
+
+def test_the_command_writes_a_page_figures_and_forms(tmp_path):
+    errors = noisy(30)
+    errors[20:] *= 1.1
+    write_history(tmp_path / "history.json", named(history_of(errors)))
+    arguments = ["history", str(tmp_path / "history.json"), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 1, result.output
+    assert "ALARM  tracker metric: " in result.output and "worse with" in result.output
+    page = (tmp_path / "out/index.html").read_text()
+    assert "<script>alert" not in page and "worse" in page and "http" not in page
+    about = json.loads((tmp_path / "out/changes.json").read_text())
+    assert about["verdict"] == "alarm" and about["changes"][0]["kind"] == "step"
+    (smaller,) = json.loads((tmp_path / "out/github-smaller.json").read_text())
+    assert smaller["name"] == "tracker metric" and smaller["unit"] == "m"
+    assert smaller["value"] == pytest.approx(np.exp(np.log(errors[-1]).mean()), rel=1e-5)
+    assert json.loads((tmp_path / "out/github-bigger.json").read_text()) == []
+    bencher = json.loads((tmp_path / "out/bencher.json").read_text())
+    assert bencher == {"tracker": {"metric (m)": {"value": smaller["value"]}}}
+    assert {p.suffix for p in (tmp_path / "out/figures").iterdir()} == {".pdf", ".png", ".csv"}
+    accepted = CliRunner().invoke(main, [*arguments, "--since", f"{25:040x}"])
+    assert accepted.exit_code == 0, accepted.output
+
+
+def test_mistakes_are_told(tmp_path, monkeypatch):
+    file = tmp_path / "history.json"
+    write_history(file, history_of(noisy(3)))
+    out = ["--out", str(tmp_path / "out")]
+    few = CliRunner().invoke(main, ["history", str(file), *out])
+    assert few.exit_code == 0 and "3 of the 4 commits" in few.output
+    write_history(file, history_of(noisy(0)))
+    none = CliRunner().invoke(main, ["history", str(file), *out])
+    assert none.exit_code == 2 and "no commits" in none.output
+    write_history(file, history_of(noisy(9)))
+    unknown = CliRunner().invoke(main, ["history", str(file), "--since", "feed", *out])
+    assert unknown.exit_code == 2 and "--since feed" in unknown.output
+    monkeypatch.setitem(sys.modules, "ruptures", None)
+    absent = CliRunner().invoke(main, ["history", str(file), *out])
+    assert absent.exit_code == 2 and "pip install 'uavbench[history]'" in absent.output
+    file.write_text(file.read_text()[:-20])
+    cut = CliRunner().invoke(main, ["history", str(file), *out])
+    assert cut.exit_code == 2 and "history.json" in cut.output and "earlier run" in cut.output
+
+
+def test_a_history_is_read_as_it_was_written(tmp_path):
+    history = named(history_of(noisy(5)))
+    write_history(tmp_path / "history.json", history)
+    assert read_history(tmp_path / "history.json") == history
+
+
+def test_commands_do_not_load_the_detector():
+    code = "import uavbench.bench.cli.main, sys; print('ruptures' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+    assert change_points.ALPHA < 0.001
