@@ -1,4 +1,4 @@
-"""The commands of a challenge: pack."""
+"""The commands of a challenge: pack, score-submission, leaderboard."""
 
 import sys
 from pathlib import Path
@@ -37,4 +37,36 @@ def pack_command(
     sys.exit(pack(suite, where))
 
 
-COMMANDS: tuple[click.Command, ...] = (pack_command,)
+@click.command("score-submission")
+@click.argument("truth", type=FILE)
+@click.argument("submission", type=FILE)
+@click.option("--out", type=FILE, help="File of the score; default: TRUTH/submissions/NAME OF THE FOLDER.json.")
+def score_submission_command(truth: Path, submission: Path, out: Path | None) -> None:
+    """Score the folder of a SUBMISSION against TRUTH, the organizer's folder that `pack` made."""
+    from uavbench.bench.challenge.scoring import score_submission
+
+    found = score_submission(truth, submission)
+    path = out or truth / "submissions" / f"{submission.resolve().name}.json"
+    found.save(path)
+    for fault in found.faults:
+        click.echo(fault, err=True)
+    click.echo(f"{found.name}: {found.score:.1f} of 100 points ({found.counted} of {len(found.runs)})")
+    for name, each in found.runs[found.counted].items():
+        shares = f"{100 * each.success:.1f} % within 5 cm and 5 deg, {100 * each.coverage:.1f} % with a pose"
+        click.echo(f"  {name}: {each.points:.1f} points, {shares}, of {each.frames} frames")
+    click.echo(path)
+
+
+@click.command("leaderboard")
+@click.argument("scores", type=FILE, nargs=-1, required=True)
+@click.option("--out", type=FILE, required=True, help="Folder of the page.")
+@click.option("--title", default="Leaderboard", show_default=True)
+def leaderboard_command(scores: tuple[Path, ...], out: Path, title: str) -> None:
+    """Rank submissions by their SCORES, files that score-submission wrote, on a static page."""
+    from uavbench.reports.leaderboard.page import write_leaderboard
+    from uavbench.reports.leaderboard.submission_score import SubmissionScore
+
+    click.echo(write_leaderboard(out, [SubmissionScore.load(path) for path in scores], title))
+
+
+COMMANDS: tuple[click.Command, ...] = (pack_command, score_submission_command, leaderboard_command)
