@@ -43,8 +43,8 @@ class Frames:
 def read_submitted(path: Path, where: str, frames: Frames) -> tuple[Rows, list[Fault]]:
     """Result of each frame in a file of a submission, called `where` in its faults."""
     try:
-        if not stat.S_ISREG(os.lstat(path).st_mode):
-            raise UserError("is a link or no regular file")
+        if path.parent.is_symlink() or not stat.S_ISREG(os.lstat(path).st_mode):
+            raise UserError("is a link, behind a link, or no regular file")
         return (_of_tum if path.suffix == ".tum" else _of_csv)(path, where, frames)
     except UserError as error:
         return frames.lost, [Fault("unreadable", where, str(error).removeprefix(f"{path}: "))]

@@ -72,7 +72,9 @@ class SubmissionScore:
         return [np.array(values) for values in flights.values()]
 
     def save(self, path: Path) -> None:
-        """Write the score as JSON."""
+        """Write the score as JSON; UserError where the file holds the score of a submission of another name."""
+        if path.is_file() and (other := self.load(path).name) != self.name:
+            raise UserError(f"{path}: holds the score of {other!r}, not of {self.name!r}; name another file with --out")
         text = json.dumps({"score": self.score, "counted": self.counted, **asdict(self)}, indent=1, allow_nan=False)
         write_text(path, text + "\n", sealed=True)
 

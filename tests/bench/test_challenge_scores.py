@@ -120,6 +120,10 @@ def broken(kind, path, sequence):
     path.unlink()
     if kind == "a link":
         path.symlink_to("/etc/passwd")
+    elif kind == "behind a link":
+        (path.parent.parent / "elsewhere").mkdir()
+        (path.parent.parent / "elsewhere" / "estimates.csv").write_text(whole)
+        path.with_suffix("").symlink_to(path.parent.parent / "elsewhere")
     elif kind == "a pipe":
         os.mkfifo(path)
     elif kind == "a folder":
@@ -137,7 +141,7 @@ def broken(kind, path, sequence):
 
 KINDS = [
     *("missing", "half of the rows", "cut in a row", "of another sequence", "not finite", "no text", "huge"),
-    *("a link", "a pipe", "a folder", "bad tum", "huge tum", "tum of other stamps"),
+    *("a link", "behind a link", "a pipe", "a folder", "bad tum", "huge tum", "tum of other stamps"),
 ]
 
 
@@ -251,7 +255,10 @@ def test_scores_have_intervals_and_the_best_is_tested(tmp_path):
 
 def test_a_score_that_was_changed_is_refused(tmp_path):
     path = tmp_path / "score.json"
+    drawn("team", [40.0]).save(path)
     drawn("team", [50.0]).save(path)
+    with pytest.raises(UserError, match="holds the score of 'team', not of 'other'"):
+        drawn("other", [60.0]).save(path)
     assert SubmissionScore.load(path).score == 50.0
     path.write_text(path.read_text().replace("50.0", "99.0"))
     with pytest.raises(UserError, match="score the submission again"):
