@@ -1,16 +1,26 @@
 """Named random streams: adding one never shifts another's numbers."""
 
 import hashlib
+import hmac
 
 import numpy as np
+
+OPEN_SEED_BITS = 63
+"""Of the seeds that a suite's file may name; a longer one is the secret of a challenge."""
 
 
 def stream(seed: int, *names: str | int) -> np.random.Generator:
     """Generator of the stream called `names` under `seed` (an integer >= 0; 0 is a seed like any other).
 
     The names enter numpy's SeedSequence as its spawn key, so two streams are independent
-    and a stream depends on nothing but the seed and its own name.
+    and a stream depends on nothing but the seed and its own name. SeedSequence can be inverted: who knew the state of
+    one stream could work out the others'. Under a seed of more than OPEN_SEED_BITS each stream so begins at an HMAC
+    (RFC 2104) of its name, which nobody can invert.
     """
+    if seed.bit_length() > OPEN_SEED_BITS:
+        key = seed.to_bytes((seed.bit_length() + 7) // 8, "big")
+        own = hmac.digest(key, "/".join(str(name) for name in names).encode(), "sha256")
+        return np.random.Generator(np.random.PCG64(int.from_bytes(own, "big")))
     digest = hashlib.sha256("/".join(str(name) for name in names).encode()).digest()
-    key = tuple(int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4))
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
+    words = tuple(int.from_bytes(digest[i : i + 4], "little") for i in range(0, 16, 4))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=words)))

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from uavbench.bench.cli import challenge as cli_challenge
 from uavbench.bench.cli import files as cli_files
 from uavbench.bench.cli import gate as cli_gate
 from uavbench.bench.cli import plugins as cli_plugins
@@ -74,7 +75,7 @@ def main() -> None:
     """Ground truth for model-based UAV localization: render flights, run trackers, score, report."""
 
 
-for group in (cli_suite, cli_files, cli_gate, cli_plugins):
+for group in (cli_suite, cli_files, cli_challenge, cli_gate, cli_plugins):
     for command in group.COMMANDS:
         main.add_command(command)
 

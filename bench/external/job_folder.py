@@ -53,6 +53,11 @@ def write_job(
 ) -> None:
     """Write what both forms get."""
     write_text(folder / "job.toml", f'mode = "{mode}"\nrate_hz = {rate_hz!r}\nseed = {seed}\n')
+    write_known(folder, structure, camera, cam_from_world)
+
+
+def write_known(folder: Path, structure: Structure, camera: Camera, cam_from_world: Pose) -> None:
+    """Write camera, structure and initial pose."""
     camera.save(folder / "camera.toml")
     save_structure(structure, folder)
     write_cao(structure, folder / "model.cao")

@@ -14,6 +14,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.bag import BagExport
 from uavbench.scenes.exports.bop import export_bop
 from uavbench.scenes.exports.colmap import export_colmap
+from uavbench.scenes.exports.croissant import write_croissant
 from uavbench.scenes.exports.euroc import export_euroc, holds_lens
 from uavbench.scenes.exports.nerfstudio import export_transforms
 from uavbench.scenes.exports.notes import Held, write_notes
@@ -65,7 +66,9 @@ def export(
         )
     with disk_errors(folder), new_folder(folder) as new:
         held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
-        return write_notes(sequence, format, new, held, undistort)
+        not_held = write_notes(sequence, format, new, held, undistort)
+        write_croissant(sequence, new, held, not_held)
+        return not_held
 
 
 def _with_settings(format: str, settings: dict[str, Any]) -> Write:

@@ -215,7 +215,7 @@ def test_tum_depths_beyond_its_range_are_no_measurement(sequence: Sequence, tmp_
 def test_tum_of_a_sequence_without_depth_has_no_list_of_it(plain: Sequence, tmp_path: Path) -> None:
     export(plain, "tum", tmp_path / "out")
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
-        "README.md", "camera.txt", "export.json", "groundtruth.txt", "rgb", "rgb.txt",
+        "README.md", "camera.txt", "croissant.json", "export.json", "groundtruth.txt", "rgb", "rgb.txt",
     ]  # fmt: skip
 
 

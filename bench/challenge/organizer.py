@@ -1,0 +1,75 @@
+"""The organizer's half of a challenge: which sequence is which, beside the secret and the ground truth."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from uavbench.bench.challenge.secret import Secret
+from uavbench.bench.config.suite import Suite
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_json
+from uavbench.trajectories.files.writing import write_text
+
+CHALLENGE = "challenge.json"
+SECRET = "secret.toml"
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """A sequence of the suite: its name, and which flight it is a seed of, by a name that tells nothing."""
+
+    name: str
+    flight: str
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """A challenge: its identifier, the rate of its frames, and what its sequences are called by participants.
+
+    The identifier comes from the secret and the suite's sequences: packages of the same challenge have the same.
+    """
+
+    challenge: str
+    rate_hz: float
+    sequences: Mapping[str, Hidden]
+
+    @classmethod
+    def of(cls, suite: Suite, secret: Secret) -> "Challenge":
+        """The challenge of a suite, its sequences in an order that the secret alone tells."""
+        names = sorted((spec.name for spec in suite.sequences), key=lambda name: secret.derived("order", name))
+        flight_of = {spec.name: spec.name.removesuffix(f"-s{spec.seed}") for spec in suite.sequences}
+        flights = list(dict.fromkeys(flight_of[name] for name in names))
+        width = max(2, len(str(len(names))))
+        hidden = {
+            f"sequence-{number:0{width}}": Hidden(name, f"flight-{1 + flights.index(flight_of[name])}")
+            for number, name in enumerate(names, start=1)
+        }
+        rate_hz = max(suite.rates_hz)
+        what = json.dumps([suite.flights, rate_hz, sorted(names)])
+        return cls(secret.identifier(what), rate_hz, hidden)
+
+    def save(self, folder: Path) -> None:
+        """Write it into the organizer's folder; UserError where that belongs to another challenge."""
+        path = folder / CHALLENGE
+        if path.exists() and self.load(folder).challenge != self.challenge:
+            raise UserError(
+                f"{folder}: belongs to another challenge, with another secret or other sequences, whose submissions "
+                "could not be scored any more; name another folder with --truth"
+            )
+        write_text(path, json.dumps(asdict(self), indent=1) + "\n", sealed=True)
+
+    @classmethod
+    def load(cls, folder: Path) -> "Challenge":
+        """Read it from the organizer's folder; UserError when that is none."""
+        path = folder / CHALLENGE
+        about = read_json(path, hint="; give the folder that `uavbench pack` called the organizer's")
+        about.pop("made_by", None)
+        try:
+            return TypeAdapter(cls).validate_python(about)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise UserError(f"{path}: {where}: {first['msg']}; pack the suite again") from None

@@ -1,0 +1,88 @@
+"""`uavbench pack`: render a suite under a secret, and write what participants get of it."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+
+from uavbench.bench.challenge.guesses import refuse_guessed
+from uavbench.bench.challenge.organizer import SECRET, Challenge
+from uavbench.bench.challenge.package import PACKAGE, write_package
+from uavbench.bench.challenge.secret import read_or_make
+from uavbench.bench.config.suite import Suite, load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.runner.commands import tell
+from uavbench.bench.runner.executors import local_pool
+from uavbench.bench.runner.graph import run_graph
+from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.output_folder import resolved, suite_folder
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import refuse_foreign
+
+
+@dataclass(frozen=True, kw_only=True)
+class Packing:
+    """Where a package goes: `out` to the participants, `truth` stays with the organizer.
+
+    secret: file of the secret, by default in `truth`. private_suite: participants will never see the suite's file.
+    """
+
+    out: Path
+    truth: Path
+    secret: Path | None = None
+    private_suite: bool = False
+    workers: int = 1
+
+
+def pack(suite_name: str, where: Packing) -> int:
+    """Render what is missing of a suite under a secret and write its package; the exit code, as `bring_up_to`'s.
+
+    UserError for a suite that cannot be a challenge, folders that lie in each other, a secret that can be guessed, and
+    flights that the suite's file tells.
+    """
+    suite = load_suite(suite_file(suite_name))
+    specs = _rendered(suite)
+    out, truth = resolved(where.out), resolved(where.truth)
+    secret_file = resolved(where.secret) if where.secret else truth / SECRET
+    _refuse_together(out, truth, secret_file)
+    refuse_foreign(out, PACKAGE)
+    with suite_folder(truth, suite), local_pool(where.workers) as (executor, progress):
+        secret = read_or_make(secret_file)
+        hidden = {spec.name: replace(spec, seed=secret.seed(spec.name)) for spec in specs}
+        challenge = Challenge.of(suite, secret)
+        challenge.save(truth)
+        jobs = plan(replace(suite, sequences=tuple(hidden.values())), truth, "render")
+        outcome = run_graph(jobs, executor, progress)
+        tell(outcome, truth)
+        if outcome.failed:
+            return 2 if outcome.users_mistake else 1
+        sequences = {
+            alias: Sequence.load(truth / "sequences" / kept.name) for alias, kept in challenge.sequences.items()
+        }
+        if not where.private_suite:
+            for sequence in sequences.values():
+                refuse_guessed(hidden[sequence.name], sequence.ground_truth)
+        write_package(out, challenge, sequences, suite.start)
+    click.echo(f"for the organizer alone, with the secret and the ground truth: {truth}", err=True)
+    click.echo(out)
+    return 0
+
+
+def _rendered(suite: Suite) -> list[SequenceSpec]:
+    """The sequences of a suite; UserError when there is no truth to keep, or none that a package could hold."""
+    if suite.loops:
+        raise UserError(f"suite {suite.name} is flown in closed loop: a package holds images that are there already")
+    specs = [spec for spec in suite.sequences if isinstance(spec, SequenceSpec)]
+    if len(specs) < len(suite.sequences):
+        raise UserError(f"suite {suite.name} has recorded images, which have no ground truth to score against")
+    return specs
+
+
+def _refuse_together(out: Path, truth: Path, secret: Path) -> None:
+    """UserError when what is secret lies in the package, or the package beside what is secret."""
+    if out == truth or out.is_relative_to(truth) or truth.is_relative_to(out):
+        raise UserError(f"--out {out} and --truth {truth} lie in each other; participants get all of --out")
+    if secret.is_relative_to(out):
+        raise UserError(f"--secret {secret} lies in --out {out}, all of which participants get; put it elsewhere")

@@ -1,0 +1,94 @@
+"""The package that participants get: what a tracker may know of each sequence, and nothing else.
+
+    package.json        the challenge, the rate, its sequences, its files
+    README.md           what is in it, and how results come back
+    sequence-01/        as the job folder of an external tracker (`uavbench.bench.external.job_folder`), without a seed
+
+Images are encoded anew, so that they hold pixels alone; all files have the same time.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+
+from uavbench.bench.challenge.organizer import Challenge
+from uavbench.bench.external.job_folder import write_frames, write_known, write_sensors
+from uavbench.scenes.dataset.body import body_of
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.image_files import load_image
+from uavbench.tracker.initialization import Initialization
+from uavbench.tracker.run import initial_pose, stride
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, tree, write_text
+
+PACKAGE = "package.json"
+NO_TIME_S = 946_684_800
+"""Time of every file of a package: 2000-01-01, which all archive formats can hold."""
+README = """# A challenge in model-based localization
+
+Each folder `sequence-NN` holds one flight around a structure whose model is known. Wanted is the pose of the camera
+in the model's frame at every image.
+
+| file | what it holds |
+|---|---|
+| `frames.csv`, `frames/` | `stamp_ns,file`: the images and their times in ns |
+| `camera.toml` | size, intrinsics in px, distortion; x right, y down, z forward, pixel centres at whole numbers |
+| `model.obj`, `model.cao`, `edges.csv` | the structure as designed, in metres: planar faces, as polygons, its edges |
+| `init.toml` | `cam_from_model` at the first image, as participants may use it |
+| `sensors.toml`, `imu.csv` ... | `cam_from_body`, the sensors' calibration, and what they measured |
+
+Send a folder with one file for each sequence, `sequence-NN.csv` or `sequence-NN.tum`:
+
+- CSV: the header `stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz`, then one row for each image. `status` is `ok` or
+  `lost`; the pose is `cam_from_model`.
+- TUM: `timestamp_s tx ty tz qx qy qz qw`, the pose of the camera in the model's frame, or of the body where the first
+  line is `# frame: world_from_body`.
+
+With up to five runs these files lie in `run-1` ... `run-5`, and the run with the median score counts.
+`submission.toml` may hold `name = "..."`. Every image without a pose counts as failed, and so does every sequence
+without a file.
+"""
+
+
+def write_package(out: Path, challenge: Challenge, sequences: Mapping[str, Sequence], start: Initialization) -> None:
+    """Write the package of a challenge, whole or not at all; sequences by the names that participants get."""
+    with new_folder(out, PACKAGE) as new:
+        write_text(new / "README.md", README)
+        about = {
+            "challenge": challenge.challenge,
+            "rate_hz": challenge.rate_hz,
+            "sequences": list(challenge.sequences),
+        }
+        write_text(new / PACKAGE, json.dumps(about, indent=1) + "\n")
+        for name, sequence in sequences.items():
+            (new / name).mkdir()
+            _write_sequence(new / name, sequence, start, challenge.rate_hz)
+    _take_times(out)
+
+
+def _write_sequence(folder: Path, sequence: Sequence, start: Initialization, rate_hz: float) -> None:
+    first = initial_pose(start, sequence, 0, int(sequence.info["seed"]))
+    write_known(folder, sequence.structure, sequence.camera, first)
+    write_sensors(folder, body_of(sequence))
+    write_frames(folder, sequence, range(0, len(sequence), stride(sequence, rate_hz)))
+    for path in sorted((folder / "frames").iterdir()):
+        path.write_bytes(bare_png(path))
+
+
+def bare_png(path: Path) -> bytes:
+    """The pixels of an image as a PNG file of header, pixels and end, without text, times or colour profiles."""
+    done, encoded = cv2.imencode(".png", load_image(path, cv2.IMREAD_UNCHANGED))
+    if not done:
+        raise UserError(f"{path}: cannot be encoded as PNG; render the sequence again")
+    return encoded.tobytes()
+
+
+def _take_times(folder: Path) -> None:
+    """Give all files and folders the same time."""
+    files = [folder / name for name in tree(folder)]
+    folders = {above for file in files for above in file.parents if above.is_relative_to(folder)}
+    for path in (*files, *folders):
+        os.utime(path, (NO_TIME_S, NO_TIME_S))

@@ -1,0 +1,96 @@
+"""The score of one submission to a challenge: its runs, each over all sequences, and the run that counts."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_json
+from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Array
+
+RULES = (
+    "Hilti 2023 points by position error, none for a frame without a pose; mean over all sequences, of the run with "
+    "the median score"
+)
+"""How a score comes about; scores by other rules are not to be compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceScore:
+    """Score of one run on one sequence; flight tells of which flight it is a seed.
+
+    points from 0 to 100; success, the frames within 5 cm and 5 deg, and coverage, those with a pose, as shares of all
+    frames; RMSE in metres and degrees over the frames with a pose, None without any.
+    """
+
+    flight: str
+    frames: int
+    points: float
+    success: float
+    coverage: float
+    ate_position_m: float | None
+    ate_rotation_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SubmissionScore:
+    """Score of a submission: runs by name, each with all sequences of the challenge, and what was wrong with it."""
+
+    name: str
+    challenge: str
+    runs: Mapping[str, Mapping[str, SequenceScore]]
+    faults: tuple[str, ...] = ()
+    rules: str = RULES
+
+    def score_of(self, run: str) -> float:
+        """Mean points of a run, every sequence weighing the same."""
+        return float(np.mean([sequence.points for sequence in self.runs[run].values()]))
+
+    @property
+    def counted(self) -> str:
+        """The run with the median score; of two in the middle the worse one."""
+        ranked = sorted(self.runs, key=self.score_of)
+        return ranked[(len(ranked) - 1) // 2]
+
+    @property
+    def score(self) -> float:
+        """Score of the run that counts, from 0 to 100."""
+        return self.score_of(self.counted)
+
+    def by_flight(self, key: str) -> list[Array]:
+        """Values of the run that counts, NaN where there is none, as arrays over the seeds of each flight."""
+        flights: dict[str, list[float]] = {}
+        for _, sequence in sorted(self.runs[self.counted].items()):
+            value = getattr(sequence, key)
+            flights.setdefault(sequence.flight, []).append(np.nan if value is None else value)
+        return [np.array(values) for values in flights.values()]
+
+    def save(self, path: Path) -> None:
+        """Write the score as JSON; UserError where the file holds the score of a submission of another name."""
+        if path.is_file() and (other := self.load(path).name) != self.name:
+            raise UserError(f"{path}: holds the score of {other!r}, not of {self.name!r}; name another file with --out")
+        text = json.dumps({"score": self.score, "counted": self.counted, **asdict(self)}, indent=1, allow_nan=False)
+        write_text(path, text + "\n", sealed=True)
+
+    @classmethod
+    def load(cls, path: Path) -> "SubmissionScore":
+        """Read what `save` wrote; UserError for a file that is none, or was changed since."""
+        about = read_json(path)
+        if not is_sealed(path):
+            raise UserError(f"{path}: is no score as `uavbench score-submission` wrote it; score the submission again")
+        try:
+            known = {f.name: about[f.name] for f in fields(cls)}
+            score = TypeAdapter(cls).validate_python(known)
+        except (KeyError, ValidationError):
+            raise UserError(
+                f"{path}: is not the score of a submission; give files that `score-submission` wrote"
+            ) from None
+        if score.rules != RULES:
+            raise UserError(f"{path}: was scored by other rules ({score.rules}); score the submission again")
+        return score

@@ -1,0 +1,42 @@
+"""A packed challenge that the tests of packages and of submissions share."""
+
+import pytest
+from click.testing import CliRunner
+
+from uavbench.bench.cli.main import main
+
+CONTEST = """
+title = "A title that tells the place"
+rates_hz = [15.0, 5.0]
+seeds = [770177017, 770277027]
+start = { kind = "coarse-guess" }
+[sequences.quarry]
+structure = { kind = "box" }
+mount = { pitch_deg = -20.0, offset_m = [0.03, 0.01, -0.02] }
+environment = { kind = "studio" }
+deviation = { scale_percent = 1.0 }
+flight.path = { kind = "hand-pilot", duration_s = 0.4 }
+flight.wind = { kind = "dryden" }
+effects = [{ kind = "noise" }]
+sensors = [{ kind = "imu", gyro_bias_rad_s = 0.1, accel_bias_m_s2 = 0.3 }, { kind = "gnss" }]
+annotations = ["depth", "mask"]
+camera = { width = 96, height = 72, horizontal_fov_deg = 65.0 }
+[trackers]
+hold = { kind = "hold" }
+"""
+
+
+def packed(suite, out, *more):
+    """Result of `uavbench pack`."""
+    given = ["pack", str(suite), "--without-truth", "--out", str(out), "--jobs", "1", *map(str, more)]
+    return CliRunner().invoke(main, given)
+
+
+@pytest.fixture(scope="session")
+def challenge(tmp_path_factory):
+    """Folder of a suite, `contest.toml`, its package, `participants`, and the organizer's half, `kept`."""
+    folder = tmp_path_factory.mktemp("challenge")
+    (folder / "contest.toml").write_text(CONTEST)
+    done = packed(folder / "contest.toml", folder / "participants", "--truth", folder / "kept", "--private-suite")
+    assert done.exit_code == 0, done.output
+    return folder
