@@ -131,9 +131,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     ]  # fmt: skip
     tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD)["loop"] for run in runs}
     if found := swept_loops(tables):
-        caption = (
-            f"Against {found.key} of the loop: success with its 95 % interval, and the mean and the range of the "
-        )
+        caption = f"Against {found.key} of the loop: success with its 95 % interval, and the mean and the range of the "
         caption += "rms path error, over the flown part of each flight; read it with the success."
         made.append(Drawing("along", "Along the loops", caption, partial(along_loops, scores, found)))
     worst = {id(worst_of([run for run in runs if run.score.run == name])) for name in by_run(scores)}
