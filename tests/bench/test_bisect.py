@@ -132,6 +132,7 @@ def test_mistakes_are_told(repository):
         assert result.exit_code == 2 and words in result.output
 
 
+@pytest.mark.ci
 @pytest.mark.slow
 def test_trackers_run_from_each_commit_s_own_tree(repository, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "src"), str(ROOT)]))
