@@ -16,6 +16,8 @@ import pytest
 from click.testing import CliRunner
 
 from tests.bench.small_suites import FLOWN, small_suite
+from uavbench.bench.challenge.organizer import Challenge, Hidden
+from uavbench.bench.challenge.scoring import score_submission
 from uavbench.bench.cli.files import EXPORTS
 from uavbench.bench.cli.main import main
 from uavbench.bench.reference import main as reference
@@ -73,6 +75,11 @@ def inputs(tmp_path_factory):
     for name in ("a.tum", "b.tum"):
         (folder / name).write_text("".join(f"{i}.0 {i} 0 0 0 0 0 1\n" for i in range(5)))
     cv2.imwrite(str(folder / "board.png"), np.zeros((120, 160), np.uint8))
+    shutil.copytree(TRIAL, folder / "organizer" / "sequences" / "trial")
+    Challenge("c", 5.0, {"sequence-01": Hidden("trial", "flight-1")}).save(folder / "organizer")
+    (folder / "team").mkdir()
+    shutil.copy(folder / "a.tum", folder / "team" / "sequence-01.tum")
+    score_submission(folder / "organizer", folder / "team").save(folder / "score.json")
     return folder
 
 
@@ -102,6 +109,13 @@ def calls(inputs, target):
             ["tables", inputs / "report", "--out", target.with_suffix(".csv")],
             ["tables", inputs / "report", "--columns", "coverage", "--out", target / "thesis.tex"],
         ],
+        "pack": [
+            ["pack", suite, "--without-truth", "--out", target, "--truth", "truth"],
+            ["pack", suite, "--without-truth", "--out", "package", "--truth", target],
+            ["pack", suite, "--without-truth", "--out", "package", "--truth", "truth", "--secret", target],
+        ],
+        "score-submission": [["score-submission", inputs / "organizer", inputs / "team", "--out", target]],
+        "leaderboard": [["leaderboard", inputs / "score.json", "--out", target]],
         "check": [["check", inputs / "bad.toml", "--keep", target]],
         "gate": [
             ["gate", target, "--baseline", target, "--update"],
