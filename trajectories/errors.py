@@ -47,4 +47,6 @@ def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
 
 def disk_error_message(error: OSError) -> str:
     """Message for an error of the disk: the file, what is wrong, what to do."""
-    return f"{error.filename or 'the disk'}: {error.strerror or error}; free space, or name another place"
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    advice = "free space, or name another place" if full else "name another place"
+    return f"{error.filename or 'the disk'}: {error.strerror or error}; {advice}"

@@ -47,6 +47,8 @@ class Where:
 
 def record(folder: Path, where: Where) -> None:
     """Add the scores of a suite's folder to a history; UserError when they are of another suite or environment."""
+    if os.path.lexists(where.file):
+        read_history(where.file)  # what is none is refused first, whatever else is wrong
     side = read_side(folder)
     for key, why in side.faults.items():
         raise UserError(f"not recorded: {key[0]} on {key[1]}, seed {key[2]}: {why}")

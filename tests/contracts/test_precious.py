@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.drawn_scores import drawn, write
 from tests.bench.small_suites import FLOWN, small_suite
 from uavbench.bench.challenge.organizer import Challenge, Hidden
 from uavbench.bench.challenge.scoring import score_submission
@@ -22,6 +23,7 @@ from uavbench.bench.cli.files import EXPORTS
 from uavbench.bench.cli.main import main
 from uavbench.bench.reference import main as reference
 from uavbench.bench.trial.check import TRIAL
+from uavbench.reports.history.history_file import Commit, History, SuiteIdentity, write_history
 from uavbench.reports.report import ReportInputs, write_scores
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
@@ -38,7 +40,7 @@ FILES = (
     "thesis.tex", ".git-credentials", ".pre-commit-config.yaml", ".a-b", "results/.my-notes", "sequences/box-s0/a.png",
     "results/box-s0/hold@15hz/score.json", "figures/mine.pdf", "index.html", "suite.json", "manifest.json", ".lock",
     "record.json", "report.json", "head/suite.json", "base/suite.json", "failures.txt", "seconds.json",
-    "gate/gate.json", "visp/versions.json", "opencv-rapid/venv/a",
+    "gate.json", "gate/gate.json", "bisect.json", "visp/versions.json", "opencv-rapid/venv/a",
     "commands.md", "plugins.md", "suite.schema.json", "camera.toml",
     "made/a",
 )  # fmt: skip
@@ -80,6 +82,10 @@ def inputs(tmp_path_factory):
     (folder / "team").mkdir()
     shutil.copy(folder / "a.tum", folder / "team" / "sequence-01.tum")
     score_submission(folder / "organizer", folder / "team").save(folder / "score.json")
+    write(folder / "results", drawn(np.random.default_rng(0)))
+    line = Commit(commit="1f3a", time="2026-03-01T12:00:00+00:00", subject="first", environment={}, metrics={})
+    suite = SuiteIdentity(name="small", flights="these", how={})
+    write_history(folder / "history.json", History(suite=suite, name="ci", environment={}, commits=[line]))
     return folder
 
 
@@ -87,7 +93,7 @@ def calls(inputs, target):
     """Every command that writes, told to write to `target`."""
     suite, trial, images = inputs / "small.toml", inputs / "trial", inputs / "images"
     real = ["--images", images, "--model", trial / "model.obj", "--camera", trial / "camera.toml"]
-    trajectories = [inputs / "a.tum", inputs / "b.tum"]
+    trajectories, results = [inputs / "a.tum", inputs / "b.tum"], inputs / "results"
     return {
         **{verb: [[verb, suite, "--out", target, "--jobs", 1]] for verb in ("run", "render", "score", "report")},
         "fly": [["fly", inputs / "flown.toml", "--out", target, "--jobs", 1]],
@@ -118,10 +124,12 @@ def calls(inputs, target):
         "leaderboard": [["leaderboard", inputs / "score.json", "--out", target]],
         "check": [["check", inputs / "bad.toml", "--keep", target]],
         "gate": [
-            ["gate", target, "--baseline", target, "--update"],
-            ["gate", target, "--baseline", target, "--out", target],
-            ["gate", inputs, "--baseline", target, "--out", target],
+            ["gate", results, "--baseline", target, "--update"],
+            ["gate", results, "--baseline", results, "--out", target],
+            ["gate", results, "--record", target, "--commit", "2e4b"],
         ],
+        "history": [["history", inputs / "history.json", "--out", target]],
+        "bisect": [["bisect", "HEAD", "HEAD", "--suite", suite, "--out", target]],
         "compare": [["compare", "HEAD", "HEAD", "--suite", suite, "--out", target]],
         "speed": [["speed", "--only", "none", "--save", target]],
         "sensitivity": [
