@@ -138,13 +138,13 @@ def silhouette(sequence: Sequence, frame: int, camera: Camera) -> NDArray[np.boo
     """Silhouette of the model, on a canvas of CANVAS times the image, centred on it."""
     canvas = np.zeros((CANVAS * camera.height, CANVAS * camera.width), dtype=np.uint8)
     points = sequence.true_cam_from_world(frame).transform(sequence.structure.vertices)
-    triangles = _before(points[sequence.structure.triangles], NEAR_M)
+    triangles = beyond(points[sequence.structure.triangles], NEAR_M)
     pixels = camera.project(triangles.reshape(-1, 3)).reshape(-1, 3, 2)
     fill_triangles(np.ascontiguousarray(pixels + np.array([camera.width, camera.height])), canvas)
     return canvas.astype(bool)
 
 
-def _before(triangles: Array, near_m: float) -> Array:
+def beyond(triangles: Array, near_m: float) -> Array:
     """The parts of triangles (n, 3, 3) that lie further than near_m along z, as triangles."""
     ahead = (triangles[..., 2] >= near_m).sum(axis=1)
     out = [triangles[ahead == 3]]

@@ -64,5 +64,5 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("tracker/visible_edges.py", "tracker/test_visible_edges", "scenes/test_hidden_lines"),
         _target("tracker/robust/edges/hidden_line_kernels.py", "tracker/test_occlusion", uncompiled=True),
     ),
-    "hashing": (_target("bench/inputs/content_hash.py", "bench/test_content"),),
+    "hashing": (_target("bench/inputs/content_hash.py", "bench/test_content", "bench/test_content_hash"),),
 }

@@ -13,6 +13,7 @@ from tests.reports.drawn import CAM_FROM_BODY, make_sequence
 from uavbench.bench.cli.files import EXPORTS as NAMED
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence
+from uavbench.scenes.exports.bop import beyond
 from uavbench.scenes.exports.registry import EXPORTS, camera_ground_truth, export
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
@@ -329,6 +330,35 @@ def test_bop_boxes_and_counts_are_those_of_outline_and_mask(sequence: Sequence, 
         assert info["bbox_visib"] == [150, 100 + frame, 30, 40 - frame]
         assert info["px_count_visib"] == 30 * (40 - frame)
         assert info["visib_fract"] == info["px_count_visib"] / info["px_count_all"]  # type: ignore[operator]
+
+
+def area(triangles: Array) -> float:
+    sides = triangles[:, 1:] - triangles[:, :1]
+    return float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2)
+
+
+@pytest.mark.parametrize("near_m", [-3.0, 0.0, 2.0, 4.999])
+@pytest.mark.parametrize("turned", [False, True])
+def test_of_a_face_that_reaches_behind_the_camera_bop_draws_what_lies_before_it(near_m: float, turned: bool) -> None:
+    x0, x1, z0, z1 = -4.0, 6.0, -5.0, 5.0
+    corners = np.array([[x0, 1.0, z0], [x1, 1.0, z0], [x1, 1.0, z1], [x0, 1.0, z1]])
+    triangles = corners[np.array([[0, 1, 2], [0, 2, 3]])][:, :: -1 if turned else 1]
+    kept = beyond(triangles, near_m)
+    assert kept[..., 2].min() == pytest.approx(near_m)
+    assert area(kept) == pytest.approx((x1 - x0) * (z1 - near_m))
+    assert np.isin(np.round(kept[..., 0], 9), [x0, x1, round(x0 + (near_m - z0), 9)]).all()
+    assert len(beyond(triangles, 5.001)) == 0 and np.array_equal(beyond(triangles, -5.001), triangles)
+
+
+def test_bounds_and_deviation_of_the_structure_are_told_as_left_out(plain: Sequence, tmp_path: Path) -> None:
+    shutil.copytree(plain.folder, tmp_path / "built")
+    (tmp_path / "built" / "crlb.csv").write_text("frame\n")
+    built = rewrite(Sequence.load(tmp_path / "built"), deviation={"scale": 0.0, "bend_m": 0.002})
+    for name in ("tum", "euroc"):
+        told = " ".join(export(built, name, tmp_path / name))
+        assert "`crlb.csv` are not held" in told and "as it was built" in told
+        told = " ".join(export(plain, name, tmp_path / f"{name}-plain"))
+        assert "crlb" not in told and "as it was built" not in told
 
 
 def test_bop_of_a_sequence_without_depth_and_mask(plain: Sequence, tmp_path: Path) -> None:
