@@ -21,11 +21,9 @@ DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2
 
 
 def resolved(folder: Path) -> Path:
-    """The folder itself, links followed; UserError for a link that leads nowhere and for what is no folder."""
+    """The folder itself, links followed; UserError for a link that leads nowhere."""
     if folder.is_symlink() and not folder.exists():
         raise UserError(f"{folder}: is a link that leads nowhere; name another folder with --out")
-    if folder.exists() and not folder.is_dir():
-        raise UserError(f"{folder}: is no folder; name another with --out")
     return folder.resolve()
 
 
