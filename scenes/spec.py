@@ -52,6 +52,10 @@ class EffectSpec(Protocol):
         ...
 
 
+Annotation = Literal["depth", "mask", "edges", "flow", "normals"]
+"""Ground truth of each frame beside its pose."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CameraSpec:
     """A camera by its field of view, or by explicit intrinsics in px (all four of fx_px fy_px cx_px cy_px).
@@ -110,5 +114,5 @@ class SequenceSpec:
     rate_hz: Annotated[float, Gt(0)] = 15.0
     sensors: tuple[SensorSpec, ...] = (Imu(), FlowDeck(), Barometer())
     deviation: Deviation = field(default_factory=Deviation)
-    annotations: tuple[Literal["depth", "mask", "edges"], ...] = ()
+    annotations: tuple[Annotation, ...] = ()
     crlb_every: Annotated[int, Ge(0)] = 0

@@ -17,6 +17,8 @@ IMAGE_BYTES_PER_PX, NOISY_IMAGE_BYTES_PER_PX = 1.2, 1.6
 """Of a PNG of frames/, without and with sensor noise; measured at 640x480 on a box and a building, 15 % off."""
 DEPTH_BYTES_PER_PX, MASK_BYTES_PER_PX, EDGES_BYTES = 0.5, 0.01, 1000.0
 """Of a frame's depth and mask (per pixel) and of its file of edges, measured on the box."""
+FLOW_BYTES_PER_PX, NORMALS_BYTES_PER_PX = 0.5, 0.03
+"""Of a frame's flow with its occlusion, and of its normals, measured on the box."""
 ROW_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 200.0, 550.0, 0.5e6
 """Of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
 NOISY = {"Noise", "AnalogLink"}
@@ -100,6 +102,9 @@ def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
     each = pixels * (NOISY_IMAGE_BYTES_PER_PX if noisy else IMAGE_BYTES_PER_PX)
     each += pixels * (
         DEPTH_BYTES_PER_PX * ("depth" in spec.annotations) + MASK_BYTES_PER_PX * ("mask" in spec.annotations)
+    )
+    each += pixels * (
+        FLOW_BYTES_PER_PX * ("flow" in spec.annotations) + NORMALS_BYTES_PER_PX * ("normals" in spec.annotations)
     )
     each += EDGES_BYTES * ("edges" in spec.annotations)
     rows = sum(float(getattr(sensor, "rate_hz", 0.0)) for sensor in spec.sensors) * duration_s

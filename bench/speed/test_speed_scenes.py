@@ -26,6 +26,7 @@ from uavbench.bench.speed.rounds import absent, figure
 from uavbench.scenes import generate as g
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.effects.image_sensor import Noise
+from uavbench.scenes.frames import Filming, write_annotations, write_image
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
@@ -59,14 +60,15 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
         ideal = ideal_camera(renderer, camera, pinhole, lens, g.camera_path(flight, spec.mount.cam_from_body))
         source = g.with_effects(ideal, spec.effects, spec.seed)
+        filming = Filming(source=source, cam_from_body=spec.mount.cam_from_body, structure=scene.built.structure)
 
         def make() -> None:
             stamp_ns = int(flight.stamps_ns[next(rows)])
             light = source.image(stamp_ns)
             assert light is not None
             image = encode(light)
-            g._write_image(folder / "frames" / "000000.png", image)
-            g._write_annotations(folder, spec, 0, source, scene.built.structure, image, stamp_ns)
+            write_image(folder / "frames" / "000000.png", image)
+            write_annotations(folder, spec, 0, filming, image, stamp_ns)
 
         yield make
 

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.structure_files import load_structure
+from uavbench.scenes.dataset.surface_files import read_flow, read_normals
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
 from uavbench.scenes.image_files import decoded, load_image, size_px
 from uavbench.scenes.structure import Structure
@@ -249,6 +250,24 @@ class Frame:
         """Visible parts (n, 7) of the model's edges, columns as EDGE_COLUMNS; None where there are none."""
         path = self._file("edges", "csv")
         return None if path is None else read_numbers(path, EDGE_COLUMNS)
+
+    @property
+    def flow_px(self) -> Array | None:
+        """Optical flow (h, w, 2) to the next frame, NaN where it is not known; None where there is none."""
+        path = self._file("flow", "png")
+        return None if path is None else read_flow(path, self.sequence.folder)
+
+    @property
+    def occlusion(self) -> NDArray[np.uint8] | None:
+        """Of what each pixel (h, w) shows, in the next frame: 0 seen, 1 hidden, 2 out of the image, 3 not known."""
+        path = self._file("occlusion", "png")
+        return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
+
+    @property
+    def normals(self) -> Array | None:
+        """Unit normals (h, w, 3) of what is seen, in the camera's frame, NaN where nothing is; None without."""
+        path = self._file("normals", "png")
+        return None if path is None else read_normals(path, self.sequence.folder)
 
     def _file(self, kind: str, suffix: str) -> Path | None:
         path = self.sequence.folder / kind / f"{self.number:06d}.{suffix}"

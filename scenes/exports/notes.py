@@ -60,7 +60,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
             "and the pose of each row (`row_poses.npy`) is not held."
         )
     lines += _link(sequence)
-    for name in ("depth", "mask", "edges"):
+    for name in ("depth", "mask", "edges", "flow", "occlusion", "normals"):
         if name not in held.annotations and (sequence.folder / name).is_dir():
             lines.append(f"Truth of each frame: `{name}/` is not held.")
     if (sequence.folder / "crlb.csv").is_file():

@@ -4,6 +4,8 @@ The only module that knows OpenGL's axes (camera looks along -z, y up). Pixel ce
 """
 
 import ctypes
+from collections.abc import Callable
+from functools import cached_property
 from itertools import chain
 from types import TracebackType
 from typing import Any, Self
@@ -16,6 +18,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.renderables import Light, Mover, Part, Texture
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering import shaders
+from uavbench.scenes.rendering.facets import NONE, Facets
 from uavbench.scenes.rendering.gpu import Mesh, Program, Target, upload
 from uavbench.scenes.rendering.shadows import ShadowMap, split_by_lamp
 from uavbench.trajectories.pose import Array, Pose
@@ -119,23 +122,57 @@ class Renderer:
         self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Depth (h, w) along the optical axis at pixel centres, metres, 0 where there is nothing; instances (h, w)."""
-        GL = self._gl
-        self._begin(self._floats)
-        for program in self._geometry:
-            program.use()
-            program.matrix("view_projection", _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix)
-        for mesh, mover in self._meshes:
-            program = self._geometry[mesh.cutout]
-            program.use()
-            model = np.eye(4) if mover is None else mover.world_from_part(time_s).matrix
-            program.matrix("model", model)
+
+        def values(number: int, mesh: Mesh, program: Program) -> None:
             program.vector("depth_row", cam_from_world.matrix[2])
             program.number("instance", float(mesh.part.instance))
+
+        both = self._two_numbers(self._geometry, cam_from_world, camera, time_s, values)
+        depth, instances = cv2.split(both)
+        return np.asarray(depth, dtype=np.float32), instances.astype(np.uint8)
+
+    def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int64]:
+        """Rows (h, w) of `facets` seen at pixel centres: NONE where there is nothing, or only sky."""
+
+        def values(number: int, mesh: Mesh, program: Program) -> None:
+            program.number("mesh", float(number + 1))
+
+        both = self._two_numbers(self._facet_programs, cam_from_world, camera, time_s, values)
+        mesh, triangle = (both[..., k].astype(np.int64) for k in (0, 1))
+        return np.where(mesh > 0, np.concatenate([[0], self.facets.first])[mesh] + triangle, NONE)
+
+    @cached_property
+    def facets(self) -> Facets:
+        """Every triangle that is drawn."""
+        return Facets.of([(mesh.part, mover) for mesh, mover in self._meshes], has_sky=self._sky is not None)
+
+    @cached_property
+    def _facet_programs(self) -> tuple[Program, Program]:
+        return self._programs(shaders.FACETS)
+
+    def _two_numbers(
+        self,
+        programs: tuple[Program, Program],
+        cam_from_world: Pose,
+        camera: Camera,
+        time_s: float,
+        values: Callable[[int, Mesh, Program], None],
+    ) -> NDArray[np.float32]:
+        """Image (h, w, 2) of programs that write two numbers a pixel; values sets what each mesh is drawn with."""
+        GL = self._gl
+        self._begin(self._floats)
+        for program in programs:
+            program.use()
+            program.matrix("view_projection", _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix)
+        for number, (mesh, mover) in enumerate(self._meshes):
+            program = programs[mesh.cutout]
+            program.use()
+            program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
+            values(number, mesh, program)
             mesh.draw()
         both = np.empty((self.height, self.width, 2), dtype=np.float32)
         self._read(GL.GL_RG, GL.GL_FLOAT, both)
-        depth, instances = cv2.split(cv2.flip(both, 0))
-        return np.asarray(depth, dtype=np.float32), instances.astype(np.uint8)
+        return np.asarray(cv2.flip(both, 0), dtype=np.float32)
 
     def nearest_m(self, eye: Array) -> float:
         """Lower bound of the distance from a point to what is drawn and does not move."""
@@ -156,7 +193,9 @@ class Renderer:
         if self._textures:
             GL.glDeleteTextures(list(self._textures.values()))
         GL.glDeleteVertexArrays(1, [self._no_vertices])
-        pairs = (*self._surface.values(), self._geometry, self._depth, (self._sky_program, self._resolve))
+        pairs = [*self._surface.values(), self._geometry, self._depth, (self._sky_program, self._resolve)]
+        if "_facet_programs" in self.__dict__:
+            pairs.append(self._facet_programs)
         for program in chain.from_iterable(pairs):
             GL.glDeleteProgram(program.id)
         self._meshes, self._textures = [], {}

@@ -1,4 +1,4 @@
-"""GLSL of the renderer: lit surfaces, the sky behind them, shadow depth, the resolve of samples, and geometry.
+"""GLSL of the renderer: lit surfaces, the sky behind them, shadow depth, the resolve of samples, geometry, facets.
 
 Light is linear; images are coded as its square root, so that 8 bits hold it. Samples are averaged as light, and turned
 to rows from the top and to BGR, so that what is read needs no more work.
@@ -159,6 +159,20 @@ void main() {
     if (texture(surface, st).a < 0.5) discard;
 #endif
     depth_and_instance = vec2(dot(depth_row, vec4(at, 1.0)), instance);
+}
+"""
+
+FACETS = """#version 330 core
+SWITCHES
+in vec2 st;
+layout(location = 0) out vec2 mesh_and_triangle;
+uniform sampler2D surface;
+uniform float mesh;
+void main() {
+#ifdef CUTOUT
+    if (texture(surface, st).a < 0.5) discard;
+#endif
+    mesh_and_triangle = vec2(mesh, float(gl_PrimitiveID));
 }
 """
 

@@ -106,7 +106,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, monkeypatch: pyt
     def full(path: Path, image: object) -> None:
         Path("/dev/full").write_bytes(b"x")
 
-    monkeypatch.setattr("uavbench.scenes.generate._write_image", full)
+    monkeypatch.setattr("uavbench.scenes.frames.write_image", full)
     with pytest.raises(UserError, match=r"full: cannot be written: No space left on device"):
         generate(SPEC, tmp_path / "full", content_hash="abc")
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,6 @@
-"""Rays against a triangle mesh: how far to the first triangle, and how often through its surface."""
+"""Rays against a triangle mesh: how far to the first triangle, which one, and how often through its surface."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,21 @@ def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
     out = np.empty((len(origins), 1))
     _distances(tree, origins, directions[:, None], np.inf, False, out)
     return out[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """First triangles that rays meet: distances (k,), inf where there is none, and rows (k,) of the mesh, then -1."""
+
+    distances: Array
+    rows: NDArray[np.int64]
+
+
+def first_hits(tree: Tree, origins: Array, directions: Array) -> Hits:
+    """Distance along each unit direction (k, 3) from origins (k, 3) to the first triangle, and its row."""
+    distances, places = np.empty(len(origins)), np.empty(len(origins), dtype=np.int64)
+    _hits(tree, origins, directions, distances, places)
+    return Hits(distances, np.where(places < 0, -1, tree.rows[places]))
 
 
 def rays_blocked(tree: Tree, origins: Array, directions: Array, within: float) -> NDArray[np.bool_]:
@@ -53,6 +70,32 @@ def _distances(tree: Tree, origins: Array, directions: Array, within: float, any
                     stack[top + 1] = tree.child[node] + 1
                     top += 2
             out[i, j] = best
+
+
+@compiled("Tree f2 f2 f1! i1!", Tree=TREE)
+def _hits(tree: Tree, origins: Array, directions: Array, out: Array, place: NDArray[np.int64]) -> None:
+    """Distance (k,) to the first triangle, inf for none, and its place (k,) in the tree, -1 for none."""
+    stack = np.empty(MAX_DEPTH, dtype=np.int64)
+    for i in range(origins.shape[0]):
+        o, d = origins[i], directions[i]
+        best, at = np.inf, -1
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if not _enters(o, d, tree.low[node], tree.high[node], best):
+                continue
+            if tree.counts[node] > 0:
+                for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
+                    distance = ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2])
+                    if distance < best:
+                        best, at = distance, t
+            else:
+                stack[top] = tree.child[node]
+                stack[top + 1] = tree.child[node] + 1
+                top += 2
+        out[i], place[i] = best, at
 
 
 @compiled("Tree f2 f1 i1!", Tree=TREE)

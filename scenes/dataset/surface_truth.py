@@ -1,0 +1,197 @@
+"""Ground truth of the surfaces in a frame: optical flow to the next frame, what it hides, and normals.
+
+Every pixel is traced to the triangle that it shows, whose plane is met in float64, so flow and normals are
+exact up to the rounding of their files. Flow is the motion of the point that the centre of a pixel shows, from
+one frame to the next: on what moves by itself (people, birds) that of the rigid part it belongs to, on the
+sky that of the turning camera alone. The triangle's own normal counts, not the one that smooth shading draws.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.dataset.surface_files import (
+    HIDDEN,
+    LARGEST_FLOW_PX,
+    OUTSIDE,
+    SEEN,
+    UNKNOWN,
+    write_flow,
+    write_normals,
+)
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, pixel_grid
+from uavbench.scenes.rendering.facets import NONE, Planes, Rows
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.trajectories.pose import Array, Pose
+
+CORNERS = [(0, 0), (1, 0), (0, 1), (1, 1)]
+"""Steps to the four pixels around a place between them."""
+SQUARE = [*CORNERS, *((x, y) for x in range(-1, 3) for y in range(-1, 3) if (x, y) not in CORNERS)]
+RING = [(0, 0), *((x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if (x, y) != (0, 0))]
+"""Steps to pixels around, the likely ones first; the others are for rays that meet the facet of none of these."""
+BEFORE = 1e-3
+"""A surface nearer by this share of the distance hides what is behind it."""
+LENS_ROUND_TRIP_PX = 0.01
+"""Beyond it a distortion folds over, and a point has no one place in the image."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceView:
+    """What each of the k pixels of a camera shows at a time.
+
+    seen (h', w') facets in the pinhole's image; rows (k,) those of the camera's pixels, NONE where there is none;
+    planes of all facets at that time; depths_m (k,) along the optical axis, inf: sky, NaN: nothing.
+    """
+
+    time_ns: int
+    cam_from_world: Pose
+    seen: Rows
+    rows: Rows
+    planes: Planes
+    depths_m: Array
+
+
+class SurfaceTruth:
+    """Traces the pixels of a simulated camera to the scene's facets."""
+
+    def __init__(self, renderer: Renderer, source: CameraSimulator) -> None:
+        self._renderer, self._source = renderer, source
+        camera, pinhole = source.camera, source.pinhole
+        pixels = pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)
+        self._pixels, self._rays = pixels, camera.rays(pixels)
+        place = self._in_pinhole(self._rays)
+        self._at = np.rint(place).astype(np.int64)
+        centres = (self._at - [pinhole.cx, pinhole.cy]) / [pinhole.fx, pinhole.fy]
+        self._centre_rays = np.column_stack([centres, np.ones(len(centres))])
+        self._base = self._at if source.lens is None else np.floor(place).astype(np.int64)
+        self._steps, self._sure = (RING, 1) if source.lens is None else (SQUARE, len(CORNERS))
+
+    def view(self, time_ns: int) -> SurfaceView:
+        """What the pixels show at a time."""
+        pose, facets = self._source.cam_from_world(time_ns), self._renderer.facets
+        seen = self._renderer.facets_seen(pose, self._source.pinhole, time_ns * 1e-9)
+        planes, world_from_cam = facets.planes(time_ns * 1e-9), pose.inverse()
+        rays, eye = self._rays @ world_from_cam.rotation.T, world_from_cam.translation
+        rows = seen[self._at[:, 1], self._at[:, 0]]
+        depths = np.full(len(rows), np.inf if facets.has_sky else np.nan)
+        there = rows != NONE
+        best = np.full(len(rows), np.inf)
+        for number, step in enumerate(self._steps):
+            asked = np.arange(len(rows)) if number < self._sure else np.flatnonzero(there & ~np.isfinite(best))
+            other = _shifted(seen, self._base[asked], step)
+            share = planes.through(other, eye, rays[asked])
+            nearer = share < best[asked]
+            best[asked[nearer]], rows[asked[nearer]] = share[nearer], other[nearer]
+        met = np.isfinite(best)
+        depths[met] = best[met]
+        beside = there & ~met  # the ray passes a border closely: it ends where that of the rendered pixel does
+        depths[beside] = planes.along(rows[beside], eye, self._centre_rays[beside] @ world_from_cam.rotation.T)
+        return SurfaceView(time_ns, pose, seen, rows, planes, depths)
+
+    def normals(self, view: SurfaceView) -> Array:
+        """Unit normals (h, w, 3) in the camera's frame, towards the camera; NaN where there is no surface."""
+        normals = np.full((len(view.rows), 3), np.nan)
+        there = view.rows != NONE
+        turned = view.planes.normals[view.rows[there]] @ view.cam_from_world.rotation.T
+        away = np.einsum("ij,ij->i", turned, self._rays[there]) > 0
+        normals[there] = np.where(away[:, None], -turned, turned)
+        return self._image(normals)
+
+    def flow(self, view: SurfaceView, later: SurfaceView) -> tuple[Array, NDArray[np.uint8]]:
+        """Flow (h, w, 2) in px from one view to a later one, NaN where it is not known; and occlusion (h, w)."""
+        moved = self._moved(view, later)
+        camera, h, w = self._source.camera, self._source.camera.height, self._source.camera.width
+        before_camera = moved[:, 2] > 1e-6 * np.linalg.norm(moved, axis=1)  # NaN compares as not
+        pixels = np.full((len(moved), 2), np.nan)
+        pixels[before_camera] = camera.project(moved[before_camera])
+        known = before_camera & self._met_again(moved, pixels)
+        flow = pixels - self._pixels
+        known &= (np.abs(flow) < LARGEST_FLOW_PX).all(axis=1)
+        inside = known & ((pixels >= -0.5) & (pixels <= [w - 0.5, h - 0.5])).all(axis=1)
+        occlusion = np.full(len(moved), UNKNOWN, dtype=np.uint8)
+        occlusion[known] = OUTSIDE
+        occlusion[inside] = np.where(self._hidden(view, later, moved, inside), HIDDEN, SEEN)
+        flow[~known] = np.nan
+        return self._image(flow), occlusion.reshape(h, w)
+
+    def _moved(self, view: SurfaceView, later: SurfaceView) -> Array:
+        """Points (k, 3) that the pixels show, in the camera's frame at a later time; directions, for the sky."""
+        world_from_cam = view.cam_from_world.inverse()
+        near = np.isfinite(view.depths_m)
+        points = world_from_cam.transform(self._rays[near] * view.depths_m[near, None])
+        carried = self._renderer.facets.carried(view.rows[near], points, view.time_ns * 1e-9, later.time_ns * 1e-9)
+        moved = self._rays @ (later.cam_from_world.rotation @ world_from_cam.rotation).T
+        moved[near] = later.cam_from_world.transform(carried)
+        moved[np.isnan(view.depths_m)] = np.nan
+        return moved
+
+    def _hidden(
+        self, view: SurfaceView, later: SurfaceView, moved: Array, asked: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Which of the points asked for are behind something in the later view: in all of the four pixels around."""
+        points, rows, there = moved[asked], view.rows[asked], np.isfinite(view.depths_m[asked])
+        world_from_cam = later.cam_from_world.inverse()
+        rays = points @ world_from_cam.rotation.T
+        place = self._in_pinhole(points)
+        hidden = np.ones(len(points), dtype=bool)
+        base = np.floor(place).astype(np.int64)
+        for step in CORNERS:
+            other = _shifted(later.seen, base, step)
+            nearer = other != NONE
+            share = later.planes.along(other[nearer], world_from_cam.translation, rays[nearer])
+            nearer[nearer] = ~there[nearer] | (share < 1 - BEFORE)
+            hidden &= nearer & (other != rows)
+        return hidden
+
+    def _in_pinhole(self, points: Array) -> Array:
+        """Places (k, 2) of points (k, 3) of the camera's frame in the image of the pinhole."""
+        pinhole = self._source.pinhole
+        return np.asarray(points[:, :2] / points[:, 2:] * [pinhole.fx, pinhole.fy] + [pinhole.cx, pinhole.cy])
+
+    def _met_again(self, points: Array, pixels: Array) -> NDArray[np.bool_]:
+        """Whether the ray of a pixel (k, 2) leads back to the point (k, 3): not where a distortion folds over."""
+        camera = self._source.camera
+        if camera.distortion_model == "none":
+            return np.asarray(np.isfinite(pixels).all(axis=1))
+        found: NDArray[np.bool_] = np.asarray(np.isfinite(pixels).all(axis=1))
+        straight = points[found, :2] / points[found, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        with np.errstate(invalid="ignore"):
+            found[found] = np.abs(camera.undistort(pixels[found]) - straight).max(axis=1) < LENS_ROUND_TRIP_PX
+        return found
+
+    def _image(self, values: Array) -> Array:
+        return values.reshape(self._source.camera.height, self._source.camera.width, -1)
+
+
+def _shifted(seen: Rows, pixels: NDArray[np.int64], step: tuple[int, int]) -> Rows:
+    """Facets (k,) seen a step from pixels (k, 2), column and row; at the border of the image those of the border."""
+    column, row = (np.clip(pixels[:, k] + step[k], 0, seen.shape[1 - k] - 1) for k in (0, 1))
+    return np.asarray(seen[row, column])
+
+
+class SurfaceFiles:
+    """Writes flow, occlusion and normals of a camera's frames; the flow of one when the next one is there."""
+
+    def __init__(self, folder: Path, annotations: tuple[str, ...], truth: SurfaceTruth) -> None:
+        self._folder, self._annotations, self._truth = folder, annotations, truth
+        self._last: tuple[int, SurfaceView] | None = None
+
+    @classmethod
+    def asked(
+        cls, folder: Path, annotations: tuple[str, ...], renderer: Renderer, source: CameraSimulator
+    ) -> "SurfaceFiles | None":
+        """The files that the annotations ask for; None where they ask for none of these."""
+        wanted = {"flow", "normals"} & set(annotations)
+        return cls(folder, annotations, SurfaceTruth(renderer, source)) if wanted else None
+
+    def write(self, frame: int, time_ns: int) -> None:
+        """Write the normals of a frame that was exposed at a time, and the flow from the frame before it."""
+        view = self._truth.view(time_ns)
+        if "normals" in self._annotations:
+            write_normals(self._folder, frame, self._truth.normals(view))
+        if "flow" in self._annotations:
+            if self._last is not None:
+                write_flow(self._folder, self._last[0], *self._truth.flow(self._last[1], view))
+            self._last = frame, view

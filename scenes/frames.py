@@ -1,0 +1,149 @@
+"""The frames of one camera along a flight, written one after the other: images, stamps, ground truth, annotations."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.camera_path import camera_path
+from uavbench.scenes.dataset.annotations import row_poses, write_depth, write_edges, write_mask
+from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
+from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS
+from uavbench.scenes.dataset.surface_truth import SurfaceFiles
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.structure import Structure
+from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.sensors.sensor import sampled
+
+PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
+"""For noisy images smaller than the default, and twice as fast."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Exposures:
+    """When the frames of a camera are exposed, times_ns (n,) of the flight's record, and the stamps_ns (n,) they carry.
+
+    Both mean the middle of the exposure; they differ where the camera's clock is not that of the record.
+    """
+
+    times_ns: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filming:
+    """A camera in flight: its simulator and mount, the structure that it sees, and what is worked out of its frames."""
+
+    source: CameraSimulator
+    cam_from_body: Pose
+    structure: Structure
+    limit: FrameBounds | None = None
+    surfaces: SurfaceFiles | None = None
+
+
+def write_frames(
+    folder: Path,
+    spec: SequenceSpec,
+    filming: Filming,
+    flight: Flight,
+    exposures: Exposures,
+    on_frame: Callable[[], None],
+) -> None:
+    """Write images, frames.csv, groundtruth.csv and the annotations of each frame into a folder."""
+    (folder / "frames").mkdir(parents=True)
+    source, limit = filming.source, filming.limit
+    arrived: list[int] = []
+    row_ground_truth: list[Array] = []
+    bounds: dict[int, Array] = {}
+    lines = ["frame,stamp_ns,file"]
+    for number, (time_ns, stamp_ns) in enumerate(
+        zip(exposures.times_ns.tolist(), exposures.stamps_ns.tolist(), strict=True)
+    ):
+        light = source.image(time_ns)
+        if light is not None:
+            frame, image = len(arrived), encode(light)
+            name = f"frames/{frame:06d}.png"
+            write_image(folder / name, image)
+            lines.append(f"{frame},{stamp_ns},{name}")
+            arrived.append(number)
+            write_annotations(folder, spec, frame, filming, image, time_ns)
+            if source.row_delay_ns:
+                row_ground_truth.append(row_poses(source, _world_from_body(filming), time_ns))
+            if limit and frame % spec.crlb_every == 0 and (P := limit.covariance(image, time_ns)) is not None:
+                bounds[frame] = P
+        on_frame()
+    write_text(folder / "frames.csv", "\n".join(lines) + "\n")
+    if row_ground_truth:
+        np.save(folder / "row_poses.npy", np.array(row_ground_truth))
+    if limit is not None:
+        write_bounds(folder, bounds)
+    _write_ground_truth(folder, flight, exposures.times_ns[arrived], exposures.stamps_ns[arrived])
+
+
+def write_annotations(
+    folder: Path, spec: SequenceSpec, frame: int, filming: Filming, image: NDArray[np.uint8], time_ns: int
+) -> None:
+    """Write the annotations that a spec asks for of a frame exposed at a time."""
+    if {"depth", "mask", "edges"} & set(spec.annotations):
+        source, view = filming.source, filming.source.render(time_ns)
+        if "depth" in spec.annotations:
+            write_depth(folder, frame, source, view)
+        if "mask" in spec.annotations:
+            write_mask(folder, frame, source, view)
+        if "edges" in spec.annotations:
+            write_edges(folder, frame, source, view, filming.structure, image)
+    if filming.surfaces is not None:
+        filming.surfaces.write(frame, time_ns)
+
+
+def write_image(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write an image (h, w, 3) as PNG."""
+    done, data = cv2.imencode(".png", image, PNG)
+    if not done:
+        raise RuntimeError(f"{path.name}: OpenCV cannot encode the image")
+    path.write_bytes(data.tobytes())
+
+
+def states_at(flight: Flight, times_ns: NDArray[np.int64]) -> Array:
+    """States (n, 16) of the body at times: the columns of groundtruth.csv from px_m on.
+
+    Those of the record's row where there is one; between rows the pose moves with constant twist, as the camera does,
+    and velocities, rates and accelerations are linear.
+    """
+    record = np.hstack(
+        [
+            flight.positions_m,
+            flight.quaternions_wxyz,
+            flight.velocities_m_s,
+            flight.angular_velocities_rad_s,
+            flight.accelerations_m_s2,
+        ]
+    )
+    states = sampled(flight, record, times_ns) if len(times_ns) else np.zeros((0, record.shape[1]))
+    body_from_world = camera_path(flight, Pose.identity())
+    for i in np.flatnonzero(~np.isin(times_ns, flight.stamps_ns)).tolist():
+        pose = body_from_world(int(times_ns[i])).inverse()
+        q = pose.quaternion_wxyz
+        states[i, :3] = pose.translation
+        states[i, 3:7] = q if q @ states[i, 3:7] >= 0 else -q
+    return states
+
+
+def _world_from_body(filming: Filming) -> Callable[[int], Pose]:
+    return lambda time_ns: filming.source.cam_from_world(time_ns).inverse() @ filming.cam_from_body
+
+
+def _write_ground_truth(
+    folder: Path, flight: Flight, times_ns: NDArray[np.int64], stamps_ns: NDArray[np.int64]
+) -> None:
+    rows = zip(stamps_ns.tolist(), states_at(flight, times_ns).tolist(), strict=True)
+    lines = [",".join(map(repr, [i, stamp, *row])) for i, (stamp, row) in enumerate(rows)]
+    write_text(folder / "groundtruth.csv", "\n".join([",".join(GROUND_TRUTH_COLUMNS), *lines]) + "\n")

@@ -1,0 +1,97 @@
+"""The planes of all triangles that are drawn, exact in float64: what a pixel shows, where that is, and how it moves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.renderables import Mover, Part
+from uavbench.trajectories.geometry.surfaces import barycentric
+from uavbench.trajectories.pose import Array, Pose
+
+NONE = -1
+"""Row of no facet: background or sky."""
+ON_BORDER = 1e-9
+"""Share of a triangle by which a place on its border may seem to lie outside."""
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """Planes `normal . x = offset` of facets in the world at one time.
+
+    normals (n, 3) unit, offsets_m (n,); corners_m (n, 3, 3) of the facets.
+    """
+
+    normals: Array
+    offsets_m: Array
+    corners_m: Array
+
+    def along(self, rows: Rows, origin: Array, rays: Array) -> Array:
+        """How many times its length (k,) each ray (k, 3) from an origin goes to the plane of its facet; inf: never."""
+        normals = self.normals[rows]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = (self.offsets_m[rows] - normals @ origin) / np.einsum("ij,ij->i", normals, rays)
+        return np.where(share > 0, share, np.inf)
+
+    def through(self, rows: Rows, origin: Array, rays: Array) -> Array:
+        """As `along`, where a ray meets its facet itself; inf where it passes beside it, or the row is NONE."""
+        share = np.full(len(rows), np.inf)
+        there = np.flatnonzero(rows != NONE)
+        share[there] = self.along(rows[there], origin, rays[there])
+        there = there[np.isfinite(share[there])]
+        places = origin + share[there, None] * rays[there]
+        beside = (barycentric(self.corners_m[rows[there]], places) < -ON_BORDER).any(axis=1)
+        share[there[beside]] = np.inf
+        return share
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """Triangles of all drawn meshes, one after the other.
+
+    first (m,): row of each mesh's first triangle; corners_m (n, 3, 3) in the frame of the part that they belong to, the
+    world unless it moves; movers: of each moving mesh its rows and its motion; has_sky: whether there is sky behind.
+    """
+
+    first: Rows
+    corners_m: Array
+    movers: tuple[tuple[slice, Mover], ...]
+    has_sky: bool
+
+    @classmethod
+    def of(cls, drawn: Sequence[tuple[Part, Mover | None]], *, has_sky: bool) -> "Facets":
+        """Facets of parts in the order in which they are drawn, each with its motion or None."""
+        counts = np.array([len(part.triangles) for part, _ in drawn], dtype=np.int64)
+        first = np.cumsum(counts) - counts
+        corners = [part.vertices[part.triangles] for part, _ in drawn]
+        movers = tuple(
+            (slice(int(begin), int(begin + count)), mover)
+            for begin, count, (_, mover) in zip(first, counts, drawn, strict=True)
+            if mover is not None
+        )
+        return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), movers, has_sky)
+
+    def planes(self, time_s: float) -> Planes:
+        """Planes of all facets at a time."""
+        corners = self.corners_m
+        if self.movers:
+            corners = corners.copy()
+            for rows, mover in self.movers:
+                pose = mover.world_from_part(time_s)
+                corners[rows] = pose.transform(corners[rows].reshape(-1, 3)).reshape(-1, 3, 3)
+        a, b, c = (corners[:, k] for k in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        return Planes(normals, np.einsum("ij,ij->i", normals, a), corners)
+
+    def carried(self, rows: Rows, points_m: Array, from_s: float, to_s: float) -> Array:
+        """Points (k, 3) of the world on facets (k,) at one time, where the facets take them by another time."""
+        out = points_m.copy()
+        for span, mover in self.movers:
+            on = (rows >= span.start) & (rows < span.stop)
+            if on.any():
+                step: Pose = mover.world_from_part(to_s) @ mover.world_from_part(from_s).inverse()
+                out[on] = step.transform(points_m[on])
+        return out

@@ -1,0 +1,176 @@
+"""Optical flow and normals of frames, against points of the meshes that are projected by the written poses."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.surface_files import HIDDEN, OUTSIDE, SEEN, UNKNOWN
+from uavbench.scenes.dataset.surface_truth import SurfaceTruth
+from uavbench.scenes.generate import generate
+from uavbench.scenes.renderables import Mover
+from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.spec import CameraSpec, SequenceSpec
+from uavbench.scenes.structures.box import Box
+from uavbench.scenes.world.indoor import Indoor
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.simulation.flight import FlightSpec
+
+SPEC = SequenceSpec(
+    name="surfaces",
+    seed=4,
+    structure=Box(),
+    environment=Indoor(),
+    flight=FlightSpec(path=HandPilot(duration_s=0.3)),
+    mount=Mount(pitch_deg=-25.0, offset_m=(0.02, 0.0, 0.01)),
+    camera=CameraSpec(
+        width=200, height=150, horizontal_fov_deg=75.0, distortion_model="radtan", distortion=(-0.2, 0.05, 1e-3, -1e-3)
+    ),
+    sensors=(),
+    annotations=("mask", "flow", "normals"),
+)
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    folder = tmp_path_factory.mktemp("surfaces") / "distorted"
+    generate(SPEC, folder, content_hash="abc")
+    return Sequence.load(folder)
+
+
+@pytest.fixture(scope="module")
+def pinhole(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
+    folder = tmp_path_factory.mktemp("surfaces") / "pinhole"
+    generate(
+        replace(SPEC, camera=replace(SPEC.camera, distortion_model="none", distortion=())), folder, content_hash=""
+    )
+    return Sequence.load(folder)
+
+
+def faces_met(sequence: Sequence, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (k, 2) deep within the structure's mask, the point of the model (k, 3) they show, and its normal."""
+    structure, pose = sequence.structure, sequence.true_cam_from_world(frame)
+    mask = sequence[frame].mask
+    assert mask is not None
+    inner = cv2.erode((mask == 1).astype(np.uint8), np.ones((3, 3), dtype=np.uint8))
+    pixels = np.argwhere(inner)[:, ::-1].astype(np.float64)
+    centre = pose.inverse().translation
+    rays = sequence.camera.rays(pixels) @ pose.rotation
+    best, normal = np.full(len(rays), np.inf), np.zeros((len(rays), 3))
+    for triangle in structure.vertices[structure.triangles]:
+        a, b, c = triangle
+        n = np.cross(b - a, c - a)
+        t = (a - centre) @ n / (rays @ n)
+        p = centre + t[:, None] * rays
+        sides = [np.cross(q - o, p - o) @ n for o, q in ((a, b), (b, c), (c, a))]
+        met = (np.min(sides, axis=0) >= 0) & (t > 0) & (t < best)
+        best[met], normal[met] = t[met], n / np.linalg.norm(n)
+    known = np.isfinite(best)
+    return pixels[known].astype(int), centre + best[known, None] * rays[known], normal[known]
+
+
+@pytest.mark.parametrize("which", ["sequence", "pinhole"])
+def test_flow_is_the_projected_motion_of_the_meshs_points(which: str, request: pytest.FixtureRequest) -> None:
+    sequence, checked, worst = request.getfixturevalue(which), 0, 0.0
+    for frame in range(len(sequence) - 1):
+        pixels, points, _ = faces_met(sequence, frame)
+        flow = sequence[frame].flow_px
+        assert flow is not None
+        now, later = (
+            sequence.camera.project(sequence.true_cam_from_world(f).transform(points)) for f in (frame, frame + 1)
+        )
+        read = flow[pixels[:, 1], pixels[:, 0]]
+        error = np.abs(read - (later - now)).max(axis=1)
+        assert np.isfinite(read).all()
+        assert np.abs(later - now).max() > 0.2
+        checked, worst = checked + len(error), max(worst, float(error.max()))
+    assert checked > 3000
+    assert worst < 0.0085  # half of 1/64 px, the form's rounding; asked for: 0.02
+    assert sequence[len(sequence) - 1].flow_px is None
+
+
+@pytest.mark.parametrize("which", ["sequence", "pinhole"])
+def test_normals_are_those_of_the_faces_towards_the_camera(which: str, request: pytest.FixtureRequest) -> None:
+    sequence = request.getfixturevalue(which)
+    for frame in range(len(sequence)):
+        pixels, _, expected = faces_met(sequence, frame)
+        normals = sequence[frame].normals
+        assert normals is not None
+        read = normals[pixels[:, 1], pixels[:, 0]]
+        cosine = np.einsum("ij,ij->i", read, expected @ sequence.true_cam_from_world(frame).rotation.T)
+        assert np.degrees(np.arccos(np.minimum(cosine, 1))).max() < 0.005  # asked for: 0.1
+        floor = sequence.true_cam_from_world(frame).rotation @ [0, 0, 1]
+        assert np.abs(normals[-1, -1] - floor).max() < 1e-4
+
+
+def test_the_files_of_flow_are_kittis(sequence: Sequence) -> None:
+    codes = cv2.imread(str(sequence.folder / "flow" / "000000.png"), cv2.IMREAD_UNCHANGED)
+    assert codes is not None
+    assert (codes.dtype, codes.shape) == (np.uint16, (150, 200, 3))
+    assert set(np.unique(codes[..., 0])) <= {0, 1}
+    u = (codes[..., 2].astype(float) - 2**15) / 64
+    flow = sequence[0].flow_px
+    assert flow is not None
+    assert np.array_equal(u[codes[..., 0] == 1], flow[..., 0][codes[..., 0] == 1])
+
+
+def truth_of(
+    parts: tuple, movers: tuple, poses: list[Pose], sky: bool = False
+) -> tuple[np.ndarray, np.ndarray, Camera]:
+    """Flow and occlusion from the first pose to the second, one second apart, and the camera."""
+    camera = Camera.from_field_of_view(160, 120, 70.0)
+    panorama = np.full((8, 16, 3), 99, dtype=np.uint8) if sky else None
+    with Renderer(parts, FLAT_LIGHT, 160, 120, movers, panorama) as renderer:
+        pinhole, lens = render_camera(camera)
+        source = ideal_camera(renderer, camera, pinhole, lens, lambda ns: poses[round(ns / 1e9)])
+        truth = SurfaceTruth(renderer, source)
+        return *truth.flow(truth.view(0), truth.view(10**9)), camera
+
+
+def test_what_moves_flows_as_the_part_that_it_belongs_to() -> None:
+    pose = looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    mover = Mover(
+        white_box((2.0, -0.2, -0.2), (2.4, 0.2, 0.2)), lambda t: Pose(np.eye(3), np.array([0.0, -0.1 * t, 0.0]))
+    )
+    flow, occlusion, camera = truth_of((white_box((4.0, -5, -5), (4.1, 5, 5)),), (mover,), [pose, pose])
+    assert flow[60, 80] == pytest.approx([0.1 * camera.fx / 2.0, 0.0], abs=1e-9)
+    assert flow[60, 20] == pytest.approx([0.0, 0.0], abs=1e-9)
+    # The wall just right of the box is hidden by it one second later; the wall left of it is seen still.
+    right = int(camera.project(np.array([[0.2, 0.0, 2.0]]))[0, 0])
+    assert (occlusion[60, right + 2], occlusion[60, 20], occlusion[60, 80]) == (HIDDEN, SEEN, SEEN)
+
+
+def test_the_sky_flows_with_the_turn_of_the_camera_and_nothing_has_none() -> None:
+    poses = [looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), looking((5.0, 1.0, 0.0), (15.0, 1.0, 0.5))]
+    flow, occlusion, camera = truth_of((), (), poses, sky=True)
+    turn = poses[1].rotation @ poses[0].rotation.T
+    expected = camera.project((turn @ camera.rays(np.array([[80.0, 60.0]])).T).T)[0] - [80, 60]
+    assert flow[60, 80] == pytest.approx(expected, abs=1e-9)
+    assert occlusion[60, 80] == SEEN
+    assert occlusion[119, 0] == OUTSIDE
+    flow, occlusion, _ = truth_of((white_box((4.0, -1, -1), (4.1, 1, 1)),), (), poses)
+    assert np.isnan(flow[0, 0]).all()
+    assert occlusion[0, 0] == UNKNOWN
+
+
+def test_what_comes_behind_the_camera_has_no_flow() -> None:
+    poses = [looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), looking((3.0, 0.0, 0.0), (4.0, 0.0, 0.0))]
+    flow, occlusion, _ = truth_of((white_box((2.0, -1, -1), (2.1, 1, 1)),), (), poses)
+    assert np.isnan(flow[60, 80]).all()
+    assert occlusion[60, 80] == UNKNOWN
+
+
+def test_asking_for_them_changes_no_image(sequence: Sequence, tmp_path: Path) -> None:
+    generate(replace(SPEC, annotations=()), tmp_path / "plain", content_hash="abc")
+    for k in range(len(sequence)):
+        name = f"frames/{k:06d}.png"
+        assert (tmp_path / "plain" / name).read_bytes() == (sequence.folder / name).read_bytes()
+    assert not (tmp_path / "plain" / "flow").exists()
