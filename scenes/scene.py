@@ -10,6 +10,7 @@ from uavbench.scenes.renderables import BuiltStructure, Light, Mover, Part, Text
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.surfaces import SceneSurfaces
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.random_streams import stream
 
@@ -54,5 +55,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
     drawn = tuple(map(smooth_corners, shaded)) if plainly else bake(shaded, occluder, environment.light, reach)
     drawn += merged(p for p in solid if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
-    obstacles = ObstacleMesh(built.structure.vertices, built.structure.triangles)
+    everything = (*built.parts, *environment.parts, *chain.from_iterable(c.parts for c in clutter))
+    surroundings = SceneSurfaces(everything, movers)
+    obstacles = ObstacleMesh(built.structure.vertices, built.structure.triangles, surroundings=surroundings)
     return Scene(built, drawn, movers, environment.light, environment.sky, obstacles)

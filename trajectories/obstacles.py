@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from uavbench.trajectories.geometry.bvh import Tree, build_tree
 from uavbench.trajectories.geometry.distances import mesh_distances
 from uavbench.trajectories.geometry.rays import mesh_crossings, ray_distances, rays_blocked
+from uavbench.trajectories.geometry.surfaces import MeshOnFloor, Surfaces
 from uavbench.trajectories.pose import Array, read_only
 
 Indices = NDArray[np.int64]
@@ -21,11 +22,13 @@ class ObstacleMesh:
     """Triangle mesh in the world frame, metres, z up, floor at z = 0; arrays are read-only.
 
     vertices (n, 3); triangles (m, 3) rows of vertices, counter-clockwise from outside. ValueError for a mesh without
-    triangles, an index out of range or a vertex that is not finite.
+    triangles, an index out of range or a vertex that is not finite. surroundings: all that light meets where more is
+    known than this mesh, the structure as built and what stands around it.
     """
 
     vertices: Array
     triangles: Indices
+    surroundings: Surfaces | None = field(default=None, repr=False, kw_only=True)
     tree: Tree = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -39,6 +42,15 @@ class ObstacleMesh:
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "triangles", triangles)
         object.__setattr__(self, "tree", build_tree(vertices[triangles]))
+
+    @property
+    def surfaces(self) -> Surfaces:
+        """All that light meets: the surroundings, where they are known, else this mesh and the floor at z = 0."""
+        return (
+            self.surroundings
+            if self.surroundings is not None
+            else MeshOnFloor(self.vertices[self.triangles], self.tree)
+        )
 
     @property
     def bounds(self) -> Array:

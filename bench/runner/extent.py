@@ -9,6 +9,7 @@ from uavbench.bench.runner.tasks import Render
 from uavbench.scenes.scene import obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.sensors.lidar import Lidar2d
 from uavbench.trajectories.sensors.registry import FLIGHT_RATE_HZ
 from uavbench.trajectories.simulation.flight import path_name
 from uavbench.trajectories.simulation.summary import FlightSummary, planned_summary
@@ -19,6 +20,8 @@ DEPTH_BYTES_PER_PX, MASK_BYTES_PER_PX, EDGES_BYTES = 0.5, 0.01, 1000.0
 """Of a frame's depth and mask (per pixel) and of its file of edges, measured on the box."""
 FLOW_BYTES_PER_PX, NORMALS_BYTES_PER_PX = 0.5, 0.03
 """Of a frame's flow with its occlusion, and of its normals, measured on the box."""
+RAY_BYTES = 16.0
+"""Of a ray of a lidar, its range and the true one; a step has half as much again, two stamps and the azimuth."""
 ROW_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 200.0, 550.0, 0.5e6
 """Of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
 NOISY = {"Noise", "AnalogLink"}
@@ -107,5 +110,12 @@ def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
         FLOW_BYTES_PER_PX * ("flow" in spec.annotations) + NORMALS_BYTES_PER_PX * ("normals" in spec.annotations)
     )
     each += EDGES_BYTES * ("edges" in spec.annotations)
-    rows = sum(float(getattr(sensor, "rate_hz", 0.0)) for sensor in spec.sensors) * duration_s
-    return FIXED_BYTES + frames * each + ROW_BYTES * rows + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ * duration_s
+    readings = sum(_bytes_per_s(sensor) for sensor in spec.sensors) * duration_s
+    return FIXED_BYTES + frames * each + readings + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ * duration_s
+
+
+def _bytes_per_s(sensor: object) -> float:
+    """Of the readings of a body sensor."""
+    if isinstance(sensor, Lidar2d):
+        return RAY_BYTES * (sensor.rays_per_s + 1.5 * sensor.steps_per_s)
+    return ROW_BYTES * float(getattr(sensor, "rate_hz", 0.0))

@@ -16,16 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.sequence import Sequence, inside
-from uavbench.scenes.dataset.table_files import read_integers, read_table
+from uavbench.scenes.dataset.table_files import read_integers, read_records, read_table
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_header
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.registry import SENSORS
 
-CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init)  # type: ignore[arg-type]
+OF_THE_SCENE = frozenset({"reflectance"})
+"""Parameters of a sensor's model that no data sheet has: they are the scene's."""
+CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init) - OF_THE_SCENE  # type: ignore[arg-type]
 """Parameters that may be known of a sensor: rates, noise, ranges and places, as the sensors here have them."""
-RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates"})
+RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses"})
 """Names of tables that are no sensors."""
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 
@@ -94,10 +96,14 @@ def body_of(sequence: Sequence) -> Body:
 
 def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
     """All that a sensor of a sequence measured; UserError naming the file and the line that is wrong."""
-    path = inside(sequence.folder, f"{name}.csv")
-    stamps = read_integers(path, ["stamp_ns"])[:, 0]
+    binary = inside(sequence.folder, f"{name}.npy")
+    path = binary if binary.is_file() else inside(sequence.folder, f"{name}.csv")
+    records = read_records(path) if path is binary else None
+    stamps = read_integers(path, ["stamp_ns"])[:, 0] if records is None else records["stamp_ns"]
     if (np.diff(stamps) <= 0).any():
         raise UserError(f"{path}: its stamps do not increase; render the sequence again")
+    if records is not None:
+        return Samples(stamps, np.column_stack([records[column] for column in sensor.columns]))
     cells = [[row[c] for c in sensor.columns] for row in read_table(path, list(sensor.columns))]
     try:
         values = np.array([[float(cell) if cell else np.nan for cell in row] for row in cells])
@@ -110,17 +116,23 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
     sensors = sequence.info.get("sensors", {})
     if not (isinstance(sensors, dict) and all(isinstance(about, dict) for about in sensors.values())):
         raise UserError(f"{sequence.folder / 'sequence.json'}: sensors: expected tables by file; render it again")
-    for path in sorted(sequence.folder.glob("*.csv")):
+    for path in sorted((*sequence.folder.glob("*.csv"), *sequence.folder.glob("*.npy"))):
         about = sensors.get(path.name, {})
         kind = str(about.get("kind", _kind_by_name(path)))
         told_of = about.get("measured", ())
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
         if not known or path.stem in RESERVED or not NAME.fullmatch(path.stem):
             continue
-        header = read_header(path, TABLE, inside=sequence.folder)
+        header = _columns(sequence.folder, path)
         parameters = {k: v for k, v in about.items() if k in CALIBRATED and isinstance(v, int | float | list)}
         columns = tuple(column for column in known if column in header)
         yield path.stem, BodySensor(kind, columns, MappingProxyType(parameters))
+
+
+def _columns(folder: Path, path: Path) -> tuple[str, ...]:
+    if path.suffix == ".csv":
+        return tuple(read_header(path, TABLE, inside=folder))
+    return read_records(inside(folder, path.name)).dtype.names or ()
 
 
 def _kind_by_name(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""The JSON and CSV files of a sequence, read with errors for people."""
+"""The JSON and CSV files of a sequence, and its arrays of records, read with errors for people."""
 
 import csv
 import io
@@ -86,3 +86,26 @@ def _numbered(path: Path, lines: Iterator[list[str]], width: int) -> Iterator[tu
         if number > MOST_ROWS:
             raise UserError(f"{path}: has more than {MOST_ROWS:,} rows; {TABLE.remedy}")
         yield number, cells
+
+
+def read_records(path: Path) -> NDArray[np.void]:
+    """Array (n,) of records, `stamp_ns` int64 and columns float64, as `write_records` wrote it.
+
+    UserError naming the file; its size is compared with what its header claims before memory is spent.
+    """
+    stream = io.BytesIO(reading.read_bytes(path, TABLE, inside=path.parent))
+    try:
+        if np.lib.format.read_magic(stream) != (1, 0):
+            raise ValueError("not of version 1.0")
+        shape, _, kind = np.lib.format.read_array_header_1_0(stream)
+        names = kind.names or ()
+        if names[:1] != ("stamp_ns",) or len(shape) != 1:
+            raise ValueError("no list of records that begin with stamp_ns")
+        if kind != np.dtype([("stamp_ns", "<i8"), *((name, "<f8") for name in names[1:])]):
+            raise ValueError("its columns are not float64")
+        data = stream.getbuffer()[stream.tell() :]
+        if len(data) != shape[0] * kind.itemsize:
+            raise ValueError("it is cut off, or longer than it says")
+        return np.frombuffer(data, dtype=kind)
+    except (ValueError, SyntaxError, TypeError, OverflowError) as error:
+        raise UserError(f"{path}: no array of readings: {error}; render the sequence again") from None

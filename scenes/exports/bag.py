@@ -13,7 +13,7 @@ from uavbench.scenes.exports import bag_messages as messages
 from uavbench.scenes.exports.bag_messages import Stamped, link_of, ros_name
 from uavbench.scenes.exports.euroc import body_from_imu, imus_of
 from uavbench.scenes.exports.geodetic import Datum
-from uavbench.scenes.exports.notes import Held, sensors_of
+from uavbench.scenes.exports.notes import Held, tables_of
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.trajectories.bags.library import rosbags, typestore
 from uavbench.trajectories.errors import UserError
@@ -102,11 +102,9 @@ class Content:
         """Parameters of the GNSS receivers by their files."""
         sequence = self.shown.sequence
         heads = {
-            name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in sensors_of(sequence)
+            name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in tables_of(sequence)
         }
-        return {
-            name: each for name, each in sensors_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])
-        }
+        return {name: each for name, each in tables_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])}
 
     def place(self, receiver: dict[str, Any]) -> Datum:
         """Where on Earth the world of a receiver lies."""

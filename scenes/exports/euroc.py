@@ -9,7 +9,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_integers, read_numbers
-from uavbench.scenes.exports.notes import Held, sensors_of
+from uavbench.scenes.exports.notes import Held, tables_of
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
@@ -78,7 +78,7 @@ def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
 
     A file of readings that the sequence's record does not name has none that are known.
     """
-    sensors = dict(sensors_of(sequence))
+    sensors = dict(tables_of(sequence))
     for path in sorted(sequence.folder.glob("imu*.csv")):
         sensors.setdefault(path.name, {})
     heads = {name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in sensors}

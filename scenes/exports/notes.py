@@ -41,6 +41,11 @@ def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     return sensors
 
 
+def tables_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
+    """Those of the body sensors whose readings are a CSV file."""
+    return {name: about for name, about in sensors_of(sequence).items() if name.endswith(".csv")}
+
+
 def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
     """A sentence for each thing of the sequence that an export does not hold."""
     info = sequence.info

@@ -31,6 +31,7 @@ sensors = [
     { kind = "imu", gyro_bias_rad_s = 0.1, accel_bias_m_s2 = 0.3, offset_m = [0.0, 0.02, 0.01] },
     { kind = "imu-bmi088", gyro_bias_rad_s = 0.1, rate_hz = 400.0 },
     { kind = "flow" }, { kind = "baro" }, { kind = "gnss" },
+    { kind = "range-finder", pitch_deg = -60.0 }, { kind = "lidar-2d", rate_hz = 20.0, step_deg = 2.0 },
 ]
 annotations = ["depth", "mask"]
 camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
@@ -38,7 +39,8 @@ camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
 hold = { kind = "hold" }
 """
 COMMON = {"job.toml", "camera.toml", "model.obj", "model.cao", "edges.csv", "init.toml", "sensors.toml"}
-READINGS = {"imu.csv", "imu-bmi088.csv", "flow.csv", "baro.csv", "gnss.csv"}
+READINGS = {"imu.csv", "imu-bmi088.csv", "flow.csv", "baro.csv", "gnss.csv", "range-finder.csv"}
+LIDAR = "lidar-2d"
 OWN = {"stderr.txt", "stdout.txt", "loot.bin", "tmp"}
 LOOT = """
 import os, sys
@@ -81,6 +83,10 @@ def ground_truths(sequence):
             secret |= {
                 value for key, value in row.items() if name in ("groundtruth.csv", "flight.csv") or "bias" in key
             }
+    with (sequence.folder / "range-finder.csv").open() as handle:
+        secret |= {row["true_range_m"] for row in csv.DictReader(handle)}
+    lidar = np.load(sequence.folder / f"{LIDAR}_truth.npy")
+    secret |= {repr(value) for value in lidar["true_range_00_m"].tolist()}
     return {value for value in secret if "." in value and len(value) > 8}
 
 
@@ -95,7 +101,7 @@ def test_a_program_finds_in_its_folder_and_stream_what_is_listed_and_nothing_tru
     folder = tmp_path / "kept"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     frames = {f"frames/{k:06d}.png" for k in range(len(sequence))} if mode == "folder" else set()
-    more = READINGS | {"frames.csv"} if mode == "folder" else set()
+    more = READINGS | {"frames.csv", f"{LIDAR}.csv"} if mode == "folder" else set()
     ours = {"faults.txt", "uavbench.json"}  # written when the folder is kept
     assert names - OWN - ours == COMMON | frames | more
     loot = (folder / "loot.bin").read_text()
@@ -124,9 +130,11 @@ def test_what_is_known_of_the_body_is_told(sequence, tmp_path):
     track_external(tracker, sequence, rate_hz=15.0, seed=1, kept_folder=tmp_path / "kept")
     told = tomllib.loads((tmp_path / "kept" / "sensors.toml").read_text())
     np.testing.assert_array_equal(told["cam_from_body"], sequence.cam_from_body.matrix)
-    assert set(told["sensors"]) == {name[:-4] for name in READINGS}
+    assert set(told["sensors"]) == {name[:-4] for name in READINGS} | {LIDAR}
     for name, about in told["sensors"].items():
-        assert about["columns"] == list(SENSORS[name].measured)
+        rings = ["azimuth_rad", "range_00_m"]
+        assert about["columns"] == (rings if name == LIDAR else list(SENSORS[name].measured))
+    assert told["sensors"][LIDAR]["step_deg"] == 2.0 and "reflectance" not in told["sensors"][LIDAR]
     if "sensors" in sequence.info:
         assert told["sensors"]["imu"]["offset_m"] == [0.0, 0.02, 0.01]
         assert told["sensors"]["imu-bmi088"]["rate_hz"] == 400.0
@@ -190,10 +198,10 @@ def test_no_object_that_a_plug_in_gets_leads_to_the_truth(sequence, ground_truth
         assert not true & set(array.ravel().tolist())
     assert not [v for v in values if isinstance(v, float) and v in true]
     told = [samples for samples in Greedy.given if hasattr(samples, "items")]
-    assert {name for samples in told for name in samples} == {name[:-4] for name in READINGS}
+    assert {name for samples in told for name in samples} == {name[:-4] for name in READINGS} | {LIDAR}
 
 
 @pytest.mark.parametrize("kind", list(SENSORS))
 def test_every_sensor_says_which_of_its_columns_are_measured(kind):
     assert SENSORS[kind].measured
-    assert not [column for column in SENSORS[kind].measured if "bias" in column]
+    assert not [column for column in SENSORS[kind].measured if "bias" in column or "true" in column]

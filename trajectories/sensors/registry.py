@@ -5,13 +5,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.sensors.gnss import Gnss
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
+from uavbench.trajectories.sensors.lidar import Lidar2d, Lidar3d
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
-from uavbench.trajectories.sensors.sensor import SensorSpec, Table, write_table
+from uavbench.trajectories.sensors.range_finder import RangeFinder
+from uavbench.trajectories.sensors.sensor import SensorSpec, Table, write_records, write_table
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
@@ -41,11 +44,17 @@ def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
 def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "ObstacleMesh", seed: int) -> dict[str, Table]:
     """Table of each sensor by its name on the body.
 
-    Every sensor draws from a stream of its own name, so adding one never changes another's readings.
+    Every sensor draws from a stream of its own name, so adding one never changes another's readings. UserError naming
+    the sensor that cannot measure on this flight.
     """
-    return {
-        name: sensor.measure(flight, obstacles, stream(seed, "sensor", name)) for name, sensor in named(sensors).items()
-    }
+    return {name: _measured(name, sensor, flight, obstacles, seed) for name, sensor in named(sensors).items()}
+
+
+def _measured(name: str, sensor: SensorSpec, flight: Flight, obstacles: "ObstacleMesh", seed: int) -> Table:
+    try:
+        return sensor.measure(flight, obstacles, stream(seed, "sensor", name))
+    except UserError as error:
+        raise UserError(f"sensor {name}: {error}") from None
 
 
 def named(sensors: tuple[SensorSpec, ...]) -> dict[str, SensorSpec]:
@@ -61,11 +70,23 @@ def named(sensors: tuple[SensorSpec, ...]) -> dict[str, SensorSpec]:
 def write_flight(
     flight: Flight, sensors: tuple[SensorSpec, ...], obstacles: "ObstacleMesh", seed: int, folder: Path
 ) -> list[str]:
-    """Write `flight.csv` and one CSV file per sensor into a folder; the names of the files."""
-    tables = {"flight": flight_table(flight), **measure(sensors, flight, obstacles, seed)}
-    for name, table in tables.items():
-        write_table(table, folder / f"{name}.csv")
-    return [f"{name}.csv" for name in tables]
+    """Write `flight.csv` and one file per sensor into a folder; the names of the files of readings, `flight.csv` first.
+
+    A sensor that is `binary` has NAME.npy for what it measures and NAME_truth.npy for what is true.
+    """
+    write_table(flight_table(flight), folder / "flight.csv")
+    files = ["flight.csv"]
+    tables = measure(sensors, flight, obstacles, seed)
+    for (name, sensor), table in zip(named(sensors).items(), tables.values(), strict=True):
+        if not getattr(type(sensor), "binary", False):
+            write_table(table, folder / f"{name}.csv")
+            files.append(f"{name}.csv")
+            continue
+        seen = tuple(column for column in table.columns if column in getattr(type(sensor), "measured", ()))
+        write_records(table, seen, folder / f"{name}.npy")
+        write_records(table, tuple(c for c in table.columns if c not in seen), folder / f"{name}_truth.npy")
+        files.append(f"{name}.npy")
+    return files
 
 
 def sensor_name(sensor: SensorSpec) -> str:
@@ -79,6 +100,9 @@ SENSORS: dict[str, type[SensorSpec]] = {
     "flow": FlowDeck,
     "baro": Barometer,
     "gnss": Gnss,
+    "range-finder": RangeFinder,
+    "lidar-2d": Lidar2d,
+    "lidar-3d": Lidar3d,
 }
 
 __all__ = ["FLIGHT_RATE_HZ", "SENSORS", "SensorSpec", "flight_table", "measure", "write_flight"]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.files.writing import new_file, write_text
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, read_only
 
@@ -40,7 +40,9 @@ class SensorSpec(Protocol):
     """A body sensor: a frozen dataclass of its parameters.
 
     Trackers are given the columns of its table that the class names in `measured`, a tuple of names, and none where it
-    has no such attribute: what is true and not measured, as a bias, stays out of it.
+    has no such attribute: what is true and not measured, as a bias, stays out of it. One whose class says
+    `binary = True` has more readings than a CSV file is good for: they are written as an array, and what is true and
+    not measured into another one.
     """
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
@@ -125,3 +127,14 @@ def write_table(table: Table, path: Path) -> None:
     for stamp, row in zip(table.stamps_ns.tolist(), table.values.tolist(), strict=True):
         lines.append(",".join((str(stamp), *("" if value != value else repr(value) for value in row))))
     write_text(path, "\n".join(lines) + "\n")
+
+
+def write_records(table: Table, columns: tuple[str, ...], path: Path) -> None:
+    """Write some columns as a numpy array of records, `stamp_ns` int64 and the columns float64; NaN: no measurement."""
+    kind = np.dtype([("stamp_ns", "<i8"), *((name, "<f8") for name in columns)])
+    records = np.empty(len(table.stamps_ns), dtype=kind)
+    records["stamp_ns"] = table.stamps_ns
+    for name in columns:
+        records[name] = table.column(name)
+    with new_file(path) as new, new.open("wb") as handle:
+        np.lib.format.write_array(handle, records, version=(1, 0), allow_pickle=False)

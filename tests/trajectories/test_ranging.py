@@ -1,0 +1,192 @@
+"""Laser range finder and lidar: against analytic planes, their noise, what comes back, and what is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from tests.trajectories.scene import BOX, block, both, standing
+from uavbench.scenes.dataset.table_files import read_records
+from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.sensors.lidar import Lidar2d, Lidar3d
+from uavbench.trajectories.sensors.range_finder import RangeFinder
+from uavbench.trajectories.sensors.registry import measure, write_flight
+from uavbench.trajectories.sensors.sensor import sample_stamps
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+
+FLIGHT = fly(FlightSpec(path=HandPilot(duration_s=1.0)), Mount(), BOX, 0)
+ROOM = both(
+    both(block((-6.0, -6.0, 0.0), (-5.0, 6.0, 4.0)), block((5.0, -6.0, 0.0), (6.0, 6.0, 4.0))),
+    both(block((-6.0, -6.0, 0.0), (6.0, -5.0, 4.0)), block((-6.0, 5.0, 0.0), (6.0, 6.0, 4.0))),
+)
+"""Four walls around the flight, their inner faces 5 m from the middle."""
+EXACT = {"noise_m": 0.0, "far_noise_m": 0.0, "resolution_m": 0.0, "reflectance": 1.0}
+
+
+def poses(flight: Flight, stamps: np.ndarray) -> tuple[np.ndarray, Rotation]:
+    """Places and attitudes at stamps by scipy: linear for places, spherical for attitudes."""
+    t = flight.stamps_ns.astype(float)
+    places = np.column_stack([np.interp(stamps, t, flight.positions_m[:, k]) for k in range(3)])
+    return places, Slerp(t, Rotation.from_quat(flight.quaternions_wxyz[:, [1, 2, 3, 0]]))(stamps)
+
+
+def to_planes(places: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """Distance to the floor or the room's walls, whichever comes first, of what passes over no wall."""
+    out = np.full(len(ways), np.inf)
+    for axis, value in ((0, -5.0), (0, 5.0), (1, -5.0), (1, 5.0), (2, 0.0)):
+        with np.errstate(divide="ignore"):
+            t = (value - places[:, axis]) / ways[:, axis]
+        height = places[:, 2] + t * ways[:, 2]
+        out = np.where((t > 0) & (height < 4.0), np.minimum(out, t), out)
+    return out
+
+
+def test_a_range_finder_reads_the_distance_to_analytic_planes() -> None:
+    sensor = RangeFinder(
+        rate_hz=333.0, offset_m=(0.05, -0.02, 0.01), yaw_deg=20.0, pitch_deg=-30.0, roll_deg=5.0, **EXACT
+    )
+    table = sensor.measure(FLIGHT, ROOM, np.random.default_rng(0))
+    places, attitudes = poses(FLIGHT, table.stamps_ns)
+    turn = Rotation.from_euler("ZYX", [20.0, 30.0, 5.0], degrees=True)
+    expected = to_planes(places + attitudes.apply([0.05, -0.02, 0.01]), (attitudes * turn).apply([1.0, 0.0, 0.0]))
+    error = np.abs(table.column("range_m") - expected)
+    assert error.mean() < 1e-5  # asked for: 1e-4
+    assert error.max() < 1e-4
+    np.testing.assert_array_equal(table.column("range_m"), table.column("true_range_m"))
+
+
+@pytest.mark.parametrize("sensor", [Lidar2d(step_deg=3.0, **EXACT), Lidar3d(step_deg=6.0, pitch_deg=10.0, **EXACT)])
+def test_a_lidar_reads_the_distance_to_analytic_planes_from_where_the_vehicle_is_at_each_step(sensor: Lidar2d) -> None:
+    table = sensor.measure(FLIGHT, ROOM, np.random.default_rng(0))
+    places, attitudes = poses(FLIGHT, table.stamps_ns)
+    turn = Rotation.from_euler("ZYX", [0.0, -sensor.pitch_deg, 0.0], degrees=True)
+    azimuth, checked = table.column("azimuth_rad"), 0
+    for ring, elevation in enumerate(np.radians(sensor.elevations_deg)):
+        level = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.full(len(azimuth), np.tan(elevation))])
+        ways = (attitudes * turn).apply(level * np.cos(elevation))
+        expected, read = to_planes(places, ways), table.column(f"range_{ring:02d}_m")
+        there = np.isfinite(expected) & np.isfinite(read)
+        error = np.abs(read - expected)[there]
+        assert error.mean() < 1e-5  # asked for: 1e-4
+        assert error.max() < 2e-4
+        checked += int(there.sum())
+    assert checked > 0.6 * len(azimuth) * len(sensor.elevations_deg)
+    assert (np.diff(table.stamps_ns) > 0).all()
+
+
+def test_steps_of_a_turn_are_late_by_their_angle() -> None:
+    sensor = Lidar2d(rate_hz=20.0, field_deg=180.0, step_deg=45.0)
+    table = sensor.measure(standing(0.21), BOX, np.random.default_rng(0))
+    assert table.stamps_ns[:6].tolist() == [0, 6_250_000, 12_500_000, 18_750_000, 25_000_000, 50_000_000]
+    assert np.degrees(table.column("azimuth_rad")[:6]) == pytest.approx([-90, -45, 0, 45, 90, -90])
+    assert len(table.stamps_ns) == 4 * 5
+    whole = Lidar3d()
+    assert len(whole.azimuths_rad) == 1800 and whole.rays_per_s == 10 * 1800 * 16
+    assert len(Lidar2d().azimuths_rad) == 1081
+
+
+def test_noise_grows_beyond_the_far_distance_and_readings_come_in_steps() -> None:
+    sensor = RangeFinder(rate_hz=500.0, reflectance=1.0)
+    for distance, sigma in ((3.0, 0.025), (8.0, 0.1)):
+        wall = block((5.0 + distance, -9.0, 0.0), (20.0, 9.0, 9.0))
+        table = sensor.measure(standing(8.0), wall, np.random.default_rng(1))
+        assert table.column("true_range_m") == pytest.approx(distance, abs=1e-9)
+        error = table.column("range_m") - distance
+        assert error.std() == pytest.approx(sigma, rel=0.05)
+        assert abs(error.mean()) < 4 * sigma / np.sqrt(len(error))
+        centimetres = table.column("range_m") * 100
+        assert np.abs(centimetres - np.round(centimetres)).max() < 1e-9
+
+
+def slanted(angle_deg: float) -> ObstacleMesh:
+    """A plane 10 m ahead of what stands at (5, 0, 1), turned from squarely by an angle."""
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    across, middle = np.array([s, c, 0.0]) * 40, np.array([15.0, 0.0, 1.0])
+    up = np.array([0.0, 0.0, 40.0])
+    corners = np.array([middle - across - up, middle + across - up, middle + across + up, middle - across + up])
+    return ObstacleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+def test_light_comes_back_from_as_far_as_reflectance_and_incidence_let_it() -> None:
+    sensor = RangeFinder(greatest_range_m=20.0, rated_reflectance=0.8, reflectance=0.4)
+    # 10 m are seen while 20 sqrt(0.5 cos a) >= 10: up to 60 degrees.
+    for angle, seen in ((0.0, True), (59.0, True), (61.0, False)):
+        table = sensor.measure(standing(0.1), slanted(angle), np.random.default_rng(0))
+        assert np.isfinite(table.column("range_m")).all() == seen
+        assert table.column("true_range_m") == pytest.approx(10.0)
+    near = replace(sensor, least_range_m=11.0).measure(standing(0.1), slanted(0.0), np.random.default_rng(0))
+    assert np.isnan(near.column("range_m")).all()
+    up = replace(sensor, pitch_deg=90.0).measure(standing(0.1), BOX, np.random.default_rng(0))
+    assert np.isnan(up.values).all()
+
+
+@pytest.mark.parametrize("sensor", [RangeFinder(), Lidar2d(step_deg=5.0), Lidar3d(step_deg=5.0)])
+def test_readings_repeat_under_a_seed_and_a_longer_flight_begins_with_the_same(sensor: RangeFinder) -> None:
+    first, again, longer = (
+        sensor.measure(standing(seconds), BOX, np.random.default_rng(3)) for seconds in (0.4, 0.4, 0.6)
+    )
+    np.testing.assert_array_equal(first.values, again.values)
+    np.testing.assert_array_equal(first.values, longer.values[: len(first.values)])
+
+
+def test_a_range_finder_read_in_flight_reads_the_same() -> None:
+    sensor = RangeFinder(pitch_deg=-80.0)
+    whole = sensor.measure(FLIGHT, BOX, np.random.default_rng(2))
+    reader = sensor.begin(len(whole.stamps_ns), BOX, np.random.default_rng(2))
+    parts = [reader.read(FLIGHT, stamps) for stamps in np.array_split(sample_stamps(FLIGHT, sensor.rate_hz), 7)]
+    np.testing.assert_allclose(np.concatenate(parts), whole.values, atol=1e-9)
+
+
+def test_mistakes_name_the_sensor_and_what_to_do() -> None:
+    flight = standing(0.5)  # at (5, 0, 1)
+    for sensor, word in (
+        (
+            Lidar2d(offset_m=(-5.0, 0.0, -0.9)),
+            r"sensor lidar-2d: t = 0.00 s, at \(0.00, 0.00, 0.10\) m: it is inside the",
+        ),
+        (RangeFinder(offset_m=(0.0, 0.0, -1.5)), "sensor range-finder: .*under the floor; change its offset_m"),
+        (
+            Lidar3d(rate_hz=0.5),
+            "sensor lidar-3d: rate_hz 0.5: one reading takes 2 s, and the flight 0.5 s; raise rate_hz",
+        ),
+    ):
+        with pytest.raises(UserError, match=word):
+            measure((sensor,), flight, BOX, 0)
+    with pytest.raises(ValueError, match="elevations_deg: give 1 to 128"):
+        Lidar2d(elevations_deg=())
+
+
+def test_what_a_lidar_measures_and_what_is_true_are_files_of_their_own(tmp_path: Path) -> None:
+    sensors = (RangeFinder(), Lidar3d(step_deg=20.0), Lidar3d(step_deg=30.0))
+    names = write_flight(FLIGHT, sensors, ROOM, 0, tmp_path)
+    assert names == ["flight.csv", "range-finder.csv", "lidar-3d.npy", "lidar-3d-2.npy"]
+    read, truth = (np.load(tmp_path / f"lidar-3d{end}.npy") for end in ("", "_truth"))
+    assert read.dtype.names[:3] == ("stamp_ns", "azimuth_rad", "range_00_m")
+    assert not [name for name in read.dtype.names if "true" in name]
+    assert truth.dtype.names == ("stamp_ns", *(f"true_range_{k:02d}_m" for k in range(16)))
+    table = measure(sensors, FLIGHT, ROOM, 0)["lidar-3d"]
+    for name in table.columns:
+        np.testing.assert_array_equal((truth if "true" in name else read)[name], table.column(name))
+    np.testing.assert_array_equal(read_records(tmp_path / "lidar-3d.npy"), read)
+
+
+def test_an_array_that_is_none_is_refused(tmp_path: Path) -> None:
+    write_flight(FLIGHT, (Lidar2d(step_deg=30.0),), ROOM, 0, tmp_path)
+    whole = (tmp_path / "lidar-2d.npy").read_bytes()
+    np.save(tmp_path / "plain.npy", np.zeros((3, 3)))
+    np.save(tmp_path / "objects.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    huge = whole.replace(b"'shape': (", b"'shape': (9999999").replace(b"       \n", b"\n")
+    for name, data in {
+        "cut": whole[:-5], "longer": whole + b"x",
+        "text": b"stamp_ns,range_m\n", "empty": b"", "huge": huge[: len(whole)],
+    }.items():  # fmt: skip
+        (tmp_path / f"{name}.npy").write_bytes(data)
+    for name in ("cut", "longer", "text", "empty", "huge", "plain", "objects"):
+        with pytest.raises(UserError, match=rf"{name}.npy: no array of readings"):
+            read_records(tmp_path / f"{name}.npy")

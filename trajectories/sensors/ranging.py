@@ -1,0 +1,135 @@
+"""What laser range finders and lidars share: where they sit, what their light meets, and the errors of a range."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Interval, Le
+from numpy.typing import NDArray
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.pose import Array, rotation_exp, rotation_from_quaternion
+from uavbench.trajectories.sensors.sensor import sampled
+
+if TYPE_CHECKING:
+    from uavbench.trajectories.obstacles import ObstacleMesh
+
+EVERY = 5
+"""Rows of a flight, 10 ms, from one at which a sensor's place is checked to the next."""
+BLOCK = 65_536
+"""Rays cast at a time: some 10 MB."""
+
+
+@dataclass(frozen=True)
+class LaserRanging:
+    """A laser that measures the distance to the first surface along a ray without width.
+
+    The sensor's axes are the body's (x forward, y left, z up), turned by yaw_deg (positive to the left), then pitch_deg
+    (positive up: -90 looks down), then roll_deg; it sits at offset_m on the body.
+
+    A range r comes back where enough light does. By the lidar equation for a matt surface wider than the beam (Wagner
+    et al. 2006, ISPRS J. 60; Hoefle & Pfeifer 2007, ISPRS J. 62) that is as reflectance cos(incidence) / r^2, and the
+    least that is seen is that of the data sheet's target, of rated_reflectance met squarely at greatest_range_m: so
+    r <= greatest_range_m sqrt(reflectance cos(incidence) / rated_reflectance), and between least_range_m and
+    greatest_range_m in any case. Every surface has the same reflectance at the laser's wavelength; 0.3 is assumed, that
+    of grey things. The error of a range is normal, of deviation noise_m, and far_noise_m from far_m on; readings come
+    in steps of resolution_m (0: none).
+    """
+
+    rate_hz: Annotated[float, Gt(0), Le(500)] = 50.0
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+    least_range_m: Annotated[float, Ge(0)] = 0.05
+    greatest_range_m: Annotated[float, Gt(0)] = 40.0
+    rated_reflectance: Annotated[float, Interval(gt=0, le=1)] = 0.7
+    reflectance: Annotated[float, Interval(gt=0, le=1)] = 0.3
+    noise_m: Annotated[float, Ge(0)] = 0.025
+    far_m: Annotated[float, Ge(0)] = 5.0
+    far_noise_m: Annotated[float, Ge(0)] = 0.1
+    resolution_m: Annotated[float, Ge(0)] = 0.01
+
+    def __post_init__(self) -> None:
+        if self.least_range_m >= self.greatest_range_m:
+            raise ValueError(
+                f"least_range_m {self.least_range_m:g} is not below greatest_range_m {self.greatest_range_m:g}"
+            )
+
+    @property
+    def body_from_sensor(self) -> Array:
+        """Rotation (3, 3) of the sensor's axes into the body's."""
+        yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
+        turns = rotation_exp(np.array([[0.0, 0.0, yaw], [0.0, -pitch, 0.0], [roll, 0.0, 0.0]]))
+        return exact.product(exact.product(turns[0], turns[1]), turns[2])
+
+    def check(self, flight: Flight, obstacles: "ObstacleMesh") -> None:
+        """UserError where the sensor is inside the structure or under the floor, or its rate is none for the flight."""
+        flown_s = float(flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9
+        if len(flight) > 1 and self.rate_hz * flown_s < 1:
+            raise UserError(
+                f"rate_hz {self.rate_hz:g}: one reading takes {1 / self.rate_hz:g} s, and the flight {flown_s:g} s; "
+                "raise rate_hz, or fly longer"
+            )
+        stamps = flight.stamps_ns[::EVERY]
+        places = self.places(flight, stamps)
+        inside = obstacles.inside(places) | (places[:, 2] <= 0)
+        if inside.any():
+            at = int(np.argmax(inside))
+            x, y, z = places[at]
+            what = "under the floor" if z <= 0 else "inside the structure"
+            raise UserError(
+                f"t = {stamps[at] / 1e9:.2f} s, at ({x:.2f}, {y:.2f}, {z:.2f}) m: it is {what}; change its offset_m, "
+                "or plan the path further away"
+            )
+
+    def places(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
+        """Places (n, 3) of the sensor in the world, metres."""
+        turned = np.einsum("nij,j->ni", self.world_from_body(flight, stamps_ns), np.array(self.offset_m))
+        return np.asarray(sampled(flight, flight.positions_m, stamps_ns) + turned)
+
+    def world_from_body(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
+        """Rotations (n, 3, 3) at stamps, between rows by quaternions as they lie between those of the rows."""
+        q = sampled(flight, same_sign(flight.quaternions_wxyz), stamps_ns)
+        return rotation_from_quaternion(q / exact.length(q)[:, None])
+
+    def ranges(
+        self, flight: Flight, stamps_ns: NDArray[np.int64], ways: Array, noise: Array, obstacles: "ObstacleMesh"
+    ) -> Array:
+        """Ranges read and true ranges (n, 2 rings) along unit ways (n, rings, 3) of the sensor at stamps (n,), metres.
+
+        noise (n, rings) is standard normal. NaN: nothing came back, and of the true ones: there is nothing.
+        """
+        rings = ways.shape[1]
+        out = np.empty((len(stamps_ns), 2 * rings))
+        rows = max(BLOCK // rings, 1)
+        for first in range(0, len(stamps_ns), rows):
+            part = slice(first, first + rows)
+            out[part] = self._block(flight, stamps_ns[part], ways[part], noise[part], obstacles)
+        return out
+
+    def _block(
+        self, flight: Flight, stamps_ns: NDArray[np.int64], ways: Array, noise: Array, obstacles: "ObstacleMesh"
+    ) -> Array:
+        n, rings = ways.shape[:2]
+        R = np.einsum("nij,jk->nik", self.world_from_body(flight, stamps_ns), self.body_from_sensor)
+        directions = np.einsum("nij,nrj->nri", R, ways).reshape(-1, 3)
+        origins = np.repeat(self.places(flight, stamps_ns), rings, axis=0)
+        struck = obstacles.surfaces.strike(origins, directions, np.repeat(stamps_ns, rings))
+        true = struck.distances_m.reshape(n, rings)
+        reach = self.greatest_range_m * np.sqrt(self.reflectance * struck.cosines / self.rated_reflectance)
+        back = (true >= self.least_range_m) & (true <= np.minimum(reach.reshape(n, rings), self.greatest_range_m))
+        sigma = np.where(true < self.far_m, self.noise_m, self.far_noise_m)
+        read = np.where(np.isfinite(true), true, 0.0) + sigma * noise
+        if self.resolution_m > 0:
+            read = np.round(read / self.resolution_m) * self.resolution_m
+        return np.hstack([np.where(back, np.maximum(read, 0.0), np.nan), np.where(np.isfinite(true), true, np.nan)])
+
+
+def same_sign(quaternions_wxyz: Array) -> Array:
+    """Quaternions (n, 4) of the same rotations, none on the other side of the one before it."""
+    turns = np.einsum("ij,ij->i", quaternions_wxyz[1:], quaternions_wxyz[:-1]) < 0
+    sign = np.concatenate([[1.0], np.where(np.cumsum(turns) % 2 == 1, -1.0, 1.0)])
+    return np.asarray(quaternions_wxyz * sign[:, None])
