@@ -17,6 +17,7 @@ from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
+from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, Pose
@@ -25,17 +26,6 @@ from uavbench.trajectories.sensors.sensor import sampled
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 """For noisy images smaller than the default, and twice as fast."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Exposures:
-    """When the frames of a camera are exposed, times_ns (n,) of the flight's record, and the stamps_ns (n,) they carry.
-
-    Both mean the middle of the exposure; they differ where the camera's clock is not that of the record.
-    """
-
-    times_ns: NDArray[np.int64]
-    stamps_ns: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

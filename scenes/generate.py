@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import count
 from pathlib import Path
@@ -20,16 +21,18 @@ from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.surface_truth import SurfaceFiles
 from uavbench.scenes.effects.registry import EFFECTS
-from uavbench.scenes.frames import Exposures, Filming, write_frames
+from uavbench.scenes.frames import Filming, write_frames
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
 from uavbench.scenes.scene import Scene, build_scene
-from uavbench.scenes.spec import EffectSpec, SequenceSpec
+from uavbench.scenes.spec import MAIN, BodyCamera, EffectSpec, SequenceSpec
+from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import write_flight
+from uavbench.trajectories.simulation.checks import check_camera
 from uavbench.trajectories.simulation.flight import Flight, fly
 from uavbench.trajectories.simulation.summary import flown_summary
 
@@ -50,43 +53,87 @@ def generate(
     prepare(__name__)
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
-    camera = spec.camera.camera()
-    pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
-    path = camera_path(flight, spec.mount.cam_from_body)
-    exposures = exposures_of(flight, spec)
-    with (
-        disk_errors(folder),
-        new_folder(folder, "manifest.json") as new,
-        scene.renderer(pinhole.width, pinhole.height) as renderer,
-        FrameBounds(scene.renderer, camera, path, spec.effects, spec.camera.lens_blur_px)
-        if spec.crlb_every
-        else nullcontext() as limit,
-    ):
-        ideal = ideal_camera(renderer, camera, pinhole, lens, path, spec.camera.lens_blur_px)
-        check_first_view(spec, ideal)
-        source = with_effects(ideal, spec.effects, spec.seed)
-        filming = Filming(
-            source=source,
-            cam_from_body=spec.mount.cam_from_body,
-            structure=scene.built.structure,
-            limit=limit,
-            surfaces=SurfaceFiles.asked(new, spec.annotations, renderer, source),
-        )
-        write_frames(new, spec, filming, flight, exposures, counted(on_frame, len(exposures.times_ns)))
+    main, *others = cameras = cameras_of(spec)
+    exposures = [exposures_of(spec, camera, flight) for camera in cameras]
+    for camera in others:
+        check_further_camera(spec, camera, scene, flight)
+    done = counted(on_frame, sum(len(each.times_ns) for each in exposures))
+    with disk_errors(folder), new_folder(folder, "manifest.json") as new:
         _, *readings = write_flight(flight, spec.sensors, scene.obstacles, spec.seed, new)
-        camera.save(new / "camera.toml")
+        delays = {
+            camera.name: film(folder_of(new, camera), spec, camera, Footage(scene, flight, each), done)
+            for camera, each in zip(cameras, exposures, strict=True)
+        }
         save_structure(scene.built.structure, new)
         summary = flown_summary(spec.flight, spec.mount, scene.obstacles, spec.seed, flight)
-        more = {"flight": summary.to_json(), "sensors": _by_file(spec, readings), "content_hash": content_hash}
-        _write_info(new, spec, scene, source, more)
+        more = {"flight": summary.to_json(), "sensors": _by_file(spec, readings), **_camera_records(spec, delays)}
+        _write_info(new, spec, scene, delays[main.name], more | {"content_hash": content_hash})
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
 
 
-def exposures_of(flight: Flight, spec: SequenceSpec) -> Exposures:
-    """Times and stamps of a camera's frames; UserError for a rate that the flight's record cannot serve."""
-    stamps = flight.stamps_ns[flight.frame_rows(spec.rate_hz)]
-    return Exposures(times_ns=stamps, stamps_ns=stamps)
+def cameras_of(spec: SequenceSpec) -> list[BodyCamera]:
+    """The cameras of a spec, the main one first."""
+    return [BodyCamera(name=MAIN, mount=spec.mount, camera=spec.camera), *spec.cameras]
+
+
+def folder_of(folder: Path, camera: BodyCamera) -> Path:
+    """Where the files of a camera are in a sequence's folder: those of the main one in the folder itself."""
+    return folder if camera.name == MAIN else folder / "cameras" / camera.name
+
+
+def exposures_of(spec: SequenceSpec, camera: BodyCamera, flight: Flight) -> Exposures:
+    """When the frames of a camera are exposed; UserError for a rate or an offset that the flight cannot serve."""
+    try:
+        return spec.clock.exposures(flight, spec.rate_hz, stream(spec.seed, "clock"), camera.offset_s)
+    except UserError as error:
+        raise UserError(f"sequence {spec.name}: {camera.name}: {error}") from None
+
+
+def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, flight: Flight) -> None:
+    """UserError when a camera beside the main one gets into the structure or under the floor."""
+    try:
+        check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount, scene.obstacles)
+    except UserError as error:
+        raise UserError(f"sequence {spec.name}: camera {camera.name}: {error}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Footage:
+    """What a camera films: a scene, from a flight, at its exposures."""
+
+    scene: Scene
+    flight: Flight
+    exposures: Exposures
+
+
+def film(
+    folder: Path, spec: SequenceSpec, on_body: BodyCamera, footage: Footage, on_frame: Callable[[], None]
+) -> float:
+    """Write the frames and the calibration of a camera into a folder; its delay from row to row, ns."""
+    scene, flight, camera = footage.scene, footage.flight, on_body.camera.camera()
+    pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
+    path, blur_px = camera_path(flight, on_body.mount.cam_from_body), on_body.camera.lens_blur_px
+    with (
+        scene.renderer(pinhole.width, pinhole.height) as renderer,
+        FrameBounds(scene.renderer, camera, path, spec.effects, blur_px)
+        if spec.crlb_every and on_body.name == MAIN
+        else nullcontext() as limit,
+    ):
+        ideal = ideal_camera(renderer, camera, pinhole, lens, path, blur_px)
+        if on_body.name == MAIN:
+            check_first_view(spec, ideal, int(footage.exposures.times_ns[0]))
+        source = with_effects(ideal, spec.effects, spec.seed, on_body.name)
+        filming = Filming(
+            source=source,
+            cam_from_body=on_body.mount.cam_from_body,
+            structure=scene.built.structure,
+            limit=limit,
+            surfaces=SurfaceFiles.asked(folder, spec.annotations, renderer, source),
+        )
+        write_frames(folder, spec, filming, flight, footage.exposures, on_frame)
+    camera.save(folder / "camera.toml")
+    return source.row_delay_ns
 
 
 def counted(on_frame: Callable[[int, int], None] | None, total: int) -> Callable[[], None]:
@@ -95,21 +142,24 @@ def counted(on_frame: Callable[[int, int], None] | None, total: int) -> Callable
     return lambda: on_frame(next(done), total) if on_frame is not None else None
 
 
-def with_effects(source: CameraSimulator, effects: tuple[EffectSpec, ...], seed: int) -> CameraSimulator:
-    """The source with the effects on it, in the order of `EFFECTS`, each with its own stream."""
+def with_effects(
+    source: CameraSimulator, effects: tuple[EffectSpec, ...], seed: int, camera: str = MAIN
+) -> CameraSimulator:
+    """The source with the effects on it, in the order of `EFFECTS`, each with its own stream in each camera."""
+    of_camera = () if camera == MAIN else ("camera", camera)
     order = list(EFFECTS.values())
     ranked = sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
     seen: dict[str, int] = {}
     for effect in ranked:
         name = type(effect).__name__
         seen[name] = seen.get(name, -1) + 1
-        source = effect.start(source, stream(seed, "effect", name, seen[name]))
+        source = effect.start(source, stream(seed, *of_camera, "effect", name, seen[name]))
     return source
 
 
-def check_first_view(spec: SequenceSpec, source: CameraSimulator) -> None:
+def check_first_view(spec: SequenceSpec, source: CameraSimulator, time_ns: int = 0) -> None:
     """UserError when the structure fills less than LEAST_SHARE_IN_VIEW of the first image."""
-    share = float((source.render(0).instances == 1).mean())
+    share = float((source.render(time_ns).instances == 1).mean())
     if share < LEAST_SHARE_IN_VIEW:
         raise UserError(
             f"sequence {spec.name}: frame 0: the structure fills {100 * share:.2f} % of the image, less than "
@@ -122,7 +172,24 @@ def _by_file(spec: SequenceSpec, readings: list[str]) -> dict[str, Any]:
     return {name: described(sensor) for name, sensor in zip(readings, spec.sensors, strict=True)}
 
 
-def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: CameraSimulator, more: dict[str, Any]) -> None:
+def _camera_records(spec: SequenceSpec, delays: dict[str, float]) -> dict[str, Any]:
+    """What the record tells of the cameras beside the main one and of their clock, where there is anything to tell."""
+    record: dict[str, Any] = {}
+    if spec.clock.shift_ns:
+        record["timeshift_cam_imu_ns"] = spec.clock.shift_ns
+    if spec.cameras:
+        record["cameras"] = {
+            camera.name: {
+                "cam_from_body": camera.mount.cam_from_body.matrix.tolist(),
+                "offset_s": camera.offset_s,
+                "row_delay_ns": delays[camera.name],
+            }
+            for camera in spec.cameras
+        }
+    return record
+
+
+def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, row_delay_ns: float, more: dict[str, Any]) -> None:
     try:
         own = version("uavbench")
     except PackageNotFoundError:
@@ -132,7 +199,7 @@ def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, source: CameraSi
         "seed": spec.seed,
         "rate_hz": spec.rate_hz,
         "cam_from_body": spec.mount.cam_from_body.matrix.tolist(),
-        "row_delay_ns": source.row_delay_ns,
+        "row_delay_ns": row_delay_ns,
         "depth_m_per_unit": DEPTH_M_PER_UNIT,
         "deviation": scene.built.deviation,
         "config": described(spec),

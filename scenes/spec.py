@@ -1,15 +1,17 @@
 """Everything that makes one sequence: plug-ins, their parameters, and a seed."""
 
+import re
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, Protocol
 
 import numpy as np
-from annotated_types import Ge, Gt, Interval, Lt
+from annotated_types import Ge, Gt, Interval, Le, Lt
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStructure
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.structures.as_built import Deviation
+from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
@@ -94,12 +96,33 @@ class CameraSpec:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BodyCamera:
+    """A further camera of the vehicle: its name, mount and lens, and how much later than the main one it exposes.
+
+    Rate, clock, effects and annotations are those of the main camera; offset_s 0 is exactly the same time.
+    """
+
+    name: str
+    mount: Mount = field(default_factory=Mount)
+    camera: CameraSpec = field(default_factory=CameraSpec)
+    offset_s: Annotated[float, Interval(ge=0, le=10)] = 0.0
+
+
+MAIN = "camera"
+"""Name of the main camera, which no further one may have."""
+CAMERA_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
+"""Of a further camera: it names a folder, and topics and frames of ROS."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SequenceSpec:
     """One sequence: what is flown around, how, and what the camera does to the images.
 
     sensors ride on the body, those that are named and no others; deviation is what the built structure differs by from
     the designed one; annotations names the ground truth written for every frame beside its pose; crlb_every that every
-    n-th frame gets its Cramer-Rao bound (0: none); neither changes the images.
+    n-th frame of the main camera gets its Cramer-Rao bound (0: none); neither changes the images. cameras are those
+    beside the main one, of mount and camera, which trackers are given; clock says when all of them expose and how their
+    frames are stamped. UserError for two cameras of one name.
     """
 
     name: str
@@ -111,8 +134,21 @@ class SequenceSpec:
     camera: CameraSpec = field(default_factory=CameraSpec)
     clutter: tuple[ClutterSpec, ...] = ()
     effects: tuple[EffectSpec, ...] = ()
-    rate_hz: Annotated[float, Gt(0)] = 15.0
+    rate_hz: Annotated[float, Gt(0), Le(500)] = 15.0
     sensors: tuple[SensorSpec, ...] = (Imu(), FlowDeck(), Barometer())
     deviation: Deviation = field(default_factory=Deviation)
     annotations: tuple[Annotation, ...] = ()
     crlb_every: Annotated[int, Ge(0)] = 0
+    cameras: tuple[BodyCamera, ...] = ()
+    clock: CameraClock = field(default_factory=CameraClock)
+
+    def __post_init__(self) -> None:
+        names = [camera.name for camera in self.cameras]
+        for i, name in enumerate(names):
+            if not CAMERA_NAME.fullmatch(name):
+                raise UserError(
+                    f"cameras[{i}].name {name!r}: give a small letter, then small letters, digits and _, 40 at most"
+                )
+            if name == MAIN or name in names[:i]:
+                other = "the main camera" if name == MAIN else f"cameras[{names.index(name)}]"
+                raise UserError(f"cameras[{i}].name {name!r}: {other} has this name already; give it another one")

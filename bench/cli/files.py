@@ -6,11 +6,11 @@ from typing import Any
 
 import click
 
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import refuse_foreign_file
 
 FILE = click.Path(path_type=Path)
-EXPORTS = ["euroc", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
+EXPORTS = ["euroc", "kalibr", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
 
 
 @click.command("verify")
@@ -37,19 +37,24 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 @click.option("--format", "form", type=click.Choice(EXPORTS), required=True)
 @click.option("--out", type=FILE, required=True, help="Folder that is made.")
 @click.option("--undistort", is_flag=True, help="Take the lens's distortion out of the images.")
+@click.option("--camera", metavar="NAME", help="Export this camera alone, in place of the main one.")
 @click.option("--images", type=click.Choice(["both", "raw", "compressed"]), help="Messages of a bag; default: both.")
 @click.option("--datum", metavar="LAT,LON,HEIGHT", help="Where on Earth a bag's world lies, deg and m.")
 def export_command(
-    sequence: Path, form: str, out: Path, undistort: bool, images: str | None, datum: str | None
+    sequence: Path, form: str, out: Path, undistort: bool, camera: str | None, images: str | None, datum: str | None
 ) -> None:
     """Write the folder SEQUENCE in the form of another tool, and list what that format cannot hold."""
     from uavbench.scenes.dataset.sequence import Sequence
-    from uavbench.scenes.exports.geodetic import Datum
     from uavbench.scenes.exports.registry import export
+    from uavbench.scenes.exports.ros.geodetic import Datum
 
     given: dict[str, Any] = {"images": images, "datum": Datum.parse(datum) if datum else None}
     settings = {name: value for name, value in given.items() if value is not None}
-    for line in export(Sequence.load(sequence), form, out, undistort=undistort, **settings):
+    whole = Sequence.load(sequence)
+    if camera is not None and camera not in whole.cameras:
+        raise unknown_name(f"camera of {sequence}", camera, list(whole.cameras))
+    shown = whole if camera is None else whole.cameras[camera]
+    for line in export(shown, form, out, undistort=undistort, **settings):
         click.echo(f"not held: {line}", err=True)
     click.echo(out)
 

@@ -5,6 +5,7 @@ from collections.abc import Collection
 from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.closed_loop.spec import CAMERA, LoopSpec
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.sensors.gnss import Gnss
@@ -23,6 +24,11 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
             raise unknown_name(f"sensor of sequence {spec.name}", name, [CAMERA, *there])
     if isinstance(spec.flight.path, Recorded):
         raise UserError(f"sequence {spec.name}: a recorded motion cannot be flown; choose a path that is planned")
+    if spec.cameras or spec.clock != CameraClock():
+        raise UserError(
+            f"sequence {spec.name}: in closed loop there is the main camera alone, at the control steps: leave out "
+            "`cameras` and `clock`"
+        )
     sensors = {name: there[name] for name in wanted if name != CAMERA}
     if loop.estimator != "truth":
         _check_imu(spec.name, sensors)

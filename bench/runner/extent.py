@@ -100,7 +100,8 @@ def _extent(name: str, alike: list[Render]) -> Extent:
 
 
 def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
-    pixels = spec.camera.width * spec.camera.height
+    cameras = (spec.camera, *(other.camera for other in spec.cameras))
+    pixels = sum(camera.width * camera.height for camera in cameras)
     noisy = any(type(effect).__name__ in NOISY for effect in spec.effects)
     each = pixels * (NOISY_IMAGE_BYTES_PER_PX if noisy else IMAGE_BYTES_PER_PX)
     each += pixels * (
@@ -109,7 +110,7 @@ def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
     each += pixels * (
         FLOW_BYTES_PER_PX * ("flow" in spec.annotations) + NORMALS_BYTES_PER_PX * ("normals" in spec.annotations)
     )
-    each += EDGES_BYTES * ("edges" in spec.annotations)
+    each += EDGES_BYTES * ("edges" in spec.annotations) * len(cameras)
     readings = sum(_bytes_per_s(sensor) for sensor in spec.sensors) * duration_s
     return FIXED_BYTES + frames * each + readings + FLIGHT_ROW_BYTES * FLIGHT_RATE_HZ * duration_s
 

@@ -7,6 +7,7 @@
     frames.csv      frame, stamp_ns, file
     groundtruth.csv       world_from_body and its rates at each frame; a recording of real images has none
     frames/*.png    the images
+    cameras/NAME/   of each camera beside the main one: camera.toml, frames.csv, groundtruth.csv, frames/*.png
     crlb.csv        Cramer-Rao bound of the camera's pose, of every n-th frame where the config asks for it
     flight.csv      the whole flight: motion, motors and wind, 100 times a second
     imu.csv ...     the readings of each body sensor, by its name
@@ -21,6 +22,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -113,6 +115,32 @@ class Sequence:
             return Pose.from_matrix(self._said("cam_from_body"))
         except (ValueError, TypeError, OverflowError) as error:
             raise UserError(f"{self.folder / 'sequence.json'}: cam_from_body: {error}") from None
+
+    @cached_property
+    def cameras(self) -> Mapping[str, "Sequence"]:
+        """The cameras beside the main one, by name: each as a sequence of its own images, annotations and poses."""
+        table = self.info.get("cameras", {})
+        if not (isinstance(table, dict) and all(isinstance(about, dict) for about in table.values())):
+            raise UserError(f"{self.folder / 'sequence.json'}: `cameras` is no table of tables; render it again")
+        return MappingProxyType({name: self._camera(name, about) for name, about in table.items()})
+
+    def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":
+        folder = inside(self.folder, f"cameras/{name}")
+        info = {**self.info, **about, "cameras": {}, "sensors": {}}
+        files = tuple(row["file"] for row in read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"]))
+        for file in files:
+            inside(folder, file)
+        camera = Camera.load(folder / "camera.toml", inside=folder)
+        stamps = read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0]
+        return Sequence(folder, info, camera, self.structure, stamps, files)
+
+    @property
+    def timeshift_cam_imu_ns(self) -> int:
+        """What is added to stamps of frames for those of sensors and flight: t_imu = t_cam + shift, as in Kalibr."""
+        value = self.info.get("timeshift_cam_imu_ns", 0)
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise UserError(f"{self.folder / 'sequence.json'}: timeshift_cam_imu_ns = {value!r}: must be whole ns")
+        return value
 
     @property
     def content_hash(self) -> str:

@@ -1,6 +1,7 @@
 """Verification of a sequence folder against its manifest, and against another rendering."""
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -15,6 +16,8 @@ from uavbench.trajectories.errors import UserError
 
 TOLERANCE_LEVELS = 3
 TOLERANCE_SHARE = 0.999
+IMAGE = re.compile(r"(cameras/[^/]+/)?frames/")
+"""What files of images begin with."""
 SEALED = ("manifest.json",)
 MACHINE = ("versions",)
 """Keys of sequence.json that tell of the machine, not of the sequence."""
@@ -60,7 +63,7 @@ def compare(folder: Path, again: Path) -> Verdict:
     for name in sorted(set(first) & set(second)):
         if first[name] == second[name]:
             continue
-        if name.startswith("frames/"):
+        if IMAGE.match(name):
             images.append(name)
         elif name == "sequence.json":
             if _without_machine(folder) != _without_machine(again):

@@ -1,7 +1,10 @@
 """Sequences as COLMAP models in text form (Schoenberger & Frahm 2016): cameras, posed images, points with tracks."""
 
+import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +13,21 @@ from uavbench.scenes.exports.notes import Held
 from uavbench.scenes.exports.shown_images import Shown, write_masks
 from uavbench.scenes.exports.surface_points import OnSurface, PointCloud
 from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.pose import Pose
 
 CENTRE_PX = 0.5
 """Of the first pixel, in COLMAP and in nerfstudio; here pixel centres lie at whole numbers."""
 AXES = "camera x right, y down, z forward; the first pixel's centre at (0.5, 0.5)"
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """An image of a model: a frame of a camera, the camera's number, and the image's name."""
+
+    shown: Shown
+    frame: int
+    camera: int
+    name: str
 
 
 def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
@@ -21,18 +35,32 @@ def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
 
     Points are drawn on the model's surface; every frame that shows one observes it exactly.
     """
-    sequence, model = shown.sequence, folder / "sparse" / "0"
+    cameras, model = shown.cameras, folder / "sparse" / "0"
     (folder / "images").mkdir()
     model.mkdir(parents=True)
-    cloud = PointCloud(OnSurface.drawn(sequence.structure))
-    for frame in range(len(sequence)):
-        (folder / "images" / _image(frame)).write_bytes(shown.png(frame))
-        cloud.look(shown, frame)
-        on_frame(frame + 1, len(sequence))
+    cloud = PointCloud(OnSurface.drawn(shown.sequence.structure))
+    several = len(cameras) > 1
+    posed = [
+        Posed(each, frame, number, f"{name}/{_image(frame)}" if several else _image(frame))
+        for number, (name, each) in enumerate(cameras.items(), start=1)
+        for frame in range(len(each.sequence))
+    ]
+    for done, image in enumerate(posed, start=1):
+        path = folder / "images" / image.name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(image.shown.png(image.frame))
+        cloud.look(image.shown, image.frame)
+        on_frame(done, len(posed))
     # COLMAP looks for the mask of images/000000.png as masks/000000.png.png.
-    masked = write_masks(shown, folder / "masks", lambda frame: f"{_image(frame)}.png")
-    write_text(model / "cameras.txt", f"# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n1 {camera_line(shown.camera)}\n")
-    write_text(model / "images.txt", _images(shown, cloud))
+    masked = True
+    for name, each in cameras.items():
+        masks = folder / "masks" / name if several else folder / "masks"
+        if several and each.has("mask", 0):
+            masks.parent.mkdir(exist_ok=True)
+        masked &= write_masks(each, masks, lambda frame: f"{_image(frame)}.png")
+    lines = [f"{number} {camera_line(each.camera)}\n" for number, each in enumerate(cameras.values(), start=1)]
+    write_text(model / "cameras.txt", "# CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]\n" + "".join(lines))
+    write_text(model / "images.txt", _images(posed, cloud))
     write_text(model / "points3D.txt", _points(cloud))
     files = {
         "images/": "images by number",
@@ -40,13 +68,25 @@ def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
         "sparse/0/images.txt": "camera from world at each image, w first, and the points that it shows: x y point, px",
         "sparse/0/points3D.txt": "points on the model's surface: place, colour, error 0, and (image, place in its row)",
     }
+    limits = ["Stamps: images have numbers and no times."]
+    if several:
+        files["sparse/0/cameras.txt"] = "the cameras: " + ", ".join(
+            f"{k} `{n}`" for k, n in enumerate(cameras, start=1)
+        )
+        files["images/"] = "images of each camera by number"
+        if _at_once(cameras):
+            write_text(folder / "rig_config.json", _rig(cameras))
+            files["rig_config.json"] = "where the cameras sit, for `colmap rig_configurator`"
+        else:
+            limits.append("Rig: the cameras do not expose at the same times, so there is no rig_config.json.")
     if masked:
         files["masks/"] = "255 where the structure is seen, 0 elsewhere, where COLMAP looks for no features"
     return Held(
         files=files,
         frames={},
         annotations=("mask",) if masked else (),
-        limits=("Stamps: images have numbers and no times.", *cloud.limits(shown)),
+        limits=(*limits, *cloud.limits(shown)),
+        cameras=tuple(shown.sequence.cameras),
         camera_axes=AXES,
     )
 
@@ -64,14 +104,36 @@ def _image(frame: int) -> str:
     return f"{frame:06d}.png"
 
 
-def _images(shown: Shown, cloud: PointCloud) -> str:
+def _at_once(cameras: dict[str, Shown]) -> bool:
+    """Whether the images of all cameras of one number were exposed at the same time."""
+    first, *others = (each.sequence.stamps_ns for each in cameras.values())
+    return all(np.array_equal(first, stamps) for stamps in others)
+
+
+def _rig(cameras: dict[str, Shown]) -> str:
+    """Text of rig_config.json: cameras by the folder of their images, with cam_from_rig, the rig being the first."""
+    rows: list[dict[str, Any]] = []
+    rig_from_body: Pose | None = None
+    for name, each in cameras.items():
+        row: dict[str, Any] = {"image_prefix": f"{name}/"}
+        if rig_from_body is None:
+            rig_from_body, row["ref_sensor"] = each.sequence.cam_from_body, True
+        else:
+            cam_from_rig = each.sequence.cam_from_body @ rig_from_body.inverse()
+            row["cam_from_rig_rotation"] = cam_from_rig.quaternion_wxyz.tolist()
+            row["cam_from_rig_translation"] = cam_from_rig.translation.tolist()
+        rows.append(row)
+    return json.dumps([{"cameras": rows}], indent=1) + "\n"
+
+
+def _images(posed: list[Posed], cloud: PointCloud) -> str:
     number = np.zeros(len(cloud.known), dtype=np.int64)
     number[cloud.rows] = np.arange(1, len(cloud.rows) + 1)
     lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME", "# POINTS2D[] as X Y POINT3D_ID"]
-    for frame, seen in enumerate(cloud.by_frame):
-        pose = shown.sequence.true_cam_from_world(frame)
+    for row, (image, seen) in enumerate(zip(posed, cloud.by_frame, strict=True), start=1):
+        pose = image.shown.sequence.true_cam_from_world(image.frame)
         numbers = " ".join(map(repr, [*pose.quaternion_wxyz.tolist(), *pose.translation.tolist()]))
-        lines.append(f"{frame + 1} {numbers} 1 {_image(frame)}")
+        lines.append(f"{row} {numbers} {image.camera} {image.name}")
         places = zip((seen.pixels + CENTRE_PX).tolist(), number[seen.rows].tolist(), strict=True)
         lines.append(" ".join(f"{x:.6f} {y:.6f} {point}" for (x, y), point in places))
     return "\n".join(lines) + "\n"

@@ -1,10 +1,12 @@
 """Sequences in the layout of EuRoC's ASL format (Burri et al. 2016): camera, IMUs, and the true state of the body."""
 
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
@@ -40,28 +42,26 @@ def holds_lens(camera: Camera) -> bool:
 
 
 def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
-    """`mav0/` with cam0, imu0, imu1 ... and state_groundtruth_estimate0.
+    """`mav0/` with cam0, cam1 ..., imu0, imu1 ... and state_groundtruth_estimate0.
 
     Ground truth is the state of the body (its T_BS is the identity) at every row of the flight's record and at every
     image, with the true biases of imu0; T_BS of camera and IMUs take their own frames into the body's.
     """
-    sequence, mav, stamps = shown.sequence, folder / "mav0", shown.sequence.stamps_ns.tolist()
-    (mav / "cam0" / "data").mkdir(parents=True)
-    lines = ["#timestamp [ns],filename", *(f"{stamp},{stamp}.png" for stamp in stamps)]
-    write_text(mav / "cam0" / "data.csv", "\n".join(lines) + "\n")
-    write_text(mav / "cam0" / "sensor.yaml", _camera_yaml(sequence, shown.camera))
-    for frame, stamp in enumerate(stamps):
-        (mav / "cam0" / "data" / f"{stamp}.png").write_bytes(shown.png(frame))
-        on_frame(frame + 1, len(stamps))
+    sequence, mav = shown.sequence, folder / "mav0"
+    cameras = shown.cameras
+    total, done = sum(len(each.sequence) for each in cameras.values()), count(1)
+    for k, camera in enumerate(cameras.values()):
+        _write_camera(camera, mav / f"cam{k}", lambda: on_frame(next(done), total))
     imus = imus_of(sequence)
-    for number, (name, imu) in enumerate(imus.items()):
-        _write_imu(mav / f"imu{number}", sequence.folder / name, imu)
+    for k, (name, imu) in enumerate(imus.items()):
+        _write_imu(mav / f"imu{k}", sequence.folder / name, imu)
     _write_ground_truth(mav / "state_groundtruth_estimate0", sequence, next(iter(imus), None))
     poses = "mav0/state_groundtruth_estimate0/data.csv"
     files = {
         "mav0/cam0": "images by stamp; sensor.yaml: body from camera, intrinsics, distortion",
         poses: "body in the world, its velocity in the world, biases of imu0; 100 rows a second and one at each image",
     }
+    files |= {f"mav0/cam{k}": f"the same of camera `{name}`" for k, name in enumerate(cameras) if k}
     files |= {f"mav0/imu{k}": f"rates and specific forces of `{name}`" for k, name in enumerate(imus)}
     limits = [f"Parameters: `{name}` is not described in sequence.json." for name, imu in imus.items() if not imu]
     limits += [f"Biases: those of imu{k} (`{name}`) are not held." for k, name in enumerate(imus) if k]
@@ -70,7 +70,30 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
             "Body: an IMU sits beside the body's origin (see its T_BS); a tool that takes the IMU as the body must "
             "move the ground truth by it."
         )
-    return Held(files=files, frames={poses: "world_from_body"}, sensors=tuple(imus), limits=tuple(limits))
+    return Held(
+        files=files,
+        frames={poses: "world_from_body"},
+        sensors=tuple(imus),
+        limits=tuple(limits),
+        cameras=tuple(sequence.cameras),
+    )
+
+
+def _write_camera(shown: Shown, folder: Path, on_frame: Callable[[], None]) -> None:
+    stamps = shown.sequence.stamps_ns.tolist()
+    (folder / "data").mkdir(parents=True)
+    lines = ["#timestamp [ns],filename", *(f"{stamp},{stamp}.png" for stamp in stamps)]
+    write_text(folder / "data.csv", "\n".join(lines) + "\n")
+    write_text(folder / "sensor.yaml", _camera_yaml(shown.sequence, shown.camera))
+    for frame, stamp in enumerate(stamps):
+        (folder / "data" / f"{stamp}.png").write_bytes(shown.png(frame))
+        on_frame()
+
+
+def yaml_number(value: float) -> str:
+    """A number as YAML 1.1 reads it back: one with an exponent has a point too."""
+    text = repr(float(value))
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
 def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
@@ -102,16 +125,16 @@ def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
     write_text(folder / "data.csv", "\n".join([head, *(f"{ns},{','.join(map(repr, row))}" for ns, row in rows)]) + "\n")
     text = f"sensor_type: imu\ncomment: simulated {imu.get('kind', 'IMU')}\n{_t_bs(body_from_imu(readings, imu))}"
     if "rate_hz" in imu:
-        text += f"rate_hz: {float(imu['rate_hz'])!r}\n"
+        text += f"rate_hz: {yaml_number(imu['rate_hz'])}\n"
     for key, (name, unit) in NOISE.items():
         if name in imu:
-            text += f"{key}: {float(imu[name])!r}  # [ {unit} ]\n"
+            text += f"{key}: {yaml_number(imu[name])}  # [ {unit} ]\n"
     write_text(folder / "sensor.yaml", text)
 
 
 def _write_ground_truth(folder: Path, sequence: Sequence, imu: str | None) -> None:
     """State at the rows of flight.csv and at the images, in order."""
-    stamps, state = sequence.stamps_ns, sequence.ground_truth_table[:, 2:12]
+    stamps, state = true_states(sequence, 12)
     path = sequence.folder / "flight.csv"
     if path.is_file():
         stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
@@ -127,6 +150,13 @@ def _write_ground_truth(folder: Path, sequence: Sequence, imu: str | None) -> No
     write_text(folder / "sensor.yaml", text + _t_bs(Pose.identity()))
 
 
+def true_states(sequence: Sequence, columns: int) -> tuple[NDArray[np.int64], Array]:
+    """Stamps (n,) by the flight's clock of the images of all cameras, and columns 2 to `columns` of groundtruth.csv."""
+    each = [sequence, *sequence.cameras.values()]
+    stamps = [camera.stamps_ns + sequence.timeshift_cam_imu_ns for camera in each]
+    return np.concatenate(stamps), np.concatenate([camera.ground_truth_table[:, 2:columns] for camera in each])
+
+
 def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:
     """True biases (n, 6) of an IMU at stamps, linear between its readings; zeros where it has none."""
     if not set(BIASES) <= set(read_header(readings, TABLE)):
@@ -136,18 +166,19 @@ def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:
 
 
 def _camera_yaml(sequence: Sequence, camera: Camera) -> str:
+    intrinsics = ", ".join(map(yaml_number, (camera.fx, camera.fy, camera.cx, camera.cy)))
     k = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:COEFFICIENTS]
     return (
         "sensor_type: camera\ncomment: simulated camera\n"
         + _t_bs(sequence.cam_from_body.inverse())
-        + f"rate_hz: {float(sequence.info.get('rate_hz', 0))!r}\nresolution: [{camera.width}, {camera.height}]\n"
+        + f"rate_hz: {yaml_number(sequence.info.get('rate_hz', 0))}\nresolution: [{camera.width}, {camera.height}]\n"
         + "camera_model: pinhole\n"
-        + f"intrinsics: [{camera.fx!r}, {camera.fy!r}, {camera.cx!r}, {camera.cy!r}]  # fu, fv, cu, cv\n"
+        + f"intrinsics: [{intrinsics}]  # fu, fv, cu, cv\n"
         + f"distortion_model: {MODELS[camera.distortion_model]}\n"
-        + f"distortion_coefficients: [{', '.join(map(repr, k))}]\n"
+        + f"distortion_coefficients: [{', '.join(map(yaml_number, k))}]\n"
     )
 
 
 def _t_bs(body_from_sensor: Pose) -> str:
-    data = ", ".join(map(repr, body_from_sensor.matrix.reshape(-1).tolist()))
+    data = ", ".join(map(yaml_number, body_from_sensor.matrix.reshape(-1).tolist()))
     return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{data}]\n"

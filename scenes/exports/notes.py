@@ -18,7 +18,8 @@ class Held:
 
     files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
     it took over; annotations: depth, mask and edges if it took them over; limits: what it had to leave out or change;
-    angular_rates: whether it took over those of the body; camera_axes: of camera and image, in words.
+    angular_rates: whether it took over those of the body; cameras: those beside the main one that it took over;
+    time_shift: whether it says how the camera's clock differs; camera_axes: of camera and image, in words.
     """
 
     files: dict[str, str]
@@ -27,6 +28,8 @@ class Held:
     annotations: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     angular_rates: bool = False
+    cameras: tuple[str, ...] = ()
+    time_shift: bool = False
     readme: str = "README.md"
     camera_axes: str = "camera x right, y down, z forward; pixel centres at whole numbers"
 
@@ -58,6 +61,17 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
     for name, sensor in sensors_of(sequence).items():
         if name not in held.sensors:
             lines.append(f"Sensor readings: `{name}` ({sensor.get('kind', 'own')}) is not held.")
+    lines += [
+        f"Cameras: `{name}` is not held; this form has one camera, and `--camera {name}` exports that one."
+        for name in sequence.cameras
+        if name not in held.cameras
+    ]
+    shift_ns = sequence.timeshift_cam_imu_ns
+    if shift_ns and not held.time_shift:
+        lines.append(
+            f"Clock: t_imu = t_cam + {shift_ns / 1e9:g} s; images keep the stamps of their own clock, and the form "
+            "has no place for the offset."
+        )
     delay_ns = float(info.get("row_delay_ns", 0.0))
     if delay_ns:
         lines.append(

@@ -11,13 +11,14 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.exports.bag import BagExport
 from uavbench.scenes.exports.bop import export_bop
 from uavbench.scenes.exports.colmap import export_colmap
 from uavbench.scenes.exports.croissant import write_croissant
 from uavbench.scenes.exports.euroc import export_euroc, holds_lens
+from uavbench.scenes.exports.kalibr import export_kalibr
 from uavbench.scenes.exports.nerfstudio import export_transforms
 from uavbench.scenes.exports.notes import Held, write_notes
+from uavbench.scenes.exports.ros.bag import BagExport
 from uavbench.scenes.exports.shown_images import Shown, png
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import new_folder, write_text
@@ -34,10 +35,11 @@ LARGEST = 65535
 
 @dataclass(frozen=True)
 class Format:
-    """How a format is written, and which distortion models it can hold."""
+    """How a format is written, which distortion models it can hold, and whether it holds several cameras."""
 
     write: Write
     holds_lens: Callable[[Camera], bool]
+    several: bool = False
 
 
 def export(
@@ -58,12 +60,14 @@ def export(
     if folder.is_dir() and any(folder.iterdir()):
         raise UserError(f"{folder}: is not empty; name a new folder to export to")
     write = _with_settings(format, settings)
-    camera = sequence.camera
-    if not undistort and not EXPORTS[format].holds_lens(camera):
-        raise UserError(
-            f"{sequence.folder}: its camera has the distortion {camera.distortion_model} {list(camera.distortion)}, "
-            f"for which the form {format} has no place; give --undistort to export undistorted images"
-        )
+    others = sequence.cameras.values() if EXPORTS[format].several else ()
+    for camera in (sequence.camera, *(other.camera for other in others)):
+        if not undistort and not EXPORTS[format].holds_lens(camera):
+            raise UserError(
+                f"{sequence.folder}: a camera of it has the distortion {camera.distortion_model} "
+                f"{list(camera.distortion)}, for which the form {format} has no place; give --undistort to export "
+                "undistorted images"
+            )
     with disk_errors(folder), new_folder(folder) as new:
         held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
         not_held = write_notes(sequence, format, new, held, undistort)
@@ -189,13 +193,14 @@ def pinhole_only(camera: Camera) -> bool:
 
 
 EXPORTS: dict[str, Format] = {
-    "euroc": Format(export_euroc, holds_lens),
+    "euroc": Format(export_euroc, holds_lens, several=True),
+    "kalibr": Format(export_kalibr, holds_lens, several=True),
     "tum": Format(export_tum, pinhole_only),
     "kitti": Format(export_kitti, pinhole_only),
     "bop": Format(export_bop, pinhole_only),
     "video": Format(export_video, lambda camera: True),
-    "mcap": Format(BagExport("mcap"), lambda camera: True),
-    "rosbag2": Format(BagExport("sqlite3"), lambda camera: True),
-    "colmap": Format(export_colmap, lambda camera: True),
+    "mcap": Format(BagExport("mcap"), lambda camera: True, several=True),
+    "rosbag2": Format(BagExport("sqlite3"), lambda camera: True, several=True),
+    "colmap": Format(export_colmap, lambda camera: True, several=True),
     "transforms": Format(export_transforms, lambda camera: True),
 }

@@ -15,6 +15,7 @@ from uavbench.scenes.dataset.annotations import read_depth
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.image_files import load_image
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
+from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.pose import Array
 
 OUTSIDE = -1e4
@@ -34,6 +35,12 @@ class Shown:
     def camera(self) -> Camera:
         """The camera that the images are of."""
         return self.sequence.camera.without_distortion if self.undistorted else self.sequence.camera
+
+    @property
+    def cameras(self) -> dict[str, "Shown"]:
+        """All cameras of the sequence by name, the main one, `camera`, first."""
+        others = {name: Shown(camera, self.undistorted) for name, camera in self.sequence.cameras.items()}
+        return {MAIN: self, **others}
 
     def png(self, frame: int) -> bytes:
         """The image of a frame as a PNG file; UserError when it cannot be read."""

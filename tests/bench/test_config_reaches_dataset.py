@@ -23,8 +23,9 @@ structure = { kind = "box", length_m = 0.5, width_m = 0.35, height_m = 0.25 }
 environment = { kind = "indoor", floor = "concrete" }
 mount = { pitch_deg = -31.0, yaw_deg = 4.0, roll_deg = 2.0, offset_m = [0.03, -0.01, 0.02] }
 clutter = [{ kind = "people", density = 0.1, nearest_m = 2.5, furthest_m = 4.0 }]
-annotations = ["depth", "mask", "edges"]
+annotations = ["depth", "mask", "edges", "flow", "normals"]
 crlb_every = 4
+clock = { even = true, jitter_ms = 0.0 }
 deviation = { scale_percent = 0.2 }
 sensors = [
     { kind = "imu", rate_hz = 1000.0, gyro_bias_rad_s = 0.3, accel_bias_m_s2 = 0.5, offset_m = [0.1, 0.2, -0.3] },
@@ -32,6 +33,8 @@ sensors = [
     { kind = "imu", rate_hz = 50.0, gyro_noise_rad_s_sqrt_hz = 0.0 },
     { kind = "gnss", rate_hz = 10.0, mask_deg = 5.0 },
     { kind = "baro", rate_hz = 25.0, floor_pressure_pa = 90000.0, noise_pa = 0.0 },
+    { kind = "range-finder", rate_hz = 40.0, pitch_deg = -90.0, noise_m = 0.0, resolution_m = 0.0, reflectance = 1.0 },
+    { kind = "lidar-2d", rate_hz = 10.0, step_deg = 9.0, pitch_deg = -90.0, noise_m = 0.0, offset_m = [0.0, 0.0, 0.1] },
 ]
 
 [sequences.all.flight]
@@ -49,6 +52,12 @@ turns = 0.01
 start_deg = 200.0
 speed_m_s = 0.4
 acceleration_m_s2 = 4.0
+
+[[sequences.all.cameras]]
+name = "down"
+offset_s = 0.02
+mount = { pitch_deg = -80.0, offset_m = [0.0, 0.01, 0.0] }
+camera = { width = 64, height = 48 }
 
 [sequences.all.camera]
 width = 96
@@ -114,15 +123,16 @@ def test_the_record_says_every_parameter(table, info):
             said = said[key]
         assert said == value, path
     assert (info["name"], info["seed"], info["rate_hz"]) == ("all-s3", 3, 20.0)
-    assert [len(info["config"][key]) for key in ("sensors", "effects", "clutter")] == [5, 2, 1]
+    assert [len(info["config"][key]) for key in ("sensors", "effects", "clutter")] == [7, 2, 1]
 
 
 def test_each_sensor_of_the_suite_has_its_file_and_no_other_has_one(table, dataset, info):
-    names = ["imu.csv", "imu-bmi088.csv", "imu-2.csv", "gnss.csv", "baro.csv"]
-    assert list(info["sensors"]) == names
+    names = ["imu.csv", "imu-bmi088.csv", "imu-2.csv", "gnss.csv", "baro.csv", "range-finder.csv"]
+    assert list(info["sensors"]) == [*names, "lidar-2d.npy"]
+    assert info["sensors"]["lidar-2d.npy"].items() >= table["sensors"][6].items()
     known = {"groundtruth.csv", "frames.csv", "flight.csv", "edges.csv", "crlb.csv"}
     assert {path.name for path in dataset.glob("*.csv")} == {*names, *known}
-    for name, said in zip(names, table["sensors"], strict=True):
+    for name, said in zip(names, table["sensors"], strict=False):
         assert info["sensors"][name].items() >= said.items()
         stamps = columns(dataset / name)["stamp_ns"]
         assert np.abs(stamps - np.arange(len(stamps)) * 1e9 / said["rate_hz"]).max() <= 1
@@ -156,6 +166,40 @@ def test_biases_ranges_noise_and_place_of_the_sensors_are_in_their_readings(data
     assert np.abs(read - force).mean() < 0.1  # 2e-3 m/s^2/sqrt(Hz) at 1000 Hz: 0.063 m/s^2
     baro = columns(dataset / "baro.csv")
     assert baro["pressure_pa"] == pytest.approx(90000 - 90000 / 101325 * 12 * 0.9, abs=2.0)
+
+
+def test_ranges_are_those_of_the_floor_beneath_the_flight(dataset):
+    flight, found = columns(dataset / "flight.csv"), columns(dataset / "range-finder.csv")
+    down = Rotation.from_quat(np.column_stack([flight[f"q{a}"] for a in "xyzw"])).apply([0.0, 0.0, -1.0])
+    height = np.interp(found["stamp_ns"], flight["stamp_ns"], flight["pz_m"] / -down[:, 2])
+    assert found["range_m"] == pytest.approx(height, abs=5e-4)  # linear over 10 ms
+    np.testing.assert_array_equal(found["range_m"], found["true_range_m"])
+    read, true = (np.load(dataset / f"lidar-2d{end}.npy") for end in ("", "_truth"))
+    assert np.diff(read["stamp_ns"][::31]) == pytest.approx(1e8, abs=1)
+    ahead = read["azimuth_rad"] == read["azimuth_rad"][np.abs(read["azimuth_rad"]).argmin()]
+    # Turned by pitch_deg its x axis looks down, so what is ahead is the floor, from 10 cm above the body.
+    beneath = np.interp(read["stamp_ns"][ahead], flight["stamp_ns"], flight["pz_m"] / -down[:, 2]) + 0.1
+    assert read["range_00_m"][ahead] == pytest.approx(beneath, abs=2e-3)
+    assert np.nanmax(np.abs(read["range_00_m"] - true["true_range_00_m"])) <= 0.0005 + 1e-9
+
+
+def test_the_second_camera_is_where_and_when_it_was_told(table, dataset, info):
+    said, folder = table["cameras"][0], dataset / "cameras" / "down"
+    assert list(info["cameras"]) == ["down"]
+    turn = Rotation.from_euler("Y", -said["mount"]["pitch_deg"], degrees=True)
+    body_from_cam = turn.as_matrix() @ np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    found = np.linalg.inv(np.array(info["cameras"]["down"]["cam_from_body"]))
+    np.testing.assert_allclose(found[:3, :3], body_from_cam, atol=1e-12)
+    np.testing.assert_allclose(found[:3, 3], said["mount"]["offset_m"], atol=1e-12)
+    stamps = [int(row["stamp_ns"]) for row in columns_of_text(folder / "frames.csv")]
+    assert stamps == [k * 50_000_000 + 20_000_000 for k in range(len(stamps))]
+    assert cv2.imread(str(folder / "frames" / "000000.png")).shape == (48, 64, 3)
+    main = [int(row["stamp_ns"]) for row in columns_of_text(dataset / "frames.csv")]
+    assert main == [k * 50_000_000 for k in range(len(main))]
+    truth, flight = columns(folder / "groundtruth.csv"), columns(dataset / "flight.csv")
+    rows = np.searchsorted(flight["stamp_ns"], truth["stamp_ns"])
+    for name in ("px_m", "pz_m", "qx", "vy_m_s", "wz_rad_s", "ax_m_s2"):
+        np.testing.assert_array_equal(truth[name], flight[name][rows])
 
 
 def test_camera_mount_and_rates_are_in_the_files(table, dataset, info):
@@ -216,6 +260,8 @@ def test_what_truth_and_crlb_ask_for_is_there(dataset):
     frames = len(columns_of_text(dataset / "frames.csv"))
     for folder, suffix in (("depth", "png"), ("mask", "png"), ("edges", "csv")):
         assert len(list((dataset / folder).glob(f"*.{suffix}"))) == frames
+    counts = [len(list((dataset / folder).glob("*.png"))) for folder in ("flow", "occlusion", "normals")]
+    assert counts == [frames - 1, frames - 1, frames]
     assert {int(row["frame"]) for row in columns_of_text(dataset / "crlb.csv")} <= set(range(0, frames, 4))
 
 

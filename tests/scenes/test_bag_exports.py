@@ -32,8 +32,8 @@ from tests.scenes.test_exports_by_own_readers import (
     table,
 )
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.exports.geodetic import Datum
 from uavbench.scenes.exports.registry import export
+from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.trajectories.errors import UserError
 
 GNSS = '{ kind = "gnss", north_deg = 30.0, rate_hz = 10.0 },'

@@ -418,7 +418,7 @@ def test_a_folder_that_is_not_empty_is_refused_and_left_alone(sequence: Sequence
         export(sequence, "euroq", tmp_path / "x")
 
 
-@pytest.mark.parametrize("format", sorted(EXPORTS))
+@pytest.mark.parametrize("format", sorted(set(EXPORTS) - {"kalibr"}))  # which takes no images
 def test_an_image_that_was_cut_off_is_named(sequence: Sequence, tmp_path: Path, format: str) -> None:
     shutil.copytree(sequence.folder, tmp_path / "arc")
     image = tmp_path / "arc" / sequence.files[1]

@@ -66,13 +66,11 @@ def crash_step(record: Array, vehicle: Quadrotor, obstacles: ObstacleMesh) -> in
     return int(np.argmax(touching)) if touching.any() else None
 
 
-def check_camera(record: Array, mount: Mount, obstacles: ObstacleMesh) -> None:
-    """UserError when the camera's centre is inside the structure or under the floor."""
-    rows = record[::STRIDE]
+def check_camera(positions_m: Array, quaternions_wxyz: Array, mount: Mount, obstacles: ObstacleMesh) -> None:
+    """UserError when the camera's centre is inside the structure or under the floor, by the rows of a flight."""
     offset = mount.cam_from_body.inverse().translation
-    centres = rows[:, RECORD["positions_m"]] + exact.product(
-        rotation_from_quaternion(rows[:, RECORD["quaternions_wxyz"]]), offset
-    )
+    turned = exact.product(rotation_from_quaternion(quaternions_wxyz[::STRIDE]), offset)
+    centres = positions_m[::STRIDE] + turned
     inside = obstacles.inside(centres) | (centres[:, 2] <= 0)
     if inside.any():
         step = int(np.argmax(inside))

@@ -90,7 +90,7 @@ def _checked(
         raise crash_error(record, step, obstacles)
     whole = record[: None if step is None else step + 1]
     whole = whole[np.isfinite(whole).all(axis=1)]
-    check_camera(whole, mount, obstacles)
+    check_camera(whole[:, RECORD["positions_m"]], whole[:, RECORD["quaternions_wxyz"]], mount, obstacles)
     if step is None and not replayed:
         check_saturation(whole, vehicle, spec.saturation_share)
     return _flight(whole, crashed=step is not None)

@@ -9,12 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from uavbench.scenes.exports import bag_messages as messages
-from uavbench.scenes.exports.bag_messages import Stamped, link_of, ros_name
 from uavbench.scenes.exports.euroc import body_from_imu, imus_of
-from uavbench.scenes.exports.geodetic import Datum
 from uavbench.scenes.exports.notes import Held, tables_of
+from uavbench.scenes.exports.ros import bag_messages as messages
+from uavbench.scenes.exports.ros.bag_messages import Stamped, link_of, ros_name
+from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.scenes.exports.shown_images import Shown
+from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.library import rosbags, typestore
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
@@ -66,6 +67,7 @@ class BagExport:
             sensors=(*content.imus, *content.receivers),
             limits=tuple(content.limits()),
             angular_rates=True,
+            cameras=tuple(shown.sequence.cameras),
         )
 
     def _about(self, shown: Shown) -> dict[str, str]:
@@ -115,16 +117,8 @@ class Content:
         shown, sequence = self.shown, self.shown.sequence
         if not sequence.recorded:
             yield from self._ground_truth()
-        stamps = sequence.stamps_ns.tolist()
-        infos = messages.camera_infos(shown.camera, stamps, INFO)
-        yield Channel(INFO, "sensor_msgs/CameraInfo", "intrinsics and distortion", infos)
-        changed = shown.undistorted and sequence.camera.distortion_model != "none"
-        image = "/camera/image_rect" if changed else "/camera/image_raw"
-        if self.images != "compressed":
-            yield Channel(image, "sensor_msgs/Image", "bgr8", messages.raw_images(shown, image))
-        if self.images != "raw":
-            name = f"{image}/compressed"
-            yield Channel(name, "sensor_msgs/CompressedImage", "PNG", messages.compressed_images(shown, name))
+        for camera, each in shown.cameras.items():
+            yield from self._camera(camera, each)
         for file, imu in self.imus.items():
             name, about = f"/{ros_name(file)}/data_raw", f"rates and specific forces of `{file}`"
             found = messages.imu_readings(shown, file, imu, name)
@@ -134,9 +128,26 @@ class Content:
             found = messages.fixes(shown, file, gnss, self.place(gnss), name)
             yield Channel(name, "sensor_msgs/NavSatFix", about, found)
 
+    def _camera(self, name: str, shown: Shown) -> Iterator[Channel]:
+        """Calibration and images of a camera."""
+        sequence, link = shown.sequence, optical_frame(name)
+        of, info = ("", INFO) if name == MAIN else (f" of camera `{name}`", f"/{name}/camera_info")
+        infos = messages.camera_infos(shown.camera, sequence.stamps_ns.tolist(), info, link)
+        yield Channel(info, "sensor_msgs/CameraInfo", f"intrinsics and distortion{of}", infos)
+        changed = shown.undistorted and sequence.camera.distortion_model != "none"
+        image = f"/{name}/image_rect" if changed else f"/{name}/image_raw"
+        if self.images != "compressed":
+            yield Channel(image, "sensor_msgs/Image", f"bgr8{of}", messages.raw_images(shown, image, link))
+        if self.images != "raw":
+            topic = f"{image}/compressed"
+            images = messages.compressed_images(shown, topic, link)
+            yield Channel(topic, "sensor_msgs/CompressedImage", f"PNG{of}", images)
+
     def _ground_truth(self) -> Iterator[Channel]:
         sequence, state = self.shown.sequence, messages.true_state(self.shown)
-        sensors = {messages.CAMERA: sequence.cam_from_body.inverse()}
+        sensors = {
+            optical_frame(name): each.sequence.cam_from_body.inverse() for name, each in self.shown.cameras.items()
+        }
         sensors |= {link_of(name): body_from_imu(sequence.folder / name, imu) for name, imu in self.imus.items()}
         sensors |= {link_of(name): Pose.identity() for name in self.receivers}
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
@@ -166,6 +177,11 @@ class Content:
                 f"counter-clockwise from north. The sky is that over {gnss.get('latitude_deg', 0.0):g} degrees north."
             )
             yield f"Fixes: velocities and numbers of satellites of `{name}` are not held; its variances are PDOP's."
+
+
+def optical_frame(camera: str) -> str:
+    """Frame of a camera, by REP-103."""
+    return messages.CAMERA if camera == MAIN else f"{camera}_optical_frame"
 
 
 def _write(

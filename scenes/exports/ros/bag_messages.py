@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.table_files import read_integers, read_numbers, read_table
-from uavbench.scenes.exports.euroc import READINGS, STATE
-from uavbench.scenes.exports.geodetic import Datum
+from uavbench.scenes.exports.euroc import READINGS, STATE, true_states
+from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.trajectories.bags.library import typestore
 from uavbench.trajectories.errors import UserError
@@ -61,7 +61,7 @@ def header(stamp_ns: int, frame: str) -> Any:
     return message("std_msgs/Header", stamp=time, frame_id=frame)
 
 
-def raw_images(shown: Shown, topic: str) -> Iterator[Stamped]:
+def raw_images(shown: Shown, topic: str, link: str = CAMERA) -> Iterator[Stamped]:
     """Images as `bgr8`; a few are decoded ahead, while those before are written."""
     stamps = shown.sequence.stamps_ns.tolist()
     with ThreadPoolExecutor(DECODERS) as pool:
@@ -73,7 +73,7 @@ def raw_images(shown: Shown, topic: str) -> Iterator[Stamped]:
             height, width = image.shape[:2]
             size = {"height": height, "width": width, "step": 3 * width}
             data = {"encoding": "bgr8", "is_bigendian": 0, "data": image.reshape(-1)}
-            yield Stamped(topic, stamp, message("sensor_msgs/Image", header=header(stamp, CAMERA), **size, **data))
+            yield Stamped(topic, stamp, message("sensor_msgs/Image", header=header(stamp, link), **size, **data))
 
 
 def _pixels(shown: Shown, frame: int) -> NDArray[Any]:
@@ -84,15 +84,15 @@ def _pixels(shown: Shown, frame: int) -> NDArray[Any]:
     return image
 
 
-def compressed_images(shown: Shown, topic: str) -> Iterator[Stamped]:
+def compressed_images(shown: Shown, topic: str, link: str = CAMERA) -> Iterator[Stamped]:
     """Images as PNG files: those of the sequence, byte by byte, unless they are undistorted."""
     for frame, stamp in enumerate(shown.sequence.stamps_ns.tolist()):
         data = np.frombuffer(shown.png(frame), dtype=np.uint8)
-        fields = {"header": header(stamp, CAMERA), "format": "png", "data": data}
+        fields = {"header": header(stamp, link), "format": "png", "data": data}
         yield Stamped(topic, stamp, message("sensor_msgs/CompressedImage", **fields))
 
 
-def camera_infos(camera: Camera, stamps_ns: Iterable[int], topic: str) -> Iterator[Stamped]:
+def camera_infos(camera: Camera, stamps_ns: Iterable[int], topic: str, link: str = CAMERA) -> Iterator[Stamped]:
     """Intrinsics and distortion at each image; P is that of undistorted images with the same matrix K."""
     model, count = MODELS[camera.distortion_model]
     region = message("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
@@ -109,7 +109,7 @@ def camera_infos(camera: Camera, stamps_ns: Iterable[int], topic: str) -> Iterat
         "roi": region,
     }
     for stamp in stamps_ns:
-        yield Stamped(topic, stamp, message("sensor_msgs/CameraInfo", header=header(stamp, CAMERA), **fields))
+        yield Stamped(topic, stamp, message("sensor_msgs/CameraInfo", header=header(stamp, link), **fields))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,14 +123,13 @@ class State:
 def true_state(shown: Shown) -> State:
     """State at the rows of flight.csv and at the images, in order."""
     sequence = shown.sequence
-    stamps, values = sequence.stamps_ns, sequence.ground_truth_table[:, 2:15]
+    stamps, values = true_states(sequence, 15)
     path = sequence.folder / "flight.csv"
     if path.is_file():
         stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
         values = np.concatenate([values, read_numbers(path, [*STATE, *RATES])])
-        stamps, first = np.unique(stamps, return_index=True)
-        values = values[first]
-    return State(stamps, values)
+    stamps, first = np.unique(stamps, return_index=True)
+    return State(stamps, values[first])
 
 
 def odometry(state: State, topic: str) -> Iterator[Stamped]:

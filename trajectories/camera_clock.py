@@ -1,0 +1,78 @@
+"""When the cameras of a vehicle expose, and which stamps their frames carry."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import NDArray
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.sensors.sensor import stamps_between
+
+MOST_JITTER = 0.4
+"""Of the time between two frames: no frame comes before the one before it."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Exposures:
+    """When the frames of a camera are exposed, times_ns (n,) of the flight's record, and the stamps_ns (n,) they carry.
+
+    Both mean the middle of the exposure; they differ by the offset of the camera's clock from that of the record.
+    """
+
+    times_ns: NDArray[np.int64]
+    stamps_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraClock:
+    """The clock that triggers and stamps the frames of all cameras of a vehicle.
+
+    even: frames are exposed every 1 / rate, to the nanosecond, and the flight is interpolated to them; without it at
+    the control step, of 2 ms, that is nearest. jitter_ms: standard deviation of the exposures about even times, at most
+    MOST_JITTER of a period; stamps tell it. timeshift_cam_imu_s, by Kalibr's name and definition t_imu = t_cam + shift:
+    the clock's offset from that of the IMU, the other sensors and the flight's record. Stamps never fall below 0: with
+    a positive shift the first frame is exposed at the time shift and stamped 0, with a negative one it is exposed at 0.
+    """
+
+    even: bool = False
+    jitter_ms: Annotated[float, Interval(ge=0, le=100)] = 0.0
+    timeshift_cam_imu_s: Annotated[float, Interval(ge=-10, le=10)] = 0.0
+
+    @property
+    def shift_ns(self) -> int:
+        """The shift in whole ns."""
+        return round(1e9 * self.timeshift_cam_imu_s)
+
+    def exposures(self, flight: Flight, rate_hz: float, rng: np.random.Generator, offset_s: float = 0.0) -> Exposures:
+        """Exposures of a camera at rate_hz that is offset_s later than the main one; the same rng for all cameras.
+
+        UserError for a rate that the flight's record cannot serve, and where no frame is left.
+        """
+        times = self._times(flight, rate_hz, rng) + max(self.shift_ns, 0) + round(1e9 * offset_s)
+        last = int(flight.stamps_ns[-1])
+        times = times[times <= last]
+        if not len(times):
+            raise UserError(
+                f"no frame is exposed in the {last / 1e9:g} s of the flight: its timeshift_cam_imu_s or offset_s is "
+                "longer; lower it, or fly longer"
+            )
+        return Exposures(times_ns=times, stamps_ns=times - self.shift_ns)
+
+    def _times(self, flight: Flight, rate_hz: float, rng: np.random.Generator) -> NDArray[np.int64]:
+        stamps = flight.stamps_ns
+        if len(stamps) > 1 and rate_hz * int(stamps[1] - stamps[0]) > 1e9:
+            raise UserError(
+                f"rate_hz {rate_hz:g}: the flight has {1e9 / int(stamps[1] - stamps[0]):g} steps a second; ask for no "
+                "more frames than that"
+            )
+        if not self.even and self.jitter_ms == 0.0:
+            return stamps[flight.frame_rows(rate_hz)]
+        times = stamps_between(int(stamps[0]), int(stamps[-1]), rate_hz)
+        if self.jitter_ms > 0.0:
+            most = MOST_JITTER * 1e9 / rate_hz
+            late = np.clip(1e6 * self.jitter_ms * rng.standard_normal(len(times)), -most, most)
+            times = np.clip(times + np.rint(late).astype(np.int64), stamps[0], stamps[-1])
+        return times
