@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import uavbench
-from tests.docs.pages import ROOT
+from tests.docs.pages import PAGES, ROOT, blocks
 from tests.reports.browser import NAMES, browser
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.plugins import PLUGINS
@@ -46,6 +46,13 @@ def test_no_page_fetches_anything_from_another_host(site):
         assert fetched.findall(page.read_text(encoding="utf-8")) == [], page.name
     for style in site.rglob("*.css"):
         assert re.findall(r"""(?:url\(|@import )["']?(?:https?:)?//[^)]*""", style.read_text(encoding="utf-8")) == []
+
+
+def test_every_block_is_shown_as_code_and_those_to_save_with_their_file(site):
+    for page in PAGES:
+        html = text_of(site, f"{page.stem}.html")
+        assert "```" not in html, page.name
+        assert re.findall(r'<span class="filename">(.*?)</span>', html) == [b.file for b in blocks(page) if b.file]
 
 
 def test_every_plugin_that_can_be_seen_has_its_picture(site):
