@@ -1,7 +1,7 @@
 """The reference from the code: `python -m uavbench.bench.reference DIR` writes commands, plug-ins and the schema.
 
-Own code: mkdocstrings documents modules, and knows neither the registries from which a suite chooses by `kind` nor the
-bounds in annotations; mkdocs-click would save six lines here.
+Commands and Python names are left to mkdocs-click and mkdocstrings. Own code for the rest: neither knows the registries
+from which a suite chooses by `kind`, nor the bounds in annotations.
 """
 
 import ast
@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import click
 
-from uavbench.bench.cli.main import main as command_line
+import uavbench
 from uavbench.bench.config.inventory import TITLES
 from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.runner.commands import schema
@@ -25,11 +25,18 @@ from uavbench.trajectories.files.writing import write_text
 
 
 def commands() -> str:
-    """Every command with its options, as `--help` says it."""
-    parts = ["# Commands\n"]
-    for name, command in sorted(command_line.commands.items()):
-        with click.Context(command, info_name=f"uavbench {name}", max_content_width=100) as context:
-            parts.append(f"## uavbench {name}\n\n```text\n{command.get_help(context)}\n```\n")
+    """Every command with its options, as mkdocs-click writes them."""
+    return (
+        "# Commands\n\n::: mkdocs-click\n    :module: uavbench.bench.cli.main\n    :command: main\n"
+        "    :prog_name: uavbench\n    :depth: 1\n"
+    )
+
+
+def python() -> str:
+    """Every public name of the package, as mkdocstrings writes it."""
+    parts = ["# Python\n\n```python\nimport uavbench as ub\n```\n\n[How they are used](../api.md).\n"]
+    parts += [f"::: uavbench.{name}\n" for name in uavbench.__all__ if name != "figures"]
+    parts.append("## Figures\n\n::: uavbench.reports.figures_on_axes\n    options:\n      show_root_heading: false\n")
     return "\n".join(parts)
 
 
@@ -139,6 +146,7 @@ def _default(field: "Field[Any]") -> str:
 def main(folder: Path) -> None:
     """Write the reference into FOLDER."""
     write_text(folder / "commands.md", commands(), sealed=True)
+    write_text(folder / "python.md", python(), sealed=True)
     write_text(folder / "plugins.md", plugins(), sealed=True)
     write_text(folder / "robust-values.md", config_values(), sealed=True)
     write_text(folder / "suite.schema.json", schema() + "\n", sealed=True)

@@ -10,6 +10,7 @@ import click
 
 from uavbench.bench.gate.decision import Finding, Margins, gate, overall
 from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
+from uavbench.bench.gate.worst_pictures import write_worst
 from uavbench.reports.json_values import json_values
 from uavbench.trajectories.files.writing import write_text
 
@@ -25,18 +26,18 @@ EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 
 
 def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int:
-    """Print and write the findings of the gate; its exit code."""
+    """Print and write the findings of the gate, with pictures of the worst sequences; its exit code."""
     findings = gate(results, baseline, margins)
-    write_reports(findings, margins, out)
+    write_reports(findings, margins, out, write_worst(results, baseline, margins, out))
     click.echo(to_text(findings))
     return EXIT_CODES[overall(findings)]
 
 
-def write_reports(findings: list[Finding], margins: Margins, folder: Path) -> None:
-    """Write gate.json, gate.xml (JUnit) and gate.md."""
+def write_reports(findings: list[Finding], margins: Margins, folder: Path, worst: str = "") -> None:
+    """Write gate.json, gate.xml (JUnit) and gate.md, at its end the worst sequences."""
     write_text(folder / "gate.json", to_json(findings, margins), sealed=True)
     write_text(folder / "gate.xml", to_junit(findings), sealed=True)
-    write_text(folder / "gate.md", to_markdown(findings), sealed=True)
+    write_text(folder / "gate.md", "\n".join(part for part in (to_markdown(findings), worst) if part), sealed=True)
 
 
 def cells(finding: Finding) -> list[str]:

@@ -1,10 +1,11 @@
-"""The CI recipes, executed in a foreign repository with the installed command: verdict, comment, exit code.
+"""The CI recipes, executed in a foreign repository with the installed command: verdict, comment, pictures, exit code.
 
 That the package installs from its wheel is a step of `.ci/run`.
 """
 
 import importlib
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -55,6 +56,11 @@ class Foreign:
         identity = ["-c", "user.name=test", "-c", "user.email=test@example.org", "-c", "commit.gpgsign=false"]
         subprocess.run(["git", *identity, *arguments], cwd=self.folder, check=True, capture_output=True)
 
+    def served(self, *arguments):
+        """What git answers on the server, as bytes."""
+        server = self.folder.parent / "server.git"
+        return subprocess.run(["git", *arguments], cwd=server, check=True, capture_output=True).stdout
+
     def shell(self, script, **variables):
         """Run a step as GitHub does, with `bash -e`."""
         summary, installed = self.folder / "summary.md", Path(sys.executable).parent
@@ -80,6 +86,8 @@ def foreign(tmp_path):
     repository.git("init", "-q", "-b", "main")
     repository.git("add", "-A")
     repository.git("commit", "-qm", "theirs")
+    repository.git("init", "-q", "--bare", str(tmp_path / "server.git"))
+    repository.git("remote", "add", "origin", str(tmp_path / "server.git"))
     repository.git("update-ref", "refs/remotes/origin/main", "HEAD")
     (tmp_path / "tools").mkdir()
     (tmp_path / "tools" / "gh").write_text(GH)
@@ -104,13 +112,48 @@ def test_github_comments_the_verdict_and_keeps_its_code(foreign):
     comment = (foreign.folder / "out/comment.md").read_text()
     assert comment.startswith("<!-- uavbench gate -->\n## uavbench gate: ")
     assert "| still@15hz | coverage |" in comment
-    assert (foreign.folder / "summary.md").read_text() == comment
+    summary = (foreign.folder / "summary.md").read_text()
+    assert summary == "".join(line for line in comment.splitlines(keepends=True) if not line.startswith("!["))
     assert ("inconclusive" in comment.splitlines()[1]) == ("::warning::" in done.stdout)
+
+    step, variables = steps("github.yml", "comment"), {"GITHUB_REPOSITORY": "o/r", "PULL_REQUEST": "7"}
+    shown = foreign.shell(step["Pictures"], GITHUB_SERVER_URL="https://github.com", **variables)
+    assert shown.returncode == 0, shown.stderr
+    comment = (foreign.folder / "out/comment.md").read_text()
+    addresses = re.findall(r"^\[!\[.+\]\((https://github.com/o/r/blob/.+)\?raw=true\)\]\(\1\)$", comment, re.MULTILINE)
+    assert len(addresses) == 3 and "](worst/" not in comment
+    for address in addresses:
+        commit, _, name = address.removeprefix("https://github.com/o/r/blob/").partition("/")
+        on_branch = foreign.served("show", f"uavbench-pictures/7:{name}")
+        assert on_branch == foreign.served("show", f"{commit}:{name}")
+        assert on_branch == (foreign.folder / "out/compare/gate/worst" / name).read_bytes()
     for earlier, method in (("", "POST repos/o/r/issues/7/comments"), ("42", "PATCH repos/o/r/issues/comments/42")):
-        posted = foreign.shell(step["Comment"], GITHUB_REPOSITORY="o/r", PULL_REQUEST="7", EARLIER=earlier)
+        posted = foreign.shell(step["Comment"], EARLIER=earlier, **variables)
         assert posted.returncode == 0, posted.stderr
         assert f"--method {method}" in (foreign.folder / "calls").read_text().splitlines()[-1]
         assert (foreign.folder / "calls.body").read_text() == comment
+
+
+@pytest.mark.parametrize("pictures", [False, True])
+def test_a_comment_without_a_place_for_pictures_has_none(foreign, pictures):
+    """Before a verdict there is none; without the right to push, none is shown."""
+    worst = foreign.folder / "out/compare/gate/worst"
+    worst.mkdir(parents=True)
+    if pictures:
+        (worst / "1.png").write_bytes(b"a picture")
+        foreign.git("remote", "set-url", "origin", str(foreign.folder / "gone.git"))
+    (foreign.folder / "out/comment.md").write_text("a table\n![1.png: before and after](worst/1.png)\n")
+    step = steps("github.yml", "comment")["Pictures"]
+    done = foreign.shell(step, GITHUB_SERVER_URL="https://github.com", GITHUB_REPOSITORY="o/r", PULL_REQUEST="7")
+    assert done.returncode == 0, done.stderr
+    assert (foreign.folder / "out/comment.md").read_text() == "a table\n"
+
+
+def test_what_may_write_runs_no_code_of_the_pull_request():
+    recipe = load("github.yml")
+    assert recipe["permissions"] == {"contents": "read"} and "permissions" not in recipe["jobs"]["gate"]
+    scripts = "\n".join(steps("github.yml", "comment").values())
+    assert not re.search(r"^\s*(uavbench|python|pip)\b", scripts, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("base", "suite"), [("origin/gone", "suite.toml"), ("origin/main", "none.toml")])
@@ -165,9 +208,6 @@ def test_nightly_keeps_the_code_of_the_run(foreign):
 
 
 def test_the_history_is_kept_on_its_branch_and_grows_with_each_commit(foreign):
-    server = foreign.folder.parent / "server.git"
-    foreign.git("init", "-q", "--bare", str(server))
-    foreign.git("remote", "add", "origin", str(server))
     step = steps("github-history.yml", "history")
     for number in (1, 2):
         foreign.git("commit", "-q", "--allow-empty", "-m", f"change {number}")
@@ -178,15 +218,7 @@ def test_the_history_is_kept_on_its_branch_and_grows_with_each_commit(foreign):
         assert f"{number} of the 4 commits" in done.stdout
         foreign.git("worktree", "remove", "--force", "out/kept")
         foreign.git("branch", "-D", "uavbench-history") if number == 1 else None
-    kept = subprocess.run(
-        ["git", "show", "uavbench-history:history.json"], cwd=server, check=True, capture_output=True, text=True
-    ).stdout
+    kept = foreign.served("show", "uavbench-history:history.json").decode()
     assert kept.count('"subject": "change') == 2 and '"name": "github-hosted"' in kept
-    names = subprocess.run(
-        ["git", "ls-tree", "-r", "--name-only", "uavbench-history"],
-        cwd=server,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
+    names = foreign.served("ls-tree", "-r", "--name-only", "uavbench-history").decode()
     assert "page/index.html" in names and "suite.toml" not in names

@@ -6,6 +6,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
+GENERATED = {
+    "gallery.md",
+    *(
+        f"reference/{name}"
+        for name in ("commands.md", "plugins.md", "python.md", "robust-values.md", "suite.schema.json")
+    ),
+    *(f"tutorials/{path.stem}.md" for path in sorted((ROOT / "examples").glob("*.ipynb"))),
+}
+"""Pages that `.ci/site` writes beside those of docs/."""
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

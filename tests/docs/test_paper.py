@@ -1,9 +1,11 @@
-"""The paper has the form of JOSS, its citations and numbers hold; the container file names what is there."""
+"""The paper has the form of JOSS, its citations and numbers hold; container file and conda recipe name what is."""
 
 import re
+import tomllib
 
 import yaml
 
+import uavbench
 from tests.docs.pages import ROOT
 
 PAPER = (ROOT / "paper.md").read_text(encoding="utf-8")
@@ -43,3 +45,29 @@ def test_the_container_installs_what_run_needs_and_copies_no_results():
     assert 'ENTRYPOINT ["./run"]' in container and 'CMD ["demo"]' in container
     ignored = (ROOT / ".containerignore").read_text(encoding="utf-8").splitlines()
     assert {".venv", "out", ".git"} <= set(ignored)
+
+
+ON_CONDA = {"opencv-python-headless": "py-opencv", "mujoco": "mujoco-python", "matplotlib": "matplotlib-base"}
+
+
+def test_the_conda_recipe_asks_for_what_the_package_asks_for_and_runs_the_demo():
+    recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    about = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    project, overrides = about["project"], about["tool"]["uv"]["override-dependencies"]
+    asked = dict(re.split(r"(?=[<>=])", text, maxsplit=1) for text in project["dependencies"])
+    wanted = {f"{ON_CONDA.get(name, name)} {bound}" for name, bound in asked.items()}
+    wanted |= {text.lower().replace("==", " >=") for text in overrides}
+    run = set(recipe["requirements"]["run"])
+    (python,) = run - wanted
+    assert wanted < run
+    script = (ROOT / "run").read_text(encoding="utf-8")
+    least, below = re.search(r"not \((\d, \d+)\) <= sys.version_info < \((\d, \d+)\)", script).groups()
+    assert python == f"python >={least},<{below}".replace(", ", ".")
+    assert project["requires-python"] == f">={least}".replace(", ", ".")
+    assert recipe["package"] == {"name": project["name"], "version": uavbench.__version__}
+    (entry,) = recipe["build"]["python"]["entry_points"]
+    assert entry == f"uavbench = {project['scripts']['uavbench']}"
+    (demo,) = re.findall(r'exec "\$venv/bin/uavbench" (run \S+ --out) "\$root/(\S+)"', script)
+    assert f"uavbench {demo[0]} {demo[1]}" in recipe["tests"][0]["script"]
+    assert recipe["about"]["license"] == project["license"]
+    assert (ROOT / "conda" / recipe["source"]["path"] / recipe["about"]["license_file"]).is_file()

@@ -1,0 +1,86 @@
+"""Pictures of flights: the course of a path round its structure, and what a sensor measures on the way."""
+
+from io import BytesIO
+from itertools import groupby
+
+import cv2
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from uavbench.bench.filming.outside_view import OutsideView
+from uavbench.reports.style import COLOURS, house_style
+from uavbench.scenes.scene import obstacles_of
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.protocol import Image
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.sensors.registry import measure
+from uavbench.trajectories.simulation.flight import fly
+
+POINTS, LOOKS = 400, 16
+"""Points that a course is drawn through, and places where its direction of view is drawn."""
+LOOK_PART = 0.07
+"""Length of a drawn direction of view, in parts of the view's extent."""
+DARK, LIGHT = np.array([110.0, 60.0, 0.0]), np.array([90.0, 200.0, 255.0])
+"""Colours (BGR) of a course from its start to its end."""
+MARGIN = 0.06
+"""Room around structure and course, in parts of their extent."""
+DPI = 100
+
+
+def path_picture(spec: SequenceSpec) -> Image:
+    """The structure alone with the course of a flight of the path, and where the camera looks on the way."""
+    obstacles = obstacles_of(spec)
+    flight = fly(spec.flight, spec.mount, obstacles, spec.seed)
+    rows = np.unique(np.linspace(0, len(flight) - 1, POINTS).astype(int))
+    course = flight.positions_m[rows]
+    low = np.minimum(obstacles.bounds[0], course.min(axis=0))
+    high = np.maximum(obstacles.bounds[1], course.max(axis=0))
+    extent = float((high - low).max())
+    room = MARGIN * extent * np.array([1.0, 1.0, 0.0])
+    view = OutsideView.of(spec, (low - room, high + room), (spec.camera.width, spec.camera.height))
+    for k, share in enumerate(np.linspace(0, 1, len(rows) - 1)):
+        view.line(course[k : k + 2], _colour(float(share)), 2)
+    for share in np.linspace(0, 1, LOOKS):
+        pose = flight.pose(int(rows[round(share * (len(rows) - 1))]))
+        ahead = pose.rotation @ spec.mount.cam_from_body.inverse().rotation[:, 2]
+        ends = pose.translation + np.linspace(0, LOOK_PART * extent, 12)[:, None] * ahead
+        view.line(ends, _colour(float(share)), 1)
+    for x, y in view.pixels(course[:1]).tolist():
+        if np.isfinite([x, y]).all():
+            cv2.circle(view.seen, (round(x), round(y)), 5, _colour(0.0), -1, cv2.LINE_AA)
+    return view.seen
+
+
+def _colour(share: float) -> tuple[int, int, int]:
+    """Colour of a course at a share of its way."""
+    blue, green, red = (round(float(c)) for c in DARK + share * (LIGHT - DARK))
+    return blue, green, red
+
+
+def sensor_picture(spec: SequenceSpec) -> Image:
+    """What the sensor measures over time, a panel for each unit."""
+    (sensor,) = spec.sensors
+    obstacles = obstacles_of(spec)
+    flight = fly(spec.flight, spec.mount, obstacles, spec.seed)
+    (table,) = measure(spec.sensors, flight, obstacles, spec.seed).values()
+    names = [name for name in table.columns if name in getattr(sensor, "measured", table.columns)]
+    panels = [list(group) for _, group in groupby(names, key=unit_of)]
+    with house_style():
+        figure = Figure(figsize=(spec.camera.width / DPI, spec.camera.height / DPI), dpi=DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        for panel, columns in zip(figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0], panels, strict=True):
+            for k, column in enumerate(columns):
+                values: Array = table.column(column)
+                panel.plot(table.stamps_ns / 1e9, values, color=COLOURS[k], label=column, linewidth=0.8)
+            panel.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(columns))
+            panel.set_ylabel(unit_of(columns[0]).replace("_s2", "/s²").replace("_s", "/s"))
+        panel.set_xlabel("time in s")
+        drawn = BytesIO()
+        figure.savefig(drawn, format="png")
+    return np.asarray(cv2.imdecode(np.frombuffer(drawn.getvalue(), np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+
+
+def unit_of(column: str) -> str:
+    """Unit of a column by its name, `wx_rad_s` -> `rad_s`; "" where it has none."""
+    return column.partition("_")[2]

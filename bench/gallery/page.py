@@ -1,0 +1,82 @@
+"""The page: a section for each registry, a picture with a sentence for each plug-in."""
+
+import inspect
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image as Pillow
+
+from uavbench.bench.config.plugins import PLUGINS
+from uavbench.bench.gallery.examples import Example, example_of
+from uavbench.bench.gallery.flights import path_picture, sensor_picture
+from uavbench.bench.gallery.scenes import effect_picture, environment_picture, structure_picture
+from uavbench.scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, SequenceSpec, StructureSpec
+from uavbench.tracker.protocol import Image
+from uavbench.trajectories.files.writing import new_folder, write_text
+from uavbench.trajectories.paths.registry import PathSpec
+from uavbench.trajectories.sensors.sensor import SensorSpec
+
+MARKER = "gallery.json"
+WEBP_QUALITY = 80
+
+
+@dataclass(frozen=True)
+class Section:
+    """Plug-ins of one registry: title, what is to be seen, where a sequence's table names one, and who draws it."""
+
+    title: str
+    about: str
+    key: str
+    picture: Callable[[SequenceSpec], Image]
+
+
+SECTIONS: dict[object, Section] = {
+    StructureSpec: Section("Structures", "What is flown around.", "structure", structure_picture),
+    EnvironmentSpec: Section(
+        "Environments", "Ground, walls, sky and light around it.", "environment", environment_picture
+    ),
+    ClutterSpec: Section("Clutter", "What stands, walks and flies about.", "clutter", environment_picture),
+    EffectSpec: Section(
+        "Effects",
+        "What shutter, lens, sensor and link do to the image, mostly more of it than usual: left without, right with "
+        "it; or six frames in a row where some of them do not arrive.",
+        "effects",
+        effect_picture,
+    ),
+    PathSpec: Section(
+        "Paths", "A flight from its start (dot), dark to light, with the direction of the view.", "path", path_picture
+    ),
+    SensorSpec: Section("Sensors", "What is measured on board, over ten seconds.", "sensors", sensor_picture),
+}
+"""Protocol -> its section."""
+
+
+def write_gallery(folder: Path) -> None:
+    """Write gallery.md and the folder `gallery` with a WebP picture for every plug-in."""
+    parts = ["# Gallery\n\nWhat a suite can name, drawn by the code: `python -m uavbench.bench.gallery DIR`.\n"]
+    with new_folder(folder / "gallery", MARKER) as pictures:
+        for protocol, section in SECTIONS.items():
+            parts.append(f'## {section.title}\n\n{section.about}\n\n<div class="gallery" markdown>\n')
+            for kind, plugin in PLUGINS[protocol][0].items():
+                example = example_of(section.key, kind)
+                name = f"{section.key}-{kind}.webp"
+                image = Pillow.fromarray(section.picture(example.spec)[..., ::-1])
+                image.save(pictures / name, format="WEBP", quality=WEBP_QUALITY, method=4)
+                parts.append(_figure(kind, plugin, example, name, image.size))
+            parts.append("</div>\n")
+        (pictures / MARKER).write_text(json.dumps({"made_by": "python -m uavbench.bench.gallery"}), encoding="utf-8")
+    write_text(folder / "gallery.md", "\n".join(parts), sealed=True)
+
+
+def _figure(kind: str, plugin: type, example: Example, name: str, size_px: tuple[int, int]) -> str:
+    """A picture with its caption, in Markdown."""
+    about = " ".join(inspect.cleandoc(plugin.__doc__ or "").split("\n\n")[0].split())
+    shown = ", ".join(f"`{key} = {json.dumps(value)}`" for key, value in example.own.items())
+    with_values = f" Shown with {shown}." if shown else ""
+    return (
+        f"<figure markdown>\n![{kind}](gallery/{name}){{ loading=lazy width={size_px[0]} height={size_px[1]} }}\n"
+        f'<figcaption markdown="span">[`{kind}`](reference/plugins.md#{kind}) {about}{with_values}</figcaption>\n'
+        "</figure>\n"
+    )

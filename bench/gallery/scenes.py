@@ -1,0 +1,90 @@
+"""Pictures of what is rendered: structures, environments, clutter, and effects on the image."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from uavbench.bench.closed_loop.eye import eye
+from uavbench.bench.filming.outside_view import looking_at
+from uavbench.scenes.rendering.camera_simulator import light_of
+from uavbench.scenes.rendering.radiance import Radiance, encode
+from uavbench.scenes.scene import Scene, build_scene
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.tracker.protocol import Image
+from uavbench.trajectories.simulation.flight import fly
+
+ABOVE_DEG = 12.0
+"""How far the view looks down: so little that it has the sky in it."""
+AROUND = 1.8
+"""How much wider than the structure the view of an environment is."""
+FRAMES = 6
+"""Frames of an effect that are looked at: enough for lost ones among them."""
+WHITE = (255, 255, 255)
+
+
+def structure_picture(spec: SequenceSpec) -> Image:
+    """The structure, filling the view."""
+    return _from_outside(spec, 1.0)
+
+
+def environment_picture(spec: SequenceSpec) -> Image:
+    """The structure with room around it."""
+    return _from_outside(spec, AROUND)
+
+
+def _from_outside(spec: SequenceSpec, wide: float) -> Image:
+    """The scene with `wide` times the structure's extent in view."""
+    camera, scene = spec.camera.camera(), build_scene(spec)
+    low, high = scene.built.structure.bounds
+    middle, half = (low + high) / 2, wide * (high - low) / 2
+    ends = middle - half, middle + half
+    pose = looking_at(np.maximum(ends[0], [*ends[0][:2], 0.0]), ends[1], camera, ABOVE_DEG)
+    with scene.renderer(camera.width, camera.height) as renderer:
+        return encode(light_of(renderer.color(pose, camera)))
+
+
+def effect_picture(spec: SequenceSpec) -> Image:
+    """The structure in the frame of a flight where it is fastest, without and with the effect.
+
+    Six frames in a row where some of them do not arrive.
+    """
+    scene = _scene(replace(spec, name="", effects=()))
+    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    rows = flight.frame_rows(spec.rate_hz)
+    fastest = int(np.argmax(np.linalg.norm(flight.velocities_m_s[rows[:-FRAMES]], axis=1)))
+    stamps = flight.stamps_ns[rows[fastest : fastest + FRAMES]].tolist()
+    with eye(replace(spec, effects=()), scene, flight) as source:
+        before = _first(source.image(stamps[0]))
+        middle = source.cam_from_world(stamps[0]).transform(scene.built.structure.bounds.mean(axis=0)[None])
+        centre_px = float(source.camera.project(middle)[0, 0])
+    with eye(spec, scene, flight) as source:
+        taken = [source.image(stamp) for stamp in stamps]
+    if any(light is None for light in taken):
+        return _strip([None if light is None else encode(light) for light in taken], before)
+    half = before.shape[1] // 2
+    left = int(np.clip(round(centre_px - half / 2), 0, half))
+    picture = np.hstack([image[:, left : left + half] for image in (before, _first(taken[0]))])
+    cv2.line(picture, (half, 0), (half, picture.shape[0]), WHITE, 2)
+    return picture
+
+
+@lru_cache(maxsize=1)
+def _scene(spec: SequenceSpec) -> Scene:
+    """The scene of a spec; that of most effects is one and the same."""
+    return build_scene(spec)
+
+
+def _first(light: Radiance | None) -> Image:
+    assert light is not None, "an effect lost its first frame"
+    return encode(light)
+
+
+def _strip(taken: list[Image | None], size_of: Image) -> Image:
+    """Two rows of small frames, the lost ones left empty."""
+    height, width = size_of.shape[:2]
+    small = (width * 2 // FRAMES, height * 2 // FRAMES)
+    empty = np.full((small[1], small[0], 3), 90, dtype=np.uint8)
+    frames = [empty if image is None else cv2.resize(image, small, interpolation=cv2.INTER_AREA) for image in taken]
+    return np.asarray(np.vstack([np.hstack(frames[: FRAMES // 2]), np.hstack(frames[FRAMES // 2 :])]), dtype=np.uint8)
