@@ -21,7 +21,7 @@ from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.sequence import Sequence, write_manifest
 from uavbench.scenes.effects.link import Drops
-from uavbench.scenes.generate import PNG
+from uavbench.scenes.generate import camera_path
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
@@ -29,6 +29,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.simulation.flight import Flight, fly
 
 MARKER = "manifest.json"
@@ -109,10 +110,11 @@ def _refuse_other(out: Path, folder: Path) -> None:
 
 def _check_same(sequence: Sequence, spec: SequenceSpec, scene: Scene, flight: Flight) -> None:
     """UserError where structure, camera or flight are others than those of the sequence."""
-    rows = np.searchsorted(flight.stamps_ns, sequence.stamps_ns).clip(0, len(flight) - 1)
-    flown = np.hstack([flight.positions_m[rows], flight.quaternions_wxyz[rows]])
+    body_from_world = camera_path(flight, Pose.identity())
+    flown = [body_from_world(stamp_ns).inverse().matrix for stamp_ns in sequence.stamps_ns.tolist()]
+    recorded = [sequence.ground_truth.pose(frame).matrix for frame in range(len(sequence))]
     here, there = scene.built.structure.vertices, sequence.structure.vertices
-    same = np.allclose(flown, sequence.ground_truth_table[:, 2:9], rtol=0, atol=SAME_M)
+    same = np.allclose(flown, recorded, rtol=0, atol=SAME_M)
     if not (same and here.shape == there.shape and np.allclose(here, there, rtol=0, atol=SAME_M)):
         raise UserError(
             f"{sequence.folder}: this version of uavbench builds or flies it in another way; render the sequence again"
@@ -137,7 +139,7 @@ def _write_frames(
         light = source.image(stamp_ns)
         assert light is not None, "no effect but drops loses a frame, and the twin has none"
         name, image = f"frames/{frame:06d}.png", encode(light)
-        (new / name).write_bytes(cv2.imencode(".png", image, PNG)[1].tobytes())
+        (new / name).write_bytes(cv2.imencode(".png", image)[1].tobytes())
         lines.append(f"{frame},{stamp_ns},{name}")
         if view is not None:
             write_edges(new, frame, source, view, sequence.structure, image)
