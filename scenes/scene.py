@@ -17,12 +17,18 @@ from uavbench.trajectories.random_streams import stream
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything around a flight, ready to be rendered."""
+    """Everything around a flight, ready to be rendered.
+
+    parts have the light of what is around them in their tints; unlit are the same before that, for a path tracer.
+    lamp_radius is that of the lamp as its tangent.
+    """
 
     built: BuiltStructure
     parts: tuple[Part, ...]
+    unlit: tuple[Part, ...]
     movers: tuple[Mover, ...]
     light: Light
+    lamp_radius: float
     sky: Texture | None
     obstacles: ObstacleMesh
 
@@ -53,9 +59,19 @@ def build_scene(spec: SequenceSpec) -> Scene:
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
     shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
     drawn = tuple(map(smooth_corners, shaded)) if plainly else bake(shaded, occluder, environment.light, reach)
-    drawn += merged(p for p in solid if 1 < p.instance < 10)
+    growing = merged(p for p in solid if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
     everything = (*built.parts, *environment.parts, *chain.from_iterable(c.parts for c in clutter))
     surroundings = SceneSurfaces(everything, movers)
     obstacles = ObstacleMesh(built.structure.vertices, built.structure.triangles, surroundings=surroundings)
-    return Scene(built, drawn, movers, environment.light, environment.sky, obstacles)
+    light = environment.light
+    return Scene(
+        built,
+        drawn + growing,
+        shaded + growing,
+        movers,
+        light,
+        light.softness_m / reach,
+        environment.sky,
+        obstacles,
+    )

@@ -1,4 +1,4 @@
-"""The commands over single files and folders: verify, export, calibrate, pick, evaluate."""
+"""The commands over single files and folders: verify, export, twin, calibrate, pick, evaluate."""
 
 import sys
 from pathlib import Path
@@ -57,6 +57,35 @@ def export_command(
     for line in export(shown, form, out, undistort=undistort, **settings):
         click.echo(f"not held: {line}", err=True)
     click.echo(out)
+
+
+@click.command("twin")
+@click.argument("sequence", type=FILE)
+@click.option("--out", type=FILE, required=True, help="Folder of the twin.")
+@click.option("--every", type=click.IntRange(1), default=1, show_default=True, help="Every so many frames one.")
+@click.option("--samples", type=click.IntRange(1), default=64, show_default=True, help="Paths through a pixel.")
+@click.option("--suite", help="Then run the trackers of this suite on both, and print how they rank.")
+def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str | None) -> None:
+    """Render the folder SEQUENCE again by path tracing, with Blender, into a sequence folder of its own."""
+    from tqdm import tqdm
+
+    from uavbench.bench.config.suite import load_suite
+    from uavbench.bench.config.suite_files import suite_file
+    from uavbench.bench.twin.ranking import table
+    from uavbench.bench.twin.twin import Tracing, make_twin
+    from uavbench.scenes.dataset.sequence import Sequence
+
+    trackers = load_suite(suite_file(suite)).trackers if suite else {}
+    with tqdm(unit="frame", disable=None) as bar:
+
+        def on_frame(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        make_twin(sequence, out, Tracing(every, samples), on_frame)
+    click.echo(out)
+    for line in table(trackers, Sequence.load(sequence), Sequence.load(out)) if suite else ():
+        click.echo(line)
 
 
 @click.command("calibrate")
@@ -166,6 +195,7 @@ def evaluate_command(
 COMMANDS: tuple[click.Command, ...] = (
     verify_command,
     export_command,
+    twin_command,
     calibrate_command,
     pick_command,
     evaluate_command,

@@ -1,15 +1,15 @@
 """The camera in flight: frames of the scene from a vehicle whose way is not known yet."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.generate import Motion, camera_path, check_first_view, with_effects
-from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
-from uavbench.scenes.scene import Scene
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator, SceneRenderer, ideal_camera, render_camera
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.record_columns import RECORD
@@ -33,8 +33,16 @@ class WayFlown:
         return Pose.from_quaternion(state[RECORD["quaternions_wxyz"]], state[RECORD["positions_m"]])
 
 
+class DrawnScene(Protocol):
+    """What is around the camera: a `Scene`, or one that another renderer draws."""
+
+    def renderer(self, width: int, height: int) -> AbstractContextManager[SceneRenderer]:
+        """A renderer of the scene, closed when done."""
+        ...
+
+
 @contextmanager
-def eye(spec: SequenceSpec, scene: Scene, way: Motion) -> Iterator[CameraSimulator]:
+def eye(spec: SequenceSpec, scene: DrawnScene, way: Motion) -> Iterator[CameraSimulator]:
     """The camera on its way, with every effect of the spec."""
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))

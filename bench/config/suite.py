@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.bench.config.loops import loop_mistakes, with_shared_loop
 from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
+from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import located
 from uavbench.scenes.spec import SequenceSpec
@@ -116,9 +117,15 @@ def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initializat
     return start
 
 
-def _one(protocol: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
-    """The one plug-in that a table says, named in errors by a key."""
-    kind: Any = choice(protocol, extra)
+def recorded_spec(data: dict[str, Any], path: Path) -> SequenceSpec:
+    """Spec of a table in a sequence's record, which may name no plug-in of a user's own; UserError as `tracker_of`."""
+    spec: SequenceSpec = _one(SequenceSpec, "config", data, path, ())
+    return spec
+
+
+def _one(sort: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
+    """The one plug-in or spec that a table says, named in errors by a key."""
+    kind: Any = choice(sort, extra) if sort in PLUGINS else model_of(sort, extra)
     fields: Any = {key: (kind, ...)}
     table = _check(path, create_model("File", __config__=STRICT, **fields), {key: data})
     errors: list[str] = []

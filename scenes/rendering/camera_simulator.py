@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -14,7 +14,6 @@ from scipy.special import ndtri
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.pixel_kernels import displacement
 from uavbench.scenes.rendering.radiance import RENDERED, Radiance
-from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose, rotation_log
 
@@ -42,6 +41,24 @@ class View:
     cam_from_world: Pose
 
 
+class SceneRenderer(Protocol):
+    """What draws a scene: `Renderer`, or another one beside it."""
+
+    def color(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera."""
+        ...
+
+    def geometry(
+        self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth (h, w) along the optical axis, metres, 0 where there is nothing; instances (h, w)."""
+        ...
+
+    def nearest_m(self, eye: Array) -> float:
+        """Lower bound of the distance from a point to what is drawn and does not move."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class CameraSimulator:
     """A simulated camera; an effect takes one and returns another.
@@ -63,7 +80,7 @@ class CameraSimulator:
 
 
 def ideal_camera(
-    renderer: Renderer,
+    renderer: SceneRenderer,
     camera: Camera,
     pinhole: Camera,
     lens: Map | None,
@@ -111,7 +128,7 @@ def ideal_camera(
 
 
 def through_lens(
-    renderer: Renderer, cam_from_world: Pose, pinhole: Camera, time_s: float, blur_px: float
+    renderer: SceneRenderer, cam_from_world: Pose, pinhole: Camera, time_s: float, blur_px: float
 ) -> NDArray[np.uint8]:
     """Codes (h, w, 3) of the renderer seen through a lens: the mean light of renders shifted by its point spread.
 
@@ -126,7 +143,7 @@ def through_lens(
     return np.asarray(np.rint(255 * np.sqrt(light)), dtype=np.uint8)
 
 
-def _still(renderer: Renderer, pinhole: Camera, before: Pose, after: Pose) -> bool:
+def _still(renderer: SceneRenderer, pinhole: Camera, before: Pose, after: Pose) -> bool:
     """Whether nothing that stands still can move by as much as STILL_PX between two poses."""
     step = after @ before.inverse()
     nearest = renderer.nearest_m(before.inverse().translation)

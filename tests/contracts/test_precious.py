@@ -3,6 +3,7 @@
 The commands come from the command line itself: a new one must say here how it is called.
 """
 
+import json
 import os
 import shutil
 import tempfile
@@ -21,12 +22,14 @@ from uavbench.bench.challenge.organizer import Challenge, Hidden
 from uavbench.bench.challenge.scoring import score_submission
 from uavbench.bench.cli.files import EXPORTS
 from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
 from uavbench.bench.reference import main as reference
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.history.history_file import Commit, History, SuiteIdentity, write_history
 from uavbench.reports.report import ReportInputs, write_scores
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.spec_record import described
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.kernels.cache import KernelCache, folder_of, remove_old
@@ -65,6 +68,10 @@ def inputs(tmp_path_factory):
     small_suite(folder / "studied", 'rapid = { kind = "rapid" }\n')
     (folder / "images").mkdir()
     shutil.copytree(TRIAL, folder / "trial")
+    shutil.copytree(TRIAL, folder / "rendered")
+    (spec,) = load_suite(TRIAL.parent / "suite.toml").sequences
+    info = json.loads((TRIAL / "sequence.json").read_text()) | {"config": described(spec)}
+    (folder / "rendered" / "sequence.json").write_text(json.dumps(info))
     (folder / "report").mkdir()
     sequence = Sequence.load(TRIAL)
     results = track_sequence(Hold(), sequence, rate_hz=5.0, seed=0)
@@ -101,6 +108,7 @@ def calls(inputs, target):
             ["track", suite, "--out", target],
             ["track", "hold", *real, "--init", inputs / "init.toml", "--out", target],
         ],
+        "twin": [["twin", inputs / "rendered", "--out", target]],
         "export": [["export", trial, "--format", form, "--out", target] for form in EXPORTS],
         "calibrate": [["calibrate", inputs / "board.png", "--out", target]],
         "pick": [["pick", *real, "--no-browser", "--out", target]],

@@ -1,0 +1,120 @@
+"""Blender, a program of its own: where it is, which one it is, and a scene that is open in it."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from uavbench.scenes.rendering.radiance import Radiance
+from uavbench.trajectories.errors import UserError, one_line
+
+SCRIPT = Path(__file__).parent / "blender_script.py"
+VARIABLE = "UAVBENCH_BLENDER"
+OLDEST = (3, 1)
+"""The first with Python 3.10, and with attributes of meshes for colours."""
+INSTALL = f"on Debian or Ubuntu type: sudo apt-get install blender, or name its program in {VARIABLE}"
+LAST_LINES = 5
+PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "TMPDIR")
+"""The only environment variables that Blender gets of ours: its Python must not find our libraries."""
+
+
+@dataclass(frozen=True)
+class Blender:
+    """A Blender that is installed here."""
+
+    program: str
+    version: str
+
+
+def find_blender() -> Blender:
+    """The Blender of this machine; UserError saying what to install where it is absent, or that it is too old."""
+    wanted = os.environ.get(VARIABLE) or "blender"
+    program = shutil.which(wanted)
+    if program is None:
+        raise UserError(f"blender: absent, there is no program {wanted!r}; {INSTALL}")
+    try:
+        done = subprocess.run(
+            [program, "--version"], capture_output=True, text=True, env=_environment(), errors="replace"
+        )
+    except OSError as error:
+        raise UserError(f"blender: {program} cannot be run: {error.strerror}; {INSTALL}") from None
+    found = re.search(r"^Blender (\d+)\.(\d+)(\.\d+)?", done.stdout, re.MULTILINE)
+    if done.returncode or found is None:
+        raise UserError(f"blender: {program} does not tell its version: {_last(done.stderr or done.stdout)}; {INSTALL}")
+    if tuple(map(int, found.groups()[:2])) < OLDEST:
+        raise UserError(
+            f"blender: {program} is {found[0]}, too old: at least {'.'.join(map(str, OLDEST))} is needed; {INSTALL}"
+        )
+    return Blender(program, found[0].removeprefix("Blender "))
+
+
+class OpenScene:
+    """A scene that is open in Blender: views of it are asked for one after the other."""
+
+    def __init__(self, process: "subprocess.Popen[str]", folder: Path) -> None:
+        self._process, self._folder = process, folder
+        self.denoiser: str = self._reply()["denoiser"]
+
+    def light(self, request: Mapping[str, Any], width: int, height: int) -> Radiance:
+        """Linear light (h, w, 3) BGR of a view, as `blender_script.answer` takes it; UserError where Blender fails."""
+        path = self._folder / "view.f32"
+        try:
+            print(json.dumps({**request, "file": str(path)}), file=self._stream(self._process.stdin), flush=True)
+        except BrokenPipeError:
+            raise self._failure() from None
+        self._reply()
+        light = np.fromfile(path, dtype="<f4").reshape(height, width, 4)
+        return np.ascontiguousarray(light[::-1, :, 2::-1])
+
+    def _reply(self) -> dict[str, Any]:
+        """Blender's next answer; what it prints before the script runs is none."""
+        for line in self._stream(self._process.stdout):
+            if line.startswith("{"):
+                answer: dict[str, Any] = json.loads(line)
+                return answer
+        raise self._failure()
+
+    def _failure(self) -> UserError:
+        code = self._process.wait()
+        said = (self._folder / "stderr.txt").read_text(encoding="utf-8", errors="replace")
+        return UserError(f"blender: ended with exit code {code}; its last lines: {_last(said)}")
+
+    @staticmethod
+    def _stream(stream: IO[str] | None) -> IO[str]:
+        assert stream is not None
+        return stream
+
+
+@contextmanager
+def opened(blender: Blender, folder: Path, samples: int) -> Iterator[OpenScene]:
+    """The scene in a folder that `write_scene` wrote, open in Blender on the CPU cores that this process may use."""
+    threads = len(os.sched_getaffinity(0))
+    command = [blender.program, "--background", "--factory-startup", "-noaudio", "--python-exit-code", "1"]
+    command += ["--python", str(SCRIPT), "--", str(folder), str(samples), str(threads)]
+    with (folder / "stderr.txt").open("wb") as log:
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, errors="replace",
+            env=_environment(), start_new_session=True,
+        )  # fmt: skip
+    try:
+        yield OpenScene(process, folder)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def _environment() -> dict[str, str]:
+    return {name: os.environ[name] for name in PASSED_ON if name in os.environ}
+
+
+def _last(text: str) -> str:
+    lines = [line for line in text.splitlines() if line.strip()]
+    return one_line(" | ".join(lines[-LAST_LINES:])) or "it said nothing"

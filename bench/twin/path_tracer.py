@@ -1,0 +1,64 @@
+"""A renderer whose light is traced by Blender, and whose geometry is drawn as that of every sequence."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.bench.twin.blender import Blender, OpenScene, opened
+from uavbench.bench.twin.scene_files import blender_camera, blender_pose, write_scene
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.scene import Scene
+from uavbench.trajectories.pose import Array, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class TracedScene:
+    """A scene whose views Blender draws with so many samples a pixel; `denoisers` has that of each renderer made."""
+
+    scene: Scene
+    blender: Blender
+    samples: int
+    denoisers: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def renderer(self, width: int, height: int) -> Iterator["PathTracer"]:
+        """A renderer of the scene; UserError where Blender fails."""
+        with tempfile.TemporaryDirectory(prefix="uavbench-twin-") as name:
+            write_scene(self.scene, Path(name))
+            with self.scene.renderer(width, height) as drawn, opened(self.blender, Path(name), self.samples) as scene:
+                self.denoisers.append(scene.denoiser)
+                yield PathTracer(self.scene, drawn, scene)
+
+
+class PathTracer:
+    """Draws the views of a scene that is open in Blender."""
+
+    def __init__(self, scene: Scene, drawn: Renderer, opened: OpenScene) -> None:
+        self._scene, self._drawn, self._opened = scene, drawn, opened
+
+    def color(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.uint8]:
+        """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera, coded as `Renderer.color` does."""
+        request = {
+            "camera": blender_camera(camera),
+            "world_from_camera": blender_pose(cam_from_world),
+            "world_from_movers": [m.world_from_part(time_s).matrix.tolist() for m in self._scene.movers],
+            "seed": round(time_s * 1e6) % 2**31,
+        }
+        light = self._opened.light(request, camera.width, camera.height)
+        return np.asarray(np.rint(255 * np.sqrt(np.clip(light, 0, 1))), dtype=np.uint8)
+
+    def geometry(
+        self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth and instances (h, w), as `Renderer.geometry`: they are the same in the twin."""
+        return self._drawn.geometry(cam_from_world, camera, time_s)
+
+    def nearest_m(self, eye: Array) -> float:
+        """Lower bound of the distance from a point to what does not move."""
+        return self._drawn.nearest_m(eye)

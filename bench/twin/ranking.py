@@ -1,0 +1,74 @@
+"""How much a ranking of trackers depends on the renderer: each on a sequence and on its twin, at the same stamps."""
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from uavbench.bench.external.program import External, track_external
+from uavbench.bench.third_party.registry import absent
+from uavbench.bench.third_party.tracker import ThirdPartyTracker
+from uavbench.reports.scoring.score import Score, score
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.protocol import Tracker
+from uavbench.tracker.results import Results
+from uavbench.tracker.run import track_sequence
+
+RANKED = 0.5
+"""A tracker without a pose in more than this share of the frames ranks behind all that have one."""
+
+
+@dataclass(frozen=True)
+class OnBoth:
+    """Scores of a tracker on a sequence and on its twin."""
+
+    label: str
+    drawn: Score
+    traced: Score
+
+
+def on_both(trackers: Mapping[str, Tracker], sequence: Sequence, twin: Sequence) -> Iterator[OnBoth]:
+    """Scores of each tracker that is there, from the true initial pose, on the frames that both have."""
+    rate_hz = float(twin.info["rate_hz"])
+    missing = absent(trackers)
+    for label, tracker in trackers.items():
+        if label not in missing:
+            first, second = (score(each, _tracked(tracker, each, rate_hz)) for each in (sequence, twin))
+            yield OnBoth(label, first, second)
+
+
+def table(trackers: Mapping[str, Tracker], sequence: Sequence, twin: Sequence) -> Iterator[str]:
+    """Lines in Markdown: ATE RMSE (mm), coverage (%) and rank on both, and those that are absent with the reason."""
+    found = list(on_both(trackers, sequence, twin))
+    ranks = [_ranks({each.label: each.drawn for each in found}), _ranks({each.label: each.traced for each in found})]
+    yield "| tracker | drawn: ATE, mm | coverage, % | rank | traced: ATE, mm | coverage, % | rank |"
+    yield "|---|---:|---:|---:|---:|---:|---:|"
+    for each in found:
+        cells = [
+            f"{1e3 * _error_m(one):.1f} | {100 * one.tracking.coverage:.0f} | {rank[each.label]}"
+            for one, rank in zip((each.drawn, each.traced), ranks, strict=True)
+        ]
+        yield f"| `{each.label}` | {' | '.join(cells)} |"
+    for label, why in absent(trackers).items():
+        yield f"| `{label}` | absent: {why} | | | | | |"
+    yield f"\nThe ranking is {'the same' if ranks[0] == ranks[1] else 'not the same'}."
+
+
+def _tracked(tracker: Tracker, sequence: Sequence, rate_hz: float) -> Results:
+    if not isinstance(tracker, External | ThirdPartyTracker):
+        return track_sequence(tracker, sequence, rate_hz=rate_hz, seed=0)
+    program = tracker.present() if isinstance(tracker, ThirdPartyTracker) else tracker
+    with tempfile.TemporaryDirectory() as kept:
+        return track_external(program, sequence, rate_hz=rate_hz, seed=0, kept_folder=Path(kept) / "job")
+
+
+def _ranks(scores: Mapping[str, Score]) -> dict[str, int]:
+    """Rank from 1 by ATE RMSE, those that are mostly without a pose last."""
+    order = sorted(scores, key=lambda label: (scores[label].tracking.coverage < RANKED, _error_m(scores[label])))
+    return {label: place + 1 for place, label in enumerate(order)}
+
+
+def _error_m(one: Score) -> float:
+    """ATE RMSE without alignment, m; infinite where there is no pose."""
+    found = one.ate["none"].translation_m
+    return float("inf") if found is None else found.rmse

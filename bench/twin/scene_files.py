@@ -1,0 +1,116 @@
+"""A scene as the files that `blender_script.py` reads: raw arrays, PNG textures, and `scene.json`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.renderables import Part, Texture
+from uavbench.scenes.rendering.renderer import FAR_M, NEAR_M
+from uavbench.scenes.scene import Scene
+from uavbench.trajectories.pose import Array, Pose
+
+BLENDER_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Blender's cameras look along -z, y up."""
+SENSOR_MM = 36.0
+"""Width of the sensor that Blender is told of; any would do, for the focal length is told in its units."""
+LEVEL = 0.99
+"""Triangles whose normals point up by as much are a floor."""
+
+
+def write_scene(scene: Scene, folder: Path) -> None:
+    """Write what Blender needs to draw the scene: meshes, textures, lamp, sky and haze; frames are asked for later."""
+    textures: dict[int, str] = {}
+    still = [_write_part(part, f"part_{i:03d}", folder, textures) for i, part in enumerate(scene.unlit)]
+    movers = [_write_part(mover.part, f"mover_{i:03d}", folder, textures) for i, mover in enumerate(scene.movers)]
+    light = scene.light
+    about = {
+        "parts": still,
+        "movers": movers,
+        "to_lamp": light.to_lamp,
+        "lamp": light.lamp,
+        "lamp_radius": scene.lamp_radius,
+        "above": light.above,
+        "below": light.below,
+        "haze_per_m": light.haze_per_m,
+        "haze_color": light.haze_color,
+        "clip_m": (NEAR_M, FAR_M),
+    }
+    if scene.sky is not None:
+        cv2.imwrite(str(folder / "sky.png"), scene.sky[:, ::-1, ::-1])  # Blender's azimuth runs the other way
+        about |= {"sky": "sky.png", "sky_gain": (np.array(light.above) / sky_light(scene.sky)).tolist()}
+    (folder / "scene.json").write_text(json.dumps(about), encoding="utf-8")
+
+
+def sky_light(sky: Texture) -> Array:
+    """Light (3,) RGB that a white floor throws back under the upper half of a panorama."""
+    rows = sky.shape[0] // 2
+    light = np.square(sky[:rows].astype(np.float64) / 255).mean(axis=1)
+    edges = np.cos(np.linspace(0, np.pi / 2, rows + 1)) ** 2  # of what is above an angle from the zenith
+    return np.asarray((edges[:-1] - edges[1:]) @ light)
+
+
+def blender_camera(camera: Camera) -> dict[str, Any]:
+    """Blender's own parameters of a pinhole camera: size, focal length, shift in shares of the width, pixel aspect.
+
+    As `BKE_camera_params_compute_viewplane` in Blender's source reads them, with the sensor fitted to the width.
+    """
+    tall = camera.fx / camera.fy
+    return {
+        "size": (camera.width, camera.height),
+        "sensor_mm": SENSOR_MM,
+        "lens_mm": camera.fx * SENSOR_MM / camera.width,
+        "shift_x": 0.5 - (camera.cx + 0.5) / camera.width,
+        "shift_y": tall * ((camera.cy + 0.5) - camera.height / 2) / camera.width,
+        "aspect": (max(1.0, 1 / tall), max(1.0, tall)),  # neither may be less than 1
+    }
+
+
+def blender_pose(cam_from_world: Pose) -> list[list[float]]:
+    """Blender's `matrix_world` (4, 4) of a camera."""
+    rows: list[list[float]] = (cam_from_world.inverse().matrix @ BLENDER_FROM_CV).tolist()
+    return rows
+
+
+def lets_light_through(part: Part) -> bool:
+    """Whether the scene's light passes a part: the walls of a room and the rim of the world, but not their floor."""
+    a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    level = normals[:, 2] > LEVEL * np.linalg.norm(normals, axis=1)
+    return not part.casts_shadow and not bool(level.all())
+
+
+def _write_part(part: Part, name: str, folder: Path, textures: dict[int, str]) -> dict[str, Any]:
+    """Write the arrays of a part, and its texture unless it is there; what `scene.json` says of it."""
+    corners = part.triangles.reshape(-1)
+    arrays = {
+        "vertices": part.vertices,
+        "normals": part.normals,
+        "uv": None if part.uv is None else part.uv[corners],
+        "tint": part.tint,
+    }
+    given = {key: values for key, values in arrays.items() if values is not None}
+    for key, values in given.items():
+        np.ascontiguousarray(values, dtype="<f4").tofile(folder / f"{name}.{key}")
+    np.ascontiguousarray(part.triangles, dtype="<i4").tofile(folder / f"{name}.triangles")
+    return {
+        "name": name,
+        "arrays": list(given),
+        "texture": None if part.texture is None else _write_texture(part.texture, folder, textures),
+        "cutout": part.cutout,
+        "roughness": part.roughness,
+        "lets_light_through": lets_light_through(part),
+    }
+
+
+def _write_texture(texture: Texture, folder: Path, textures: dict[int, str]) -> str:
+    """Name of the PNG file of a texture."""
+    if id(texture) not in textures:
+        name = f"texture_{len(textures):03d}.png"
+        order = [2, 1, 0, 3][: texture.shape[2]]
+        cv2.imwrite(str(folder / name), np.ascontiguousarray(texture[..., order]))
+        textures[id(texture)] = name
+    return textures[id(texture)]

@@ -1,0 +1,191 @@
+"""The twin of a sequence: its truth as it is, its images drawn again by a path tracer."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.bench.closed_loop.eye import eye
+from uavbench.bench.config.suite import recorded_spec
+from uavbench.bench.inputs.content_hash import carried_hash, content_hash
+from uavbench.bench.twin.blender import Blender, find_blender
+from uavbench.bench.twin.path_tracer import TracedScene
+from uavbench.scenes.dataset.annotations import write_edges
+from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
+from uavbench.scenes.dataset.disk_guards import disk_errors
+from uavbench.scenes.dataset.sequence import Sequence, write_manifest
+from uavbench.scenes.effects.link import Drops
+from uavbench.scenes.generate import camera_path
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator
+from uavbench.scenes.rendering.radiance import encode
+from uavbench.scenes.scene import Scene, build_scene
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.simulation.flight import Flight, fly
+
+MARKER = "manifest.json"
+OF_A_FRAME = {"depth": "png", "mask": "png"}
+"""Folders with a file of each frame that does not depend on the renderer."""
+MADE_ANEW = {MARKER, "sequence.json", "frames.csv", "groundtruth.csv", "row_poses.npy", "contact_sheet.jpg", "crlb.csv"}
+"""Files that are not the sequence's own; the bound of `crlb.csv` is that of the images it was worked out on."""
+SAME_M = 1e-6
+"""A flight flown again that differs by more is another one."""
+
+
+@dataclass(frozen=True)
+class Tracing:
+    """How a twin is drawn: every n-th frame of the sequence, with so many samples a pixel and view."""
+
+    every: int = 1
+    samples: int = 64
+
+
+def make_twin(
+    folder: Path, out: Path, tracing: Tracing, on_frame: Callable[[int, int], None] = lambda done, total: None
+) -> None:
+    """Write the twin of the sequence `folder` into `out`, whole or not at all, unless just this one is there already.
+
+    UserError for a sequence without a spec, one that this version flies in another way, more than its frames in
+    `every`, a Blender that is absent, too old or fails, and an `out` that holds something else than a twin.
+    """
+    sequence = Sequence.load(folder)
+    spec = spec_of(sequence)
+    stamps = _stamps(sequence, tracing.every)
+    _refuse_other(out, folder)
+    blender = find_blender()
+    provenance = _provenance(sequence, tracing, blender)
+    if carried_hash(out / "sequence.json") == content_hash(provenance):
+        return
+    prepare(__name__)
+    scene = build_scene(spec)
+    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    _check_same(sequence, spec, scene, flight)
+    arrived = replace(spec, effects=tuple(e for e in spec.effects if not isinstance(e, Drops)))
+    traced = TracedScene(scene, blender, tracing.samples)
+    with disk_errors(out), new_folder(out, MARKER) as new:
+        with eye(arrived, traced, flight) as source:
+            _write_frames(new, sequence, source, stamps, on_frame)
+        _copy_truth(new, sequence, tracing.every)
+        info = _info(sequence, provenance, traced.denoisers[-1])
+        write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")
+        write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
+        write_manifest(new)
+
+
+def spec_of(sequence: Sequence) -> SequenceSpec:
+    """What a sequence was rendered from; UserError where it does not say so."""
+    path = sequence.folder / "sequence.json"
+    if "twin" in sequence.info:
+        raise UserError(f"{sequence.folder}: is a twin itself; name the sequence that it was made of")
+    config = sequence.info.get("config")
+    if sequence.recorded or not isinstance(config, dict):
+        raise UserError(f"{path}: has no `config` to build its scene from, as recordings have none; render a sequence")
+    return recorded_spec(config, path)
+
+
+def _stamps(sequence: Sequence, every: int) -> NDArray[np.int64]:
+    """Stamps of the twin's frames; UserError where there are not so many frames."""
+    if every > len(sequence):
+        raise UserError(f"--every {every}: {sequence.folder} has {len(sequence)} frames; name at most as many")
+    return sequence.stamps_ns[::every]
+
+
+def _refuse_other(out: Path, folder: Path) -> None:
+    """UserError where `out` holds something else than a twin, or lies in the sequence."""
+    refuse_foreign(out, MARKER)
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise UserError(f"{out}: lies in the sequence itself; name another folder with --out")
+    if out.is_dir() and any(out.iterdir()) and "twin" not in Sequence.load(out).info:
+        raise UserError(f"{out}: holds a sequence that is no twin; name another folder with --out")
+
+
+def _check_same(sequence: Sequence, spec: SequenceSpec, scene: Scene, flight: Flight) -> None:
+    """UserError where structure, camera or flight are others than those of the sequence."""
+    body_from_world = camera_path(flight, Pose.identity())
+    flown = [body_from_world(stamp_ns).inverse().matrix for stamp_ns in sequence.stamps_ns.tolist()]
+    recorded = [sequence.ground_truth.pose(frame).matrix for frame in range(len(sequence))]
+    here, there = scene.built.structure.vertices, sequence.structure.vertices
+    same = np.allclose(flown, recorded, rtol=0, atol=SAME_M)
+    if not (same and here.shape == there.shape and np.allclose(here, there, rtol=0, atol=SAME_M)):
+        raise UserError(
+            f"{sequence.folder}: this version of uavbench builds or flies it in another way; render the sequence again"
+        )
+    if spec.camera.camera() != sequence.camera:
+        raise UserError(f"{sequence.folder / 'camera.toml'}: is not the camera of `config`; render the sequence again")
+
+
+def _write_frames(
+    new: Path,
+    sequence: Sequence,
+    source: CameraSimulator,
+    stamps: NDArray[np.int64],
+    on_frame: Callable[[int, int], None],
+) -> None:
+    """Draw the frames, list them, and write the visible edges anew, for their contrast is that of the image."""
+    (new / "frames").mkdir()
+    lines = ["frame,stamp_ns,file"]
+    edges = (sequence.folder / "edges").is_dir()
+    for frame, stamp_ns in enumerate(stamps.tolist()):
+        view = source.render(stamp_ns) if edges else None  # first: the image then needs no further view of this instant
+        light = source.image(stamp_ns)
+        assert light is not None, "no effect but drops loses a frame, and the twin has none"
+        name, image = f"frames/{frame:06d}.png", encode(light)
+        (new / name).write_bytes(cv2.imencode(".png", image)[1].tobytes())
+        lines.append(f"{frame},{stamp_ns},{name}")
+        if view is not None:
+            write_edges(new, frame, source, view, sequence.structure, image)
+        on_frame(frame + 1, len(stamps))
+    write_text(new / "frames.csv", "\n".join(lines) + "\n")
+
+
+def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
+    """Copy the files that do not depend on the renderer, of every n-th frame those that are of a frame."""
+    for path in sorted(sequence.folder.iterdir()):
+        if path.is_file() and path.name not in MADE_ANEW:
+            shutil.copyfile(path, new / path.name)
+    for kind, suffix in OF_A_FRAME.items():
+        if (sequence.folder / kind).is_dir():
+            (new / kind).mkdir()
+            for frame, of in enumerate(range(0, len(sequence), every)):
+                shutil.copyfile(sequence.folder / kind / f"{of:06d}.{suffix}", new / kind / f"{frame:06d}.{suffix}")
+    head, *rows = (sequence.folder / "groundtruth.csv").read_text(encoding="utf-8").splitlines()
+    write_text(new / "groundtruth.csv", "\n".join([head, *_numbered(rows[::every])]) + "\n")
+    if (rows_file := sequence.folder / "row_poses.npy").is_file():
+        np.save(new / rows_file.name, np.load(rows_file, allow_pickle=False)[::every])
+
+
+def _numbered(rows: Iterable[str]) -> Iterable[str]:
+    """Rows of a table whose first column numbers them, numbered again."""
+    return (f"{frame},{row.partition(',')[2]}" for frame, row in enumerate(rows))
+
+
+def _provenance(sequence: Sequence, tracing: Tracing, blender: Blender) -> dict[str, Any]:
+    """What makes a twin this one: its sequence, and how it is drawn."""
+    return {
+        "of": sequence.name,
+        "content_hash": sequence.content_hash,
+        "images_hash": sequence.images_hash,
+        "every": tracing.every,
+        "renderer": f"Blender {blender.version}, Cycles on the CPU",
+        "samples": tracing.samples,
+    }
+
+
+def _info(sequence: Sequence, provenance: dict[str, Any], denoiser: str) -> dict[str, Any]:
+    """Content of `sequence.json`: that of the sequence, and what the twin is."""
+    return {
+        **sequence.info,
+        "name": f"{sequence.name}-twin",
+        "rate_hz": sequence.info["rate_hz"] / provenance["every"],
+        "content_hash": content_hash(provenance),
+        "twin": {**provenance, "denoiser": denoiser or None},
+    }

@@ -1,0 +1,298 @@
+"""The path-traced twin: Blender's camera is ours, its pictures lie where ours do, and what cannot be is refused."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import recorded_spec, suite_of
+from uavbench.bench.third_party.visp import Visp
+from uavbench.bench.trial.check import TRIAL
+from uavbench.bench.twin.blender import find_blender
+from uavbench.bench.twin.ranking import table
+from uavbench.bench.twin.scene_files import blender_camera, blender_pose, lets_light_through, sky_light, write_scene
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.spec_record import described
+from uavbench.scenes.dataset.verify import compare, verify
+from uavbench.scenes.exports.registry import export
+from uavbench.scenes.generate import generate
+from uavbench.scenes.rendering.radiance import decode
+from uavbench.scenes.scene import build_scene
+from uavbench.tracker.baselines.hold import Hold
+from uavbench.tracker.run import track_sequence
+from uavbench.tracker.shang_shen.rapid import Rapid
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Pose
+
+CAMERA = {
+    "width": 96,
+    "height": 72,
+    "horizontal_fov_deg": 65.0,
+    "distortion_model": "radtan",
+    "distortion": [-0.2, 0.05, 0.001, -0.001],
+}
+SEQUENCE = {
+    "structure": {"kind": "box"},
+    "environment": {"kind": "studio"},
+    "flight": {"path": {"kind": "hand-pilot", "duration_s": 0.3}},
+    "camera": CAMERA,
+    "effects": [{"kind": "rolling-shutter"}, {"kind": "motion-blur"}, {"kind": "noise"}, {"kind": "drops"}],
+    "annotations": ["depth", "mask", "edges"],
+}
+
+
+def spec_of(**changes):
+    table = {"title": "a box", "rates_hz": [15.0], "trackers": {"hold": {"kind": "hold"}}}
+    (spec,) = suite_of({**table, "sequences": {"box": {**SEQUENCE, **changes}}}, (), TRIAL / "suite.toml").sequences
+    return spec
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rendered") / "box-s0"
+    generate(spec_of(), folder, content_hash="of the test")
+    return folder
+
+
+@pytest.fixture
+def blender():
+    try:
+        return find_blender()
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+def twin(*words):
+    return CliRunner().invoke(main, ["twin", *map(str, words)])
+
+
+def fake_blender(folder, monkeypatch, script):
+    program = folder / "blender"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("UAVBENCH_BLENDER", str(program))
+
+
+# --- the camera, without Blender ---------------------------------------------------------------------------------
+
+
+def seen_by_blender(about, world_from_camera, points):
+    """Pixels (n, 2) of points by Blender's parameters alone, as camera.c: the plane of view, then its share in it."""
+    w, h = about["size"]
+    ycor = about["aspect"][1] / about["aspect"][0]
+    per_px = about["sensor_mm"] / about["lens_mm"] / w
+    low = np.array([-0.5 * w + about["shift_x"] * w, -0.5 * ycor * h + about["shift_y"] * w]) * per_px
+    high = low + np.array([w, ycor * h]) * per_px
+    local = np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(world_from_camera).T
+    share = (local[:, :2] / -local[:, 2:3] - low) / (high - low)
+    return np.column_stack([share[:, 0] * w, (1 - share[:, 1]) * h]) - 0.5
+
+
+@pytest.mark.parametrize(("fx", "fy"), [(300.0, 300.0), (300.0, 250.0), (250.0, 330.0)])
+def test_blenders_camera_sees_every_point_at_the_same_pixel(fx, fy):
+    camera = Camera(320, 200, fx, fy, 171.3, 88.4)
+    cam_from_world = Pose.exp(np.array([0.3, -0.2, 0.5, 0.7, -1.1, 0.4]))
+    rng = np.random.default_rng(1)
+    seen = np.column_stack([rng.uniform(-1, 1, (50, 2)), rng.uniform(1, 5, 50)])
+    points = cam_from_world.inverse().transform(seen)
+    about = blender_camera(camera)
+    assert min(about["aspect"]) == 1.0
+    pixels = seen_by_blender(about, np.array(blender_pose(cam_from_world)), points)
+    np.testing.assert_allclose(pixels, camera.project(seen), atol=1e-9)
+
+
+def test_a_uniform_sky_lights_a_floor_as_brightly_as_it_is():
+    sky = np.zeros((64, 128, 3), dtype=np.uint8)
+    sky[:32] = (255, 128, 0)
+    np.testing.assert_allclose(sky_light(sky), np.square(np.array([255, 128, 0]) / 255), rtol=1e-9)
+
+
+def test_a_room_lets_light_in_and_its_floor_does_not():
+    indoor = build_scene(spec_of(environment={"kind": "indoor"}))
+    through = [part for part in indoor.unlit if lets_light_through(part)]
+    assert through and all(part.instance == 0 and part.vertices[:, 2].max() > 1 for part in through)
+    assert any(part.instance == 0 and not lets_light_through(part) for part in indoor.unlit)
+
+
+def test_the_scene_is_written_without_baked_light(tmp_path):
+    scene = build_scene(spec_of(environment={"kind": "indoor"}))
+    write_scene(scene, tmp_path)
+    about = json.loads((tmp_path / "scene.json").read_text())
+    assert len(about["parts"]) == len(scene.unlit)
+    for part, told in zip(scene.unlit, about["parts"], strict=True):
+        written = np.fromfile(tmp_path / f"{told['name']}.vertices", "<f4").reshape(-1, 3)
+        np.testing.assert_array_equal(written, part.vertices.astype(np.float32))
+        assert ("tint" in told["arrays"]) == (part.tint is not None)
+        if told["texture"]:
+            assert cv2.imread(str(tmp_path / told["texture"]), cv2.IMREAD_UNCHANGED).shape == part.texture.shape
+
+
+def test_a_spec_comes_back_from_its_record(tmp_path):
+    for name in ("box", "wall", "bridge"):
+        spec = spec_of(structure={"kind": name}, clutter=[{"kind": "trees"}])
+        assert recorded_spec(json.loads(json.dumps(described(spec))), tmp_path / "sequence.json") == spec
+
+
+# --- what cannot be ----------------------------------------------------------------------------------------------
+
+
+def refused(result, *words):
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+    for word in words:
+        assert word in result.output
+
+
+def test_an_absent_blender_is_told_as_absent(sequence, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    refused(twin(sequence, "--out", tmp_path / "t"), "absent", "apt-get install blender")
+    monkeypatch.setenv("UAVBENCH_BLENDER", str(tmp_path / "nowhere"))
+    refused(twin(sequence, "--out", tmp_path / "t"), "absent", "nowhere")
+    assert not (tmp_path / "t").exists()
+
+
+def test_a_blender_that_is_too_old_or_none_is_named(sequence, tmp_path, monkeypatch):
+    fake_blender(tmp_path, monkeypatch, "echo 'Blender 2.83.5'; echo '  build date: 2020'")
+    refused(twin(sequence, "--out", tmp_path / "t"), "2.83.5", "too old", "at least 3.1")
+    fake_blender(tmp_path, monkeypatch, "echo 'no display' >&2; exit 3")
+    refused(twin(sequence, "--out", tmp_path / "t"), "does not tell its version", "no display")
+
+
+def test_the_last_words_of_a_blender_that_fails_are_told(sequence, tmp_path, monkeypatch):
+    script = 'case "$1" in --version) echo "Blender 3.4.1";; *) seq 100 >&2; echo "out of memory" >&2; exit 11;; esac'
+    fake_blender(tmp_path, monkeypatch, script)
+    refused(twin(sequence, "--out", tmp_path / "t"), "exit code 11", "out of memory", "99")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["blender"]
+
+
+def test_what_has_no_spec_is_refused(sequence, tmp_path):
+    refused(twin(TRIAL, "--out", tmp_path / "t"), "no `config`")
+    recorded = shutil.copytree(sequence, tmp_path / "recorded")
+    for change, words in (
+        ({"initial_cam_from_world": np.eye(4).tolist()}, "recordings"),
+        ({"twin": {"of": "box-s0"}}, "is a twin itself"),
+        ({"config": {"structure": {"kind": "os:system"}}}, "unknown kind 'os:system'"),
+    ):
+        info = json.loads((sequence / "sequence.json").read_text()) | change
+        (recorded / "sequence.json").write_text(json.dumps(info))
+        refused(twin(recorded, "--out", tmp_path / "t"), words)
+
+
+def test_more_than_every_frame_is_refused(sequence, tmp_path):
+    frames = len(Sequence.load(sequence))
+    refused(twin(sequence, "--every", frames + 1, "--out", tmp_path / "t"), f"has {frames} frames")
+    refused(twin(sequence, "--every", 0, "--out", tmp_path / "t"), "--every")
+
+
+def test_no_other_folder_becomes_a_twin(sequence, tmp_path):
+    other = shutil.copytree(sequence, tmp_path / "other")
+    before = {path: path.read_bytes() for path in sorted(other.rglob("*")) if path.is_file()}
+    refused(twin(sequence, "--out", other), "no twin")
+    refused(twin(other, "--out", other), "lies in the sequence itself")
+    refused(twin(other, "--out", other / "twin"), "lies in the sequence itself")
+    assert before == {path: path.read_bytes() for path in sorted(other.rglob("*")) if path.is_file()}
+
+
+def test_a_sequence_of_another_version_is_refused(sequence, tmp_path):
+    other = shutil.copytree(sequence, tmp_path / "other")
+    head, *rows = (other / "groundtruth.csv").read_text().splitlines()
+    cells = rows[1].split(",")
+    cells[2] = repr(float(cells[2]) + 1e-3)
+    (other / "groundtruth.csv").write_text("\n".join([head, rows[0], ",".join(cells), *rows[2:]]) + "\n")
+    refused(twin(other, "--out", tmp_path / "t"), "in another way")
+
+
+def test_trackers_rank_on_both_and_an_absent_one_does_not(tmp_path, monkeypatch):
+    monkeypatch.setenv("UAVBENCH_THIRD_PARTY", str(tmp_path))
+    trial = Sequence.load(TRIAL)
+    lines = list(table({"hold": Hold(), "visp": Visp(), "rapid": Rapid()}, trial, trial))
+    cells = {line.split("`")[1]: [cell.strip() for cell in line.split("|")[2:-1]] for line in lines[2:5]}
+    assert cells["hold"][:3] == cells["hold"][3:] and cells["rapid"][:3] == cells["rapid"][3:]
+    assert {cells["hold"][2], cells["rapid"][2]} == {"1", "2"}
+    assert float(cells["hold"][0]) > 1 and cells["hold"][1] == "100"
+    assert "absent" in cells["visp"][0] and "third-party setup visp" in cells["visp"][0]
+    assert lines[-1].strip() == "The ranking is the same."
+
+
+# --- with Blender ------------------------------------------------------------------------------------------------
+
+
+def outline_places(image, edges, mask):
+    """Place (n,) of the light's step across the outline, px beside the true one, for each BLOCK px along it.
+
+    Where half of the light within REACH px to either side would lie if it came in one step, which no sampling shifts.
+    """
+    light, across, found = decode(image).mean(axis=2), np.linspace(-REACH, REACH, 25), []
+    for _, u0, v0, u1, v1, _, _ in edges:
+        length = float(np.hypot(u1 - u0, v1 - v0))
+        along = np.array([u1 - u0, v1 - v0]) / length
+        places = np.array([u0, v0]) + np.arange(6, length - 6)[:, None] * along
+        lines = places[:, None] + across[:, None] * np.array([-along[1], along[0]])
+        for block in np.array_split(lines.astype(np.float32), max(1, len(lines) // BLOCK)) if len(lines) else ():
+            inside = cv2.remap(mask, block, None, cv2.INTER_NEAREST)
+            sides = inside[:, :5].mean(), inside[:, -5:].mean()
+            if sorted(sides) == [0, 1]:
+                seen = cv2.remap(light, block, None, cv2.INTER_LINEAR).mean(axis=0)
+                low, high = seen[:4].mean(), seen[-4:].mean()
+                found.append(REACH - 2 * REACH * (seen.mean() - low) / (high - low))
+    return np.array(found)
+
+
+REACH, BLOCK = 3.0, 8
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_edges_and_light_of_a_twin_lie_where_ours_do(blender, tmp_path):
+    near = {"width": 160, "height": 120, "horizontal_fov_deg": 30.0}
+    generate(spec_of(effects=[], camera=near, annotations=["mask", "edges"]), tmp_path / "ours", content_hash="test")
+    ours = Sequence.load(tmp_path / "ours")
+    done = twin(ours.folder, "--every", len(ours), "--samples", 32, "--out", tmp_path / "twin")
+    assert done.exit_code == 0, done.output
+    traced = Sequence.load(tmp_path / "twin")
+    assert traced[0].mask.tobytes() == ours[0].mask.tobytes()
+    drawn, theirs = (outline_places(each[0].image, ours[0].edges, ours[0].mask) for each in (ours, traced))
+    assert len(theirs) > 12
+    assert np.median(np.abs(theirs)) < 0.1
+    assert np.abs(np.median(theirs)) < 0.05
+    assert np.median(np.abs(theirs - drawn)) < 0.1
+    box = cv2.erode((ours[0].mask == 1).astype(np.uint8), np.ones((5, 5))) > 0
+    around = cv2.dilate((ours[0].mask == 1).astype(np.uint8), np.ones((5, 5))) == 0
+    light, same = (decode(each[0].image) for each in (traced, ours))
+    np.testing.assert_allclose(light[around].mean(axis=0), same[around].mean(axis=0), atol=0.002)
+    assert (np.abs(light[box].mean(axis=0) / same[box].mean(axis=0) - 1) < 0.25).all()  # its sides take no extra light
+
+
+@pytest.mark.ci
+@pytest.mark.slow
+def test_a_twin_is_a_sequence_like_any_other_the_same_twice(blender, sequence, tmp_path):
+    given = Sequence.load(sequence)
+    for name in ("twin", "again"):
+        done = twin(sequence, "--every", 2, "--samples", 2, "--out", tmp_path / name)
+        assert done.exit_code == 0, done.output
+    assert verify(tmp_path / "twin").ok
+    assert compare(tmp_path / "twin", tmp_path / "again").method == "hash"
+    made = Sequence.load(tmp_path / "twin")
+    assert made.stamps_ns.tolist() == given.stamps_ns[::2].tolist()
+    for frame in made:
+        of = given[2 * frame.number]
+        np.testing.assert_array_equal(frame.world_from_body.matrix, of.world_from_body.matrix)
+        assert frame.mask.tobytes() == of.mask.tobytes() and frame.depth_m.tobytes() == of.depth_m.tobytes()
+        np.testing.assert_array_equal(frame.edges[:, :6], of.edges[:, :6])
+        assert frame.image.tobytes() != of.image.tobytes()
+    for name in ("model.obj", "edges.csv", "camera.toml", "flight.csv", "imu.csv"):
+        assert (made.folder / name).read_bytes() == (sequence / name).read_bytes()
+    rows, all_rows = (np.load(folder / "row_poses.npy") for folder in (made.folder, sequence))
+    np.testing.assert_array_equal(rows, all_rows[::2])
+    told = made.info["twin"]
+    assert told["of"] == given.name and told["content_hash"] == given.content_hash
+    assert told["renderer"] == f"Blender {blender.version}, Cycles on the CPU" and told["samples"] == 2
+    assert len(track_sequence(Rapid(), made, rate_hz=7.5, seed=0).frames) == len(made)
+    export(made, "euroc", tmp_path / "euroc")
+    assert twin(sequence, "--every", 3, "--samples", 1, "--out", tmp_path / "twin").exit_code == 0  # over our own
+    refused(twin(tmp_path / "twin", "--out", tmp_path / "of-a-twin"), "is a twin itself")
