@@ -132,7 +132,7 @@ def test_a_patch_that_is_missed_lowers_the_support_and_one_not_looked_for_does_n
     points, known = np.full(10, 0.8), np.zeros((10, 8))
     known[:, 6] = 1.0
     seen = EdgeMeasurements(
-        ControlPoints(np.zeros((10, 3)), np.zeros((10, 3), np.int64), np.arange(10), np.array([0, 10])),
+        ControlPoints(np.zeros((10, 3)), np.zeros((10, 3), np.int64), np.arange(10), np.array([0, 10]), np.ones(10)),
         SearchLines(np.zeros((10, 4)), np.zeros((10, 6)), np.zeros(10, np.int64)),
         Candidates(np.zeros((10, 4)), np.full((10, 4), 50.0)),
         np.ones(10),

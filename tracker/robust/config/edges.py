@@ -75,10 +75,12 @@ class WeightConfig:
 
 @dataclass(frozen=True)
 class SubpixelConfig:
-    """A blurred step of linear light fitted to the pixels about each control point."""
+    """Blurred steps of linear light fitted to the pixels about each control point."""
 
     variance_px2: Positive = 0.02**2
     """Variance of a fitted step beside that of its noise. Chosen on rendered seeds."""
+    half_length_px: Count = 16
+    """Most scan lines to either side of a control point, over the number of steps fitted together. For time."""
 
 
 @dataclass(frozen=True)
