@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import erf
 
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.tracker.robust.config.edges import SubpixelConfig
@@ -28,7 +29,7 @@ def edges(distances, angle_deg, levels=(0.0, 1.0), noise=0.0, rng=None, blur_px=
     lens = math.sqrt(blur_px**2 - 1 / 12)  # the rest of the blur is that of the pixels' area
     share = np.full(across.shape, levels[0])
     for distance, low, high in zip(distances, levels[:-1], levels[1:], strict=True):
-        share += (high - low) * 0.5 * (1 + np.vectorize(math.erf)((across - distance) / (math.sqrt(2) * lens)))
+        share += (high - low) * 0.5 * (1 + erf((across - distance) / (math.sqrt(2) * lens)))
     share = share.reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3))[..., None]
     codes = encode(DARK * (1 - share) + BRIGHT * share).astype(float)
     codes += rng.normal(0, noise, codes.shape) if rng is not None else 0.0
