@@ -127,6 +127,8 @@ class Scene:
             t = (at - o[axis]) / np.where(d[:, axis] == 0, 1e-12, d[:, axis])
             pu, pv = o[u] + t * d[:, u], o[v] + t * d[:, v]
             hit = (t > 0) & (t < depth) & (pu >= low[u]) & (pu <= high[u]) & (pv >= low[v]) & (pv <= high[v])
+            if not hit.any():
+                continue
             image[hit] = _sample(tex, np.column_stack([pu[hit] - low[u], pv[hit] - low[v]]) / 0.5)
             depth[hit] = t[hit]
         full = image.reshape(camera.height * s, camera.width * s, 3)

@@ -10,6 +10,8 @@ from uavbench.trajectories.pose import Array, Pose
 
 FAR_CHI2 = 12.6
 """Squared Mahalanobis distance beyond which a pose is far: 95 % of a chi-square with six degrees of freedom."""
+THOUSANDTH = 3.09
+"""Standard deviations below the mean of a normal distribution that one draw in a thousand lies."""
 MOVES, TURNS = slice(0, 21, 7), slice(21, 36, 7)
 """Places of the variances of translation and rotation in a flat covariance (36,)."""
 
@@ -53,3 +55,28 @@ class Motion:
         was = self.cam_from_world
         moved = se3_log_left(was.rotation, was.translation, cam_from_world.rotation, cam_from_world.translation) / dt_s
         return Motion(cam_from_world, covariance, moved)
+
+
+@dataclass(frozen=True)
+class PredictionErrors:
+    """How large the errors of a run's predictions are: sum and number of squared Mahalanobis distances, forgetting."""
+
+    sum: float = 0.0
+    count: float = 0.0
+
+    def updated(self, predicted: Motion, cam_from_world: Pose, rate: float) -> "PredictionErrors":
+        """With one more frame, which makes up at least a share `rate` of what is known."""
+        chi2 = predicted.squared_mahalanobis(cam_from_world)
+        return PredictionErrors((1 - rate) * self.sum + chi2, (1 - rate) * self.count + 1)
+
+    @property
+    def scale(self) -> float:
+        """Factor on the predictions' covariances with which they are right, an upper bound (99.9 %), at most 1.
+
+        A sum of n squared distances is chi-square with 6 n degrees of freedom (Wilson & Hilferty 1931).
+        """
+        if not self.count:
+            return 1.0
+        freedom = 6 * self.count
+        part = 2 / (9 * freedom)
+        return min(1.0, float(self.sum / (freedom * (1 - part - THOUSANDTH * np.sqrt(part)) ** 3)))

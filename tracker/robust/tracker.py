@@ -11,12 +11,13 @@ from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
 from uavbench.tracker.robust.false_alarms import log10_false_alarms
-from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.preprocessing.denoising import smoothed
 from uavbench.tracker.robust.preprocessing.gain_offset import ContrastStretch, brightness_ratio, compensated
-from uavbench.tracker.robust.relocalization.relocate import Relocator, Sought, sigmas
+from uavbench.tracker.robust.relocalization.ranking import Sought
+from uavbench.tracker.robust.relocalization.relocate import Relocator, sigmas
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.kernels.warm_up import prepare
@@ -81,6 +82,13 @@ class Decision(NamedTuple):
     rivalled: bool = False
 
 
+class Tentative(NamedTuple):
+    """The motion as it would be if an undecided frame's best fit were right, and that frame's stamp."""
+
+    motion: Motion
+    stamp_ns: int
+
+
 class RobustRun:
     """A run of `robust`."""
 
@@ -110,6 +118,8 @@ class RobustRun:
         self.until_search = 0
         self.was_wrong = self.kept_initial = self.is_lost = False
         self.expected: Motion | None = None
+        self.tentative: Tentative | None = None
+        self.prediction_errors = PredictionErrors()
 
     def predict(self, cam_from_world: Pose, covariance: Array) -> None:
         """Take what the vehicle's filter expects of the next frame; the surer of it and the motion model counts there.
@@ -142,6 +152,8 @@ class RobustRun:
         if self.is_lost:
             self.fitter.appearance, self.stretch = before  # a wrong pose tells nothing of the light
             guess = (fit if fit.finite else frame.predicted).cam_from_world
+            if self.ok_ns is not None and fit.finite and fit.support >= self.usual_or_good():
+                self.tentative = Tentative(self.motion.update(guess, fit.covariance, frame.dt_s), stamp_ns)
             return TrackResult(
                 status="ambiguous" if rivalled else "lost",
                 guess=guess,
@@ -172,6 +184,10 @@ class RobustRun:
             self.fitter.begin(stamp_ns, self.step_s, image is stretched)
         with clock.stage("predict"):
             predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
+            if self.tentative is not None:  # more likely than what was known before, but no surer
+                since_s = (stamp_ns - self.tentative.stamp_ns) * 1e-9
+                likely = self.tentative.motion.predict(since_s, self.range_m, self.config.motion)
+                predicted = replace(predicted, cam_from_world=likely.cam_from_world)
             if expected is not None and expected.spread_m(self.range_m) < predicted.spread_m(self.range_m):
                 return Frame(raw, image, expected, dt_s, self.step_s, 0.0)
         return Frame(raw, image, predicted, dt_s, self.step_s, dt_s)
@@ -209,13 +225,25 @@ class RobustRun:
             return Decision(kept, True)
         if not (first or self.search_is_due(frame, fit) or not fit.finite):
             self.relocator.forget()
-            return Decision(fit, True)
+            return self.confirmed(frame, fit, clock)
         with clock.stage("relocalize"):
             found = self.recover(frame, fit)
         self.was_wrong |= first and found.settled and found.fit is not fit
         if found.settled and not self.relocator.under_way:
             self.until_search = 0 if found.fit is not fit else self.config.loss.search_every
         return found
+
+    def confirmed(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
+        """The fit; where motion was extrapolated for long, held against the places that look alike."""
+        if not self.is_slow(frame):
+            return Decision(fit, True)
+        with clock.stage("relocalize"):
+            guess, covariance = frame.predicted.cam_from_world, frame.predicted.covariance
+            scale = self.prediction_errors.scale
+            found = self.relocator.confirm(
+                Sought(frame.image, [guess], covariance, self.range_m, fit, prediction_scale=scale)
+            )
+        return Decision(found.fit, found.leads, not found.leads)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
         """Whether a fit's support is too low to do without a pose search."""
@@ -239,9 +267,11 @@ class RobustRun:
         """Update appearance, patches, biases, motion and the usual support with the fit of a frame."""
         self.fitter.learn(frame.image, fit, frame.dt_s)
         rate = self.config.edges.appearance.learning_rate
+        if self.ok_ns is not None:
+            self.prediction_errors = self.prediction_errors.updated(frame.predicted, fit.cam_from_world, rate)
         self.motion = self.motion.update(fit.cam_from_world, fit.covariance, frame.dt_s)
         self.usual_support += max(rate, 1 / (1 + self.frames_ok)) * (fit.support - self.usual_support)
-        self.ok_rows = self.seen_rows
+        self.ok_rows, self.tentative = self.seen_rows, None
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
 
     def required_support(self, fit: Fit, predicted: Motion) -> float:
@@ -282,7 +312,8 @@ class RobustRun:
         if frame.step_s >= loss.slow_s:
             self.relocator.forget()
         sure = np.inf if first else self.usual_or_good()
-        found = self.relocator.search(Sought(frame.image, guesses, covariance, self.range_m, fit, sure))
+        scale = self.prediction_errors.scale
+        found = self.relocator.search(Sought(frame.image, guesses, covariance, self.range_m, fit, sure, scale))
         enough = found.fit.support >= self.required_support(found.fit, frame.predicted)
         # Frames far apart: another place that looks the same may have as much support as usual.
         is_sure = found.fit.support >= sure and (found.leads or not slow or found.fit is fit)

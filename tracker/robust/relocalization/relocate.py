@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
-from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSearch, Reach, Scored, grid
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target, turned_about
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import NONE, PoseStack, TriedPoses
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
@@ -28,23 +29,12 @@ ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
 """Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
 BESIDE_TIMES = 2
 """Steps by which the viewing direction of the best pose is improved: to the reach of a slow or lost frame's guess."""
+SHARED = 48
+"""Edge points by which shifts of the structure are judged: they are spread over all that is seen."""
+SHARED_EVALUATIONS = 40
+"""What looking up one of them takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
 COMPARED = 12
 """Edge points by which two poses are compared: they are spread over all that is seen."""
-
-
-class Sought(NamedTuple):
-    """What a slice searches.
-
-    guesses are poses around which to search, the likeliest one first with its covariance (6, 6); first is a fit that
-    was made already; sure is the support with which a slice ends.
-    """
-
-    image: Image
-    guesses: list[Pose]
-    covariance: Array
-    range_m: float
-    first: Fit | None = None
-    sure: float = np.inf
 
 
 class Relocalized(NamedTuple):
@@ -81,6 +71,8 @@ class Relocator:
     def __init__(self, fitter: EdgeFitter, camera: Camera, config: RelocalizationConfig) -> None:
         self.fitter, self.config = fitter, config
         self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, config.search)
+        self.similarity = SelfSimilarity(fitter.edges, config.similarity)
+        self.reserved_fits = 0
         near = Reach(config.near_roll_rad, config.near_range_part, config.near_shift_part)
         far = Reach(config.far_roll_rad, config.far_range_part, config.far_shift_part, config.search.far_step_factor)
         self.near_block = self.searcher.block(0.0, 0.0, near)
@@ -97,7 +89,7 @@ class Relocator:
         self.reference: RigidMotion | None = None
         self.best_before: RigidMotion | None = None
         self.kept: list[Candidate] = []
-        self.tried = TriedPoses()
+        self.tried, self.rivals = TriedPoses(), NONE
         self.seen = np.zeros((0, 3))
         self.next_change = self.next_block = self.perturbations = 0
         self.near_done = False
@@ -118,18 +110,88 @@ class Relocator:
             work.done += self.fitter.config.budget.distance_evaluations
             candidates = self.score(target, guesses, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
+        compared = self.fit_rivals(sought, ranking)
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= config.most_fits)
-        leads = self.lead(ranking.top) >= config.lead
+        compared = compared and (ranking.top.support >= sought.sure or ranking.is_expected)
+        leads = self.leads_rivals(ranking) if compared else self.lead(ranking.top) >= config.lead
         return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
 
-    def fit_in_turn(self, attempts: "Iterator[Attempt]", sought: Sought, ranking: "Ranking") -> bool:
-        """Fit poses until one has enough support or the work is done; whether that was before the last one."""
+    def confirm(self, sought: Sought) -> Relocalized:
+        """The fit at hand held against its rivals: the places at which the structure looks as it does there."""
+        self.forget()
+        ranking = Ranking(sought, self.config)
+        self.fit_rivals(sought, ranking)
+        found = Relocalized(ranking.top, ranking.advantage, True, True, self.leads_rivals(ranking))
+        self.forget()
+        return found
+
+    def fit_rivals(self, sought: Sought, ranking: Ranking) -> bool:
+        """Fit the rivals of the best fit, and those of a rival that is better in its turn; whether there were any."""
+        clock, fits = StageClock(), [ranking.top]
+        while rivals := self.rivals_of(ranking):
+            top = ranking.top
+            for pose in rivals:
+                if self.fitter.work.left < self.fitter.largest_fit:
+                    break
+                covariance = sigmas(self.config.found_sigma, sought.range_m)
+                fit = self.fitter.fit(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
+                self.tried.add(pose, 0.0, motion(fit.cam_from_world), fit.support)
+                self.rivals = self.rivals.added(pose)
+                fits += [fit] if fit.finite else []
+            self.choose(fits, ranking)
+            if ranking.top is top or self.fitter.work.left < self.fitter.largest_fit:
+                break
+        self.reserved_fits = len(fits) - 1
+        return len(fits) > 1
+
+    def choose(self, fits: list[Fit], ranking: Ranking) -> None:
+        """Put first the fit of most worth; of those that are worth about as much the one nearest to the prediction."""
+        worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
+        least = max(worth) - self.config.similarity.lead
+        contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
+        ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
+
+    def rivals_of(self, ranking: Ranking) -> list[RigidMotion]:
+        """Poses not fitted yet at which the structure looks as it does at the best fit, the likeliest first."""
+        fit, config = ranking.top, self.config.similarity
+        if not (fit.finite and fit.support >= self.fitter.config.loss.min_support):
+            return []
+        pose = motion(fit.cam_from_world)
+        seen = self.searcher.seen(pose)
+        self.seen = seen.points
+        shares = self.similarity.shares(seen.points[:SHARED], seen.direction[:SHARED])
+        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling_evaluations
+        places = [
+            RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
+        ]
+        chi2 = np.array([ranking.chi2(Pose(*place)) for place in places])
+        found: list[RigidMotion] = []
+        known = self.rivals.added(pose)
+        for k in np.argsort(chi2, kind="stable")[: np.count_nonzero(chi2 <= config.sigmas**2)]:
+            if len(found) < config.rivals and not self.within_reach(places[k], known).any():
+                found.append(places[k])
+                known = known.added(places[k])
+        return found
+
+    def leads_rivals(self, ranking: Ranking) -> bool:
+        """Whether the best fit is worth more than those that ended at other poses since the search began."""
+        top, reached = ranking.top, self.tried.reached
+        least = ranking.worth(top.support, top.cam_from_world) - self.config.similarity.lead
+        others = ~self.within_reach(motion(top.cam_from_world), reached) & (self.tried.supports > least)
+        poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
+        return not any(ranking.worth(self.tried.supports[k], pose) > least for k, pose in poses)
+
+    def fit_in_turn(self, attempts: "Iterator[Attempt]", sought: Sought, ranking: Ranking) -> bool:
+        """Fit poses until one has enough support or the work is done; whether that was before the last one.
+
+        As many fits are left for rivals as there were when they were looked for last.
+        """
         clock = StageClock()
         for attempt in attempts:
-            if self.fitter.work.left < self.fitter.largest_fit:
+            if self.fitter.work.left < (1 + self.reserved_fits) * self.fitter.largest_fit:
                 return True
             covariance = sigmas(attempt.sigma, sought.range_m)
             fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
@@ -163,6 +225,7 @@ class Relocator:
         by = RigidMotion(R, reference.t - R @ before.t)
         self.kept = [each._replace(pose=product_of(by, each.pose)) for each in self.kept]
         self.tried.move(by)
+        self.rivals = self.rivals.moved(by)
         self.best_before = self.best_before and product_of(by, self.best_before)
 
     def score(self, target: Target, guesses: list[RigidMotion], uncertain: bool) -> list[Candidate]:
@@ -201,19 +264,19 @@ class Relocator:
                 (best[k],) = taken(self.searcher.refined(target, each))
         return sorted(best, key=lambda each: -each.score)
 
-    def at_guesses(self, guesses: list[RigidMotion], ranking: "Ranking") -> Iterator[Attempt]:
+    def at_guesses(self, guesses: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:
         """The guesses as poses to fit: a prediction is mostly better than its covariance says."""
         for guess in guesses:
             yield from self.found(guess, 0.0, ranking)
 
-    def found(self, pose: RigidMotion, score: float, ranking: "Ranking") -> Iterator[Attempt]:
+    def found(self, pose: RigidMotion, score: float, ranking: Ranking) -> Iterator[Attempt]:
         """A pose to fit, and the fit from it once more where it is the best so far."""
         best = ranking.top
         yield Attempt(pose, self.config.found_sigma, self.config.half_px, score)
         if ranking.top is not best:
             yield Attempt(motion(ranking.top.cam_from_world), self.config.fitted_sigma, self.config.refit_half_px)
 
-    def attempts(self, candidates: list[Candidate], ranking: "Ranking") -> Iterator[Attempt]:
+    def attempts(self, candidates: list[Candidate], ranking: Ranking) -> Iterator[Attempt]:
         """Poses to fit in turn: where the best one of frames before is now; those that agree with the image nearly as
         well as the best and were not tried; perturbations of the best fit, and all others.
         """
@@ -257,34 +320,6 @@ class Relocator:
         reach = np.repeat([c.perturbation_turn_rad, c.perturbation_part, c.perturbation_shift_rad], 2)
         change = (self.perturbations * ROBERTS % 1.0 * 2 - 1) * reach
         yield Attempt(turned_about(pose.R, pose.t, focus, change), c.found_sigma, c.refit_half_px)
-
-
-class Ranking:
-    """The fits of one frame, by support, by what was found, and by their distance from the likeliest guess."""
-
-    def __init__(self, sought: Sought, config: RelocalizationConfig) -> None:
-        self.config, self.from_guess = config, sought.guesses[0].inverse()
-        self.information = np.linalg.inv(sought.covariance)
-        self.top = Fit(sought.guesses[0], sought.covariance, 0.0, 0, 0, 0, float("nan"))
-        self.score = self.first = -np.inf
-        if sought.first is not None and sought.first.finite:
-            self.add(sought.first)
-            self.first = self.score
-
-    @property
-    def advantage(self) -> float:
-        """How much better the best fit is than the one at hand; inf where there was none."""
-        return self.score - self.first
-
-    def add(self, fit: Fit) -> None:
-        """Rank one more fit."""
-        if not fit.finite:
-            return
-        away = (fit.cam_from_world @ self.from_guess).log()
-        found = self.config.found_support * float(np.log1p(fit.found))
-        score = fit.support + found - self.config.distance_cost * float(away @ self.information @ away)
-        if score > self.score:
-            self.top, self.score = fit, score
 
 
 def views(config: RelocalizationConfig) -> list[tuple[float, float]]:

@@ -1,0 +1,83 @@
+"""Where a structure looks like itself: the shifts that bring edges onto other edges of it.
+
+Windows, panels and lattice members repeat: one repetition away from the true pose nearly as much is found. The shifts
+are those by which most length of edges falls onto parallel edges of the same length, found once per structure. What a
+shift is worth depends on what is seen: at the end of a row nothing falls onto anything.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.tracker.robust.config.relocalization import SelfSimilarityConfig
+from uavbench.tracker.robust.edges.edge_graph import EdgeMap
+from uavbench.tracker.robust.relocalization.self_similarity_kernels import cell_keys, shares_on_edges
+from uavbench.trajectories.pose import Array
+
+MOST_ALIKE = 400
+"""Edges of one length and direction that are compared with each other, the first of many: their pairs take memory."""
+LENGTH_STEP = 0.01
+"""Edges whose lengths differ by less than about this part are of one length."""
+DIRECTION_STEP = 1 / 16
+"""Edges whose unit directions differ by less than about this are parallel."""
+SIDES = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+"""Corners of a cell about a point: a point up to half a cell away lies in a cell that one of them lies in."""
+
+
+class SelfSimilarity:
+    """The shifts (k, 3) of a structure, in its own unit, and which cells of space its edges pass."""
+
+    def __init__(self, edges: EdgeMap, config: SelfSimilarityConfig) -> None:
+        self.cell = config.tolerance * float(np.linalg.norm(edges.extent[-1] - edges.extent[0]))
+        along = edges.ends[:, 1] - edges.ends[:, 0]
+        lengths = np.linalg.norm(along, axis=1)
+        long = lengths > self.cell
+        ends, lengths, along = edges.ends[long], lengths[long], along[long] / lengths[long, None]
+        self.shifts = self._repetitions(ends.mean(axis=1), along, lengths)[: config.shifts]
+        counts = np.ceil(lengths / self.cell).astype(np.int64) + 1
+        edge = np.repeat(np.arange(len(ends)), counts)
+        part = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)) / (counts - 1)[edge]
+        places = ends[edge, 0] + part[:, None] * (ends[edge, 1] - ends[edge, 0])
+        sides = (places[:, None] + SIDES * self.cell).reshape(-1, 3)
+        directions = np.repeat(direction_numbers(along)[edge], len(SIDES))
+        self.passed = np.unique(cell_keys(sides, directions, self.cell))
+
+    def shares(self, points: Array, along: Array) -> Array:
+        """Share (k,) of points (n, 3) on edges of unit directions along (n, 3) that each shift brings onto an edge."""
+        if not (len(points) and len(self.shifts)):
+            return np.zeros(len(self.shifts))
+        return np.asarray(shares_on_edges(self.shifts, points, direction_numbers(along), self.cell, self.passed))
+
+    def _repetitions(self, middles: Array, along: Array, lengths: Array) -> Array:
+        """Shifts (k, 3) and their opposites by the length of edges that they bring onto others, most first."""
+        alike = np.column_stack([np.round(np.log(lengths) / LENGTH_STEP), direction_numbers(along)]).astype(np.int64)
+        _, group = np.unique(alike, axis=0, return_inverse=True)
+        apart, weight = [np.zeros((0, 3))], [np.zeros(0)]
+        for k in range(group.max(initial=-1) + 1):
+            these = np.flatnonzero(group.ravel() == k)[:MOST_ALIKE]
+            one, other = np.triu_indices(len(these), 1)
+            apart.append(middles[these[other]] - middles[these[one]])
+            weight.append(lengths[these[one]])
+        shift, votes = np.concatenate(apart), np.concatenate(weight)
+        steps = np.round(shift / self.cell).astype(np.int64)
+        far = np.abs(steps).max(axis=1, initial=0) > 2
+        steps, shift, votes = steps[far], shift[far], votes[far]
+        back = first_signs(steps)[:, None]
+        unique, place = np.unique(steps * back, axis=0, return_inverse=True)
+        total = np.bincount(place.ravel(), votes, len(unique))
+        sums = [np.bincount(place.ravel(), votes * column, len(unique)) for column in (shift * back).T]
+        mean = np.column_stack(sums) / total[:, None]
+        best = np.argsort(-total, kind="stable")
+        return np.stack([mean[best], -mean[best]], axis=1).reshape(-1, 3)
+
+
+def direction_numbers(along: Array) -> NDArray[np.int64]:
+    """A number (n,) for each unit direction (n, 3), the same for its opposite."""
+    steps = np.round(along / DIRECTION_STEP).astype(np.int64)
+    steps *= first_signs(steps)[:, None]
+    return np.asarray((steps[:, 0] * 64 + steps[:, 1]) * 64 + steps[:, 2])
+
+
+def first_signs(steps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sign (n,) of the first column of each row (n, 3) that is not zero."""
+    x, y, z = np.sign(steps).T
+    return np.asarray(np.where(x != 0, x, np.where(y != 0, y, z)))
