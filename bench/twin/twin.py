@@ -21,11 +21,12 @@ from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.sequence import Sequence, write_manifest
 from uavbench.scenes.effects.link import Drops
-from uavbench.scenes.generate import camera_path
+from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
@@ -89,7 +90,10 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
     config = sequence.info.get("config")
     if sequence.recorded or not isinstance(config, dict):
         raise UserError(f"{path}: has no `config` to build its scene from, as recordings have none; render a sequence")
-    return recorded_spec(config, path)
+    spec = recorded_spec(config, path)
+    if spec.clock != CameraClock():
+        raise UserError(f"{path}: its frames have a `clock` of their own, which a twin has not; render it without")
+    return spec
 
 
 def _stamps(sequence: Sequence, every: int) -> NDArray[np.int64]:
@@ -181,9 +185,9 @@ def _provenance(sequence: Sequence, tracing: Tracing, blender: Blender) -> dict[
 
 
 def _info(sequence: Sequence, provenance: dict[str, Any], denoiser: str) -> dict[str, Any]:
-    """Content of `sequence.json`: that of the sequence, and what the twin is."""
+    """Content of `sequence.json`: that of the sequence but for further cameras, and what the twin is."""
     return {
-        **sequence.info,
+        **{key: value for key, value in sequence.info.items() if key != "cameras"},
         "name": f"{sequence.name}-twin",
         "rate_hz": sequence.info["rate_hz"] / provenance["every"],
         "content_hash": content_hash(provenance),
