@@ -16,12 +16,12 @@ from uavbench.bench.config.suite import recorded_spec
 from uavbench.bench.inputs.content_hash import carried_hash, content_hash
 from uavbench.bench.twin.blender import Blender, find_blender
 from uavbench.bench.twin.path_tracer import TracedScene
+from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import write_edges
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.sequence import Sequence, write_manifest
 from uavbench.scenes.effects.link import Drops
-from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import Scene, build_scene
