@@ -74,8 +74,3 @@ class Ranking:
         The cost is the logarithm of a heavy-tailed prior (Student's), whose width is that of the run's own predictions.
         """
         return support - self.config.lead * float(np.log10(1 + self.chi2(pose) / self.usual_chi2))
-
-    @property
-    def is_expected(self) -> bool:
-        """Whether the best fit is where the run's predictions are mostly right."""
-        return self.chi2(self.top.cam_from_world) <= self.config.similarity.sigmas**2 * self.usual_chi2 / UNKNOWNS

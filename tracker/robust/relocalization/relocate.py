@@ -115,7 +115,7 @@ class Relocator:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= config.most_fits)
-        compared = compared and (ranking.top.support >= sought.sure or ranking.is_expected)
+        compared = compared and ranking.top.support >= sought.sure
         leads = self.leads_rivals(ranking) if compared else self.lead(ranking.top) >= config.lead
         return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
 
