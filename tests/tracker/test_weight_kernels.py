@@ -19,7 +19,7 @@ def of_one_edge(learned, *, times=1.0, side=1, distance=0.2, contrast=50.0, trus
     n = 3
     appearance = np.zeros((n, 8))
     appearance[:, 6], appearance[:, 7] = times, learned
-    points = ControlPoints(np.zeros((n, 3)), np.zeros((n, 3), np.int64), np.arange(n), np.array([0, n]), np.ones(n))
+    points = ControlPoints(np.zeros((n, 3)), np.zeros((n, 3), np.int64), np.arange(n), np.array([0, n]))
     found = Candidates(np.full((n, 1), distance), np.full((n, 1), contrast))
     own = point_variances(points, found, appearance, kernel_values(WEIGHTS), FIRST_ERROR)
     lines = SearchLines(np.zeros((n, 4)), np.zeros((n, 6)), np.full(n, side))

@@ -13,14 +13,11 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, EDGE, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
-from uavbench.tracker.robust.edges.neighbour_kernels import neighbouring_edges
-from uavbench.tracker.robust.edges.profile_fit_kernels import INITIAL_BLUR_PX
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, search, search_range
 from uavbench.tracker.robust.edges.sampling_kernels import BINS, sample_edges, search_lines
-from uavbench.tracker.robust.edges.step_kernels import CROWDED_PX, FittedPoints, refine_subpixel
+from uavbench.tracker.robust.edges.step_kernels import FittedPoints, refine_subpixel
 from uavbench.tracker.robust.edges.weight_kernels import (
     edge_spacing,
-    known_weights,
     offset_variances,
     point_variances,
     point_weights,
@@ -42,9 +39,7 @@ from uavbench.trajectories.pose import Array, Pose
 Indices = NDArray[np.int64]
 NO_ROWS: Indices = np.zeros(0, dtype=np.int64)
 NO_MEASUREMENTS = EdgeMeasurements(
-    ControlPoints(
-        np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), NO_ROWS, np.zeros(1, dtype=np.int64), np.zeros(0)
-    ),
+    ControlPoints(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), NO_ROWS, np.zeros(1, dtype=np.int64)),
     SearchLines(np.zeros((0, 4)), np.zeros((0, 6)), NO_ROWS),
     Candidates(np.zeros((0, 1)), np.zeros((0, 1))),
     np.zeros(0),
@@ -58,8 +53,8 @@ MIN_POINTS = 6
 class Problem(NamedTuple):
     """An image (h, w, c), the prediction with its covariance (6, 6), and the control points that it shows.
 
-    lines are those at the prediction; known (n,) weight of each control point by its edge alone, weight (n,) less where
-    edges are close; edges (g,) rows of the edges in view among the offsets.
+    lines are those at the prediction; spacing_px (n,) to the nearest other edge; weight (n,) of each control point;
+    edges (g,) rows of the edges in view among the offsets.
     """
 
     image: Image
@@ -68,7 +63,7 @@ class Problem(NamedTuple):
     prior: PosePrior
     points: ControlPoints
     lines: SearchLines
-    known: Array
+    spacing_px: Array
     weight: Array
     edges: Indices
 
@@ -81,12 +76,11 @@ class Aligned(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """An estimate, the measurements that it is made of, the offsets of the edges in view, and the image's blur."""
+    """An estimate, the measurements that it is made of, and the offsets of the edges in view."""
 
     estimate: Estimate
     measured: EdgeMeasurements
     edges: EdgeOffsets
-    blur_px: float
 
 
 class SeenEdges(NamedTuple):
@@ -107,7 +101,6 @@ class EdgeFitter:
         self.biases = NuisanceBiases(len(self.edges.ends) * 3, config.solver.bias)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
         self.learned, self.offset_scale, self.most_points = 0, 1.0, 0
-        self.blur_px = INITIAL_BLUR_PX
         self.sharp = True
         self.work = Work(config.budget.evaluations)
         self.draws = rng.random((config.solver.hypotheses.count, EDGES_DRAWN * DRAWS_PER_EDGE))
@@ -138,7 +131,7 @@ class EdgeFitter:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
         aligned = self.align(problem, most_px, clock)
         found = self.update(problem, aligned, clock)
-        best = self.refine_subpixel(problem, aligned, found, clock) if self.sharp else found
+        best = self.refine_subpixel(problem, aligned, found, clock) if self.sharp else found.estimate
         with clock.stage("support"):
             return self.judge(problem, aligned.matches, found, best)
 
@@ -149,11 +142,11 @@ class EdgeFitter:
             points = self.sample(view)
             self.texture.choose(view)
             lines = self.search_lines(points, view)
-            known = known_weights(points.rows, self.appearance, weights)
-            weight = point_weights(edge_spacing(lines, points.keys, weights), known, weights)
+            spacing_px = edge_spacing(lines, points.keys, weights)
+            weight = point_weights(spacing_px, points.rows, self.appearance, weights)
             prior = PosePrior(inverse6(covariance), view.R, view.t)
             edges = points.rows[points.first[:-1]] // BINS
-        return Problem(image, view, covariance, prior, points, lines, known, weight, edges)
+        return Problem(image, view, covariance, prior, points, lines, spacing_px, weight, edges)
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
         """A first estimate: by the patches where enough of them are found, else by hypotheses over a wide search."""
@@ -187,30 +180,30 @@ class EdgeFitter:
         with clock.stage("update"):
             edges = self.offsets(problem, measured)
             estimate = self.solve(problem, measured, aligned.matches, edges, view, self.values.widths.fine)
-        return Solution(estimate, measured, edges, self.blur_px)
+        return Solution(estimate, measured, edges)
 
-    def refine_subpixel(self, problem: Problem, aligned: Aligned, found: Solution, clock: StageClock) -> Solution:
+    def refine_subpixel(self, problem: Problem, aligned: Aligned, found: Solution, clock: StageClock) -> Estimate:
         """The estimate by steps of light fitted to the pixels about the control points."""
         with clock.stage("subpixel"):
-            points, view = problem.points, aligned.view.to(found.estimate.R, found.estimate.t)
-            lines, weighting = self.search_lines(points, view), found.estimate.weighting
-            offset_px2 = np.repeat(found.edges.variance_px2, np.diff(points.first))
-            variance_px2 = found.measured.variance_px2
-            fitted = FittedPoints(weighting.residual, weighting.weight, variance_px2, offset_px2, self.blur_px)
-            near = neighbouring_edges(points, lines, CROWDED_PX)
-            values = self.values.subpixel
-            steps = refine_subpixel(problem.image, lines, points, near, self.appearance, fitted, values)
-            weight = np.where(steps.steps > 0, problem.known, problem.weight)  # neighbours do not disturb these
+            view = aligned.view.to(found.estimate.R, found.estimate.t)
+            lines, weighting = self.search_lines(problem.points, view), found.estimate.weighting
+            fitted = FittedPoints(weighting.residual, weighting.weight, found.measured.variance_px2)
+            steps = refine_subpixel(
+                problem.image,
+                lines,
+                problem.points,
+                self.appearance,
+                problem.spacing_px,
+                fitted,
+                self.values.subpixel,
+            )
             candidates = Candidates(steps.distance, found.measured.candidates.contrast)
-            measured = EdgeMeasurements(points, lines, candidates, weight, steps.variance_px2)
-            last = self.values.widths.last
-            estimate = self.solve(problem, measured, aligned.matches, found.edges, view, last)
-            return Solution(estimate, measured, found.edges, steps.blur_px)
+            measured = EdgeMeasurements(problem.points, lines, candidates, problem.weight, steps.variance_px2)
+            return self.solve(problem, measured, aligned.matches, found.edges, view, self.values.widths.last)
 
-    def judge(self, problem: Problem, matches: PatchMatches, found: Solution, finest: Solution) -> Fit:
+    def judge(self, problem: Problem, matches: PatchMatches, found: Solution, best: Estimate) -> Fit:
         """The fit, supported by what a search found: what a fit near a pose finds does not support that pose."""
-        values, points, best = self.values.weights, problem.points, finest.estimate
-        weighting = best.weighting
+        values, points, weighting = self.values.weights, problem.points, best.weighting
         searched: Weighting = found.estimate.weighting
         share = support(
             found.measured, searched.weight, searched.patch_weight, matches.correlation, self.appearance, values
@@ -236,7 +229,6 @@ class EdgeFitter:
                 best.step,
                 problem.prior.information,
                 found.measured.candidates.distance,
-                finest.blur_px,
             ),
         )
 
@@ -293,9 +285,6 @@ class EdgeFitter:
         if hits:
             twist = self.biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
             self.texture.shift(twist, pose)
-        self.blur_px += max(self.config.edges.appearance.learning_rate, 1 / (1 + self.learned)) * (
-            used.blur_px - self.blur_px
-        )
         self.learned += 1
         self.learn_offset_scale(used, fit.covariance)
         due = hits < patches.enough_to_predict or self.learned % patches.take_every == 0

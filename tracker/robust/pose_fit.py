@@ -19,7 +19,7 @@ class FitResiduals:
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
     view, the sums over a frame and the last step; prior_information (6, 6) of the prediction; candidates_px (n, k) on
-    the search lines, from their middle, inf where none; blur_px of the image, as its edges tell.
+    the search lines, from their middle, inf where none.
     """
 
     points: ControlPoints
@@ -31,7 +31,6 @@ class FitResiduals:
     step: Step
     prior_information: Array
     candidates_px: Array
-    blur_px: float
 
 
 @dataclass(frozen=True, eq=False)

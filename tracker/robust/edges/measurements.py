@@ -15,15 +15,13 @@ class ControlPoints(NamedTuple):
     """Points on the visible edges, those of an edge together.
 
     points (n, 3) in the world; keys (n, 3): see `columns`; rows (n,) of appearance; first (g + 1,) the row at which
-    each of the g edges in view starts, and n; half_px (n,) half the length of edge that a point stands for, in the view
-    in which it was sampled.
+    each of the g edges in view starts, and n.
     """
 
     points: Array
     keys: Indices
     rows: Indices
     first: Indices
-    half_px: Array
 
 
 class SearchLines(NamedTuple):
@@ -58,7 +56,7 @@ class EdgeMeasurements(NamedTuple):
     variance_px2: Array
 
 
-CONTROL_POINTS = named_tuple(ControlPoints, "f2! i2! i1! i1! f1!")
+CONTROL_POINTS = named_tuple(ControlPoints, "f2! i2! i1! i1!")
 SEARCH_LINES = named_tuple(SearchLines, "f2! f2! i1!")
 CANDIDATES = named_tuple(Candidates, "f2! f2!")
 EDGE_MEASUREMENTS = named_tuple(

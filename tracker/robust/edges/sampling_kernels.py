@@ -104,8 +104,8 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
     return VisibleParts(visible, part, depth, length)
 
 
-@compiled("f2! i2! f1!", inner=True)
-def by_edge(points: Array, keys: Indices, half_px: Array) -> ControlPoints:
+@compiled("f2! i2!", inner=True)
+def by_edge(points: Array, keys: Indices) -> ControlPoints:
     """Control points with their rows of appearance, and the rows at which each edge starts."""
     n = len(keys)
     rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
@@ -116,7 +116,7 @@ def by_edge(points: Array, keys: Indices, half_px: Array) -> ControlPoints:
             first[e] = p
             e += 1
     first[e] = n
-    return ControlPoints(points, keys, rows, first[: e + 1].copy(), half_px)
+    return ControlPoints(points, keys, rows, first[: e + 1].copy())
 
 
 @compiled("edges view sampling", edges=EDGE_MAP, view=VIEW, sampling=SAMPLING)
@@ -137,7 +137,6 @@ def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlP
     spacing = max(spacing_px, total / most)
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)
-    half_px = np.empty(2 * most)
     n = 0
     q, c = np.empty(3), np.empty(3)
     for _ in range(config.samplings):
@@ -163,12 +162,11 @@ def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlP
                     continue
                 points[n, 0], points[n, 1], points[n, 2] = q[0], q[1], q[2]
                 keys[n, EDGE], keys[n, FACES], keys[n, PART] = e, visible[e], min(BINS - 1, int(s * BINS))
-                half_px[n] = 0.5 * length[e] / count
                 n += 1
         if n >= most or spacing <= spacing_px:
             break
         spacing = max(spacing_px, spacing * max(n, LEAST_SHRINK * most) / most)
-    return by_edge(points[:n].copy(), keys[:n].copy(), half_px[:n].copy())
+    return by_edge(points[:n].copy(), keys[:n].copy())
 
 
 @compiled("points edges view", points=CONTROL_POINTS, edges=EDGE_MAP, view=VIEW)

@@ -1,10 +1,13 @@
-"""Compiled subpixel edges: near the right pose, steps of light fitted to all pixels about each control point."""
+"""Compiled subpixel edges: a blurred step of light fitted to all pixels about each control point near the right pose.
+
+Near an edge light is a + b H(s) with s the distance across it and H a step blurred by pixel and lens. Shifted by d it
+is a + b H(s) - b d H'(s), linear in a, b and b d: three sums of squares, whose residual tells the error of d.
+"""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavbench.tracker.robust.config.edges import SubpixelConfig
 from uavbench.tracker.robust.edges.columns import (
@@ -24,66 +27,66 @@ from uavbench.tracker.robust.edges.measurements import (
     ControlPoints,
     SearchLines,
 )
-from uavbench.tracker.robust.edges.neighbour_kernels import NEIGHBOURS, Neighbours
-from uavbench.tracker.robust.edges.profile_fit_kernels import (
-    INITIAL_BLUR_PX,
-    LEAST_BLUR_PX,
-    LIGHT,
-    MOST_BLUR_PX,
-    MOST_STEPS,
-    REACH_PX,
-    WORKSPACE,
-    Workspace,
-    fit_steps,
-    workspace,
-)
 from uavbench.tracker.robust.edges.profile_kernels import Image
 from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-CROWDED_PX = REACH_PX + 3 * INITIAL_BLUR_PX
-"""Edges nearer than this blur into the pixels of a profile: three standard deviations beyond its end."""
-LEAST_ALONG_PX = 2
-"""Scan lines to either side of a control point, also where points are so close that their strips touch."""
+CODES = np.arange(256) / 255
+LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2.4)
+"""Linear light of sRGB codes (IEC 61966-2-1): pixels mix light, not codes."""
+LEAST_STEP = float(LIGHT[1])
+"""A step of light below that of one code is none."""
+BLUR_PX = 0.5
+"""Standard deviation of H': 0.29 px of a pixel's area, whatever its direction, and 0.4 px of a sharp lens."""
+CLEARANCE_PX = 3 * BLUR_PX
+"""Reach of the blur of a neighbouring edge: three standard deviations."""
+MAX_SHIFT_PX = BLUR_PX
+"""The fit is linear in the shift, and right only within one standard deviation of the blur."""
+MIN_REACH_PX, MAX_REACH_PX = 2, 3
+"""Pixels to either side of the edge on a scan line: fewer are too few for a step and two levels, more add little to it.
+"""
+ALONG_PX = 2
+"""Scan lines to either side of a control point: points are some 6 px apart, and those of two do not overlap."""
+TABLE_PX, STEPS_PER_PX = MAX_REACH_PX + 1, 64
+AT = np.arange(-TABLE_PX * STEPS_PER_PX, TABLE_PX * STEPS_PER_PX + 1) / STEPS_PER_PX
+STEP = np.array([0.5 * (1 + math.erf(s / (math.sqrt(2) * BLUR_PX))) for s in AT])
+SLOPE = np.exp(-0.5 * np.square(AT / BLUR_PX)) / (math.sqrt(2 * math.pi) * BLUR_PX)
+"""H and H' at AT."""
 SUBPIXEL = kernel_type(SubpixelConfig)
 
 
 class FittedPoints(NamedTuple):
-    """Control points after a fit: signed residual (n,) in px, weight (n,) in it, variance_px2 (n,) before it.
-
-    offset_px2 (n,) is the prior variance of the offset of their edge, blur_px the standard deviation of the image's
-    blur.
-    """
+    """Control points after a fit: signed residual (n,) in px, weight (n,) in it, variance_px2 (n,) before it."""
 
     residual: Array
     weight: Array
     variance_px2: Array
-    offset_px2: Array
-    blur_px: float
 
 
 class SubpixelEdges(NamedTuple):
-    """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,).
-
-    steps (n,) of light that were fitted together for it, 0 where none could be. blur_px that edges alone tell.
-    """
+    """Distance (n, 1) of each control point's edge from its search line's middle, px, and its variance_px2 (n,)."""
 
     distance: Array
     variance_px2: Array
-    steps: NDArray[np.int64]
-    blur_px: float
 
 
-FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1! f1! f0")
+class Step(NamedTuple):
+    """Distance of a step in px along a normal, and its variance in px^2."""
+
+    distance: float
+    variance_px2: float
+
+
+NO_STEP = Step(np.inf, np.inf)
+FITTED_POINTS = named_tuple(FittedPoints, "f1! f1! f1!")
 
 
 @compiled(
-    "u3 lines points near f2 fitted subpixel",
+    "u3 lines points f2 f1 fitted subpixel",
     lines=SEARCH_LINES,
     points=CONTROL_POINTS,
-    near=NEIGHBOURS,
     fitted=FITTED_POINTS,
     subpixel=SUBPIXEL,
 )
@@ -91,73 +94,38 @@ def refine_subpixel(
     image: Image,
     at: SearchLines,
     points: ControlPoints,
-    near: Neighbours,
     appearance: Array,
+    spacing: Array,
     fitted: FittedPoints,
     config: SubpixelConfig,
 ) -> SubpixelEdges:
-    """Sub-pixel refinement: where blurred steps fit the pixels about each control point.
+    """Sub-pixel refinement: where a blurred step fits the pixels about each control point.
 
-    Where none can be fitted, distance and variance are those of `fitted`, and the distance is inf where the weight
-    is 0.
+    Where no step can be fitted, distance and variance are those of `fitted`, and the distance is inf where the weight
+    is 0. spacing (n,) is the distance in px to another edge.
     """
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
     distance, variance = np.full((len(lines), 1), np.inf), fitted.variance_px2.copy()
-    steps = np.zeros(len(lines), np.int64)
-    colour, work = np.empty(3), workspace(MOST_STEPS, fitted.blur_px)
+    colour = np.empty(3)
     for g in range(len(first) - 1):
-        mean, total = 0.0, 0.0
+        start, total = 0.0, 0.0
         for p in range(first[g], first[g + 1]):
             if weights[p] > 0.0:
-                mean, total = mean + weights[p] * residual[p], total + weights[p]
-        mean /= max(total, 1e-12)
+                start, total = start + weights[p] * residual[p], total + weights[p]
+        start /= max(total, 1e-12)
         for p in range(first[g], first[g + 1]):
             if not weights[p] > 0.0:
                 continue
             distance[p, 0] = residual[p]
             step = learned_light(appearance[rows[p]], image.shape[2], colour)
-            if side[p] == OUTSIDE or not step > 0.0:
-                continue
-            alone = not abs(near.across_px[p, 0]) < CROWDED_PX
-            start = mean if alone else 0.0  # the search took the steps of neighbours for the edge's own
-            count = gather_steps(lines, p, near, start, fitted.offset_px2, work)
-            if count > MOST_STEPS:
-                continue
-            along = max(LEAST_ALONG_PX, min(config.half_length_px // count, int(points.half_px[p]) - 1))
-            found = fit_steps(image, count, along, colour, work)
-            if abs(found.distance) < fitted.blur_px:  # linear in the shift, and right within one standard deviation
-                distance[p, 0], steps[p] = start + found.distance, count
-                variance[p] = config.variance_px2 + found.variance_px2 + appearance[rows[p], MEAN_SQUARE]
-    blur_px = fitted.blur_px + (work.blur[2] / work.blur[1] if work.blur[1] > 0.0 else 0.0)
-    return SubpixelEdges(distance, variance, steps, min(MOST_BLUR_PX, max(LEAST_BLUR_PX, blur_px)))
-
-
-@compiled("f2 i0 near f0 f1 work", inner=True, near=NEIGHBOURS, work=WORKSPACE)
-def gather_steps(lines: Array, p: int, near: Neighbours, start: float, offset_px2: Array, work: Workspace) -> int:
-    """Put the line of a control point and those of its neighbours, all `start` px farther along its normal, to work.
-
-    Returns how many there are; of more than MOST_STEPS the nearest ones are there.
-    """
-    nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
-    steps = work.lines
-    steps[0, U], steps[0, V] = lines[p, U] + start * nu, lines[p, V] + start * nv
-    steps[0, NORMAL_U], steps[0, NORMAL_V] = nu, nv
-    count = 1
-    for k in range(near.rows.shape[1]):
-        q, across = near.rows[p, k], near.across_px[p, k]
-        if q < 0 or not abs(across) < CROWDED_PX:
-            break
-        if count == MOST_STEPS:
-            return count + 1
-        mu, mv = lines[q, NORMAL_U], lines[q, NORMAL_V]
-        if nu * mu + nv * mv < 0.0:
-            mu, mv = -mu, -mv
-        steps[count, U], steps[count, V] = steps[0, U] + across * nu, steps[0, V] + across * nv
-        steps[count, NORMAL_U], steps[count, NORMAL_V] = mu, mv
-        work.apart_px2[count] = offset_px2[p] + offset_px2[q]
-        count += 1
-    return count
+            reach = min(MAX_REACH_PX, int(spacing[p] - CLEARANCE_PX))
+            if side[p] != OUTSIDE and step > 0.0 and reach >= MIN_REACH_PX:
+                found = fit_step(image, lines[p], start, reach, ALONG_PX, colour)
+                if abs(found.distance - start) < MAX_SHIFT_PX:
+                    distance[p, 0] = found.distance
+                    variance[p] = config.variance_px2 + found.variance_px2 + appearance[rows[p], MEAN_SQUARE]
+    return SubpixelEdges(distance, variance)
 
 
 @compiled("f1 i0 f1!", inner=True)
@@ -176,3 +144,46 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
         for c in range(channels):
             colour[c] /= step
     return step
+
+
+@compiled("u3 f1 f0 i0 i0 f1", inner=True)
+def fit_step(image: Image, line: Array, start: float, reach: int, along: int, colour: Array) -> Step:
+    """The step of light on a search line (4,); inf where there is none in the direction `colour`.
+
+    Pixels of `along` rows, or columns, to either side that cross the edge most steeply, about the place at distance
+    `start`, `reach` of each to either side of the edge.
+    """
+    h, w, channels = image.shape
+    nu, nv = line[NORMAL_U], line[NORMAL_V]
+    u, v = line[U] + start * nu, line[V] + start * nv
+    by_rows = abs(nu) >= abs(nv)
+    if by_rows:
+        x0, y0, nx, ny, width, height = u, v, nu, nv, w, h
+    else:
+        x0, y0, nx, ny, width, height = v, u, nv, nu, h, w
+    middle = int(y0 + 0.5)
+    n, s01, s02, s11, s12, s22, t0, t1, t2, tt = 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for y in range(max(0, middle - along), min(height, middle + along + 1)):
+        x = x0 - (y - y0) * ny / nx
+        low = int(x + 0.5) - reach
+        if low < 0 or low + 2 * reach >= width:
+            continue
+        for j in range(low, low + 2 * reach + 1):
+            k = int(((j - x) * nx + TABLE_PX) * STEPS_PER_PX + 0.5)
+            g, d, f = STEP[k], SLOPE[k], 0.0
+            for c in range(channels):
+                f += colour[c] * LIGHT[image[y, j, c] if by_rows else image[j, y, c]]
+            s01, s02 = s01 + g, s02 + d
+            s11, s12, s22 = s11 + g * g, s12 + g * d, s22 + d * d
+            t0, t1, t2, tt = t0 + f, t1 + f * g, t2 + f * d, tt + f * f
+            n += 1
+    if n < 3 * (2 * reach + 1):
+        return NO_STEP
+    a11, a12, a22 = s11 - s01 * s01 / n, s12 - s01 * s02 / n, s22 - s02 * s02 / n
+    b1, b2 = t1 - s01 * t0 / n, t2 - s02 * t0 / n
+    det = a11 * a22 - a12 * a12
+    step, slope = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
+    if not step > LEAST_STEP:
+        return NO_STEP
+    noise = max(0.0, tt - t0 * t0 / n - step * b1 - slope * b2) / (n - 3)
+    return Step(start - slope / step, noise * a11 / det / (step * step))

@@ -66,28 +66,21 @@ def edge_spacing(at: SearchLines, keys: Indices, config: WeightConfig) -> Array:
     return gap
 
 
-@compiled("i1 f2 weights", weights=WEIGHTS)
-def known_weights(rows: Indices, appearance: Array, config: WeightConfig) -> Array:
-    """Weight (n,) of each control point by its edge alone: less where contrast is low or appearance not learned yet."""
-    out = np.empty(len(rows))
+@compiled("f1 i1 f2 weights", weights=WEIGHTS)
+def point_weights(spacing: Array, rows: Indices, appearance: Array, config: WeightConfig) -> Array:
+    """Weight (n,) of each control point: less where edges are close, contrast is low or appearance is not learned yet.
+
+    spacing (n,) is the distance in px to another edge, of `edge_spacing`.
+    """
+    out = spacing.copy()
     for p in range(len(out)):
-        r, step = rows[p], 0.0
+        r = rows[p]
+        apart = min(1.0, max(LEAST_WEIGHT, out[p] / config.separate_px))
+        step = 0.0
         for c in range(3):
             step += (appearance[r, POSITIVE_COLOUR + c] - appearance[r, NEGATIVE_COLOUR + c]) ** 2
         known = step / (step + config.weak_step_grey * config.weak_step_grey)
-        out[p] = known if appearance[r, TIMES_SEEN] > 0.0 else config.unknown_weight
-    return out
-
-
-@compiled("f1 f1 weights", weights=WEIGHTS)
-def point_weights(spacing: Array, known: Array, config: WeightConfig) -> Array:
-    """Weight (n,) of each control point that is searched: less where edges are close.
-
-    spacing (n,) is the distance in px to another edge, of `edge_spacing`; known (n,) of `known_weights`.
-    """
-    out = np.empty(len(spacing))
-    for p in range(len(out)):
-        out[p] = min(1.0, max(LEAST_WEIGHT, spacing[p] / config.separate_px)) * known[p]
+        out[p] = apart * (known if appearance[r, TIMES_SEEN] > 0.0 else config.unknown_weight)
     return out
 
 
