@@ -5,16 +5,20 @@ from itertools import groupby
 
 import cv2
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from uavbench.bench.filming.outside_view import OutsideView
 from uavbench.reports.style import COLOURS, house_style
-from uavbench.scenes.scene import obstacles_of
+from uavbench.scenes.scene import build_scene, obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.pose import Array
+from uavbench.trajectories.sensors.lidar import Lidar2d
+from uavbench.trajectories.sensors.ranging import LaserRanging
 from uavbench.trajectories.sensors.registry import measure
+from uavbench.trajectories.sensors.sensor import Table
 from uavbench.trajectories.simulation.flight import fly
 
 POINTS, LOOKS = 400, 16
@@ -59,26 +63,49 @@ def _colour(share: float) -> tuple[int, int, int]:
 
 
 def sensor_picture(spec: SequenceSpec) -> Image:
-    """What the sensor measures over time, a panel for each unit."""
+    """What the sensor measures over time, a panel for each unit; of a lidar one turn."""
     (sensor,) = spec.sensors
-    obstacles = obstacles_of(spec)
+    obstacles = build_scene(spec).obstacles if isinstance(sensor, LaserRanging) else obstacles_of(spec)
     flight = fly(spec.flight, spec.mount, obstacles, spec.seed)
     (table,) = measure(spec.sensors, flight, obstacles, spec.seed).values()
-    names = [name for name in table.columns if name in getattr(sensor, "measured", table.columns)]
-    panels = [list(group) for _, group in groupby(names, key=unit_of)]
     with house_style():
         figure = Figure(figsize=(spec.camera.width / DPI, spec.camera.height / DPI), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
-        for panel, columns in zip(figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0], panels, strict=True):
-            for k, column in enumerate(columns):
-                values: Array = table.column(column)
-                panel.plot(table.stamps_ns / 1e9, values, color=COLOURS[k], label=column, linewidth=0.8)
-            panel.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(columns))
-            panel.set_ylabel(unit_of(columns[0]).replace("_s2", "/s²").replace("_s", "/s"))
-        panel.set_xlabel("time in s")
+        if isinstance(sensor, Lidar2d):
+            _draw_turn(figure, sensor, table)
+        else:
+            names = [name for name in table.columns if name in getattr(sensor, "measured", table.columns)]
+            _draw_over_time(figure, table, names)
         drawn = BytesIO()
         figure.savefig(drawn, format="png")
     return np.asarray(cv2.imdecode(np.frombuffer(drawn.getvalue(), np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+
+
+def _draw_turn(figure: Figure, lidar: Lidar2d, table: Table) -> None:
+    """What one turn of a lidar meets, in its own axes, from above."""
+    steps = len(lidar.azimuths_rad)
+    azimuths = table.column("azimuth_rad")[:steps]
+    panel = figure.subplots()
+    for ring, elevation_deg in enumerate(lidar.elevations_deg):
+        level = table.column(f"range_{ring:02d}_m")[:steps] * np.cos(np.radians(elevation_deg))
+        shade = COLOURS[0] if len(lidar.elevations_deg) == 1 else colormaps["viridis"](ring / len(lidar.elevations_deg))
+        panel.plot(level * np.cos(azimuths), level * np.sin(azimuths), ".", color=shade, markersize=1.5)
+    panel.plot(0, 0, "^", color="black", markersize=4)
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_xlabel("ahead in m")
+    panel.set_ylabel("left in m")
+
+
+def _draw_over_time(figure: Figure, table: Table, names: list[str]) -> None:
+    """Columns of readings over time, a panel for each unit."""
+    panels = [list(group) for _, group in groupby(names, key=unit_of)]
+    for panel, columns in zip(figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0], panels, strict=True):
+        for k, column in enumerate(columns):
+            values: Array = table.column(column)
+            panel.plot(table.stamps_ns / 1e9, values, color=COLOURS[k], label=column, linewidth=0.8)
+        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=len(columns))
+        panel.set_ylabel(unit_of(columns[0]).replace("_s2", "/s²").replace("_s", "/s"))
+    panel.set_xlabel("time in s")
 
 
 def unit_of(column: str) -> str:
