@@ -73,6 +73,7 @@ def compare(repository, monkeypatch, *refs):
     ) else None  # fmt: skip
 
 
+@pytest.mark.ci
 def test_a_version_against_itself_passes_and_against_a_worse_one_fails(repository, monkeypatch):
     result, same = compare(repository, monkeypatch, "base", "base")
     assert result.exit_code == 0, result.output
@@ -194,6 +195,7 @@ def off(folder, side, label):
     return float((results.rows[0].cam_from_world @ sequence.true_cam_from_world(0).inverse()).translation[0])
 
 
+@pytest.mark.ci
 def test_all_of_a_version_comes_from_its_own_tree(foreign):
     (foreign / "programs/offset.py").write_text("OFF = 0.3\n")
     (foreign / "source/my_trackers/helper.py").write_text("OFF = 0.3\n")

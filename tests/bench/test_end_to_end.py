@@ -110,6 +110,7 @@ def test_the_same_suite_gives_the_same_truth_and_scores_elsewhere(suite, done, t
     assert scores_but_times(out) == scores_but_times(tmp_path / "again")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("how", SIGNALS)
 def test_an_interrupted_run_is_resumed_to_the_same_end(suite, done, tmp_path, how):
     out = tmp_path / "out"

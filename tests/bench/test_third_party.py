@@ -36,6 +36,7 @@ def nowhere(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.ci
 def test_absent_peers_are_told_and_the_rest_runs(nowhere):
     (nowhere / "suite.toml").write_text(SUITE)
     done = uavbench("run", nowhere / "suite.toml", "--out", nowhere / "out", "--jobs", "1")
