@@ -1,6 +1,7 @@
 """Rays against a triangle mesh: how far to the first triangle, which one, and how often through its surface."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,13 @@ def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
     out = np.empty((len(origins), 1))
     _distances(tree, origins, directions[:, None], np.inf, False, out)
     return out[:, 0]
+
+
+class Hit(NamedTuple):
+    """Distance to a triangle and its place in the tree, -1 where there is none."""
+
+    distance: float
+    place: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,29 +55,36 @@ def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.i
     return out
 
 
+@compiled
+def _first(tree: Tree, o: Array, d: Array, within: float, any_will_do: bool, stack: NDArray[np.int64]) -> Hit:
+    """The first triangle that a ray meets nearer than `within`, or any; `stack` (MAX_DEPTH,) is room for the search."""
+    best, place = within, -1
+    stack[0] = 0
+    top = 1
+    while top > 0 and not (any_will_do and best < within):
+        top -= 1
+        node = stack[top]
+        if not _enters(o, d, tree.low[node], tree.high[node], best):
+            continue
+        if tree.counts[node] > 0:
+            for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
+                distance = ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2])
+                if distance < best:
+                    best, place = distance, t
+        else:
+            stack[top] = tree.child[node]
+            stack[top + 1] = tree.child[node] + 1
+            top += 2
+    return Hit(best, place)
+
+
 @compiled("Tree f2~ f3~ f0 b0 f2!", Tree=TREE)
 def _distances(tree: Tree, origins: Array, directions: Array, within: float, any_will_do: bool, out: Array) -> None:
     """Distance (n, k) to the first triangle, or to any, nearer than `within`; `within` where there is none."""
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(directions.shape[0]):
         for j in range(directions.shape[1]):
-            o, d = origins[i], directions[i, j]
-            best = within
-            stack[0] = 0
-            top = 1
-            while top > 0 and not (any_will_do and best < within):
-                top -= 1
-                node = stack[top]
-                if not _enters(o, d, tree.low[node], tree.high[node], best):
-                    continue
-                if tree.counts[node] > 0:
-                    for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
-                        best = min(best, ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2]))
-                else:
-                    stack[top] = tree.child[node]
-                    stack[top + 1] = tree.child[node] + 1
-                    top += 2
-            out[i, j] = best
+            out[i, j] = _first(tree, origins[i], directions[i, j], within, any_will_do, stack).distance
 
 
 @compiled("Tree f2 f2 f1! i1!", Tree=TREE)
@@ -77,25 +92,8 @@ def _hits(tree: Tree, origins: Array, directions: Array, out: Array, place: NDAr
     """Distance (k,) to the first triangle, inf for none, and its place (k,) in the tree, -1 for none."""
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(origins.shape[0]):
-        o, d = origins[i], directions[i]
-        best, at = np.inf, -1
-        stack[0] = 0
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if not _enters(o, d, tree.low[node], tree.high[node], best):
-                continue
-            if tree.counts[node] > 0:
-                for t in range(tree.first[node], tree.first[node] + tree.counts[node]):
-                    distance = ray_triangle(o, d, tree.corners[t, 0], tree.corners[t, 1], tree.corners[t, 2])
-                    if distance < best:
-                        best, at = distance, t
-            else:
-                stack[top] = tree.child[node]
-                stack[top + 1] = tree.child[node] + 1
-                top += 2
-        out[i], place[i] = best, at
+        hit = _first(tree, origins[i], directions[i], np.inf, False, stack)
+        out[i], place[i] = hit.distance, hit.place
 
 
 @compiled("Tree f2 f1 i1!", Tree=TREE)
