@@ -1,5 +1,5 @@
 #!/bin/sh
-# The browser tests again and again beside busy cores: tests/reports/repeat_browser.sh [TIMES=50] [BUSY=2]
+# The browser tests again and again beside busy cores, until one fails: tests/reports/repeat_browser.sh [TIMES=50] [BUSY=2]
 set -eu
 cd "$(dirname "$0")/../.."
 python=.venv/bin/python
@@ -10,10 +10,9 @@ for _ in $(seq "${2:-2}"); do
     busy="$busy $!"
 done
 trap 'kill $busy' EXIT
-for turn in $(seq "${1:-50}"); do
-    "$python" -m pytest -q -p no:cacheprovider tests/bench/test_pick_page.py tests/reports/test_page.py || {
-        echo "turn $turn failed"
-        exit 1
-    }
-    echo "turn $turn passed"
+set -- "${1:-50}" # the report that is opened is made once for all turns
+for _ in $(seq "$1"); do
+    set -- "$@" tests/bench/test_pick_page.py tests/reports/test_page.py
 done
+shift
+"$python" -m pytest -x -p no:cacheprovider --keep-duplicates "$@"
