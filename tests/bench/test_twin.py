@@ -198,7 +198,8 @@ def test_no_other_folder_becomes_a_twin(sequence, tmp_path):
     assert before == {path: path.read_bytes() for path in sorted(other.rglob("*")) if path.is_file()}
 
 
-def test_a_sequence_of_another_version_is_refused(sequence, tmp_path):
+def test_a_sequence_of_another_version_is_refused(sequence, tmp_path, monkeypatch):
+    fake_blender(tmp_path, monkeypatch, "echo 'Blender 3.4.1'")
     other = shutil.copytree(sequence, tmp_path / "other")
     head, *rows = (other / "groundtruth.csv").read_text().splitlines()
     cells = rows[1].split(",")
