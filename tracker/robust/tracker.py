@@ -11,13 +11,13 @@ from uavbench.tracker.protocol import Image, Run, TrackResult, check_image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
 from uavbench.tracker.robust.false_alarms import log10_false_alarms
-from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors, sigmas
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.preprocessing.denoising import smoothed
 from uavbench.tracker.robust.preprocessing.gain_offset import ContrastStretch, brightness_ratio, compensated
 from uavbench.tracker.robust.relocalization.ranking import Sought
-from uavbench.tracker.robust.relocalization.relocate import Relocator, sigmas
+from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.kernels.warm_up import prepare
