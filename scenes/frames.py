@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import row_poses, write_depth, write_edges, write_mask
 from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
-from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS
-from uavbench.scenes.dataset.surface_truth import SurfaceFiles
+from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
+from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.spec import SequenceSpec

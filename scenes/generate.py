@@ -16,10 +16,11 @@ from uavbench.scenes.camera_path import Motion, camera_path
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.crlb import FrameBounds
 from uavbench.scenes.dataset.disk_guards import disk_errors
-from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, Sequence, write_manifest
+from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, Sequence
 from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
-from uavbench.scenes.dataset.surface_truth import SurfaceFiles
+from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
+from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.frames import Filming, write_frames
 from uavbench.scenes.rendering import context as gl

@@ -14,8 +14,9 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.motion_model import sigmas
 from uavbench.tracker.robust.relocalization.ranking import Sought
-from uavbench.tracker.robust.relocalization.relocate import Relocator, sigmas
+from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.work import Work
 from uavbench.tracker.visible_edges import visible_edges
 from uavbench.trajectories.errors import UserError

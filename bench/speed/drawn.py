@@ -7,8 +7,10 @@ import cv2
 import numpy as np
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.structure_files import save_structure
+from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image, TrackResult
 from uavbench.tracker.registry import TRACKERS

@@ -17,7 +17,8 @@ import numpy as np
 
 from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence
+from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.registry import export
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_tum

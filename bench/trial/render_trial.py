@@ -9,7 +9,8 @@ import cv2
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.trial.check import TRIAL
-from uavbench.scenes.dataset.sequence import Sequence, write_manifest
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.generate import generate
 from uavbench.scenes.spec import SequenceSpec
 

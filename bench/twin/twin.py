@@ -20,7 +20,8 @@ from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import write_edges
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
-from uavbench.scenes.dataset.sequence import Sequence, write_manifest
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.link import Drops
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.dataset.sequence import Sequence, inside
+from uavbench.scenes.dataset.disk_guards import inside
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_integers, read_records, read_table
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE

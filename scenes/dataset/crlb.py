@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import BOUND_COLUMNS, UPPER
+from uavbench.scenes.dataset.ground_truth_files import BOUND_COLUMNS, UPPER
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, ideal_camera, render_camera, sample

@@ -1,4 +1,4 @@
-"""Errors of the disk while a dataset is written, turned into a UserError."""
+"""Guards of a dataset's folder: errors of the disk, and names that lead out of it, turned into a UserError."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,3 +16,14 @@ def disk_errors(folder: Path) -> Iterator[None]:
         raise UserError(
             f"{folder}: cannot be written: {error.strerror or error}; free space or name another folder"
         ) from None
+
+
+def inside(folder: Path, name: str) -> Path:
+    """Path of a dataset's file, links followed; UserError when it leads out of the dataset's folder."""
+    try:
+        path = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UserError(f"{folder}: {name!r} is no file name: {error}") from None
+    if not path.is_relative_to(folder.resolve()):
+        raise UserError(f"{folder}: its file {name!r} leads out of the folder; this dataset is not to be trusted")
+    return path

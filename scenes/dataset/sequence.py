@@ -30,34 +30,23 @@ from cv2 import IMREAD_UNCHANGED
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.disk_guards import inside
+from uavbench.scenes.dataset.ground_truth_files import read_ground_truth, read_pose_bounds
 from uavbench.scenes.dataset.structure_files import load_structure
-from uavbench.scenes.dataset.surface_files import read_flow, read_normals
+from uavbench.scenes.dataset.surfaces.surface_files import read_flow, read_normals
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
 from uavbench.scenes.image_files import decoded, load_image, size_px
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import ANY, IMAGE, LARGEST_COORDINATE_M
-from uavbench.trajectories.files.reading import opened, read_bytes
-from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.files.limits import IMAGE
+from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
 
-GROUND_TRUTH_COLUMNS = [
-    "frame", "stamp_ns",
-    "px_m", "py_m", "pz_m",
-    "qw", "qx", "qy", "qz",
-    "vx_m_s", "vy_m_s", "vz_m_s",
-    "wx_rad_s", "wy_rad_s", "wz_rad_s",
-    "ax_m_s2", "ay_m_s2", "az_m_s2",
-]  # fmt: skip
-"""Pose `world_from_body`, velocity and acceleration in the world, angular velocity in the body."""
 DEPTH_M_PER_UNIT = 0.001
 """Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
 EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
 """Of `edges/NNNNNN.csv`: a visible part of a model's edge, its ends, its share of the edge, its contrast."""
-UPPER = np.triu_indices(6)
-BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
-"""A covariance in `crlb.csv`: its upper triangle by rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,18 +68,8 @@ class Sequence:
             value = info.get(key, 1.0)
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
                 raise UserError(f"{folder / 'sequence.json'}: {key} = {value!r}: must be a positive number")
-        frames = read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"])
-        files = tuple(row["file"] for row in frames)
-        for name in files:
-            inside(folder, name)
-        return cls(
-            folder,
-            info,
-            Camera.load(folder / "camera.toml", inside=folder),
-            load_structure(folder),
-            read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0],
-            files,
-        )
+        files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
+        return cls(folder, info, camera, load_structure(folder), _stamps_ns(folder), files)
 
     def __len__(self) -> int:
         return len(self.files)
@@ -111,10 +90,7 @@ class Sequence:
     @cached_property
     def cam_from_body(self) -> Pose:
         """Mount of the camera on the vehicle."""
-        try:
-            return Pose.from_matrix(self._said("cam_from_body"))
-        except (ValueError, TypeError, OverflowError) as error:
-            raise UserError(f"{self.folder / 'sequence.json'}: cam_from_body: {error}") from None
+        return self._pose("cam_from_body")
 
     @cached_property
     def cameras(self) -> Mapping[str, "Sequence"]:
@@ -127,12 +103,8 @@ class Sequence:
     def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":
         folder = inside(self.folder, f"cameras/{name}")
         info = {**self.info, **about, "cameras": {}, "sensors": {}}
-        files = tuple(row["file"] for row in read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"]))
-        for file in files:
-            inside(folder, file)
-        camera = Camera.load(folder / "camera.toml", inside=folder)
-        stamps = read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0]
-        return Sequence(folder, info, camera, self.structure, stamps, files)
+        files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
+        return Sequence(folder, info, camera, self.structure, _stamps_ns(folder), files)
 
     @property
     def timeshift_cam_imu_ns(self) -> int:
@@ -164,6 +136,13 @@ class Sequence:
             raise UserError(f"{self.folder / 'sequence.json'}: `{key}` is missing; render the sequence again")
         return self.info[key]
 
+    def _pose(self, key: str) -> Pose:
+        """Pose of a key of `sequence.json`; UserError where it is missing or none."""
+        try:
+            return Pose.from_matrix(self._said(key))
+        except (ValueError, TypeError, OverflowError) as error:
+            raise UserError(f"{self.folder / 'sequence.json'}: {key}: {error}") from None
+
     def image(self, frame: int) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) of a frame; UserError when its file is missing, truncated or of another size."""
         return read_image(self.folder / self.files[frame], self.camera, inside=self.folder)
@@ -180,12 +159,7 @@ class Sequence:
     @property
     def initial_cam_from_world(self) -> Pose:
         """Pose of the camera at the first frame: the true one, or the one that a recording comes with."""
-        if not self.recorded:
-            return self.true_cam_from_world(0)
-        try:
-            return Pose.from_matrix(self.info["initial_cam_from_world"])
-        except (ValueError, TypeError, OverflowError) as error:
-            raise UserError(f"{self.folder / 'sequence.json'}: initial_cam_from_world: {error}") from None
+        return self._pose("initial_cam_from_world") if self.recorded else self.true_cam_from_world(0)
 
     @cached_property
     def ground_truth(self) -> Trajectory:
@@ -198,30 +172,15 @@ class Sequence:
 
     @cached_property
     def ground_truth_table(self) -> Array:
-        """All of groundtruth.csv (n, 18) in the order of TRUTH_COLUMNS."""
-        path = self.folder / "groundtruth.csv"
+        """All of groundtruth.csv (n, 18) in the order of GROUND_TRUTH_COLUMNS."""
         if self.recorded:
             raise UserError(f"{self.folder}: a recording of real images has no ground truth to compare with")
-        table = read_numbers(path, GROUND_TRUTH_COLUMNS)
-        if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():
-            row = int(np.argmin((np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all(axis=1)))
-            raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
-        if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], self.stamps_ns):
-            raise UserError(
-                f"{self.folder / 'groundtruth.csv'}: its stamps differ from those of frames.csv; render it again"
-            )
-        return table
+        return read_ground_truth(self.folder, self.stamps_ns)
 
     @cached_property
     def pose_bounds(self) -> dict[int, Array]:
         """Cramer-Rao bound (6, 6) of the twist of `cam_from_world`, by frame; not every frame has one (see `crlb`)."""
-        path = self.folder / "crlb.csv"
-        if not path.is_file():
-            return {}
-        frames, table = read_integers(path, ["frame"])[:, 0], read_numbers(path, BOUND_COLUMNS)
-        bounds = np.zeros((len(table), 6, 6))
-        bounds[:, UPPER[0], UPPER[1]] = bounds[:, UPPER[1], UPPER[0]] = table
-        return dict(zip(frames.tolist(), bounds, strict=True))
+        return read_pose_bounds(self.folder)
 
     def true_cam_from_world(self, frame: int) -> Pose:
         """True pose of the camera at a frame."""
@@ -317,17 +276,6 @@ def open_sequence(folder: str | Path) -> Sequence:
     return Sequence.load(Path(folder))
 
 
-def inside(folder: Path, name: str) -> Path:
-    """Path of a dataset's file, links followed; UserError when it leads out of the dataset's folder."""
-    try:
-        path = (folder / name).resolve()
-    except (OSError, ValueError, RuntimeError) as error:
-        raise UserError(f"{folder}: {name!r} is no file name: {error}") from None
-    if not path.is_relative_to(folder.resolve()):
-        raise UserError(f"{folder}: its file {name!r} leads out of the folder; this dataset is not to be trusted")
-    return path
-
-
 def read_image(path: Path, camera: Camera, inside: Path | None = None) -> NDArray[np.uint8]:
     """BGR image (h, w, 3); UserError naming the file when it cannot be read or is not of the camera's size."""
     data = read_bytes(path, IMAGE, inside=inside)
@@ -342,17 +290,14 @@ def read_image(path: Path, camera: Camera, inside: Path | None = None) -> NDArra
     return image
 
 
-def write_manifest(folder: Path) -> None:
-    """Write `manifest.json`: the sha256 of every file of the folder, by relative path, sorted."""
-    hashes = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != "manifest.json"}
-    write_text(folder / "manifest.json", json.dumps({"sha256": hashes}, indent=1) + "\n")
+def _image_files(folder: Path) -> tuple[str, ...]:
+    """Names of the images in frames.csv; UserError where one leads out of the folder."""
+    files = tuple(row["file"] for row in read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"]))
+    for name in files:
+        inside(folder, name)
+    return files
 
 
-def file_hash(path: Path) -> str:
-    """sha256 of a file, in hexadecimal."""
-    with opened(path, ANY) as handle:
-        return hashlib.file_digest(handle, "sha256").hexdigest()
-
-
-def _files(folder: Path) -> Iterator[str]:
-    return (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+def _stamps_ns(folder: Path) -> NDArray[np.int64]:
+    """Stamps (n,) in frames.csv."""
+    return read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0]

@@ -1,7 +1,9 @@
-"""Verification of a sequence folder against its manifest, and against another rendering."""
+"""The manifest of a folder: written, and verified against its files and against another rendering."""
 
+import hashlib
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -9,10 +11,12 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from uavbench.scenes.dataset.sequence import file_hash
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.scenes.image_files import load_image
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import ANY
+from uavbench.trajectories.files.reading import opened
+from uavbench.trajectories.files.writing import write_text
 
 TOLERANCE_LEVELS = 3
 TOLERANCE_SHARE = 0.999
@@ -36,6 +40,22 @@ class Verdict:
     def ok(self) -> bool:
         """Whether nothing is wrong."""
         return not self.problems
+
+
+def write_manifest(folder: Path) -> None:
+    """Write `manifest.json`: the sha256 of every file of the folder, by relative path, sorted."""
+    hashes = {name: file_hash(folder / name) for name in sorted(_files(folder)) if name != "manifest.json"}
+    write_text(folder / "manifest.json", json.dumps({"sha256": hashes}, indent=1) + "\n")
+
+
+def file_hash(path: Path) -> str:
+    """sha256 of a file, in hexadecimal."""
+    with opened(path, ANY) as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
+
+
+def _files(folder: Path) -> Iterator[str]:
+    return (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
 def verify(folder: Path) -> Verdict:

@@ -9,7 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from uavbench.scenes.dataset.sequence import Sequence, file_hash
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.exports.notes import Held
 from uavbench.trajectories.files.writing import tree, write_text
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.scenes.dataset.sequence import Sequence, inside
+from uavbench.scenes.dataset.disk_guards import inside
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 

@@ -14,7 +14,8 @@ from uavbench.bench.inputs.file_paths import FREE
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.scoring.score import Score
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import Sequence, inside
+from uavbench.scenes.dataset.disk_guards import inside
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.registry import export
 from uavbench.scenes.model_files.mesh_file import read as read_mesh
 from uavbench.tracker.initialization import read_init

@@ -18,8 +18,8 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.extent import extents
 from uavbench.bench.runner.tasks import Render
-from uavbench.scenes.dataset.sequence import Sequence, write_manifest
-from uavbench.scenes.dataset.verify import compare, verify
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.verify import compare, verify, write_manifest
 from uavbench.scenes.exports.euroc import yaml_number
 from uavbench.scenes.exports.registry import EXPORTS, export
 from uavbench.scenes.generate import generate

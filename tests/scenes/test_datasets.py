@@ -9,8 +9,8 @@ from evo.tools import file_interface
 
 from uavbench.scenes.dataset.annotations import EDGE_COLUMNS, load_edges, read_depth
 from uavbench.scenes.dataset.contact_sheet import LEGEND_PX, write_contact_sheet
-from uavbench.scenes.dataset.sequence import Sequence, write_manifest
-from uavbench.scenes.dataset.verify import compare, verify
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.verify import compare, verify, write_manifest
 from uavbench.scenes.effects.exposure import RollingShutter
 from uavbench.scenes.exports.registry import camera_ground_truth, export
 from uavbench.scenes.generate import generate

@@ -12,7 +12,8 @@ import pytest
 from tests.reports.drawn import CAM_FROM_BODY, make_sequence
 from uavbench.bench.cli.files import EXPORTS as NAMED
 from uavbench.scenes.camera import Camera
-from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence
+from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.bop import beyond
 from uavbench.scenes.exports.registry import EXPORTS, camera_ground_truth, export
 from uavbench.trajectories.errors import UserError

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavbench.scenes.dataset.sequence import Sequence, file_hash
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.effects.exposure import MotionBlur
 from uavbench.scenes.effects.image_sensor import Noise
 from uavbench.scenes.generate import camera_path, generate

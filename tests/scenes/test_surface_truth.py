@@ -10,8 +10,8 @@ import pytest
 from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.surface_files import HIDDEN, OUTSIDE, SEEN, UNKNOWN
-from uavbench.scenes.dataset.surface_truth import SurfaceTruth
+from uavbench.scenes.dataset.surfaces.surface_files import HIDDEN, OUTSIDE, SEEN, UNKNOWN
+from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceTruth
 from uavbench.scenes.generate import generate
 from uavbench.scenes.renderables import Mover
 from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_camera

@@ -95,7 +95,7 @@ def test_frames_that_are_tracked_do_no_search(flight):
     results, evaluations = tracked(run, images)
     assert all(result.status == "ok" and result.guess is None for result in results)
     assert evaluations[1:].max() < BudgetConfig().evaluations / 4
-    assert not run.relocator.under_way
+    assert not run.decider.relocator.under_way
 
 
 def test_between_two_equal_boxes_it_is_ambiguous_and_never_ok():

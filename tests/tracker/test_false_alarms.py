@@ -60,7 +60,7 @@ def test_a_wrong_pose_is_not_held_by_it(shift_m):
     run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
     for i, image in enumerate(images):
         run.track(image, i * STEP_NS)
-    right = run.motion.predict(0.0, run.range_m, run.config.motion)
+    right = run.state.motion.predict(0.0, run.state.range_m, run.config.motion)
     wrong = Pose(np.eye(3), np.array([shift_m, 0.0, 0.0])) @ right.cam_from_world
     held, missed = (
         run.fitter.fit(images[-1], pose, right.covariance * 4, StageClock(), 5.0)

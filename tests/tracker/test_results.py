@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
-from uavbench.scenes.dataset.sequence import GROUND_TRUTH_COLUMNS, Sequence, write_manifest
+from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.structure_files import save_structure
+from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.registry import TRACKERS

@@ -89,8 +89,8 @@ def test_what_the_filter_expects_is_where_it_searches_and_how_far(flight):
         before = run.expected
         result = run.track(images[19], 19 * STEP_NS)
         assert run.expected is None  # it counts once
-        own = run.motion.predict(19 * 1e-9 * STEP_NS, run.range_m, CONFIG.motion)
-        assert (before.spread_m(run.range_m) < own.spread_m(run.range_m)) == surer
+        own = run.state.motion.predict(19 * 1e-9 * STEP_NS, run.state.range_m, CONFIG.motion)
+        assert (before.spread_m(run.state.range_m) < own.spread_m(run.state.range_m)) == surer
         if surer:
             assert result.status == "ok"
             assert pose_error(result.cam_from_world, poses[19])[0] < 0.003

@@ -1,7 +1,5 @@
 """One image and a predicted pose: control points, search, hypotheses and M-estimation to the pose that fits."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +8,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.geometry_kernels import inverse6, se3_exp_left
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, EDGE, OUTSIDE, U, V
+from uavbench.tracker.robust.edges.columns import APPEARANCE_COLUMNS, OUTSIDE, U, V
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.profile_kernels import MAX_HALF_PX, learn, search, search_range
@@ -26,7 +24,15 @@ from uavbench.tracker.robust.edges.weight_kernels import (
 from uavbench.tracker.robust.kernel_config import KernelConfig
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import Texture
-from uavbench.tracker.robust.pose_fit import Fit, FitResiduals
+from uavbench.tracker.robust.pose_fit import (
+    NO_MATCHES,
+    NO_MEASUREMENTS,
+    Aligned,
+    Fit,
+    FitResiduals,
+    Problem,
+    Solution,
+)
 from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, normalized_innovation
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
@@ -37,57 +43,8 @@ from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
-NO_ROWS: Indices = np.zeros(0, dtype=np.int64)
-NO_MEASUREMENTS = EdgeMeasurements(
-    ControlPoints(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), NO_ROWS, np.zeros(1, dtype=np.int64)),
-    SearchLines(np.zeros((0, 4)), np.zeros((0, 6)), NO_ROWS),
-    Candidates(np.zeros((0, 1)), np.zeros((0, 1))),
-    np.zeros(0),
-    np.zeros(0),
-)
-NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 MIN_POINTS = 6
 """With fewer control points and fewer patches nothing is fitted."""
-
-
-class Problem(NamedTuple):
-    """An image (h, w, c), the prediction with its covariance (6, 6), and the control points that it shows.
-
-    lines are those at the prediction; spacing_px (n,) to the nearest other edge; weight (n,) of each control point;
-    edges (g,) rows of the edges in view among the offsets.
-    """
-
-    image: Image
-    view: View
-    covariance: Array
-    prior: PosePrior
-    points: ControlPoints
-    lines: SearchLines
-    spacing_px: Array
-    weight: Array
-    edges: Indices
-
-
-class Aligned(NamedTuple):
-    """A view near enough for a short search, and where the patches are found from it."""
-
-    view: View
-    matches: PatchMatches
-
-
-class Solution(NamedTuple):
-    """An estimate, the measurements that it is made of, and the offsets of the edges in view."""
-
-    estimate: Estimate
-    measured: EdgeMeasurements
-    edges: EdgeOffsets
-
-
-class SeenEdges(NamedTuple):
-    """Visible control points (n, 3) and the unit directions (n, 3) of their edges."""
-
-    points: Array
-    direction: Array
 
 
 class EdgeFitter:
@@ -260,13 +217,6 @@ class EdgeFitter:
     def sample(self, view: View) -> ControlPoints:
         """Visible control points in a view."""
         return sample_edges(self.edges, view, self.values.sampling)
-
-    def seen(self, pose: Pose) -> SeenEdges:
-        """Visible control points at a pose, with the directions of their edges."""
-        points = self.sample(self.view.at(pose))
-        ends = self.edges.ends[points.keys[:, EDGE]]
-        along = ends[:, 1] - ends[:, 0]
-        return SeenEdges(points.points, along / np.linalg.norm(along, axis=1, keepdims=True))
 
     def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
         """Search lines of control points in a view."""

@@ -80,3 +80,8 @@ class PredictionErrors:
         freedom = 6 * self.count
         part = 2 / (9 * freedom)
         return min(1.0, float(self.sum / (freedom * (1 - part - THOUSANDTH * np.sqrt(part)) ** 3)))
+
+
+def sigmas(sigma: float, range_m: float) -> Array:
+    """Covariance (6, 6) of a pose known to sigma, in parts of the range and in rad."""
+    return np.diag([(sigma * range_m) ** 2] * 3 + [sigma**2] * 3)

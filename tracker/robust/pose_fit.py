@@ -1,16 +1,62 @@
-"""A pose fitted to an image, how well the image supports it, and the residuals that it leaves."""
+"""A fit: the problem, what its stages pass on, and the pose with its support and the residuals that it leaves."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.tracker.robust.edges.measurements import ControlPoints
+from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
+from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, FrameSums
-from uavbench.tracker.robust.solver.solve_kernels import Step, Weighting
+from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Step, Weighting
+from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
+NO_ROWS: Indices = np.zeros(0, dtype=np.int64)
+NO_MEASUREMENTS = EdgeMeasurements(
+    ControlPoints(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), NO_ROWS, np.zeros(1, dtype=np.int64)),
+    SearchLines(np.zeros((0, 4)), np.zeros((0, 6)), NO_ROWS),
+    Candidates(np.zeros((0, 1)), np.zeros((0, 1))),
+    np.zeros(0),
+    np.zeros(0),
+)
+NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+
+class Problem(NamedTuple):
+    """An image (h, w, c), the prediction with its covariance (6, 6), and the control points that it shows.
+
+    lines are those at the prediction; spacing_px (n,) to the nearest other edge; weight (n,) of each control point;
+    edges (g,) rows of the edges in view among the offsets.
+    """
+
+    image: Image
+    view: View
+    covariance: Array
+    prior: PosePrior
+    points: ControlPoints
+    lines: SearchLines
+    spacing_px: Array
+    weight: Array
+    edges: Indices
+
+
+class Aligned(NamedTuple):
+    """A view near enough for a short search, and where the patches are found from it."""
+
+    view: View
+    matches: PatchMatches
+
+
+class Solution(NamedTuple):
+    """An estimate, the measurements that it is made of, and the offsets of the edges in view."""
+
+    estimate: Estimate
+    measured: EdgeMeasurements
+    edges: EdgeOffsets
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,13 @@ from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.kernel_values import kernel_values
+from uavbench.tracker.robust.relocalization.edge_pixel_kernels import edge_channels
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     FAR,
     REFINEMENTS,
     SeenEdges,
     SmallCamera,
     Target,
-    edge_channels,
     refine_pose,
     score_changes,
     turned_about,

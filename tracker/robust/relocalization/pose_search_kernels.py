@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 from uavbench.tracker.geometry_kernels import RigidMotion, se3_exp_left
 from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
 from uavbench.tracker.robust.kernel_values import kernel_type
+from uavbench.tracker.robust.relocalization.edge_pixel_kernels import ORIENTATIONS
 from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-ORIENTATIONS = 8
-"""Edge pixels are kept apart by their direction, in so many bins of half a turn."""
-DIAGONAL = 2.4
-"""Ratio of a gradient's components above which it lies along an axis of the pixels: tan(67.5 degrees)."""
 FAR = 255
 """The distance at which an edge point counts as missed: distances are whole parts of it, and sums of them exact."""
 REFINED_PX = np.array([2, 1])
@@ -92,46 +89,6 @@ SMALL_CAMERA = named_tuple(SmallCamera, "f1! f1! f0")
 TARGET = named_tuple(Target, "u3! f0")
 SEEN_EDGES = named_tuple(SeenEdges, "f2! f2! f1!")
 IMAGE_POINTS = named_tuple(ImagePoints, "i2! i0")
-
-
-@compiled("u3 f0")
-def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
-    """Maxima of the colour gradient by direction (ORIENTATIONS, h, w): 0 on an edge pixel, 1 elsewhere.
-
-    An edge pixel enters its own bin and the neighbour that it is nearer to.
-    """
-    h, w = image.shape[0], image.shape[1]
-    out = np.ones((ORIENTATIONS, h, w), np.uint8)
-    gx, gy, power = np.zeros((h, w)), np.zeros((h, w)), np.zeros((h, w))
-    for i in range(1, h - 1):
-        for j in range(1, w - 1):
-            for c in range(image.shape[2]):
-                x = float(image[i, j + 1, c]) - float(image[i, j - 1, c])
-                y = float(image[i + 1, j, c]) - float(image[i - 1, j, c])
-                p = x * x + y * y
-                if p > power[i, j]:
-                    power[i, j], gx[i, j], gy[i, j] = p, x, y
-    for i in range(1, h - 1):
-        for j in range(1, w - 1):
-            p = power[i, j]
-            if p < least * least:
-                continue
-            if abs(gx[i, j]) > DIAGONAL * abs(gy[i, j]):
-                di, dj = 0, 1
-            elif abs(gy[i, j]) > DIAGONAL * abs(gx[i, j]):
-                di, dj = 1, 0
-            elif gx[i, j] * gy[i, j] > 0:
-                di, dj = 1, 1
-            else:
-                di, dj = 1, -1
-            if p < power[i + di, j + dj] or p <= power[i - di, j - dj]:
-                continue
-            turn = math.atan2(gy[i, j], gx[i, j]) / math.pi * ORIENTATIONS
-            bin_ = math.floor(turn) % ORIENTATIONS
-            out[bin_, i, j] = 0
-            near = bin_ + (1 if turn - math.floor(turn) > 0.5 else -1)
-            out[near % ORIENTATIONS, i, j] = 0
-    return out
 
 
 @compiled("f2 f1 f1 f1")

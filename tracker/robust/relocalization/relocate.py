@@ -10,31 +10,26 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.motion_model import sigmas
 from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.pose_arrays import distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSearch, Reach, Scored, grid
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target, turned_about
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
-from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
-from uavbench.tracker.robust.relocalization.tried_poses import NONE, PoseStack, TriedPoses
+from uavbench.tracker.robust.relocalization.rivals import Rivals
+from uavbench.tracker.robust.relocalization.tried_poses import NONE, TriedPoses
 from uavbench.tracker.stage_clock import StageClock
-from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.pose import Pose
 
 ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
 """Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
 BESIDE_TIMES = 2
 """Steps by which the viewing direction of the best pose is improved: to the reach of a slow or lost frame's guess."""
-SHARED = 48
-"""Edge points by which shifts of the structure are judged: they are spread over all that is seen."""
-SHARED_EVALUATIONS = 40
-"""What looking up one of them takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
-COMPARED = 12
-"""Edge points by which two poses are compared: they are spread over all that is seen."""
 
 
 class Relocalized(NamedTuple):
@@ -71,8 +66,7 @@ class Relocator:
     def __init__(self, fitter: EdgeFitter, camera: Camera, config: RelocalizationConfig) -> None:
         self.fitter, self.config = fitter, config
         self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, config.search)
-        self.similarity = SelfSimilarity(fitter.edges, config.similarity)
-        self.reserved_fits = 0
+        self.rivals = Rivals(fitter, self.searcher, config)
         near = Reach(config.near_roll_rad, config.near_range_part, config.near_shift_part)
         far = Reach(config.far_roll_rad, config.far_range_part, config.far_shift_part, config.search.far_step_factor)
         self.near_block = self.searcher.block(0.0, 0.0, near)
@@ -89,8 +83,7 @@ class Relocator:
         self.reference: RigidMotion | None = None
         self.best_before: RigidMotion | None = None
         self.kept: list[Candidate] = []
-        self.tried, self.rivals = TriedPoses(), NONE
-        self.seen = np.zeros((0, 3))
+        self.tried = TriedPoses(self.searcher)
         self.next_change = self.next_block = self.perturbations = 0
         self.near_done = False
 
@@ -110,79 +103,23 @@ class Relocator:
             work.done += self.fitter.config.budget.distance_evaluations
             candidates = self.score(target, guesses, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
-        compared = self.fit_rivals(sought, ranking)
+        compared = self.rivals.fit(sought, ranking, self.tried)
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= config.most_fits)
         compared = compared and ranking.top.support >= sought.sure
-        leads = self.leads_rivals(ranking) if compared else self.lead(ranking.top) >= config.lead
+        leads = self.rivals.trail(ranking, self.tried) if compared else self.lead(ranking.top) >= config.lead
         return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
 
     def confirm(self, sought: Sought) -> Relocalized:
         """The fit at hand held against its rivals: the places at which the structure looks as it does there."""
         self.forget()
         ranking = Ranking(sought, self.config)
-        self.fit_rivals(sought, ranking)
-        found = Relocalized(ranking.top, ranking.advantage, True, True, self.leads_rivals(ranking))
+        self.rivals.fit(sought, ranking, self.tried)
+        found = Relocalized(ranking.top, ranking.advantage, True, True, self.rivals.trail(ranking, self.tried))
         self.forget()
         return found
-
-    def fit_rivals(self, sought: Sought, ranking: Ranking) -> bool:
-        """Fit the rivals of the best fit, and those of a rival that is better in its turn; whether there were any."""
-        clock, fits = StageClock(), [ranking.top]
-        while rivals := self.rivals_of(ranking):
-            top = ranking.top
-            for pose in rivals:
-                if self.fitter.work.left < self.fitter.largest_fit:
-                    break
-                covariance = sigmas(self.config.found_sigma, sought.range_m)
-                fit = self.fitter.fit(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
-                self.tried.add(pose, 0.0, motion(fit.cam_from_world), fit.support)
-                self.rivals = self.rivals.added(pose)
-                fits += [fit] if fit.finite else []
-            self.choose(fits, ranking)
-            if ranking.top is top or self.fitter.work.left < self.fitter.largest_fit:
-                break
-        self.reserved_fits = len(fits) - 1
-        return len(fits) > 1
-
-    def choose(self, fits: list[Fit], ranking: Ranking) -> None:
-        """Put first the fit of most worth; of those that are worth about as much the one nearest to the prediction."""
-        worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
-        least = max(worth) - self.config.similarity.lead
-        contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
-        ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
-
-    def rivals_of(self, ranking: Ranking) -> list[RigidMotion]:
-        """Poses not fitted yet at which the structure looks as it does at the best fit, the likeliest first."""
-        fit, config = ranking.top, self.config.similarity
-        if not (fit.finite and fit.support >= self.fitter.config.loss.min_support):
-            return []
-        pose = motion(fit.cam_from_world)
-        seen = self.searcher.seen(pose)
-        self.seen = seen.points
-        shares = self.similarity.shares(seen.points[:SHARED], seen.direction[:SHARED])
-        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling_evaluations
-        places = [
-            RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
-        ]
-        chi2 = np.array([ranking.chi2(Pose(*place)) for place in places])
-        found: list[RigidMotion] = []
-        known = self.rivals.added(pose)
-        for k in np.argsort(chi2, kind="stable")[: np.count_nonzero(chi2 <= config.sigmas**2)]:
-            if len(found) < config.rivals and not self.within_reach(places[k], known).any():
-                found.append(places[k])
-                known = known.added(places[k])
-        return found
-
-    def leads_rivals(self, ranking: Ranking) -> bool:
-        """Whether the best fit is worth more than those that ended at other poses since the search began."""
-        top, reached = ranking.top, self.tried.reached
-        least = ranking.worth(top.support, top.cam_from_world) - self.config.similarity.lead
-        others = ~self.within_reach(motion(top.cam_from_world), reached) & (self.tried.supports > least)
-        poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
-        return not any(ranking.worth(self.tried.supports[k], pose) > least for k, pose in poses)
 
     def fit_in_turn(self, attempts: "Iterator[Attempt]", sought: Sought, ranking: Ranking) -> bool:
         """Fit poses until one has enough support or the work is done; whether that was before the last one.
@@ -191,7 +128,7 @@ class Relocator:
         """
         clock = StageClock()
         for attempt in attempts:
-            if self.fitter.work.left < (1 + self.reserved_fits) * self.fitter.largest_fit:
+            if self.fitter.work.left < (1 + self.rivals.reserved_fits) * self.fitter.largest_fit:
                 return True
             covariance = sigmas(attempt.sigma, sought.range_m)
             fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
@@ -203,7 +140,7 @@ class Relocator:
 
     def lead(self, fit: Fit) -> float:
         """How much more support a fit has than those that ended at other poses since the search began."""
-        same = self.within_reach(motion(fit.cam_from_world), self.tried.reached)
+        same = self.tried.within_reach(motion(fit.cam_from_world), self.tried.reached)
         return fit.support - float(self.tried.supports[~same].max(initial=0.0))
 
     def shift_sigma_px(self, sought: Sought) -> float:
@@ -225,7 +162,6 @@ class Relocator:
         by = RigidMotion(R, reference.t - R @ before.t)
         self.kept = [each._replace(pose=product_of(by, each.pose)) for each in self.kept]
         self.tried.move(by)
-        self.rivals = self.rivals.moved(by)
         self.best_before = self.best_before and product_of(by, self.best_before)
 
     def score(self, target: Target, guesses: list[RigidMotion], uncertain: bool) -> list[Candidate]:
@@ -281,34 +217,24 @@ class Relocator:
         well as the best and were not tried; perturbations of the best fit, and all others.
         """
         config = self.config
-        self.seen = candidates[0].seen.points if candidates else self.seen
+        self.tried.seen = candidates[0].seen.points if candidates else self.tried.seen
         if self.best_before is not None:
             again = [
-                each.pose for each in candidates if self.within_reach(each.pose, NONE.added(self.best_before)).any()
+                each.pose
+                for each in candidates
+                if self.tried.within_reach(each.pose, NONE.added(self.best_before)).any()
             ]
             yield Attempt((again or [self.best_before])[0], config.found_sigma, config.half_px)
         for hopeless in (False, True):
             for candidate in candidates:
                 worse = candidate.score < candidates[0].score - config.search.hopeless_score
-                if worse != hopeless or self.was_tried(candidate):
+                if worse != hopeless or self.tried.holds(candidate):
                     continue
                 yield from self.found(candidate.pose, candidate.score, ranking)
                 self.near_done |= int(np.count_nonzero(self.tried.scores)) >= config.near_fits
             self.near_done = True
             while not hopeless and self.perturbations < config.perturbations:
                 yield from self.perturbed(ranking.top)
-
-    def was_tried(self, candidate: Candidate) -> bool:
-        """Whether a pose within reach of a fit from this one was fitted, in an image that it agreed with as well."""
-        reached = self.within_reach(candidate.pose, self.tried.fitted)
-        return bool((reached & (self.tried.scores > candidate.score - self.config.search.retried_score)).any())
-
-    def within_reach(self, pose: RigidMotion, poses: PoseStack) -> NDArray[np.bool_]:
-        """Whether a fit from each of the poses (k,) reaches a pose: no edge point seen is a step of shifts away."""
-        points, step = self.seen[:COMPARED], self.config.search.shift_step_px
-        there = self.searcher.pixels(pose.R[None], pose.t[None], points)
-        at = self.searcher.pixels(poses.R, poses.t, points)
-        return np.asarray((np.abs(at - there) < step).all(axis=(1, 2)))
 
     def perturbed(self, fit: Fit) -> Iterator[Attempt]:
         """The next perturbation of a fit's pose, another one each time (evolution strategy: Rechenberg 1973)."""
@@ -327,28 +253,3 @@ def views(config: RelocalizationConfig) -> list[tuple[float, float]]:
     step = config.search.view_step_rad
     turns = product(grid(config.far_view_rad, step), grid(config.far_view_rad / 2, step))
     return sorted(turns, key=lambda turn: turn[0] ** 2 + turn[1] ** 2)
-
-
-def motion(pose: Pose) -> RigidMotion:
-    """A pose in arrays that kernels take."""
-    return RigidMotion(np.array(pose.rotation, order="C"), np.array(pose.translation))
-
-
-def product_of(by: RigidMotion, pose: RigidMotion) -> RigidMotion:
-    """A pose moved from the left."""
-    return RigidMotion(by.R @ pose.R, by.R @ pose.t + by.t)
-
-
-def distinct(guesses: list[RigidMotion], range_m: float, part: float) -> list[RigidMotion]:
-    """Guesses without those whose camera is within a part of the range of the one before."""
-    kept = guesses[:1]
-    for guess in guesses[1:]:
-        apart = guess.R.T @ guess.t - kept[-1].R.T @ kept[-1].t
-        if np.linalg.norm(apart) > part * range_m:
-            kept.append(guess)
-    return kept
-
-
-def sigmas(sigma: float, range_m: float) -> Array:
-    """Covariance (6, 6) of a pose known to sigma, in parts of the range and in rad."""
-    return np.diag([(sigma * range_m) ** 2] * 3 + [sigma**2] * 3)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.dataset.surface_files import (
+from uavbench.scenes.dataset.surfaces.surface_files import (
     HIDDEN,
     LARGEST_FLOW_PX,
     OUTSIDE,

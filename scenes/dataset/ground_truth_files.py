@@ -1,0 +1,47 @@
+"""Files of a sequence's ground truth: the vehicle's motion at each frame, and the bounds of its pose."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.dataset.table_files import read_integers, read_numbers
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
+from uavbench.trajectories.pose import Array
+
+GROUND_TRUTH_COLUMNS = [
+    "frame", "stamp_ns",
+    "px_m", "py_m", "pz_m",
+    "qw", "qx", "qy", "qz",
+    "vx_m_s", "vy_m_s", "vz_m_s",
+    "wx_rad_s", "wy_rad_s", "wz_rad_s",
+    "ax_m_s2", "ay_m_s2", "az_m_s2",
+]  # fmt: skip
+"""Pose `world_from_body`, velocity and acceleration in the world, angular velocity in the body."""
+UPPER = np.triu_indices(6)
+BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
+"""A covariance in `crlb.csv`: its upper triangle by rows."""
+
+
+def read_ground_truth(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:
+    """groundtruth.csv (n, 18) in the order of GROUND_TRUTH_COLUMNS; UserError where its stamps (n,) are others."""
+    path = folder / "groundtruth.csv"
+    table = read_numbers(path, GROUND_TRUTH_COLUMNS)
+    if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():
+        row = int(np.argmin((np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all(axis=1)))
+        raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
+    if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], stamps_ns):
+        raise UserError(f"{folder / 'groundtruth.csv'}: its stamps differ from those of frames.csv; render it again")
+    return table
+
+
+def read_pose_bounds(folder: Path) -> dict[int, Array]:
+    """Cramer-Rao bound (6, 6) of the twist of `cam_from_world`, by frame; none where crlb.csv is missing."""
+    path = folder / "crlb.csv"
+    if not path.is_file():
+        return {}
+    frames, table = read_integers(path, ["frame"])[:, 0], read_numbers(path, BOUND_COLUMNS)
+    bounds = np.zeros((len(table), 6, 6))
+    bounds[:, UPPER[0], UPPER[1]] = bounds[:, UPPER[1], UPPER[0]] = table
+    return dict(zip(frames.tolist(), bounds, strict=True))

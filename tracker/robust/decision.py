@@ -1,0 +1,152 @@
+"""Decision: whether a frame's fit may be believed (ok), rivals explain it as well (ambiguous), or neither (lost)."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.scenes.camera import Camera
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
+from uavbench.tracker.robust.frames import Frame
+from uavbench.tracker.robust.motion_model import FAR_CHI2, sigmas
+from uavbench.tracker.robust.patches.patches import Texture
+from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.ranking import Sought
+from uavbench.tracker.robust.relocalization.relocate import Relocator
+from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.stage_clock import StageClock
+
+
+class Decision(NamedTuple):
+    """A fit, and whether it may be believed.
+
+    settled: all poses that had to be tried before were. rivalled: they were, and another pose explains the frame about
+    as well.
+    """
+
+    fit: Fit
+    settled: bool
+    rivalled: bool = False
+
+
+class Decider:
+    """Decides on the fit of each frame; searches for another pose where it has little support."""
+
+    def __init__(self, fitter: EdgeFitter, camera: Camera, state: TrackState, config: RobustConfig) -> None:
+        self.fitter, self.camera, self.state, self.config = fitter, camera, state, config
+        self.relocator = Relocator(fitter, camera, config.relocalization)
+        self.until_search = 0
+        self.was_wrong = self.kept_initial = False
+
+    def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
+        """The best fit of a frame; settled where it also has the support that it needs."""
+        found = self.initialized_or_recovered(frame, fit, clock)
+        fit = self.without_patches(frame, found.fit, clock)
+        settled = found.settled and self.state.holds(fit, frame.predicted)
+        self.state.is_lost = not settled
+        return Decision(fit, settled, found.rivalled)
+
+    def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
+        """The fit at hand; on the first frame a prior-constrained one, and where support is low the best one found."""
+        self.until_search -= 1
+        first = self.state.is_first
+        kept = self.prior_constrained(frame, fit, clock) if first and not self.relocator.under_way else None
+        if kept is not None:
+            self.kept_initial = True
+            return Decision(kept, True)
+        if not (first or self.search_is_due(frame, fit) or not fit.finite):
+            self.relocator.forget()
+            return self.confirmed(frame, fit, clock)
+        with clock.stage("relocalize"):
+            found = self.recover(frame, fit)
+        self.was_wrong |= first and found.settled and found.fit is not fit
+        if found.settled and not self.relocator.under_way:
+            self.until_search = 0 if found.fit is not fit else self.config.loss.search_every
+        return found
+
+    def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
+        """The fit; that of the edges alone where they contradict the patches and are clearly better supported so."""
+        loss, relocalization = self.config.loss, self.config.relocalization
+        contradict = fit.edge_support < min(loss.min_support, fit.support)
+        room = self.fitter.work.left >= self.fitter.largest_fit
+        if not (contradict and room and fit.control_points >= MIN_POINTS):
+            return fit
+        with clock.stage("relocalize"):
+            kept, self.fitter.texture = (
+                self.fitter.texture,
+                Texture(self.fitter.edges, self.camera, self.fitter.view, self.config),
+            )
+            self.fitter.texture.now_s = kept.now_s
+            narrow = sigmas(relocalization.fitted_sigma, self.state.range_m)
+            alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock, relocalization.refit_half_px)
+            if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + loss.advantage):
+                return alone
+            self.fitter.texture = kept
+            return fit
+
+    def prior_constrained(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
+        """A fit constrained to the initial pose; None where another one has clearly more support."""
+        initial = self.config.initialization
+        half_px = self.config.relocalization.refit_half_px
+        least = max(initial.min_support, fit.support - self.config.loss.advantage)
+        narrow = sigmas(initial.kept_sigma, self.state.range_m)
+        kept = self.fitter.fit(frame.image, self.state.motion.cam_from_world, narrow, clock, half_px)
+        if not (kept.finite and kept.support >= least):
+            return None
+        sure = max(self.config.relocalization.good_support, kept.edge_support)  # patches are taken there at once
+        return replace(kept, edge_support=sure)
+
+    def confirmed(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
+        """The fit; where motion was extrapolated for long, held against the places that look alike."""
+        if not self.is_slow(frame):
+            return Decision(fit, True)
+        with clock.stage("relocalize"):
+            guess, covariance = frame.predicted.cam_from_world, frame.predicted.covariance
+            scale = self.state.prediction_errors.scale
+            found = self.relocator.confirm(
+                Sought(frame.image, [guess], covariance, self.state.range_m, fit, prediction_scale=scale)
+            )
+        return Decision(found.fit, found.leads, not found.leads)
+
+    def search_is_due(self, frame: Frame, fit: Fit) -> bool:
+        """Whether a fit's support is too low to do without a pose search."""
+        loss, slow = self.config.loss, self.is_slow(frame)
+        doubted = self.was_wrong and self.state.frames_ok < self.config.initialization.young_frames
+        wanted = self.state.usual_or_good() if slow else self.config.relocalization.good_support
+        if fit.support >= (self.config.initialization.doubted_support if doubted else wanted):
+            return False
+        due = self.until_search < 0 or self.relocator.under_way
+        return doubted or slow or due or not fit.support >= loss.min_support
+
+    def is_slow(self, frame: Frame) -> bool:
+        """Whether motion was extrapolated for so long that a neighbouring edge may be fitted."""
+        return frame.extrapolated_s >= self.config.loss.slow_s
+
+    def recover(self, frame: Frame, fit: Fit) -> Decision:
+        """The best fit of a slice of the search around the prediction and the last pose, or the fit at hand."""
+        loss, predicted, covariance = self.config.loss, frame.predicted.cam_from_world, frame.predicted.covariance
+        if self.state.frames_ok < self.config.initialization.young_frames and not self.kept_initial:
+            covariance = covariance + sigmas(self.config.relocalization.guess_sigma, self.state.range_m)
+        first, slow = self.state.is_first, self.is_slow(frame)
+        guesses = [predicted] if first else [predicted, self.state.motion.cam_from_world]
+        if frame.step_s >= loss.slow_s:
+            self.relocator.forget()
+        sure = np.inf if first else self.state.usual_or_good()
+        scale = self.state.prediction_errors.scale
+        found = self.relocator.search(Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale))
+        enough = found.fit.support >= self.state.required_support(found.fit, frame.predicted)
+        # Frames far apart: another place that looks the same may have as much support as usual.
+        is_sure = found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
+        rivalled = enough and found.near_done and not found.leads and not is_sure
+        settled = not rivalled and (is_sure or found.all_done or (found.near_done and enough))
+        if settled or found.all_done:
+            self.relocator.forget()
+        given = self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
+        holds = given if first else fit.support >= loss.min_support
+        if settled and found.advantage > (loss.advantage if holds and not slow else 0.0):
+            return Decision(found.fit, True)
+        tracked = not first and not slow and not self.state.is_lost
+        if settled or (tracked and (holds or self.state.is_there(fit, frame.predicted))):
+            return Decision(fit, True)
+        return Decision(found.fit, False, rivalled)

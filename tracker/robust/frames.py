@@ -1,0 +1,124 @@
+"""Frames as `robust` takes them: preprocessed, with the predicted motion; learned colours follow their light."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from uavbench.tracker.protocol import Image
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.motion_model import Motion
+from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.preprocessing.denoising import smoothed
+from uavbench.tracker.robust.preprocessing.gain_offset import ContrastStretch, brightness_ratio, compensated
+from uavbench.tracker.robust.track_state import TrackState
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Array
+
+ROWS_APART = 16
+"""Step between the rows of a frame that are compared with those of the frame before."""
+
+
+class Frame(NamedTuple):
+    """An image before and after preprocessing, and the predicted motion.
+
+    dt_s is the time since the last frame that was ok, step_s that since the last one, extrapolated_s the part of dt_s
+    over which the prediction is the motion model's own guess.
+    """
+
+    raw: Image
+    image: Image
+    predicted: Motion
+    dt_s: float
+    step_s: float
+    extrapolated_s: float
+
+
+class Photometry(NamedTuple):
+    """State that depends on light and exposure: learned appearance of the edges, contrast stretch of images."""
+
+    appearance: Array
+    stretch: ContrastStretch
+
+
+class FittedFrame(NamedTuple):
+    """A fit and the frame, as it was preprocessed for that fit."""
+
+    fit: Fit
+    frame: Frame
+
+
+class Frames:
+    """Takes the images of a run in turn; learned appearance and contrast stretch follow their light."""
+
+    def __init__(self, fitter: EdgeFitter, state: TrackState, config: RobustConfig) -> None:
+        self.fitter, self.state, self.config = fitter, state, config
+        self.stretch = ContrastStretch()
+        self.seen_ns: int | None = None
+        self.seen_rows: Image | None = None
+        self.ok_rows: Image | None = None
+        self.step_s = 0.0
+
+    def is_new(self, image: Image, stamp_ns: int) -> bool:
+        """Whether a frame is later than those before it, and not equal to the last one to the bit; remembers it."""
+        return self.comes_after(stamp_ns) and not self.is_frozen(image)
+
+    def comes_after(self, stamp_ns: int) -> bool:
+        """Whether a frame is later than those before it; remembers its stamp."""
+        later = self.seen_ns is None or stamp_ns > self.seen_ns
+        self.step_s = 0.0 if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
+        self.seen_ns = stamp_ns if later else self.seen_ns
+        return later
+
+    def is_frozen(self, image: Image) -> bool:
+        """Whether a frame equals the one before it to the bit; remembers some of its rows."""
+        last, self.seen_rows = self.seen_rows, image[::ROWS_APART].copy()
+        return last is not None and np.array_equal(last, self.seen_rows)
+
+    def prepared(self, raw: Image, stamp_ns: int, expected: Motion | None, clock: StageClock) -> Frame:
+        """A frame, stretched and smoothed as it needs, with the prediction: that of the vehicle where it is surer."""
+        state = self.state
+        dt_s = 0.0 if state.ok_ns is None else (stamp_ns - state.ok_ns) * 1e-9
+        with clock.stage("denoise"):
+            if state.ok_ns is None:
+                self.stretch = ContrastStretch.needed(raw, self.config.preprocessing)
+            stretched = self.stretch.of(raw)
+            image = smoothed(stretched, self.config.preprocessing)
+            self.fitter.begin(stamp_ns, self.step_s, image is stretched)
+        with clock.stage("predict"):
+            predicted = state.predicted(dt_s, stamp_ns)
+            if expected is not None and expected.spread_m(state.range_m) < predicted.spread_m(state.range_m):
+                return Frame(raw, image, expected, dt_s, self.step_s, 0.0)
+        return Frame(raw, image, predicted, dt_s, self.step_s, dt_s)
+
+    def compensated(self, frame: Frame, fit: Fit, clock: StageClock) -> FittedFrame:
+        """Fit and frame after gain-offset compensation of the learned colours, where that is better supported."""
+        config = self.config.preprocessing
+        if self.state.is_first or fit.support >= self.state.usual_or_good():
+            return FittedFrame(fit, frame)
+        if self.ok_rows is None or self.seen_rows is None or self.ok_rows.shape != self.seen_rows.shape:
+            return FittedFrame(fit, frame)
+        stretch, ratio = (
+            ContrastStretch.needed(frame.raw, config),
+            brightness_ratio(self.seen_rows, self.ok_rows),
+        )
+        stretch = stretch if stretch.differs(self.stretch, config.min_gain) else self.stretch
+        if stretch == self.stretch and (ratio == 1).all():
+            return FittedFrame(fit, frame)
+        colours, image = self.fitter.appearance, smoothed(stretch.of(frame.raw), config)
+        self.fitter.appearance = compensated(colours, self.stretch.towards(stretch, ratio))
+        other = self.fitter.fit(image, frame.predicted.cam_from_world, frame.predicted.covariance, clock)
+        if other.finite and other.support > fit.support:
+            self.stretch = stretch
+            return FittedFrame(other, frame._replace(image=image))
+        self.fitter.appearance = colours
+        return FittedFrame(fit, frame)
+
+    @property
+    def photometry(self) -> Photometry:
+        """The learned appearance and the stretch, as they are."""
+        return Photometry(self.fitter.appearance, self.stretch)
+
+    def restore(self, before: Photometry) -> None:
+        """Take back what a wrong pose told of the light."""
+        self.fitter.appearance, self.stretch = before

@@ -1,0 +1,86 @@
+"""Rivals of a fit: the poses at which the structure looks as it does there, fitted and held against it."""
+
+import numpy as np
+
+from uavbench.tracker.geometry_kernels import RigidMotion
+from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
+from uavbench.tracker.robust.edge_fit import EdgeFitter
+from uavbench.tracker.robust.motion_model import sigmas
+from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.pose_arrays import motion
+from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
+from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
+from uavbench.tracker.stage_clock import StageClock
+from uavbench.trajectories.pose import Pose
+
+SHARED = 48
+"""Edge points by which shifts of the structure are judged: they are spread over all that is seen."""
+SHARED_EVALUATIONS = 40
+"""What looking up one of them takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
+
+
+class Rivals:
+    """Finds and fits the rivals of fits, and remembers how many fits they took the last time."""
+
+    def __init__(self, fitter: EdgeFitter, searcher: PoseSearch, config: RelocalizationConfig) -> None:
+        self.fitter, self.searcher, self.config = fitter, searcher, config
+        self.similarity = SelfSimilarity(fitter.edges, config.similarity)
+        self.reserved_fits = 0
+
+    def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> bool:
+        """Fit the rivals of the best fit, and those of a rival that is better in its turn; whether there were any."""
+        clock, fits = StageClock(), [ranking.top]
+        while rivals := self.of(ranking, tried):
+            top = ranking.top
+            for pose in rivals:
+                if self.fitter.work.left < self.fitter.largest_fit:
+                    break
+                covariance = sigmas(self.config.found_sigma, sought.range_m)
+                fit = self.fitter.fit(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
+                tried.add(pose, 0.0, motion(fit.cam_from_world), fit.support)
+                tried.rivals = tried.rivals.added(pose)
+                fits += [fit] if fit.finite else []
+            self.choose(fits, ranking)
+            if ranking.top is top or self.fitter.work.left < self.fitter.largest_fit:
+                break
+        self.reserved_fits = len(fits) - 1
+        return len(fits) > 1
+
+    def choose(self, fits: list[Fit], ranking: Ranking) -> None:
+        """Put first the fit of most worth; of those that are worth about as much the one nearest to the prediction."""
+        worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
+        least = max(worth) - self.config.similarity.lead
+        contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
+        ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
+
+    def of(self, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
+        """Poses not fitted yet at which the structure looks as it does at the best fit, the likeliest first."""
+        fit, config = ranking.top, self.config.similarity
+        if not (fit.finite and fit.support >= self.fitter.config.loss.min_support):
+            return []
+        pose = motion(fit.cam_from_world)
+        seen = self.searcher.seen(pose)
+        tried.seen = seen.points
+        shares = self.similarity.shares(seen.points[:SHARED], seen.direction[:SHARED])
+        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling_evaluations
+        places = [
+            RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
+        ]
+        chi2 = np.array([ranking.chi2(Pose(*place)) for place in places])
+        found: list[RigidMotion] = []
+        known = tried.rivals.added(pose)
+        for k in np.argsort(chi2, kind="stable")[: np.count_nonzero(chi2 <= config.sigmas**2)]:
+            if len(found) < config.rivals and not tried.within_reach(places[k], known).any():
+                found.append(places[k])
+                known = known.added(places[k])
+        return found
+
+    def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
+        """Whether the best fit is worth clearly more than those that ended at other poses since the search began."""
+        top, reached = ranking.top, tried.reached
+        least = ranking.worth(top.support, top.cam_from_world) - self.config.similarity.lead
+        others = ~tried.within_reach(motion(top.cam_from_world), reached) & (tried.supports > least)
+        poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
+        return not any(ranking.worth(tried.supports[k], pose) > least for k, pose in poses)

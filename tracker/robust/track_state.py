@@ -1,0 +1,83 @@
+"""What a run of `robust` knows from its frames so far, and the support that it asks of the next one."""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from uavbench.tracker.robust.config import RobustConfig
+from uavbench.tracker.robust.false_alarms import log10_false_alarms
+from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
+from uavbench.tracker.robust.pose_fit import Fit
+
+
+class Tentative(NamedTuple):
+    """The motion as it would be if an undecided frame's best fit were right, and that frame's stamp."""
+
+    motion: Motion
+    stamp_ns: int
+
+
+@dataclass
+class TrackState:
+    """Motion and range (m) at the last frame that was ok, its stamp (None before the first), and the usual support."""
+
+    config: RobustConfig
+    motion: Motion
+    range_m: float
+    ok_ns: int | None = None
+    usual_support: float = 0.0
+    frames_ok: int = 0
+    is_lost: bool = False
+    tentative: Tentative | None = None
+    prediction_errors: PredictionErrors = field(default_factory=PredictionErrors)
+
+    @property
+    def is_first(self) -> bool:
+        """Whether no frame was ok yet."""
+        return self.ok_ns is None
+
+    def predicted(self, dt_s: float, stamp_ns: int) -> Motion:
+        """The motion model's prediction for a frame, dt_s after the last one that was ok."""
+        predicted = self.motion.predict(dt_s, self.range_m, self.config.motion)
+        if self.tentative is None:
+            return predicted
+        since_s = (stamp_ns - self.tentative.stamp_ns) * 1e-9
+        likely = self.tentative.motion.predict(since_s, self.range_m, self.config.motion)
+        return replace(predicted, cam_from_world=likely.cam_from_world)  # likelier than what was known, but no surer
+
+    def usual_or_good(self) -> float:
+        """The larger of a good support and a part of the usual one."""
+        return max(self.config.relocalization.good_support, self.config.loss.slow_part * self.usual_support)
+
+    def holds(self, fit: Fit, predicted: Motion) -> bool:
+        """Whether a fit has the support that it needs, or shows what chance would not."""
+        return fit.finite and (fit.support >= self.required_support(fit, predicted) or self.is_there(fit, predicted))
+
+    def required_support(self, fit: Fit, predicted: Motion) -> float:
+        """Support that a fit needs: far from the prediction nearly as much as usual."""
+        loss = self.config.loss
+        if self.is_first:
+            return self.config.initialization.min_support
+        far = not fit.support >= self.usual_support and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
+        return max(loss.min_support, loss.far_part * self.usual_support if far or self.is_lost else 0.0)
+
+    def is_there(self, fit: Fit, predicted: Motion) -> bool:
+        """Whether a track goes on since chance would not find so many edges where they are predicted."""
+        if self.is_first or self.is_lost or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
+            return False
+        solver, half_px = self.config.solver, self.config.edges.search.fine_half_px
+        width_px, tests = solver.estimator.fine_widths_px[-1], solver.hypotheses.count
+        return log10_false_alarms(fit, width_px, half_px, tests) < self.config.loss.log10_false_alarms
+
+    def suppose(self, fit: Fit, dt_s: float, stamp_ns: int) -> None:
+        """Predict from an undecided frame's fit, where it is supported as one that is right."""
+        if not self.is_first and fit.finite and fit.support >= self.usual_or_good():
+            self.tentative = Tentative(self.motion.update(fit.cam_from_world, fit.covariance, dt_s), stamp_ns)
+
+    def learn(self, predicted: Motion, fit: Fit, dt_s: float, stamp_ns: int) -> None:
+        """Update motion, usual support and the errors of predictions with a frame that is ok."""
+        rate = self.config.edges.appearance.learning_rate
+        if not self.is_first:
+            self.prediction_errors = self.prediction_errors.updated(predicted, fit.cam_from_world, rate)
+        self.motion, self.tentative = self.motion.update(fit.cam_from_world, fit.covariance, dt_s), None
+        self.usual_support += max(rate, 1 / (1 + self.frames_ok)) * (fit.support - self.usual_support)
+        self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1
