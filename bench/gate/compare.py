@@ -9,7 +9,6 @@ times the smallest counts. The scores are computed by one version, the running o
 
 import json
 import os
-import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -35,6 +34,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.results import MARKER, Results
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.files.writing import mark, refuse_foreign, refuse_foreign_file, write_text
 
 SIDES = ("base", "head")
@@ -103,7 +103,7 @@ def run_in_turn(
 
     flown: the file of the suite whose sequences and `start` these are.
     """
-    start = tomllib.loads(flown.read_text(encoding="utf-8")).get("start")
+    start = read_toml(flown).get("start")
     for label, why in sides["head"].unknown.items():
         raise UserError(f"head, {label}: {why}")
     times: Times = {}

@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -24,6 +23,7 @@ from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.bench.runner.output_folder import resolved
 from uavbench.reports.history.series import LEAST_ERROR
 from uavbench.trajectories.errors import UserError, one_line, unknown_name
+from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
 
 SEVERAL = 3
@@ -129,7 +129,7 @@ def measuring(bad: str, what: What, out: Path, workers: int) -> Iterator[Measuri
             suite = load_suite(flown)
             label, rate_hz = chosen(suite, what.tracker)
             code = bring_up_to("render", str(flown), out / "head", ExecutionOptions(workers=workers))
-        start = tomllib.loads(flown.read_text(encoding="utf-8")).get("start")
+        start = read_toml(flown).get("start")
     yield code or Measuring(suite, file, out, label, rate_hz, what.metric, start)
 
 
