@@ -86,6 +86,17 @@ def test_a_run_that_slips_by_chance_is_no_change_and_hides_none():
     assert [abs(step.at - 30) <= 1 for step in found(errors)] == [True]
 
 
+def test_a_step_that_goes_leaves_only_its_neighbours_to_be_judged_anew(monkeypatch):
+    errors = noisy(200)
+    errors[::2] *= 3.0  # a step at every commit
+    series, steps = series_of(history_of(errors), *NAME), []
+    judged = change_points._step
+    monkeypatch.setattr(change_points, "_step", lambda *place: steps.append(place) or judged(*place))
+    changes(series)
+    proposed = len(change_points._proposed(series))
+    assert proposed > 100 and len(steps) <= 4 * proposed
+
+
 def test_runs_without_a_number_are_no_change():
     history = history_of(noisy(30))
     commits = []
