@@ -30,6 +30,7 @@ from cv2 import IMREAD_UNCHANGED
 from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.dataset.sequence_info import check_info
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.surface_files import read_flow, read_normals
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
@@ -75,10 +76,7 @@ class Sequence:
     def load(cls, folder: Path) -> "Sequence":
         """Open a sequence folder; UserError naming the file that is missing or wrong."""
         info = read_json(folder / "sequence.json")
-        for key in ("rate_hz", "depth_m_per_unit"):
-            value = info.get(key, 1.0)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
-                raise UserError(f"{folder / 'sequence.json'}: {key} = {value!r}: must be a positive number")
+        check_info(folder / "sequence.json", info)
         frames = read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"])
         files = tuple(row["file"] for row in frames)
         for name in files:
@@ -127,6 +125,7 @@ class Sequence:
     def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":
         folder = inside(self.folder, f"cameras/{name}")
         info = {**self.info, **about, "cameras": {}, "sensors": {}}
+        check_info(self.folder / "sequence.json", info)
         files = tuple(row["file"] for row in read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"]))
         for file in files:
             inside(folder, file)
@@ -137,10 +136,7 @@ class Sequence:
     @property
     def timeshift_cam_imu_ns(self) -> int:
         """What is added to stamps of frames for those of sensors and flight: t_imu = t_cam + shift, as in Kalibr."""
-        value = self.info.get("timeshift_cam_imu_ns", 0)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise UserError(f"{self.folder / 'sequence.json'}: timeshift_cam_imu_ns = {value!r}: must be whole ns")
-        return value
+        return int(self.info.get("timeshift_cam_imu_ns", 0))
 
     @property
     def content_hash(self) -> str:
