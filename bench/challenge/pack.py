@@ -3,8 +3,6 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import click
-
 from uavbench.bench.challenge.guesses import refuse_guessed
 from uavbench.bench.challenge.organizer import SECRET, Challenge
 from uavbench.bench.challenge.package import PACKAGE, write_package
@@ -16,6 +14,7 @@ from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import resolved, suite_folder
+from uavbench.bench.said import say
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
@@ -65,8 +64,8 @@ def pack(suite_name: str, where: Packing) -> int:
             for sequence in sequences.values():
                 refuse_guessed(hidden[sequence.name], sequence.ground_truth)
         write_package(out, challenge, sequences, suite.start)
-    click.echo(f"for the organizer alone, with the secret and the ground truth: {truth}", err=True)
-    click.echo(out)
+    say(f"for the organizer alone, with the secret and the ground truth: {truth}", err=True)
+    say(out)
     return 0
 
 

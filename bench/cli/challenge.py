@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from uavbench.bench.cli.cores import jobs_option
+from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
 
 FILE = click.Path(path_type=Path)
@@ -49,12 +50,12 @@ def score_submission_command(truth: Path, submission: Path, out: Path | None) ->
     path = out or truth / "submissions" / f"{submission.resolve().name}.json"
     found.save(path)
     for fault in found.faults:
-        click.echo(fault, err=True)
-    click.echo(f"{found.name}: {found.score:.1f} of 100 points ({found.counted} of {len(found.runs)})")
+        say(fault, err=True)
+    say(f"{found.name}: {found.score:.1f} of 100 points ({found.counted} of {len(found.runs)})")
     for name, each in found.runs[found.counted].items():
         shares = f"{100 * each.success:.1f} % within 5 cm and 5 deg, {100 * each.coverage:.1f} % with a pose"
-        click.echo(f"  {name}: {each.points:.1f} points, {shares}, of {each.frames} frames")
-    click.echo(path)
+        say(f"  {name}: {each.points:.1f} points, {shares}, of {each.frames} frames")
+    say(path)
 
 
 @click.command("leaderboard")
@@ -66,7 +67,7 @@ def leaderboard_command(scores: tuple[Path, ...], out: Path, title: str) -> None
     from uavbench.reports.leaderboard.page import write_leaderboard
     from uavbench.reports.leaderboard.submission_score import SubmissionScore
 
-    click.echo(write_leaderboard(out, [SubmissionScore.load(path) for path in scores], title))
+    say(write_leaderboard(out, [SubmissionScore.load(path) for path in scores], title))
 
 
 COMMANDS: tuple[click.Command, ...] = (pack_command, score_submission_command, leaderboard_command)

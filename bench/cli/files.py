@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import refuse_foreign_file
 
@@ -24,11 +25,9 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
         raise UserError("--against compares one folder with another")
     verdicts = [compare(folder, against) if against else verify(folder) for folder in folders]
     for verdict in verdicts:
-        click.echo(
-            f"{verdict.folder}: {'ok' if verdict.ok else 'DIFFERS'} ({verdict.files} files, by {verdict.method})"
-        )
+        say(f"{verdict.folder}: {'ok' if verdict.ok else 'DIFFERS'} ({verdict.files} files, by {verdict.method})")
         for problem in verdict.problems:
-            click.echo(f"  {problem}")
+            say(f"  {problem}")
     sys.exit(0 if all(verdict.ok for verdict in verdicts) else 1)
 
 
@@ -55,8 +54,8 @@ def export_command(
         raise unknown_name(f"camera of {sequence}", camera, list(whole.cameras))
     shown = whole if camera is None else whole.cameras[camera]
     for line in export(shown, form, out, undistort=undistort, **settings):
-        click.echo(f"not held: {line}", err=True)
-    click.echo(out)
+        say(f"not held: {line}", err=True)
+    say(out)
 
 
 @click.command("twin")
@@ -83,9 +82,9 @@ def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str
             bar.update(done - bar.n)
 
         make_twin(sequence, out, Tracing(every, samples), on_frame)
-    click.echo(out)
+    say(out)
     for line in table(trackers, Sequence.load(sequence), Sequence.load(out)) if suite else ():
-        click.echo(line)
+        say(line)
 
 
 @click.command("calibrate")
@@ -106,9 +105,9 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
     found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model)
     found.camera.save(out, sealed=True)
     write_coverage(found, out.with_suffix(".png"))
-    click.echo(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")
-    click.echo(f"corners in {100 * found.covered:.0f} % of the image: {out.with_suffix('.png')}")
-    click.echo(out)
+    say(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")
+    say(f"corners in {100 * found.covered:.0f} % of the image: {out.with_suffix('.png')}")
+    say(out)
 
 
 @click.command("pick")
@@ -178,18 +177,18 @@ def evaluate_command(
         from uavbench.reports.evaluation.evaluate import evaluate_files
 
         found = evaluate_files(reference, estimates[0], **options)
-        click.echo(json.dumps(found.to_json(), indent=1) if as_json else found.text(), nl=as_json)
+        say(json.dumps(found.to_json(), indent=1) if as_json else found.text(), nl=as_json)
         return
     from uavbench.reports.many_runs.evaluate_many import evaluate_many
     from uavbench.reports.many_runs.groups import grouped
     from uavbench.reports.many_runs.results import ManyResults
 
     results = ManyResults(evaluate_many(reference, grouped(estimates, groups), **options))
-    click.echo(json.dumps(results.to_json(), indent=1) if as_json else results.text(), nl=as_json)
+    say(json.dumps(results.to_json(), indent=1) if as_json else results.text(), nl=as_json)
     if out is not None:
         from uavbench.reports.many_runs.page import write_many
 
-        click.echo(write_many(out, results), err=as_json)
+        say(write_many(out, results), err=as_json)
 
 
 COMMANDS: tuple[click.Command, ...] = (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from uavbench.bench.cli.cores import jobs_option
+from uavbench.bench.said import say
 
 if TYPE_CHECKING:
     from uavbench.bench.gate.decision import Margins
@@ -90,7 +91,7 @@ def gate_command(
         from uavbench.bench.history.record import Where, record
 
         record(results, Where(history, where["commit"], where["environment"]))
-        click.echo(history, err=True)
+        say(history, err=True)
     if baseline is None:
         return
     if update:
@@ -98,7 +99,7 @@ def gate_command(
         from uavbench.bench.gate.paired_scores import read_side
 
         write_baseline(read_side(results), baseline)
-        click.echo(baseline)
+        say(baseline)
         return
     from uavbench.bench.gate.findings import pronounce
 
@@ -122,10 +123,10 @@ def history_command(file: Path, margin: float, since: str, out: Path) -> None:
     page = write_trends(out, history, found)
     for trend in found:
         for change in trend.changes:
-            click.echo(f"{'ALARM  ' if change in trend.alarms else ''}{trend.said(change)}")
+            say(f"{'ALARM  ' if change in trend.alarms else ''}{trend.said(change)}")
     if len(history.commits) < LEAST_COMMITS:
-        click.echo(f"{len(history.commits)} of the {LEAST_COMMITS} commits from which changes are looked for")
-    click.echo(page)
+        say(f"{len(history.commits)} of the {LEAST_COMMITS} commits from which changes are looked for")
+    say(page)
     sys.exit(1 if any(trend.alarms for trend in found) else 0)
 
 

@@ -14,6 +14,7 @@ from uavbench.bench.cli import files as cli_files
 from uavbench.bench.cli import gate as cli_gate
 from uavbench.bench.cli import plugins as cli_plugins
 from uavbench.bench.cli import suite as cli_suite
+from uavbench.bench.said import say
 from uavbench.trajectories.errors import DISK_ERRORS, UserError, disk_error_message
 from uavbench.trajectories.lost_signals import lost_signals_raised_again
 
@@ -57,15 +58,15 @@ class Group(click.Group):
             with lost_signals_raised_again(), interrupts():
                 return super().invoke(ctx)
         except UserError as error:
-            click.echo(f"uavbench: {error}", err=True)
+            say(f"uavbench: {error}", err=True)
             ctx.exit(2)
         except OSError as error:
             if error.errno not in DISK_ERRORS:
                 raise
-            click.echo(f"uavbench: {disk_error_message(error)}", err=True)
+            say(f"uavbench: {disk_error_message(error)}", err=True)
             ctx.exit(2)
         except KeyboardInterrupt:
-            click.echo("uavbench: interrupted; the same command goes on from here", err=True)
+            say("uavbench: interrupted; the same command goes on from here", err=True)
             ctx.exit(130)
 
 

@@ -5,13 +5,15 @@ from pathlib import Path
 
 import click
 
+from uavbench.bench.said import say
+
 
 @click.command("list")
 def list_command() -> None:
     """Show the suites and every plug-in by kind."""
     from uavbench.bench.config.inventory import inventory
 
-    click.echo(inventory())
+    say(inventory())
 
 
 @click.command("schema")
@@ -19,7 +21,7 @@ def schema_command() -> None:
     """Print the JSON Schema of a suite's TOML file, for editors."""
     from uavbench.bench.runner.commands import schema
 
-    click.echo(schema())
+    say(schema())
 
 
 @click.command("check")
@@ -37,7 +39,7 @@ def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
     refuse_foreign(keep, KEPT_MARKER)
     line, one = "", load_tracker(tracker)
     for line in check(isolated_trackers({"tracker": one})["tracker"] if isolate else one, keep):
-        click.echo(line)
+        say(line)
     sys.exit(1 if line.startswith("faulty") else 0)
 
 
@@ -49,7 +51,7 @@ def warm_up_command() -> None:
 
     prepare(plugins.__name__)
     kernels, kinds = kernels_of([plugins.__name__]), plugins.PLUGINS
-    click.echo(f"{len(kernels)} kernels for {len(kinds)} kinds of plug-ins are compiled")
+    say(f"{len(kernels)} kernels for {len(kinds)} kinds of plug-ins are compiled")
 
 
 @click.group("third-party")
@@ -62,7 +64,7 @@ def third_party_list_command() -> None:
     """Show which third-party trackers are set up."""
     from uavbench.bench.third_party.registry import status
 
-    click.echo("\n".join(status()))
+    say("\n".join(status()))
 
 
 @third_party_group.command("setup")
@@ -71,7 +73,7 @@ def third_party_setup_command(name: str) -> None:
     """Set up the third-party tracker NAME, with what it needs, for this user."""
     from uavbench.bench.third_party.registry import setup
 
-    click.echo(setup(name))
+    say(setup(name))
 
 
 COMMANDS: tuple[click.Command, ...] = (

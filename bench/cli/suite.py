@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from uavbench.bench.cli.cores import jobs_option
+from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
 
 FILE = click.Path(path_type=Path)
@@ -128,7 +129,7 @@ def tables_command(report: Path, columns: str, width: str, out: Path | None) -> 
     from uavbench.reports.tables.written_scores import table_of
 
     table = table_of(report).select(heads_of(columns)) if columns else table_of(report)
-    click.echo(write_table(table, out, WIDTHS[width]) if out else markdown(table), nl=out is not None)
+    say(write_table(table, out, WIDTHS[width]) if out else markdown(table), nl=out is not None)
 
 
 COMMANDS: tuple[click.Command, ...] = (

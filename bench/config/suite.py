@@ -3,7 +3,7 @@
 import difflib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
@@ -82,6 +82,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
         if spec is not None and rate > spec.rate_hz
     ]
     errors += [line for spec in sequences if spec is not None for line in _same_frames(checked.rates_hz, spec)]
+    errors += _same_flights([spec for spec in sequences if spec is not None and spec.seed == checked.seeds[0]])
     if errors:
         raise UserError(_message(path, list(dict.fromkeys(errors))))
     flown = (data.get("loop"), data.get("loops")) if loops else ()
@@ -198,6 +199,18 @@ def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> l
         f"and so is {rates_hz[strides.index(stride)]:g} Hz; leave one out"
         for i, (rate, stride) in enumerate(zip(rates_hz, strides, strict=True))
         if strides.index(stride) != i and rate <= spec.rate_hz
+    ]
+
+
+def _same_flights(specs: Sequence[SequenceSpec | RecordingSpec]) -> list[str]:
+    """A line for each sequence that is another one under a second name: its runs would count twice."""
+    unnamed = [replace(spec, name="") for spec in specs]
+    names = [spec.name.removesuffix(f"-s{spec.seed}") for spec in specs]
+    table = "recordings" if any(isinstance(spec, RecordingSpec) for spec in specs) else "sequences"
+    return [
+        f"{table}.{name}: is the same as {names[first]}, and nothing but its name differs; leave one out"
+        for i, name in enumerate(names)
+        if (first := unnamed.index(unnamed[i])) != i
     ]
 
 

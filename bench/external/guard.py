@@ -143,10 +143,18 @@ class Talk:
 @contextmanager
 def talk(command: Sequence[str], environment: Mapping[str, str], cwd: Path) -> Iterator[Talk]:
     """A program to ask and be answered by; leaving the context, or dying in it, ends it with all it has started."""
-    with Guard("uavbench-talk-") as guard:
-        (their_asks, asks), (answers, their_answers) = os.pipe(), os.pipe()
-        guard.start(command, environment, (their_asks, their_answers, 2), cwd=cwd)
-        os.close(their_asks)
-        os.close(their_answers)
-        with suppress(BrokenPipeError), os.fdopen(asks, "w") as to_it, os.fdopen(answers) as from_it:
-            yield Talk(to_it, from_it)
+    with Guard("uavbench-talk-") as guard, talk_in(guard, command, environment, cwd=cwd) as talking:
+        yield talking
+
+
+@contextmanager
+def talk_in(
+    guard: Guard, command: Sequence[str], environment: Mapping[str, str], *, cwd: Path | None = None, errors: int = 2
+) -> Iterator[Talk]:
+    """The same of a guard's program; `errors` is its standard error."""
+    (their_asks, asks), (answers, their_answers) = os.pipe(), os.pipe()
+    guard.start(command, environment, (their_asks, their_answers, errors), cwd=cwd)
+    os.close(their_asks)
+    os.close(their_answers)
+    with suppress(BrokenPipeError), os.fdopen(asks, "w") as to_it, os.fdopen(answers, errors="replace") as from_it:
+        yield Talk(to_it, from_it)

@@ -9,14 +9,12 @@ times the smallest counts. The scores are computed by one version, the running o
 
 import json
 import os
-import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
 from uavbench.bench.config.suite import Suite, load_suite
@@ -29,12 +27,14 @@ from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import FREE
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.bench.runner.output_folder import resolved
+from uavbench.bench.said import say
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.results import MARKER, Results
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.files.writing import mark, refuse_foreign, refuse_foreign_file, write_text
 
 SIDES = ("base", "head")
@@ -60,12 +60,12 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
         labels = [*suite.trackers]
         sides = {name: stack.enter_context(at_work(each, file, labels)) for name, each in versions.items()}
         commits = ", ".join(f"{name} {side.version.commit}" for name, side in sides.items())
-        click.echo(f"{commits}, {repeats} repeats", err=True)
+        say(f"{commits}, {repeats} repeats", err=True)
         for line in statements(sides, file):
-            click.echo(line, err=True)
+            say(line, err=True)
         times, unknown = run_in_turn(sides, suite, flown, out, repeats)
     for label, why in unknown.items():
-        click.echo(f"not compared, unknown to the base: {label} ({why})", err=True)
+        say(f"not compared, unknown to the base: {label} ({why})", err=True)
     known = [label for label in suite.trackers if label not in unknown]
     if not known:
         raise UserError("the base knows none of the suite's trackers")
@@ -103,7 +103,7 @@ def run_in_turn(
 
     flown: the file of the suite whose sequences and `start` these are.
     """
-    start = tomllib.loads(flown.read_text(encoding="utf-8")).get("start")
+    start = read_toml(flown).get("start")
     for label, why in sides["head"].unknown.items():
         raise UserError(f"head, {label}: {why}")
     times: Times = {}

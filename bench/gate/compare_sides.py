@@ -3,7 +3,6 @@
 import json
 import os
 import sys
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from uavbench.bench.config.suite_files import SUITES
 from uavbench.bench.external.guard import Talk, talk
 from uavbench.bench.gate.versions import Version, placed
 from uavbench.trajectories.errors import UserError, plain
+from uavbench.trajectories.files.reading import read_toml
 
 MOST_TOLD = 8
 """Names reported of what is not in git; the rest is counted."""
@@ -81,9 +81,9 @@ def file_of(version: Version, file: Path) -> Path:
 def trackers_in(suite: Path) -> dict[str, dict[str, Any]]:
     """The tables of a suite's trackers, as they stand; UserError naming the file."""
     try:
-        tables: dict[str, dict[str, Any]] = tomllib.loads(suite.read_text(encoding="utf-8"))["trackers"]
+        tables: dict[str, dict[str, Any]] = read_toml(suite)["trackers"]
         assert all(isinstance(table, dict) for table in tables.values())
-    except (OSError, ValueError, KeyError, AttributeError, AssertionError) as error:
+    except (KeyError, AttributeError, AssertionError) as error:
         raise UserError(f"{suite}: not a readable suite: {error}") from None
     return tables
 

@@ -6,11 +6,10 @@ import xml.etree.ElementTree as ET
 from dataclasses import asdict
 from pathlib import Path
 
-import click
-
 from uavbench.bench.gate.decision import Finding, Margins, gate, overall
 from uavbench.bench.gate.paired_scores import COVERAGE, SUCCESS
 from uavbench.bench.gate.worst_pictures import write_worst
+from uavbench.bench.said import say
 from uavbench.reports.json_values import json_values
 from uavbench.trajectories.files.writing import write_text
 
@@ -29,7 +28,7 @@ def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int
     """Print and write the findings of the gate, with pictures of the worst sequences; its exit code."""
     findings = gate(results, baseline, margins)
     write_reports(findings, margins, out, write_worst(results, baseline, margins, out))
-    click.echo(to_text(findings))
+    say(to_text(findings))
     return EXIT_CODES[overall(findings)]
 
 

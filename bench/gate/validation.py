@@ -25,6 +25,7 @@ from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.gate.decision import Finding, Margins, compare_sides, overall
 from uavbench.bench.gate.paired_scores import ERRORS, Key, Measured, Side
+from uavbench.bench.said import say
 from uavbench.reports.scoring.score import Score, score
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Image, Tracker
@@ -243,7 +244,7 @@ def main(folder: Path, suite: str, worse: tuple[str, ...], jobs: int, out: Path,
     rows = {}
     for changed in ["", *(name for name in scores if name not in labels)]:
         rows[changed] = measured(scores, labels, changed, trial.comparisons, Margins(error=trial.margin))
-        click.echo(table({changed: rows[changed]}).splitlines()[-1])
+        say(table({changed: rows[changed]}).splitlines()[-1])
     write_text(out / "validation.md", table(rows), sealed=True)
     write_text(out / "validation.json", json.dumps({**asdict(trial), "measured": rows}, indent=1) + "\n", sealed=True)
 

@@ -2,14 +2,12 @@
 
 import json
 import math
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 
 from uavbench.bench.config.suite import Suite, load_suite
@@ -22,8 +20,10 @@ from uavbench.bench.history.bisect import Cannot, Found, Measurement, between, b
 from uavbench.bench.inputs.file_paths import FREE
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.bench.runner.output_folder import resolved
+from uavbench.bench.said import say
 from uavbench.reports.history.series import LEAST_ERROR
 from uavbench.trajectories.errors import UserError, one_line, unknown_name
+from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
 
 SEVERAL = 3
@@ -106,15 +106,15 @@ def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, work
     with measuring(bad, what, out, workers) as measure:
         if isinstance(measure, int):
             return measure
-        found = bisect(good, bad, margin, measure, lambda line: click.echo(line, err=True))
+        found = bisect(good, bad, margin, measure, lambda line: say(line, err=True))
     write_text(out / "bisect.json", json.dumps(to_json(found, what), indent=1) + "\n", sealed=True)
     first, *others = found.suspects
     if not others:
-        click.echo(f"first worse commit: {short(first)}")
+        say(f"first worse commit: {short(first)}")
         return 0
-    click.echo(f"the first worse commit is one of these {1 + len(others)}; all but the first named cannot run:")
+    say(f"the first worse commit is one of these {1 + len(others)}; all but the first named cannot run:")
     for commit in found.suspects:
-        click.echo(f"  {short(commit)}")
+        say(f"  {short(commit)}")
     return SEVERAL
 
 
@@ -129,7 +129,7 @@ def measuring(bad: str, what: What, out: Path, workers: int) -> Iterator[Measuri
             suite = load_suite(flown)
             label, rate_hz = chosen(suite, what.tracker)
             code = bring_up_to("render", str(flown), out / "head", ExecutionOptions(workers=workers))
-        start = tomllib.loads(flown.read_text(encoding="utf-8")).get("start")
+        start = read_toml(flown).get("start")
     yield code or Measuring(suite, file, out, label, rate_hz, what.metric, start)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from uavbench.bench.said import say
 from uavbench.reports.history.change_points import LEAST_COMMITS, changes
 from uavbench.reports.history.history_file import Commit, History, Recorded, SuiteIdentity
 from uavbench.reports.history.series import series_of
@@ -106,7 +107,7 @@ def main(reruns: Path, **numbers: int) -> None:
     for tracker, metrics in read_json(reruns).items():
         for metric, flights in metrics.items():
             row = measured(flights, trial)
-            click.echo(f"| {tracker} {metric} | " + " | ".join(f"{value:.3g}" for value in row.values()) + " |")
+            say(f"| {tracker} {metric} | " + " | ".join(f"{value:.3g}" for value in row.values()) + " |")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
+from uavbench.bench.inputs.named_files import linked_with, named_in_script, whole_paths
 from uavbench.bench.inputs.plugin_files import is_file, named_beside
 from uavbench.trajectories.source_files import among, made_of, parsed
 
@@ -18,14 +19,22 @@ LISTS = ("*.dist-info/METADATA", "*.egg-info/PKG-INFO", "*.egg-info")
 def command_files(command: Sequence[str]) -> tuple[Path, ...]:
     """Files whose change may change what a command does.
 
-    The `run_files`, and more: the files beside the scripts among them that these name; of a Python, the lists of what
-    is installed for it.
+    The `run_files`, and more: what Python scripts among them name beside them, what scripts of other languages name,
+    with what these run and name in turn, and the libraries that a program of the user's is linked with; of a Python,
+    the lists of what is installed for it.
     """
-    program, run = programs(command), run_files(command)
-    lists = [path for at in program for site in sites_of(at) for name in LISTS for path in site.glob(name)]
-    settings = [path.parent.parent / "pyvenv.cfg" for path in program]
-    named = (beside for path in run if is_python(path) for beside in named_beside(path))
-    return tuple(sorted({*run, *named, *filter(is_file, [*lists, *settings])}))
+    found = {*run_files(command), *(path for word in command for path in whole_paths(word))}
+    waiting = [*found]
+    while waiting:
+        path = waiting.pop()
+        named = {*named_beside(path)} if is_python(path) else {*linked_with(path), *named_in_script(path)}
+        new = {*named, *(inner for each in named if is_python(each) for inner in run_files([str(each)]))} - found
+        found |= new
+        waiting += new
+    pythons = [path for path in found if path.name.startswith("python") or path in programs(command)]
+    lists = [path for at in pythons for site in sites_of(at) for name in LISTS for path in site.glob(name)]
+    settings = [path.parent.parent / "pyvenv.cfg" for path in pythons]
+    return tuple(sorted({*found, *filter(is_file, [*lists, *settings])}))
 
 
 def programs(command: Sequence[str]) -> list[Path]:

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 FREE = "UAVBENCH_DATA"
+MOST_TOLD = 3
+"""Links of one folder that are named."""
 
 
 def names_a_file(key: str) -> bool:
@@ -29,10 +31,10 @@ def located(config: Any, folder: Path, at: str = "") -> tuple[Any, list[str]]:
     for key, value in config.items():
         path = f"{at}.{key}" if at else key
         if names_a_file(key) and isinstance(value, str):
-            found[key], lines = str(folder / value), _outside(value, folder, path)
+            found[key], lines = str(folder / value), _leading_out(value, folder, path)
         elif key == "input_files" and isinstance(value, list):
             found[key] = [_beside(word, folder) for word in value]
-            lines = [line for word in value if isinstance(word, str) for line in _outside(word, folder, path)]
+            lines = [line for word in value if isinstance(word, str) for line in _leading_out(word, folder, path)]
         elif key == "command" and isinstance(value, list):
             found[key], lines = [_beside(word, folder) for word in value], []
         else:
@@ -49,19 +51,25 @@ def _beside(word: Any, folder: Path) -> Any:
     return str(folder.resolve() / word) if isinstance(word, str) and _is_file(folder / word) else word
 
 
-def _outside(name: str, folder: Path, at: str) -> list[str]:
-    """A line where the file is neither in the folder nor in one that the user has set free."""
+def _leading_out(name: str, folder: Path, at: str) -> list[str]:
+    """A line where a file is neither in the folder nor in one that the user has set free; of a folder, all in it."""
     free = [Path(word).resolve() for word in os.environ.get(FREE, "").split(os.pathsep) if word]
+    roots = (folder.resolve(), *free)
     try:
         real = (folder / name).resolve()
+        links = (path for path in (folder / name).rglob("*") if path.is_symlink())
+        astray = [path for path in (real, *(path.resolve() for path in links)) if not _is_in(path, roots)]
     except (OSError, ValueError, RuntimeError) as error:
         return [f"{at}: {name!r} is no file name: {error}"]
-    if any(real.is_relative_to(root) for root in (folder.resolve(), *free)):
-        return []
     return [
-        f"{at}: {name} lies outside of {folder.resolve()}, the folder of this file; copy it there, or allow its own: "
-        f"{FREE}={real.parent}"
+        f"{at}: {name if path == real else path} lies outside of {folder.resolve()}, the folder of this file; copy it "
+        f"there, or allow its own: {FREE}={path.parent}"
+        for path in astray[:MOST_TOLD]
     ]
+
+
+def _is_in(path: Path, roots: tuple[Path, ...]) -> bool:
+    return any(path.is_relative_to(root) for root in roots)
 
 
 def _is_file(path: Path) -> bool:

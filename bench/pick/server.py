@@ -14,10 +14,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-import click
 import cv2
 import numpy as np
 
+from uavbench.bench.said import say
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.overlay import PIECES
@@ -111,12 +111,12 @@ def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, brows
     picking = Picking(first[1], lens, load_model(model), out)
 
     def announce(address: str) -> None:
-        click.echo(f"open {address}", err=True)
+        say(f"open {address}", err=True)
         if browser:
             webbrowser.open(address)
 
     serve(picking, announce, port)
-    click.echo(out)
+    say(out)
 
 
 def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> None:

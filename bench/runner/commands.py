@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import click
-
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import load_suite, suite_model
 from uavbench.bench.config.suite_files import suite_file
@@ -23,6 +21,7 @@ from uavbench.bench.runner.jobs import plan, plan_flights
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
 from uavbench.bench.runner.tasks import Figures, Render
+from uavbench.bench.said import say
 from uavbench.bench.third_party.registry import absent
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError, unknown_name
@@ -67,8 +66,8 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         else plan(part, folder, last, where.figures)
     )
     if where.dry_run:
-        click.echo(dry_run(jobs, folder, where.slurm or where.workers))
-        click.echo(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
+        say(dry_run(jobs, folder, where.slurm or where.workers))
+        say(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
         return 0
     if where.slurm:
         run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)
@@ -81,11 +80,11 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
             with told_at_most(folder / SECONDS):
                 remember(outcome, folder)
         for label, why in absent(suite.trackers).items():
-            click.echo(f"absent: {label}: {why}", err=True)
+            say(f"absent: {label}: {why}", err=True)
         if last == "report" and "report" not in outcome.failed:
             table = "flights.md" if flown else "summary.md"
-            click.echo((folder / "tables" / table).read_text(encoding="utf-8"))
-            click.echo(f"report: {folder / 'index.html'}")
+            say((folder / "tables" / table).read_text(encoding="utf-8"))
+            say(f"report: {folder / 'index.html'}")
     return 2 if outcome.users_mistake else 1 if outcome.failed else 0
 
 
@@ -113,20 +112,20 @@ def tell(outcome: Outcome, folder: Path) -> None:
     """Say on standard error what was done, how long it took, and what failed and why."""
     count = f"{len(outcome.done)} jobs done, {len(outcome.fresh)} were fresh, {len(outcome.failed)} failed"
     cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes together"
-    click.echo(f"{count}; {cost}", err=True)
+    say(f"{count}; {cost}", err=True)
     for line in shortfalls(job.marker for job in outcome.done if job.verb == "render"):
-        click.echo(line, err=True)
+        say(line, err=True)
     causes = {name: why for name, why in outcome.failed.items() if not why.startswith(NOT_DONE)}
     for name, why in causes.items():
-        click.echo(f"FAILED {name}: {why}", err=True)
+        say(f"FAILED {name}: {why}", err=True)
     if after := len(outcome.failed) - len(causes):
-        click.echo(f"not done: {after} job{'s that need' if after > 1 else ' that needs'} what failed", err=True)
+        say(f"not done: {after} job{'s that need' if after > 1 else ' that needs'} what failed", err=True)
     path = folder / "failures.txt"
     with told_at_most(path):
         if outcome.tracebacks:
             text = "\n".join(f"{name}\n{text}" for name, text in outcome.tracebacks.items())
             write_text(path, f"{text.rstrip()}\n", sealed=True)
-            click.echo(f"details: {path}", err=True)
+            say(f"details: {path}", err=True)
         elif is_sealed(path):
             path.unlink()  # of an earlier run
 
@@ -137,9 +136,9 @@ def told_at_most(path: Path) -> Iterator[None]:
     try:
         yield
     except UserError as error:
-        click.echo(f"not written: {error}", err=True)
+        say(f"not written: {error}", err=True)
     except OSError as error:
-        click.echo(f"not written: {path}: {error.strerror or error}", err=True)
+        say(f"not written: {path}: {error.strerror or error}", err=True)
 
 
 def track_real(
@@ -155,7 +154,7 @@ def track_real(
     results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
     if why := all_failed(results):
         raise UserError(why)
-    click.echo(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
+    say(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
 
 
 def schema() -> str:

@@ -1,13 +1,11 @@
 """Shards of a suite as jobs of Slurm, submitted with submitit."""
 
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import click
-
+from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
 
 POLL_S = 5.0
@@ -36,7 +34,7 @@ def run_shards(
             jobs = [executor.submit(run_shard, f"{i}/{shards}") for i in range(1, shards + 1)]
     except (NameError, TypeError, ValueError, AssertionError) as error:
         raise UserError(f"--slurm: {error}") from None
-    click.echo(f"{shards} shards submitted; logs: {logs}", err=True)
+    say(f"{shards} shards submitted; logs: {logs}", err=True)
     try:
         while not all(job.done() for job in jobs):
             time.sleep(POLL_S)
@@ -50,7 +48,7 @@ def run_shards(
 def _failed(job: Any) -> bool:
     error = job.exception()
     if error is not None:
-        print(f"FAILED shard, job {job.job_id}: {str(error).splitlines()[0]}", file=sys.stderr)
+        say(f"FAILED shard, job {job.job_id}: {(str(error).splitlines() or [type(error).__name__])[0]}", err=True)
         return True
     return bool(job.result())
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import click
 import numpy as np
 
 from uavbench.bench.config.suite import Suite, load_suite
@@ -19,6 +18,7 @@ from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.runner.tasks import Score as ScoreTask
+from uavbench.bench.said import say
 from uavbench.bench.sensitivity.variants import Number, Value, changed, values_of
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.style import write_csv
@@ -140,7 +140,7 @@ def write(changes: list[Change], folder: Path) -> None:
     ]
     lines += ["", f"No run responds to: {', '.join(f'`{path}`' for path in still) or 'none of them'}.", ""]
     write_text(folder / "sensitivity.md", "\n".join(lines))
-    click.echo(f"{len(changes)} variants: {folder / 'sensitivity.md'}")
+    say(f"{len(changes)} variants: {folder / 'sensitivity.md'}")
 
 
 def _most(c: Change) -> tuple[float, float, str]:

@@ -13,8 +13,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-import click
-
+from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
 
@@ -51,14 +50,10 @@ def speed(only: str, save: Path | None) -> int:
         if save is not None:
             write_text(save, json.dumps(results, indent=1) + "\n", sealed=True)
     lines, met = table(results["benchmarks"], goals)
-    click.echo(
-        f"{results['machine_info']['cpu'].get('brand_raw', 'unknown processor')}; least and median of the rounds"
-    )
-    click.echo("\n".join(lines))
+    say(f"{results['machine_info']['cpu'].get('brand_raw', 'unknown processor')}; least and median of the rounds")
+    say("\n".join(lines))
     if done.returncode:
-        click.echo(
-            "\n".join(line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), err=True
-        )
+        say("\n".join(line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), err=True)
     return 0 if met and done.returncode == 0 else 1
 
 

@@ -3,6 +3,8 @@
 The product's OpenCV has no such module, and that of OpenCV 5 stops with a failed assertion in GOS and OLS.
 """
 
+import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -14,7 +16,11 @@ from annotated_types import Ge
 
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.writing import write_text
 
+MARKER = "uavbench.json"
+"""Of the environment, written before anything else is put into it."""
 RUNNER = Path(__file__).parent / "rapid_runner.py"
 PACKAGES = ("opencv-contrib-python-headless==4.14.0.94", "numpy==2.4.6")
 
@@ -43,8 +49,9 @@ class OpencvRapid(ThirdPartyTracker):
     def setup(cls) -> dict[str, str]:
         """Make the environment and install what the runner needs, in versions that were tried."""
         folder = cls.folder() / "venv"
+        _empty(folder)
         try:
-            venv.create(folder, with_pip=True, clear=True)
+            venv.create(folder, with_pip=True)
         except (OSError, subprocess.CalledProcessError) as error:
             raise UserError(f"opencv-rapid: {folder}: cannot be made: {error}; is python3-venv installed?") from None
         python = str(folder / "bin" / "python")
@@ -58,3 +65,16 @@ class OpencvRapid(ThirdPartyTracker):
             raise UserError(f"opencv-rapid: pip cannot install {' '.join(PACKAGES)}: {last}")
         subprocess.run([python, "-c", "import cv2; cv2.rapid.OLSTracker_create"], check=True)
         return {"python": sys.version.split()[0], **dict(package.split("==") for package in PACKAGES)}
+
+
+def _empty(folder: Path) -> None:
+    """Remove what an earlier setup put into the folder of the environment; UserError where another one did."""
+    ours = not folder.is_symlink() and is_sealed(folder / MARKER)
+    if os.path.lexists(folder) and not ours:
+        raise UserError(f"{folder}: is not as `uavbench third-party setup` made it; move it away")
+    write_text(folder / MARKER, '{\n "made": "by uavbench third-party setup"\n}\n', sealed=True)
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != MARKER:
+            path.unlink()

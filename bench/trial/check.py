@@ -1,6 +1,5 @@
 """Try a tracker on a tiny sequence and explain every fault: `uavbench check TRACKER.toml`."""
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -9,6 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.scenes.dataset.sequence import Sequence
@@ -46,8 +46,8 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
     if times := [row.stage_ms["total"] for row in first.rows if "total" in row.stage_ms]:
         yield f"time per frame: median {np.median(times):.2f} ms, worst {max(times):.2f} ms"
     if not faults:
-        with tempfile.TemporaryDirectory() as scratch:
-            again = _run(tracker, sequence, rate_hz, Path(scratch) / "again")
+        with Guard("uavbench-again-") as scratch:
+            again = _run(tracker, sequence, rate_hz, scratch.folder / "again")
         same = all(_same(a.cam_from_world, b.cam_from_world) for a, b in zip(first.rows, again.rows, strict=True))
         yield (
             "a second run gave the same poses" if same else "note: a second run gave other poses; seed it from job.toml"

@@ -9,10 +9,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
+from uavbench.bench.external.guard import END_S, Guard, Talk, talk_in
 from uavbench.scenes.rendering.radiance import Radiance
 from uavbench.trajectories.errors import UserError, one_line
 
@@ -59,15 +60,15 @@ def find_blender() -> Blender:
 class OpenScene:
     """A scene that is open in Blender: views of it are asked for one after the other."""
 
-    def __init__(self, process: "subprocess.Popen[str]", folder: Path) -> None:
-        self._process, self._folder = process, folder
+    def __init__(self, guard: Guard, talk: Talk) -> None:
+        self._guard, self._talk = guard, talk
         self.denoiser: str = self._reply()["denoiser"]
 
     def light(self, request: Mapping[str, Any], width: int, height: int) -> Radiance:
         """Linear light (h, w, 3) BGR of a view, as `blender_script.answer` takes it; UserError where Blender fails."""
-        path = self._folder / "view.f32"
+        path = self._guard.folder / "view.f32"
         try:
-            print(json.dumps({**request, "file": str(path)}), file=self._stream(self._process.stdin), flush=True)
+            print(json.dumps({**request, "file": str(path)}), file=self._talk.asks, flush=True)
         except BrokenPipeError:
             raise self._failure() from None
         self._reply()
@@ -76,39 +77,30 @@ class OpenScene:
 
     def _reply(self) -> dict[str, Any]:
         """Blender's next answer; what it prints before the script runs is none."""
-        for line in self._stream(self._process.stdout):
+        for line in self._talk.answers:
             if line.startswith("{"):
                 answer: dict[str, Any] = json.loads(line)
                 return answer
         raise self._failure()
 
     def _failure(self) -> UserError:
-        code = self._process.wait()
-        said = (self._folder / "stderr.txt").read_text(encoding="utf-8", errors="replace")
-        return UserError(f"blender: ended with exit code {code}; its last lines: {_last(said)}")
-
-    @staticmethod
-    def _stream(stream: IO[str] | None) -> IO[str]:
-        assert stream is not None
-        return stream
+        ended = self._guard.wait(END_S)
+        how = "closed its output and did not end" if ended is None else f"ended with exit code {ended.code}"
+        said = (self._guard.folder / "stderr.txt").read_text(encoding="utf-8", errors="replace")
+        return UserError(f"blender: {how}; its last lines: {_last(said)}")
 
 
 @contextmanager
-def opened(blender: Blender, folder: Path, samples: int) -> Iterator[OpenScene]:
-    """The scene in a folder that `write_scene` wrote, open in Blender on the CPU cores that this process may use."""
+def opened(blender: Blender, guard: Guard, samples: int) -> Iterator[OpenScene]:
+    """The scene that `write_scene` wrote in a guard's folder, open in Blender on the CPU cores that we may use."""
     threads = len(os.sched_getaffinity(0))
     command = [blender.program, "--background", "--factory-startup", "-noaudio", "--python-exit-code", "1"]
-    command += ["--python", str(SCRIPT), "--", str(folder), str(samples), str(threads)]
-    with (folder / "stderr.txt").open("wb") as log:
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True, errors="replace",
-            env=_environment(), start_new_session=True,
-        )  # fmt: skip
-    try:
-        yield OpenScene(process, folder)
-    finally:
-        process.kill()
-        process.communicate()
+    command += ["--python", str(SCRIPT), "--", str(guard.folder), str(samples), str(threads)]
+    with (
+        (guard.folder / "stderr.txt").open("wb") as log,
+        talk_in(guard, command, _environment(), errors=log.fileno()) as talk,
+    ):
+        yield OpenScene(guard, talk)
 
 
 def _environment() -> dict[str, str]:

@@ -1,14 +1,13 @@
 """A renderer whose light is traced by Blender, and whose geometry is drawn as that of every sequence."""
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.bench.external.guard import Guard
 from uavbench.bench.twin.blender import Blender, OpenScene, opened
 from uavbench.bench.twin.scene_files import blender_camera, blender_pose, write_scene
 from uavbench.scenes.camera import Camera
@@ -29,9 +28,9 @@ class TracedScene:
     @contextmanager
     def renderer(self, width: int, height: int) -> Iterator["PathTracer"]:
         """A renderer of the scene; UserError where Blender fails."""
-        with tempfile.TemporaryDirectory(prefix="uavbench-twin-") as name:
-            write_scene(self.scene, Path(name))
-            with self.scene.renderer(width, height) as drawn, opened(self.blender, Path(name), self.samples) as scene:
+        with Guard("uavbench-twin-") as guard:
+            write_scene(self.scene, guard.folder)
+            with self.scene.renderer(width, height) as drawn, opened(self.blender, guard, self.samples) as scene:
                 self.denoisers.append(scene.denoiser)
                 yield PathTracer(self.scene, drawn, scene)
 

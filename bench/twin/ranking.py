@@ -1,10 +1,9 @@
 """How much a ranking of trackers depends on the renderer: each on a sequence and on its twin, at the same stamps."""
 
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
+from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.third_party.registry import absent
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
@@ -58,8 +57,8 @@ def _tracked(tracker: Tracker, sequence: Sequence, rate_hz: float) -> Results:
     if not isinstance(tracker, External | ThirdPartyTracker):
         return track_sequence(tracker, sequence, rate_hz=rate_hz, seed=0)
     program = tracker.present() if isinstance(tracker, ThirdPartyTracker) else tracker
-    with tempfile.TemporaryDirectory() as kept:
-        return track_external(program, sequence, rate_hz=rate_hz, seed=0, kept_folder=Path(kept) / "job")
+    with Guard("uavbench-kept-") as kept:
+        return track_external(program, sequence, rate_hz=rate_hz, seed=0, kept_folder=kept.folder / "job")
 
 
 def _ranks(scores: Mapping[str, Score]) -> dict[str, int]:

@@ -1,6 +1,7 @@
 """The twin of a sequence: its truth as it is, its images drawn again by a path tracer."""
 
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import write_edges
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
+from uavbench.scenes.dataset.row_poses import read_row_poses
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.link import Drops
@@ -29,6 +31,8 @@ from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import ANY, TABLE
+from uavbench.trajectories.files.reading import opened, read_text
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Pose
@@ -154,18 +158,25 @@ def _write_frames(
 
 def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
     """Copy the files that do not depend on the renderer, of every n-th frame those that are of a frame."""
-    for path in sorted(sequence.folder.iterdir()):
-        if path.is_file() and path.name not in MADE_ANEW:
-            shutil.copyfile(path, new / path.name)
+    folder = sequence.folder
+    for path in sorted(folder.iterdir()):
+        if not path.is_dir() and path.name not in MADE_ANEW:
+            _copy(folder, path.name, new / path.name)
     for kind, suffix in OF_A_FRAME.items():
-        if (sequence.folder / kind).is_dir():
+        if (folder / kind).is_dir():
             (new / kind).mkdir()
             for frame, of in enumerate(range(0, len(sequence), every)):
-                shutil.copyfile(sequence.folder / kind / f"{of:06d}.{suffix}", new / kind / f"{frame:06d}.{suffix}")
-    head, *rows = (sequence.folder / "groundtruth.csv").read_text(encoding="utf-8").splitlines()
+                _copy(folder, f"{kind}/{of:06d}.{suffix}", new / kind / f"{frame:06d}.{suffix}")
+    head, *rows = read_text(folder / "groundtruth.csv", TABLE, inside=folder).splitlines()
     write_text(new / "groundtruth.csv", "\n".join([head, *_numbered(rows[::every])]) + "\n")
-    if (rows_file := sequence.folder / "row_poses.npy").is_file():
-        np.save(new / rows_file.name, np.load(rows_file, allow_pickle=False)[::every])
+    if os.path.lexists(folder / "row_poses.npy"):
+        np.save(new / "row_poses.npy", read_row_poses(sequence)[::every])
+
+
+def _copy(folder: Path, name: str, to: Path) -> None:
+    """Copy a file of a sequence; UserError where there is none, or a link leads out of the folder."""
+    with opened(folder / name, ANY, inside=folder) as source, to.open("xb") as target:
+        shutil.copyfileobj(source, target)
 
 
 def _numbered(rows: Iterable[str]) -> Iterable[str]:

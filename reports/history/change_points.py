@@ -71,18 +71,19 @@ def _proposed(series: Series) -> list[int]:
 
 def _standing(series: Series, cuts: list[int], margin: float) -> list[int]:
     """The proposed steps that stand, the least certain taken out one at a time."""
-    n = len(series.commits)
-    while cuts:
-        steps = [_step(series, *place) for place in _neighbours(cuts, n)]
-        worst = max(range(len(cuts)), key=lambda k: (steps[k].p, -abs(steps[k].size)))
-        small = [k for k, step in enumerate(steps) if abs(step.size) < margin]
-        if steps[worst].p > ALPHA:
-            cuts = cuts[:worst] + cuts[worst + 1 :]
-        elif small:
-            cuts = cuts[: small[0]] + cuts[small[0] + 1 :]
-        else:
+    ends = [0, *cuts, len(series.commits)]
+    steps = [_step(series, *place) for place in _neighbours(cuts, ends[-1])]
+    while steps:
+        worst = max(range(len(steps)), key=lambda k: (steps[k].p, -abs(steps[k].size)))
+        small = next((k for k, step in enumerate(steps) if abs(step.size) < margin), None)
+        out = worst if steps[worst].p > ALPHA else small
+        if out is None:
             break
-    return cuts
+        del ends[out + 1], steps[out]
+        for k in (out - 1, out):  # only those beside it have other neighbours now
+            if 0 <= k < len(steps):
+                steps[k] = _step(series, *ends[k : k + 3])
+    return ends[1:-1]
 
 
 def _without_lines(series: Series, cuts: list[int]) -> list[int]:

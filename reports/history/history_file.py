@@ -9,11 +9,13 @@ Numbers carry six significant digits. The order of the lines is that in which th
 
 import json
 import math
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+from annotated_types import Interval
 from pydantic import TypeAdapter, ValidationError
 
 from uavbench.trajectories.errors import UserError
@@ -23,6 +25,11 @@ from uavbench.trajectories.files.writing import owning, write_text
 
 FORMAT = "uavbench history 1"
 STRICT: Any = {"extra": "forbid", "allow_inf_nan": False}
+LARGEST = 1e12
+"""Of a recorded number, in its unit: beyond it no error and no time is one."""
+MOST_COMMITS = 10_000
+"""Of one history: thirty years of one each working day."""
+Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,10 +44,10 @@ class Recorded:
 
     unit: str
     better: Literal["smaller", "bigger"]
-    value: float | None
-    low: float | None
-    high: float | None
-    runs: dict[str, list[float | None]]
+    value: Number | None
+    low: Number | None
+    high: Number | None
+    runs: dict[str, list[Number | None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +111,12 @@ def read_history(path: Path) -> History:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
         raise UserError(f"{path}: this history is broken at `{place}`: {first['msg']}; {advice}") from None
-    names = [entry.commit for entry in history.commits]
-    if twice := next((name for name in names if names.count(name) > 1), ""):
+    if len(history.commits) > MOST_COMMITS:
+        raise UserError(
+            f"{path}: has {len(history.commits):,} commits, at most {MOST_COMMITS:,} are read; start another"
+        )
+    counts = Counter(entry.commit for entry in history.commits)
+    if twice := next((name for name, count in counts.items() if count > 1), ""):
         raise UserError(f"{path}: this history has commit {twice} twice; {advice}")
     return history
 

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.ground_truth_files import read_ground_truth, read_pose_bounds
+from uavbench.scenes.dataset.sequence_info import check_info
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.surfaces.surface_files import read_flow, read_normals
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
@@ -64,10 +65,7 @@ class Sequence:
     def load(cls, folder: Path) -> "Sequence":
         """Open a sequence folder; UserError naming the file that is missing or wrong."""
         info = read_json(folder / "sequence.json")
-        for key in ("rate_hz", "depth_m_per_unit"):
-            value = info.get(key, 1.0)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
-                raise UserError(f"{folder / 'sequence.json'}: {key} = {value!r}: must be a positive number")
+        check_info(folder / "sequence.json", info)
         files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
         return cls(folder, info, camera, load_structure(folder), _stamps_ns(folder), files)
 
@@ -103,16 +101,14 @@ class Sequence:
     def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":
         folder = inside(self.folder, f"cameras/{name}")
         info = {**self.info, **about, "cameras": {}, "sensors": {}}
+        check_info(self.folder / "sequence.json", info)
         files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
         return Sequence(folder, info, camera, self.structure, _stamps_ns(folder), files)
 
     @property
     def timeshift_cam_imu_ns(self) -> int:
         """What is added to stamps of frames for those of sensors and flight: t_imu = t_cam + shift, as in Kalibr."""
-        value = self.info.get("timeshift_cam_imu_ns", 0)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise UserError(f"{self.folder / 'sequence.json'}: timeshift_cam_imu_ns = {value!r}: must be whole ns")
-        return value
+        return int(self.info.get("timeshift_cam_imu_ns", 0))
 
     @property
     def content_hash(self) -> str:

@@ -107,7 +107,7 @@ def write_croissant(sequence: Sequence, folder: Path, held: Held, not_held: Iter
         "conformsTo": ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"],
         "name": sequence.name,
         "description": "; ".join(f"{name}: {what}" for name, what in held.files.items()),
-        "version": str(sequence.info.get("versions", {}).get("uavbench", "0.0.0")),
+        "version": str((sequence.info.get("versions") or {}).get("uavbench", "0.0.0")),
         "citeAs": "@software{uavbench, title={uavbench: ground truth for model-based UAV localization}}",
         "distribution": distribution,
         "recordSet": [_images(each) for each in sets],

@@ -13,7 +13,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_integers, read_numbers
 from uavbench.scenes.exports.notes import Held, tables_of
 from uavbench.scenes.exports.shown_images import Shown
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UserError, one_line
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_header
 from uavbench.trajectories.files.writing import write_text
@@ -123,7 +123,8 @@ def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
     stamps = read_integers(readings, ["stamp_ns"])[:, 0].tolist()
     rows = zip(stamps, read_numbers(readings, READINGS).tolist(), strict=True)
     write_text(folder / "data.csv", "\n".join([head, *(f"{ns},{','.join(map(repr, row))}" for ns, row in rows)]) + "\n")
-    text = f"sensor_type: imu\ncomment: simulated {imu.get('kind', 'IMU')}\n{_t_bs(body_from_imu(readings, imu))}"
+    kind = one_line(str(imu.get("kind", "IMU")))
+    text = f"sensor_type: imu\ncomment: simulated {kind}\n{_t_bs(body_from_imu(readings, imu))}"
     if "rate_hz" in imu:
         text += f"rate_hz: {yaml_number(imu['rate_hz'])}\n"
     for key, (name, unit) in NOISE.items():

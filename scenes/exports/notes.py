@@ -88,7 +88,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
     if (sequence.folder / "flight.csv").is_file():
         rates = "" if held.angular_rates else "angular rates, "
         lines.append(f"Flight: accelerations, {rates}thrusts and wind of `flight.csv` are not held.")
-    if any(value for value in info.get("deviation", {}).values()):
+    if any((info.get("deviation") or {}).values()):
         lines.append("Model: the images show the structure as it was built; the model is the one that was designed.")
     return lines
 
@@ -125,9 +125,10 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
 
 def _link(sequence: Sequence) -> list[str]:
     """Frames dropped and duplicated by the link."""
-    effects = {effect.get("kind"): effect for effect in sequence.info.get("config", {}).get("effects", ())}
+    listed = (sequence.info.get("config") or {}).get("effects") or ()
+    effects = {str(effect.get("kind")): effect for effect in listed}
     lines = []
-    if "drops" in effects:
+    if "drops" in effects and "rate_hz" in sequence.info:
         period_ns = 1e9 / float(sequence.info["rate_hz"])
         lost = int(np.sum(np.rint(np.diff(sequence.stamps_ns) / period_ns) - 1)) if len(sequence) > 1 else 0
         lines.append(

@@ -69,8 +69,11 @@ def export(
                 "undistorted images"
             )
     with disk_errors(folder), new_folder(folder) as new:
-        held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
-        not_held = write_notes(sequence, format, new, held, undistort)
+        try:
+            held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
+            not_held = write_notes(sequence, format, new, held, undistort)
+        except (ValueError, TypeError, OverflowError) as error:  # of numbers that are none, no poses, not in order
+            raise UserError(f"{sequence.folder}: holds what cannot be exported: {error}; render it again") from error
         write_croissant(sequence, new, held, not_held)
         return not_held
 

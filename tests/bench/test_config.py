@@ -123,6 +123,20 @@ def test_what_would_count_twice_or_share_a_folder_is_refused(tmp_path, old, new,
         assert line.startswith(start)
 
 
+@pytest.mark.parametrize("seeds", ["", "seeds = [4, 5]\n"])
+def test_a_sequence_under_a_second_name_would_count_twice(tmp_path, seeds):
+    head, _, rest = GOOD.partition("[sequences.box]")
+    body, trackers, after = rest.partition("[trackers]")
+    twice = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}{trackers}{after}"
+    assert mistakes(tmp_path, twice) == [
+        "sequences.again: is the same as box, and nothing but its name differs; leave one out"
+    ]
+    other = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}rate_hz = 30.0\n{trackers}{after}"
+    path = tmp_path / "suite.toml"
+    path.write_text(other)
+    assert {spec.name.partition("-")[0] for spec in load_suite(path).sequences} == {"box", "again"}
+
+
 def test_what_is_there_twice_is_told_with_the_other_mistakes(tmp_path):
     text = GOOD.replace("rates_hz = [15.0]", "seeds = [1, 1]\nrates_hz = [15.0, 15]").replace("title", "titel")
     assert len(mistakes(tmp_path, text)) == 4

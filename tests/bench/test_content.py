@@ -186,6 +186,63 @@ def test_a_command_is_its_scripts_with_what_they_import(tmp_path, monkeypatch, c
     assert content_hash(tracker) != before
 
 
+WRAPPERS = {
+    "a script beside it": ("python3 tracker.py", "tracker.py"),
+    "by a variable": ('exec "$HERE/tracker" "$@"', "tracker"),
+    "by dirname": ('exec "$(dirname "$0")"/build/../lib/tracker', "lib/tracker"),
+    "a wrapper of a wrapper": ("./second.sh", "tracker"),
+    "by its whole path": ("exec {folder}/far/tracker", "far/tracker"),
+    "what that imports": ("python3 main.py", "helper.py"),
+    "its settings": ("./run --config=conf/settings.yaml", "conf/settings.yaml"),
+    "a program on PATH": ("on-path-tracker --fast", "bin/on-path-tracker"),
+}
+
+
+@pytest.mark.parametrize("way", WRAPPERS)
+def test_a_shell_script_is_what_it_names_too(tmp_path, monkeypatch, way):
+    line, changed = WRAPPERS[way]
+    texts = {"second.sh": "exec ./tracker", "main.py": "import helper", "bin/on-path-tracker": ""}
+    for name in ("tracker.py", "tracker", "lib/tracker", "far/tracker", "helper.py", "conf/settings.yaml", *texts):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(texts.get(name, ""))
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:/usr/bin:/bin")
+    (tmp_path / "run.sh").write_text(f"#!/bin/sh\n{line.format(folder=tmp_path)}\n")
+    (tmp_path / "run.sh").chmod(0o755)
+    commands = [(str(tmp_path / "run.sh"),), ("sh", str(tmp_path / "run.sh"), "--fast")]
+    before = [content_hash(External(command=command)) for command in commands]
+    (tmp_path / "bystander.py").write_text("x")
+    assert [content_hash(External(command=command)) for command in commands] == before
+    (tmp_path / changed).write_text(texts.get(changed, "") + "\n# changed")
+    after = [content_hash(External(command=command)) for command in commands]
+    assert all(a != b for a, b in zip(before, after, strict=True))
+
+
+def test_a_shell_line_is_the_files_that_it_names_by_whole_paths(tmp_path):
+    (tmp_path / "tracker").write_text("one")
+    command = ("sh", "-c", f"cd /; exec '{tmp_path / 'tracker'}' --fast")
+    before = content_hash(External(command=command))
+    (tmp_path / "tracker").write_text("two")
+    assert content_hash(External(command=command)) != before
+
+
+@pytest.mark.parametrize("place", ["bin", "lib", "elsewhere"])
+def test_a_program_is_its_shared_libraries_too(tmp_path, place):
+    for name in ("bin", "lib", "elsewhere"):
+        (tmp_path / name).mkdir()
+    (tmp_path / place / "libtracking.so.1").write_bytes(b"one")
+    (tmp_path / place / "libother.so").write_bytes(b"one")
+    program = tmp_path / "bin" / "tracker"
+    run_path = f"\0$ORIGIN/x:{tmp_path / 'elsewhere'}\0".encode()
+    program.write_bytes(b"\x7fELF\0libtracking.so.1\0" + run_path)
+    program.chmod(0o755)
+    before = content_hash(External(command=(str(program),)))
+    (tmp_path / place / "libother.so").write_bytes(b"two")
+    assert content_hash(External(command=(str(program),))) == before
+    (tmp_path / place / "libtracking.so.1").write_bytes(b"two")
+    assert content_hash(External(command=(str(program),))) != before
+
+
 def test_a_link_stays_the_interpreter_of_its_environment(tmp_path):
     site = tmp_path / ".venv" / "lib" / "python3.11" / "site-packages"
     metadata = write(site / "net-1.0.dist-info" / "METADATA", "1.0")

@@ -86,6 +86,15 @@ def test_a_run_that_slips_by_chance_is_no_change_and_hides_none():
     assert [abs(step.at - 30) <= 1 for step in found(errors)] == [True]
 
 
+def test_a_step_that_goes_leaves_only_its_neighbours_to_be_judged_anew(monkeypatch):
+    levels = np.exp(np.repeat(np.random.default_rng(1).normal(0, 1, 40), 5))
+    series, steps = series_of(history_of(noisy(200) * levels[:, None]), *NAME), []
+    proposed, judged = len(change_points._proposed(series)), change_points._step
+    monkeypatch.setattr(change_points, "_step", lambda *place: steps.append(place) or judged(*place))
+    assert changes(series, margin=1e9) == []  # all are too small, and go one at a time
+    assert proposed > 30 and len(steps) <= 3 * proposed
+
+
 def test_runs_without_a_number_are_no_change():
     history = history_of(noisy(30))
     commits = []

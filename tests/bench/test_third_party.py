@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import pytest
 
@@ -89,6 +90,31 @@ def test_visp_says_what_to_install(nowhere, monkeypatch):
     with pytest.raises(UserError, match=r"sudo apt-get install .* libvisp-dev"):
         setup("visp")
     assert Visp.absence()
+
+
+@pytest.mark.parametrize("how", ["folder", "link", "file"])
+def test_an_environment_of_another_is_not_cleared(nowhere, monkeypatch, how):
+    def made(place, **_):
+        raise OSError("asked for")
+
+    monkeypatch.setattr("venv.create", made)
+    with pytest.raises(UserError, match="asked for"):
+        setup("opencv-rapid")
+    with pytest.raises(UserError, match="asked for"):
+        setup("opencv-rapid")  # over our own, begun and not ended
+    place = nowhere / "third-party" / "opencv-rapid" / "venv"
+    assert [path.name for path in place.iterdir()] == ["uavbench.json"]
+    shutil.rmtree(place)
+    theirs = place if how == "folder" else nowhere / "theirs"
+    theirs.mkdir()
+    (theirs / "thesis.tex").write_text("years of work")
+    if how == "link":
+        place.symlink_to(theirs)
+    elif how == "file":
+        place.write_text("years of work")
+    with pytest.raises(UserError, match="move it away"):
+        setup("opencv-rapid")
+    assert (theirs / "thesis.tex").read_text() == "years of work" and place.exists()
 
 
 def test_an_unknown_peer_is_named(nowhere):

@@ -1,13 +1,19 @@
 """The path-traced twin: Blender's camera is ours, its pictures lie where ours do, and what cannot be is refused."""
 
 import json
+import os
 import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.bench.process_trees import wait_until, with_mark
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import recorded_spec, suite_of
 from uavbench.bench.third_party.visp import Visp
@@ -218,6 +224,104 @@ def test_trackers_rank_on_both_and_an_absent_one_does_not(tmp_path, monkeypatch)
     assert float(cells["hold"][0]) > 1 and cells["hold"][1] == "100"
     assert "absent" in cells["visp"][0] and "third-party setup visp" in cells["visp"][0]
     assert lines[-1].strip() == "The ranking is the same."
+
+
+# --- a program in Blender's place, which draws all black ----------------------------------------------------------
+
+BLACK = """
+import json, sys
+from pathlib import Path
+print('{"denoiser": ""}', flush=True)
+for line in sys.stdin:
+    asked = json.loads(line)
+    width, height = asked["camera"]["size"]
+    Path(asked["file"]).write_bytes(bytes(16 * width * height))
+    print("{}", flush=True)
+"""
+HOSTILE = {
+    "a link to a sensor elsewhere": ("imu.csv", "link"),
+    "a link to a device": ("imu.csv", "device"),
+    "a pipe": ("notes.txt", "pipe"),
+    "a link to a depth elsewhere": ("depth/000000.png", "link"),
+    "no depth": ("depth/000001.png", "nothing"),
+    "rows elsewhere": ("row_poses.npy", "link"),
+    "rows that lie about their size": ("row_poses.npy", "lie"),
+    "rows of another size": ("row_poses.npy", "other"),
+    "rows that are none": ("row_poses.npy", "text"),
+    "rows that are an archive": ("row_poses.npy", "archive"),
+}
+
+
+@pytest.fixture
+def black(tmp_path, monkeypatch):
+    (tmp_path / "black.py").write_text(BLACK)
+    script = (
+        f'case "$1" in --version) echo "Blender 3.4.1";; *) exec {sys.executable} -S {tmp_path / "black.py"};; esac'
+    )
+    fake_blender(tmp_path, monkeypatch, script)
+
+
+def test_what_does_not_depend_on_the_renderer_is_copied(black, sequence, tmp_path):
+    done = twin(sequence, "--every", 2, "--out", tmp_path / "t")
+    assert done.exit_code == 0, done.output
+    assert verify(tmp_path / "t").ok
+    assert (tmp_path / "t" / "imu.csv").read_bytes() == (sequence / "imu.csv").read_bytes()
+    rows, all_rows = (np.load(folder / "row_poses.npy") for folder in (tmp_path / "t", sequence))
+    np.testing.assert_array_equal(rows, all_rows[::2])
+
+
+@pytest.mark.parametrize("how", HOSTILE)
+def test_no_file_from_elsewhere_gets_into_a_twin(black, sequence, tmp_path, how):
+    name, what = HOSTILE[how]
+    given = shutil.copytree(sequence, tmp_path / "given")
+    path, secret = given / name, tmp_path / "secret"
+    path.unlink(missing_ok=True)
+    secret.write_bytes(b"secret")
+    match what:
+        case "link":
+            path.symlink_to(secret)
+        case "device":
+            path.symlink_to("/dev/zero")
+        case "pipe":
+            os.mkfifo(path)
+        case "lie":
+            head = {"descr": "<f8", "fortran_order": False, "shape": (10**12, 72, 7)}
+            with path.open("wb") as file:
+                np.lib.format.write_array_header_1_0(file, head)
+        case "other":
+            np.save(path, np.zeros((3, 2)))
+        case "text":
+            path.write_text("no array")
+        case "archive":
+            with path.open("wb") as file:
+                np.savez(file, np.zeros(3))
+    refused(twin(given, "--out", tmp_path / "t"), name)
+    assert not (tmp_path / "t").exists()
+
+
+OPEN = """
+import sys, time
+from uavbench.bench.external.guard import Guard
+from uavbench.bench.twin.blender import Blender, opened
+with Guard("uavbench-twin-") as guard, opened(Blender(sys.argv[1], "3.4.1"), guard, 1):
+    print(guard.folder, flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_blender_ends_with_us_and_leaves_nothing(tmp_path, monkeypatch, how):
+    mark = f"OF_THE_TEST_{tmp_path}"
+    script = f"{sys.executable} -c 'import time; time.sleep(600)' & echo '{{\"denoiser\": \"\"}}'; sleep 600"
+    fake_blender(tmp_path, monkeypatch, f"MARK={mark} export MARK\n{script}")
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OPEN, str(tmp_path / "blender")], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL
+    )
+    folder = Path(owner.stdout.readline().decode().strip())
+    assert folder.is_dir() and wait_until(lambda: len(with_mark(mark)) >= 2)
+    owner.send_signal(how)
+    owner.communicate()
+    assert wait_until(lambda: not with_mark(mark) and not folder.exists())
 
 
 # --- with Blender ------------------------------------------------------------------------------------------------

@@ -6,7 +6,9 @@ import re
 import shutil
 
 import pytest
+from click.testing import CliRunner
 
+from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite, load_tracker
 from uavbench.bench.external.job_folder import write_frames
 from uavbench.bench.gate.baseline import read_baseline
@@ -81,6 +83,38 @@ def test_a_config_that_names_a_file_outside_of_its_folder_is_refused(folders, ke
         load_suite(written(folder, **{key: name}))
     monkeypatch.setenv(FREE, os.pathsep.join(["/nowhere", str(elsewhere)]))
     load_suite(written(folder, **{key: name}))
+
+
+RECORDED = """
+title = "Recorded"
+rates_hz = [15.0]
+[recordings.a.source]
+kind = "files"
+images_path = "images"
+model_file = "hall.obj"
+camera_file = "net.bin"
+init_file = "net.bin"
+[trackers]
+hold = { kind = "hold" }
+"""
+
+
+@pytest.mark.parametrize("name", ["1.png", "more/1.png", "more"])
+def test_an_image_of_a_recording_that_lies_elsewhere_is_refused(folders, name, monkeypatch):
+    folder, elsewhere = folders
+    (folder / "images" / "more").mkdir(parents=True)
+    (folder / "images" / "0.png").write_text("x")
+    (folder / "images" / "link.png").symlink_to("0.png")
+    (folder / "suite.toml").write_text(RECORDED)
+    load_suite(folder / "suite.toml")
+    (folder / "images" / name).parent.mkdir(exist_ok=True)
+    if name == "more":
+        (folder / "images" / "more").rmdir()
+    (folder / "images" / name).symlink_to(elsewhere / "net.bin")
+    with pytest.raises(UserError, match=r"recordings\.a\.source\.images_path: .*net\.bin lies outside of"):
+        load_suite(folder / "suite.toml")
+    monkeypatch.setenv(FREE, str(elsewhere))
+    load_suite(folder / "suite.toml")
 
 
 def test_all_files_outside_are_told_at_once_with_the_other_mistakes(folders):
@@ -177,6 +211,33 @@ FILES = [
     "imu.csv",
     "frames/000003.png",
 ]
+
+
+WRONG = {
+    "config": [1], "deviation": "x", "versions": [[]], "rate_hz": "15", "row_delay_ns": [1], "cam_from_body": [[1]],
+    "timeshift_cam_imu_ns": 10**30, "sensors": [1], "cameras": {"left": 1},
+}  # fmt: skip
+"""By key of `sequence.json`: what is none of its values."""
+
+
+@pytest.mark.parametrize("form", ["euroc", "tum", "colmap"])
+@pytest.mark.parametrize("key", [*WRONG, "effects", "quaternion", "stamps"])
+def test_a_dataset_that_says_what_none_does_is_a_users_mistake(tmp_path, form, key):
+    folder = shutil.copytree(TRIAL, tmp_path / "trial")
+    info = json.loads((folder / "sequence.json").read_text())
+    info |= {key: WRONG[key]} if key in WRONG else {"config": {"effects": [1]}} if key == "effects" else {}
+    (folder / "sequence.json").write_text(json.dumps(info))
+    head, *rows = (folder / "groundtruth.csv").read_text().splitlines()
+    if key == "quaternion":
+        rows = [",".join([*row.split(",")[:5], "9", *row.split(",")[6:]]) for row in rows]
+    elif key == "stamps":
+        rows = rows[::-1]
+        frames = (folder / "frames.csv").read_text().splitlines()
+        (folder / "frames.csv").write_text("\n".join([frames[0], *frames[:0:-1]]) + "\n")
+    (folder / "groundtruth.csv").write_text("\n".join([head, *rows]) + "\n")
+    done = CliRunner().invoke(main, ["export", str(folder), "--format", form, "--out", str(tmp_path / "out")])
+    assert done.exit_code == 2 and "Traceback" not in done.output, (done.output, done.exception)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("name", FILES)

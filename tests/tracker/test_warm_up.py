@@ -9,6 +9,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from tests.bench.process_trees import is_alive, wait_until
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.registry import TRACKERS
 from uavbench.trajectories.kernels.argument_types import argument_types
@@ -150,3 +151,20 @@ def test_each_kernel_of_a_queue_is_taken_by_one_process():
         run = subprocess.run(call, stdin=queue, capture_output=True, text=True, check=True, env=environment)
         assert list(taken(queue)) == []
     assert own + [int(word) for word in run.stdout.split()] == list(range(300))
+
+
+def test_the_helper_ends_with_the_process_that_it_helps():
+    out, into = os.pipe()  # a queue that we keep open, so that the helper waits for its next number
+    helper = "[sys.executable, '-m', 'uavbench.trajectories.kernels.warm_up', str(os.getpid())]"
+    code = (
+        f"import os, subprocess, sys\nprint(subprocess.Popen({helper}, stdin={out}).pid, flush=True)\nos.read({out}, 1)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], pass_fds=[out], stdout=subprocess.PIPE)
+    try:
+        pid = int(parent.stdout.readline())
+        parent.kill()
+        parent.communicate()
+        assert wait_until(lambda: not is_alive(pid))
+    finally:
+        os.close(into)
+        os.close(out)

@@ -1,5 +1,6 @@
 """Nothing foreign is replaced, whatever it is; of what processes left, only that of dead ones is removed."""
 
+import hashlib
 import json
 import os
 import signal
@@ -124,10 +125,9 @@ def make(folder, *names):
             write_text(new / name, name)
 
 
-def test_a_folder_of_ours_is_made_anew_even_when_damaged_but_not_with_a_users_file_in_it(tmp_path):
+def test_a_folder_of_ours_is_made_anew_but_not_with_a_users_file_in_it(tmp_path):
     folder = tmp_path / "results"
     make(folder, "frames.csv", "deep/er/b.csv")
-    (folder / "frames.csv").write_text("junk")
     make(folder, "frames.csv")
     assert {p.name for p in folder.iterdir()} == {"frames.csv", "record.json"}
     for name, what in (("notes.txt", "file"), (".notes", "file"), ("deep", "folder"), ("pipe", "fifo")):
@@ -156,6 +156,67 @@ def test_a_list_that_somebody_wrote_proves_nothing(tmp_path):
     (folder / "record.json").write_bytes(seal_of_another)
     with pytest.raises(UserError, match=r"record|thesis"):
         make(folder, "frames.csv")
+
+
+@pytest.mark.parametrize("marker", ["files", "sha256"])
+def test_a_list_that_was_copied_proves_nothing_of_what_has_the_same_names(tmp_path, marker):
+    """A user's files, called as those that a marker lists: it was copied to them, or one of them to its folder."""
+
+    def write(folder):
+        with new_folder(folder, "list.json") as new:
+            for name in ("frames.csv", "deep/b.csv"):
+                write_text(new / name, name)
+            if marker == "sha256":
+                digests = {name: hashlib.sha256(name.encode()).hexdigest() for name in ("frames.csv", "deep/b.csv")}
+                write_text(new / "list.json", json.dumps({"sha256": digests}))
+
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    write(ours)
+    (theirs / "deep").mkdir(parents=True)
+    (theirs / "list.json").write_bytes((ours / "list.json").read_bytes())
+    (theirs / "deep" / "b.csv").write_bytes(PRECIOUS)
+    (theirs / "frames.csv").write_text("frames.csv")
+    (ours / "frames.csv").write_bytes(PRECIOUS)
+    before = snapshot(tmp_path)
+    for folder, name in ((ours, "frames.csv"), (theirs, "deep/b.csv")):
+        with pytest.raises(UserError, match=name):
+            write(folder)
+    assert snapshot(tmp_path) == before
+    with owning([ours / "frames.csv"]):  # a job's own record says that it wrote it: what is damaged is made again
+        write(ours)
+    assert (ours / "frames.csv").read_text() == "frames.csv"
+
+
+@pytest.mark.parametrize("names", [("index.html", "a.csv"), ("index.html",), ("a.csv",)])
+def test_parts_do_not_take_the_place_of_what_a_user_wrote_under_their_names(tmp_path, names):
+    def write(folder, *names):
+        with new_parts(folder, "report.json") as new:
+            for name in (*names, "report.json"):
+                write_text(new / name, "{}")
+
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    write(ours, "index.html", "a.csv")
+    theirs.mkdir()
+    (theirs / "report.json").write_bytes((ours / "report.json").read_bytes())
+    for folder in (ours, theirs):
+        (folder / "index.html").write_bytes(PRECIOUS)
+        if "index.html" in names:
+            before = snapshot(tmp_path)
+            with pytest.raises(UserError, match=r"index\.html"):
+                write(folder, *names)
+            assert snapshot(tmp_path) == before
+        else:
+            write(folder, *names)
+        assert (folder / "index.html").read_bytes() == PRECIOUS
+
+
+def test_a_list_of_names_alone_as_earlier_versions_wrote_it_proves_nothing(tmp_path):
+    make(tmp_path / "results", "frames.csv")
+    write_text(tmp_path / "old" / "record.json", '{\n "files": [\n  "frames.csv"\n ]\n}\n', sealed=True)
+    (tmp_path / "old" / "frames.csv").write_bytes(PRECIOUS)
+    with pytest.raises(UserError, match=r"frames\.csv"):
+        make(tmp_path / "old", "frames.csv")
+    assert (tmp_path / "old" / "frames.csv").read_bytes() == PRECIOUS
 
 
 def test_parts_of_last_time_go_and_what_a_user_put_beside_them_stays(tmp_path):

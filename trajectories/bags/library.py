@@ -1,11 +1,11 @@
-"""The library rosbags, where it is installed, held to the sizes that a bag claims."""
+"""The library rosbags, where it is installed, held to the sizes that a bag claims, and to plain YAML."""
 
 import importlib
 from functools import cache
 from typing import Any
 
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import MOST_CHUNK_BYTES
+from uavbench.trajectories.files.limits import BAG_METADATA, MOST_CHUNK_BYTES
 
 DISTRIBUTION = "ROS2_HUMBLE"
 """Whose definitions of messages are taken: the oldest that is maintained; later ones have the same fields."""
@@ -28,13 +28,51 @@ def typestore() -> Any:
 
 @cache
 def reader() -> Any:
-    """The class that reads a bag; no chunk of an MCAP file is inflated beyond what it claims.
+    """The class that reads a bag; no chunk of an MCAP file is inflated beyond what it claims, and no file as a whole.
 
-    rosbags itself inflates a chunk as a whole before it compares sizes, so that a small file could fill the memory.
+    rosbags itself inflates a chunk as a whole before it compares sizes, and a compressed file onto the disk before
+    anything of it is known; and it follows aliases in YAML, by which a small text can become any size.
     """
-    storage = rosbags("rosbag2.storage_mcap")
+    storage, folder, metadata = (rosbags(f"rosbag2.{name}") for name in ("storage_mcap", "reader", "metadata"))
     storage.DECOMPRESSORS.update({"": _stored, "zstd": _zstd, "lz4": _lz4})
+    folder.zstd = _NoFile
+    folder.YAML = metadata.YAML = _plain_yaml()
     return rosbags("rosbag2").Reader
+
+
+class _NoFile:
+    """In place of a decompressor of files and messages: neither is read."""
+
+    @staticmethod
+    def open(*_: Any) -> Any:
+        raise UserError(
+            "its files are compressed (zstd by file), which is not read; write it anew without: `ros2 bag convert`"
+        )
+
+
+def _plain_yaml() -> Any:
+    """A reader of YAML without aliases, of limited size."""
+    yaml, composer = importlib.import_module("ruamel.yaml"), importlib.import_module("ruamel.yaml.composer")
+
+    class Tree(composer.Composer):  # type: ignore[misc,name-defined]
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.parser.check_event(yaml.events.AliasEvent):
+                raise ValueError("its YAML has an alias, which metadata of a bag have not")
+            return super().compose_node(parent, index)
+
+    class Plain(yaml.YAML):  # type: ignore[misc,name-defined]
+        def __init__(self, **options: Any) -> None:
+            super().__init__(**options)
+            self.Composer = Tree
+
+        def load(self, stream: Any) -> Any:
+            if len(stream) > BAG_METADATA.most_bytes:
+                raise ValueError(
+                    f"its YAML has {len(stream):,} characters; at most {BAG_METADATA.most_bytes:,} are read"
+                )
+            return super().load(stream)
+
+    return Plain
 
 
 def _stored(data: bytes, size: int) -> bytes:

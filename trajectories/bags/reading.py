@@ -3,17 +3,19 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any
 
 from uavbench.trajectories.bags.library import reader, typestore
+from uavbench.trajectories.bags.storages import SQLITE, check_chunks, check_database
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import BAG, SETTINGS
+from uavbench.trajectories.files.limits import BAG, BAG_METADATA, IMAGE, MOST_MESSAGE_BYTES
 from uavbench.trajectories.files.reading import opened
 
 METADATA = "metadata.yaml"
 """What makes a folder a rosbag2 bag."""
 STORAGES = (".mcap", ".db3")
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 COMPRESSED = (".zst", ".zstd", ".gz", ".lz4", ".bz2")
 SHOWN_TOPICS = 30
 """Topics of a bag that an error lists."""
@@ -58,12 +60,18 @@ class Bag:
         number = 0
         try:
             for _, _, data in self.reader.messages(connections=connections):
+                self._check_size(topic, number, len(data))
                 yield typestore().deserialize_cdr(data, self.topics[topic].type)
                 number += 1
         except UserError:
             raise
         except Exception as error:  # a message can be broken in as many ways as there are fields
             raise UserError(f"{self.path}: message {number} of {topic} is damaged: {_why(error)}") from None
+
+    def _check_size(self, topic: str, number: int, size: int) -> None:
+        most = IMAGE.most_bytes if self.topics[topic].type in IMAGES else MOST_MESSAGE_BYTES
+        if size > most:
+            raise UserError(f"{self.path}: message {number} of {topic} has {size:,} bytes; at most {most:,} are read")
 
     def check(self, topic: str, types: tuple[str, ...]) -> None:
         """UserError listing the bag's topics unless `topic` is one that holds messages of one of these types."""
@@ -115,12 +123,15 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     bag = reader()(path)
     try:
         bag.open()
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
     except Exception as error:  # broken indices raise what unpacking them raises
         raise UserError(
             f"{path}: not a readable bag: {_why(error)}; if its recording was cut short, `ros2 bag reindex` or `mcap "
             "recover` may mend it"
         ) from None
     try:
+        check_chunks(path, bag)
         yield Bag(path, _topics(path, bag), bag)
     finally:
         bag.close()
@@ -153,14 +164,20 @@ def _check_files(path: Path) -> None:
     if path.suffix in COMPRESSED:
         raise UserError(f"{path}: is compressed as a whole, which is not read; unpack it first, as with `zstd -d`")
     if not path.is_dir():
-        with opened(path, BAG):
-            return
-    with opened(path / METADATA, SETTINGS, inside=path):
+        _check_storage(path)
+        return
+    with opened(path / METADATA, BAG_METADATA, inside=path):
         pass
-    for file in path.iterdir():
-        if PurePath(file.name).suffix in STORAGES:
-            with opened(file, BAG, inside=path):
-                pass
+    for file in path.iterdir():  # of any name: the metadata say which are the bag's
+        if file.is_symlink() or not file.is_dir():
+            _check_storage(file, path)
+
+
+def _check_storage(path: Path, folder: Path | None = None) -> None:
+    with opened(path, BAG, inside=folder) as handle:
+        head = handle.read(len(SQLITE))
+    if head == SQLITE:
+        check_database(path)
 
 
 def _why(error: Exception) -> str:

@@ -38,8 +38,12 @@ ANY = FileLimit("file", 1_048_576 * MB, "is it the file that was meant?")
 
 MOST_PIXELS = 160_000_000
 """Of one image, and of all textures of a model together: the largest aerial cameras have 151 million."""
+BAG_METADATA = FileLimit("bag's metadata file", 1 * MB, "is it the file that was meant?")
+"""A hundred topics in a thousand files are 300 kB, and YAML is read slowly."""
 MOST_CHUNK_BYTES = 1024 * MB
-"""Of a compressed chunk of an MCAP file, inflated: writers close one after 1 to 16 MB, or one image."""
+"""Of the compressed chunks of an MCAP file that are of one time, inflated: writers close one after 1 to 16 MB."""
+MOST_MESSAGE_BYTES = 16 * MB
+"""Of a message that is no image: 200,000 transforms, or a point cloud of a lidar's turn."""
 MOST_POSES = 8_000_000
 """Of one trajectory: eleven hours at 200 Hz, half a gigabyte as arrays."""
 MOST_ROWS = 2_000_000

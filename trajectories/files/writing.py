@@ -1,7 +1,7 @@
 """Atomic writing of files and folders, which overwrites nothing but what uavbench wrote itself.
 
-What proves that it did: a seal at the end of a file (`seals`), the list of a folder's files in a sealed
-file of it, its marker, or a job's own record of what it wrote (`owning`).
+What proves that it did: a seal at the end of a file (`seals`), the digest of a file in the sealed list of its folder
+(`listed`), or a job's own record of what it wrote (`owning`).
 """
 
 import errno
@@ -13,9 +13,10 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import wraps
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec
+from typing import Concatenate, ParamSpec
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Listed, file_digest, mark, tree
 from uavbench.trajectories.files.seals import is_sealed, seal
 from uavbench.trajectories.files.temporary_names import temporary
 
@@ -60,7 +61,7 @@ def new_folder(path: Path, marker: str = "") -> Iterator[Path]:
     """Temporary folder beside `path`; takes the place of `path` on success, removed on any error.
 
     marker: JSON file of the folder that lists its files; without one it is never made anew. UserError when `path`
-    holds what uavbench did not write.
+    holds what uavbench did not write, or not as it wrote it.
     """
     refuse_foreign(path, marker)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -124,31 +125,6 @@ def write_text(path: Path, text: str, *, sealed: bool = False) -> None:
         new.write_text(text, encoding="utf-8", newline="\n")
 
 
-def mark(folder: Path, marker: str) -> None:
-    """List the files of a folder that uavbench made in its `marker`, and seal that."""
-    path = folder / marker
-    about = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    names = [name for name in tree(folder) if name != marker]
-    about.pop("made_by", None)
-    if "sha256" not in about:
-        about["files"] = [name for name in names if not (folder / name).is_symlink()]
-    if links := {name: str((folder / name).readlink()) for name in names if (folder / name).is_symlink()}:
-        about["links"] = links
-    path.write_text(json.dumps(about, indent=1, sort_keys=True) + "\n", encoding="utf-8", newline="\n")
-    seal(path)
-
-
-def tree(folder: Path, under: str = "") -> Iterator[str]:
-    """Names of all in a folder and below that is no folder, links not followed, in order."""
-    with os.scandir(folder) as entries:
-        here = sorted(entries, key=lambda entry: entry.name)
-    for entry in here:
-        if entry.is_dir(follow_symlinks=False):
-            yield from tree(Path(entry.path), f"{under}{entry.name}/")
-        else:
-            yield under + entry.name
-
-
 def refuse_foreign(folder: Path, marker: str) -> None:
     """UserError when `folder` is no folder, or holds what uavbench did not write; names the first of it."""
     if folder.is_symlink():
@@ -170,15 +146,11 @@ def foreign(folder: Path, marker: str) -> Iterator[str]:
     """Names in a folder of what uavbench did not write."""
     if not folder.is_dir():
         return
-    about = _listed(folder / marker) if marker else {}
-    listed, links = {marker, *about.get("files", ()), *about.get("sha256", ())}, about.get("links", {})
+    listed = Listed.of(folder / marker) if marker else Listed()
     for name in tree(folder):
         path = folder / name
-        if path.is_symlink():
-            ours = name in links and links[name] == str(path.readlink())
-        else:
-            ours = _is_regular(path) and ((bool(about) and name in listed) or _is_ours(path))
-        if not ours:
+        regular = not path.is_symlink() and _is_regular(path)
+        if not ((regular and _is_ours(path)) or listed.holds(folder, name)):
             yield name
 
 
@@ -226,13 +198,6 @@ def _is_regular(path: Path) -> bool:
     return stat.S_ISREG(path.lstat().st_mode)
 
 
-def _listed(marker: Path) -> dict[str, Any]:
-    """What a marker says whose seal holds; nothing without one."""
-    if not is_sealed(marker):
-        return {}
-    return dict(json.loads(marker.read_text(encoding="utf-8")))
-
-
 @contextmanager
 def _making(folder: Path) -> Iterator[None]:
     folder.mkdir(mode=0o700)
@@ -247,18 +212,20 @@ def _place(new: Path, folder: Path, marker: str) -> None:
     """Move the files of `new` to their places, the marker last."""
     mark(new, marker)
     names = [name for name in tree(new) if name != marker]
-    before = [name for name in _listed(folder / marker).get("files", ()) if _is_regular_at(folder / name)]
+    listed = Listed.of(folder / marker)
+    before = {name: file_digest(folder / name) for name in listed.files if listed.holds(folder, name)}
     with owning(folder / name for name in before):
         for name in (*names, marker):
             _refuse_foreign_place(folder, name)
-        write_text(folder / marker, json.dumps({"files": sorted({*names, *before})}, indent=1) + "\n", sealed=True)
+        coming = {"files": {name: file_digest(new / name) for name in names}, "before": before}
+        write_text(folder / marker, json.dumps(coming, indent=1, sort_keys=True) + "\n", sealed=True)
         for name in (*names, marker):
             target = folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
             _sync(new / name)
             refuse_foreign_file(target)
             (new / name).replace(target)
-        for name in set(before) - set(names):
+        for name in before.keys() - set(names):
             (folder / name).unlink(missing_ok=True)
             with suppress(OSError):  # the last file of its folder
                 (folder / name).parent.rmdir()
@@ -275,10 +242,6 @@ def _refuse_foreign_place(folder: Path, name: str) -> None:
         if os.path.lexists(above) and not above.is_dir():
             raise UserError(f"{above}: is there already and is no folder; move it")
     refuse_foreign_file(folder / name)
-
-
-def _is_regular_at(path: Path) -> bool:
-    return os.path.lexists(path) and _is_regular(path)
 
 
 def _sync(path: Path) -> None:

@@ -4,10 +4,12 @@ Each kernel is compiled once on a machine, and kept (`kernel_cache`); then a pro
 """
 
 import contextlib
+import ctypes
 import fcntl
 import gc
 import importlib
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -25,6 +27,8 @@ from uavbench.trajectories.source_files import sources
 
 NUMBER = np.dtype(np.uint16)
 """How a number stands in a queue."""
+PR_SET_PDEATHSIG = 1
+"""Of linux/prctl.h."""
 
 
 @cache
@@ -127,7 +131,7 @@ def _help(kernels: list[Kernel], queue: int) -> Iterator[None]:
         return
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     names = [f"{kernel.py_func.__module__}:{kernel.py_func.__qualname__}" for kernel in kernels]
-    command = [sys.executable, "-m", "uavbench.trajectories.kernels.warm_up", *names]
+    command = [sys.executable, "-m", "uavbench.trajectories.kernels.warm_up", str(os.getpid()), *names]
     quiet = subprocess.DEVNULL
     try:
         helper = subprocess.Popen(command, env=environment, stdin=queue, stdout=quiet, stderr=quiet)
@@ -155,8 +159,12 @@ def _no_collection() -> Iterator[None]:
             gc.collect()  # a third of a second, now rather than in flight
 
 
-def main(names: list[str]) -> None:
-    """Compile those of the kernels, each named `module:function`, that are taken from the queue on standard input."""
+def main(parent: int, names: list[str]) -> None:
+    """Compile those of the kernels, each named `module:function`, that are taken from the queue on standard input.
+
+    Ends with the process that started it, however that ends.
+    """
+    _end_with(parent)
     modules = list(dict.fromkeys(name.partition(":")[0] for name in names))
     gc.disable()
     for module in modules:
@@ -166,5 +174,13 @@ def main(names: list[str]) -> None:
         known[names[k]].compile(None)
 
 
+def _end_with(parent: int) -> None:
+    """Have the kernel kill this process when its parent ends; at once where that has ended already."""
+    with contextlib.suppress(OSError, AttributeError):  # there is no prctl but on Linux
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(int(sys.argv[1]), sys.argv[2:])

@@ -1,0 +1,10 @@
+"""What commands say: text that commands no terminal, whoever wrote the names in it."""
+
+import click
+
+from uavbench.trajectories.errors import plain
+
+
+def say(what: object = "", *, err: bool = False, nl: bool = True) -> None:
+    """Print a text or a path on standard output, or on standard error, its control characters written out."""
+    click.echo(plain(str(what)), err=err, nl=nl)

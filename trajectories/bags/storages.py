@@ -1,0 +1,50 @@
+"""What a bag's storage may be: tables without anything that is worked out, and chunks that do not fill the memory."""
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import MOST_CHUNK_BYTES
+
+SQLITE = b"SQLite format 3\0"
+"""How a database begins."""
+OF_A_URI = "?#%"
+"""Characters of a name that the library would take for something else: it puts the name into a URI as it is."""
+UNTRUSTED = "which a recording has not; it is not to be trusted"
+
+
+def check_database(path: Path) -> None:
+    """UserError unless a database holds plain tables: a view or a generated column can have any size, or no end."""
+    if found := [letter for letter in OF_A_URI if letter in str(path)]:
+        raise UserError(f"{path}: a name with {found[0]!r} cannot be opened; rename the file or its folder")
+    try:
+        with closing(sqlite3.connect(f"file:{quote(str(path.absolute()))}?immutable=1", uri=True)) as database:
+            for kind, name, sql in database.execute("SELECT type, name, substr(sql, 1, 40) FROM sqlite_master"):
+                if kind == "view" or "VIRTUAL" in str(sql).upper().split():
+                    raise UserError(f"{path}: holds the view or virtual table {name!r}, {UNTRUSTED}")
+                hidden = database.execute("SELECT count(*) FROM pragma_table_xinfo(?) WHERE hidden > 1", (name,))
+                if kind == "table" and hidden.fetchone()[0]:
+                    raise UserError(f"{path}: its table {name!r} has a generated column, {UNTRUSTED}")
+    except sqlite3.Error as error:
+        raise UserError(f"{path}: not a readable bag: {error}") from None
+
+
+def check_chunks(path: Path, bag: Any) -> None:
+    """UserError when an open MCAP file lists a chunk twice, or chunks of one time that fill the memory together."""
+    for storage in getattr(bag.storage, "storages", [bag.storage]):
+        chunks = getattr(storage, "chunks", [])
+        if len({chunk.chunk_start_offset for chunk in chunks}) < len(chunks):
+            raise UserError(f"{path}: lists a chunk twice, {UNTRUSTED}")
+        changes = [(chunk.message_start_time, chunk.uncompressed_size) for chunk in chunks]
+        changes += [(chunk.message_end_time + 1, -chunk.uncompressed_size) for chunk in chunks]
+        held = 0
+        for _, change in sorted(changes):
+            held += change
+            if held > MOST_CHUNK_BYTES:
+                raise UserError(
+                    f"{path}: its chunks of one time claim more than {MOST_CHUNK_BYTES:,} bytes together; write it "
+                    "anew in the order of time"
+                )

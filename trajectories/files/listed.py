@@ -1,0 +1,78 @@
+"""The list of a folder that uavbench made: its files by name, with digests, in a sealed JSON file of it, its marker.
+
+A name alone proves nothing: a marker may have been copied to another folder, and a file edited since.
+"""
+
+import hashlib
+import json
+import stat
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from os import scandir
+from pathlib import Path
+from typing import Any
+
+from uavbench.trajectories.files.seals import is_sealed, seal
+
+KEYS = ("files", "sha256", "before")
+"""Of a marker, tables of digests by name: of its own list, of a manifest, and of what a new list takes the place of."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """What a marker whose seal holds says: the digests that a file may have, and targets of links, by their names."""
+
+    files: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    links: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, marker: Path) -> "Listed":
+        """The list of a marker; an empty one where its seal does not hold."""
+        if not is_sealed(marker):
+            return cls()
+        about = json.loads(marker.read_text(encoding="utf-8"))
+        tables = [about[key] for key in KEYS if isinstance(about.get(key), dict)]
+        names = {name for table in tables for name in table}
+        files = {name: frozenset(table[name] for table in tables if name in table) for name in names}
+        return cls(files, about.get("links", {}))
+
+    def holds(self, folder: Path, name: str) -> bool:
+        """Whether what stands under a name in the folder is what was written there."""
+        path = folder / name
+        try:
+            if path.is_symlink():
+                return self.links.get(name) == str(path.readlink())
+            return name in self.files and stat.S_ISREG(path.lstat().st_mode) and file_digest(path) in self.files[name]
+        except OSError:  # gone, or not this user's to read
+            return False
+
+
+def mark(folder: Path, marker: str) -> None:
+    """List the files of a folder that uavbench made in its `marker`, and seal that."""
+    path = folder / marker
+    about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    names = [name for name in tree(folder) if name != marker]
+    about.pop("made_by", None)
+    if "sha256" not in about:
+        about["files"] = {name: file_digest(folder / name) for name in names if not (folder / name).is_symlink()}
+    if links := {name: str((folder / name).readlink()) for name in names if (folder / name).is_symlink()}:
+        about["links"] = links
+    path.write_text(json.dumps(about, indent=1, sort_keys=True) + "\n", encoding="utf-8", newline="\n")
+    seal(path)
+
+
+def tree(folder: Path, under: str = "") -> Iterator[str]:
+    """Names of all in a folder and below that is no folder, links not followed, in order."""
+    with scandir(folder) as entries:
+        here = sorted(entries, key=lambda entry: entry.name)
+    for entry in here:
+        if entry.is_dir(follow_symlinks=False):
+            yield from tree(Path(entry.path), f"{under}{entry.name}/")
+        else:
+            yield under + entry.name
+
+
+def file_digest(path: Path) -> str:
+    """sha256 of a file, in hexadecimal."""
+    with path.open("rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()
