@@ -274,7 +274,11 @@ def open_sequence(folder: str | Path) -> Sequence:
 
 def read_image(path: Path, camera: Camera, inside: Path | None = None) -> NDArray[np.uint8]:
     """BGR image (h, w, 3); UserError naming the file when it cannot be read or is not of the camera's size."""
-    data = read_bytes(path, IMAGE, inside=inside)
+    return image_of(path, read_bytes(path, IMAGE, inside=inside), camera)
+
+
+def image_of(path: Path, data: bytes, camera: Camera) -> NDArray[np.uint8]:
+    """BGR image (h, w, 3) of a file's content; UserError as `read_image`."""
     if path.suffix == ".png" and not data.endswith(b"IEND\xaeB`\x82"):
         raise UserError(f"{path}: the image is truncated; render or copy it again")
     width, height = size_px(path, data)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import read_depth
-from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.sequence import Sequence, image_of
 from uavbench.scenes.image_files import load_image
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
 from uavbench.scenes.spec import MAIN
@@ -22,6 +22,14 @@ OUTSIDE = -1e4
 """Place of a pixel that the lens does not see."""
 ROUND_TRIP_PX = 0.1
 """Beyond it the distortion folds over, and a pixel has no one place in the distorted image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """An image (h, w, 3), BGR, and the PNG file that holds it."""
+
+    image: NDArray[np.uint8]
+    png: bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +50,18 @@ class Shown:
         others = {name: Shown(camera, self.undistorted) for name, camera in self.sequence.cameras.items()}
         return {MAIN: self, **others}
 
+    def picture(self, frame: int) -> Picture:
+        """The image of a frame and its PNG file, read and decoded once; UserError when it cannot be read."""
+        sequence, path = self.sequence, self.sequence.folder / self.sequence.files[frame]
+        if self._places is None and path.suffix == ".png":
+            data = sequence.image_bytes(frame)
+            return Picture(image_of(path, data, sequence.camera), data)
+        image = self.image(frame)
+        return Picture(image, png(image))
+
     def png(self, frame: int) -> bytes:
         """The image of a frame as a PNG file; UserError when it cannot be read."""
-        if self._places is None and self.sequence.files[frame].endswith(".png"):
-            self.sequence.image(frame)  # a file that was cut off is not handed on
-            return self.sequence.image_bytes(frame)
-        return png(self.image(frame))
+        return self.picture(frame).png
 
     def image(self, frame: int) -> NDArray[np.uint8]:
         """The image (h, w, 3) of a frame, BGR; UserError when it cannot be read."""

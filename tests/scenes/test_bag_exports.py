@@ -32,6 +32,7 @@ from tests.scenes.test_exports_by_own_readers import (
     table,
 )
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.exports import shown_images
 from uavbench.scenes.exports.registry import export
 from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.trajectories.errors import UserError
@@ -279,6 +280,21 @@ def test_a_lens_is_held_or_taken_out(lens, tmp_path, model, coefficients, said):
     for (_, raw), (_, packed) in zip(flat["/camera/image_rect"], flat["/camera/image_rect/compressed"], strict=True):
         pixels = cv2.imdecode(np.frombuffer(packed.data, np.uint8), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(np.frombuffer(raw.data, np.uint8).reshape(pixels.shape), pixels)
+
+
+@pytest.mark.parametrize("images", ["both", "raw", "compressed"])
+@pytest.mark.parametrize("storage", ["mcap", "rosbag2"])
+def test_each_image_is_read_and_decoded_once(plain, tmp_path, monkeypatch, storage, images):
+    """It is what most of the time of a bag goes into."""
+    decoded, opened = [], []
+    decode, read = shown_images.image_of, Sequence.image_bytes
+    monkeypatch.setattr(shown_images, "image_of", lambda *a: decoded.append(a[0].name) or decode(*a))
+    monkeypatch.setattr(Sequence, "image_bytes", lambda self, frame: opened.append(frame) or read(self, frame))
+    monkeypatch.setattr(Sequence, "image", lambda self, frame: pytest.fail("decoded once more"))
+    sequence = Sequence.load(plain)
+    export(sequence, storage, tmp_path / "out", images=images)
+    assert sorted(opened) == list(range(len(sequence)))
+    assert sorted(decoded) == sorted(name.split("/")[-1] for name in sequence.files)
 
 
 def test_the_same_sequence_is_the_same_bytes(plain, tmp_path):

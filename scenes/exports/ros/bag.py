@@ -6,6 +6,7 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import tee
 from pathlib import Path
 from typing import Any, Literal
 
@@ -136,11 +137,14 @@ class Content:
         yield Channel(info, "sensor_msgs/CameraInfo", f"intrinsics and distortion{of}", infos)
         changed = shown.undistorted and sequence.camera.distortion_model != "none"
         image = f"/{name}/image_rect" if changed else f"/{name}/image_raw"
+        first, second = tee(messages.pictures(shown))  # decoded once: the messages of a frame are written together
+        stamps = sequence.stamps_ns.tolist()
         if self.images != "compressed":
-            yield Channel(image, "sensor_msgs/Image", f"bgr8{of}", messages.raw_images(shown, image, link))
+            images = messages.raw_images(first, stamps, image, link)
+            yield Channel(image, "sensor_msgs/Image", f"bgr8{of}", images)
         if self.images != "raw":
             topic = f"{image}/compressed"
-            images = messages.compressed_images(shown, topic, link)
+            images = messages.compressed_images(second, stamps, topic, link)
             yield Channel(topic, "sensor_msgs/CompressedImage", f"PNG{of}", images)
 
     def _ground_truth(self) -> Iterator[Channel]:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.table_files import read_integers, read_numbers, read_table
 from uavbench.scenes.exports.euroc import READINGS, STATE, true_states
 from uavbench.scenes.exports.ros.geodetic import Datum
-from uavbench.scenes.exports.shown_images import Shown
+from uavbench.scenes.exports.shown_images import Picture, Shown
 from uavbench.trajectories.bags.library import typestore
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose, rotation_from_quaternion
@@ -61,33 +60,33 @@ def header(stamp_ns: int, frame: str) -> Any:
     return message("std_msgs/Header", stamp=time, frame_id=frame)
 
 
-def raw_images(shown: Shown, topic: str, link: str = CAMERA) -> Iterator[Stamped]:
-    """Images as `bgr8`; a few are decoded ahead, while those before are written."""
-    stamps = shown.sequence.stamps_ns.tolist()
+def pictures(shown: Shown) -> Iterator[Picture]:
+    """Every frame, read and decoded once; a few ahead, while those before are written."""
     with ThreadPoolExecutor(DECODERS) as pool:
-        waiting: deque[Future[NDArray[Any]]] = deque()
-        for frame, stamp in enumerate(stamps):
-            for ahead in range(frame + len(waiting), min(frame + AHEAD, len(stamps))):
-                waiting.append(pool.submit(_pixels, shown, ahead))
-            image = waiting.popleft().result()
-            height, width = image.shape[:2]
-            size = {"height": height, "width": width, "step": 3 * width}
-            data = {"encoding": "bgr8", "is_bigendian": 0, "data": image.reshape(-1)}
-            yield Stamped(topic, stamp, message("sensor_msgs/Image", header=header(stamp, link), **size, **data))
+        waiting: deque[Future[Picture]] = deque()
+        for frame in range(len(shown.sequence)):
+            for ahead in range(frame + len(waiting), min(frame + AHEAD, len(shown.sequence))):
+                waiting.append(pool.submit(shown.picture, ahead))
+            yield waiting.popleft().result()
 
 
-def _pixels(shown: Shown, frame: int) -> NDArray[Any]:
-    """BGR image (h, w, 3) of a frame as it is shown."""
-    image = cv2.imdecode(np.frombuffer(shown.png(frame), dtype=np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise UserError(f"{shown.sequence.folder / shown.sequence.files[frame]}: not a readable image")
-    return image
+def raw_images(
+    pictures: Iterable[Picture], stamps_ns: Iterable[int], topic: str, link: str = CAMERA
+) -> Iterator[Stamped]:
+    """Images as `bgr8`."""
+    for picture, stamp in zip(pictures, stamps_ns, strict=True):
+        height, width = picture.image.shape[:2]
+        size = {"height": height, "width": width, "step": 3 * width}
+        data = {"encoding": "bgr8", "is_bigendian": 0, "data": picture.image.reshape(-1)}
+        yield Stamped(topic, stamp, message("sensor_msgs/Image", header=header(stamp, link), **size, **data))
 
 
-def compressed_images(shown: Shown, topic: str, link: str = CAMERA) -> Iterator[Stamped]:
+def compressed_images(
+    pictures: Iterable[Picture], stamps_ns: Iterable[int], topic: str, link: str = CAMERA
+) -> Iterator[Stamped]:
     """Images as PNG files: those of the sequence, byte by byte, unless they are undistorted."""
-    for frame, stamp in enumerate(shown.sequence.stamps_ns.tolist()):
-        data = np.frombuffer(shown.png(frame), dtype=np.uint8)
+    for picture, stamp in zip(pictures, stamps_ns, strict=True):
+        data = np.frombuffer(picture.png, dtype=np.uint8)
         fields = {"header": header(stamp, link), "format": "png", "data": data}
         yield Stamped(topic, stamp, message("sensor_msgs/CompressedImage", **fields))
 
