@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +12,7 @@ from uavbench.scenes.dataset.annotations import row_poses, write_depth, write_ed
 from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
 from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
+from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.spec import SequenceSpec
@@ -22,10 +22,6 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.sensor import sampled
-
-PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
-PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
-"""For noisy images smaller than the default, and twice as fast."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,10 +92,7 @@ def write_annotations(
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     """Write an image (h, w, 3) as PNG."""
-    done, data = cv2.imencode(".png", image, PNG)
-    if not done:
-        raise RuntimeError(f"{path.name}: OpenCV cannot encode the image")
-    path.write_bytes(data.tobytes())
+    path.write_bytes(png(image))
 
 
 def states_at(flight: Flight, times_ns: NDArray[np.int64]) -> Array:

@@ -23,6 +23,7 @@ from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.frames import Filming, write_frames
+from uavbench.scenes.png.encoder import ENCODING
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
 from uavbench.scenes.scene import Scene, build_scene
@@ -205,6 +206,12 @@ def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, row_delay_ns: fl
         "deviation": scene.built.deviation,
         "config": described(spec),
         **more,
-        "versions": {"uavbench": own, "numpy": np.__version__, "opencv": cv2.__version__, "gl": gl.version()},
+        "versions": {
+            "uavbench": own,
+            "numpy": np.__version__,
+            "opencv": cv2.__version__,
+            "png": ENCODING,
+            "gl": gl.version(),
+        },
     }
     write_text(folder / "sequence.json", json.dumps(info, indent=1) + "\n")

@@ -13,13 +13,11 @@ from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, EDGE_COLUMNS, Seq
 from uavbench.scenes.dataset.table_files import read_numbers
 from uavbench.scenes.effects.exposure import row_knots
 from uavbench.scenes.image_files import load_image
+from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, View, sample
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
-PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
-PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP]
-"""For smooth images, whose rows are alike."""
 STEP_PX = 2.0
 NEAR_M = 0.02
 """Nearer parts of an edge are not looked for."""
@@ -184,4 +182,4 @@ def _as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
 
 def _write(path: Path, image: NDArray[Any]) -> None:
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(cv2.imencode(".png", image, PNG)[1].tobytes())
+    path.write_bytes(png(image, smooth=True))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.image_files import load_image
+from uavbench.scenes.png.encoder import png
 from uavbench.trajectories.pose import Array
 
 FLOW_UNITS_PER_PX, FLOW_ZERO = 64.0, 32768.0
@@ -37,7 +38,7 @@ def write_flow(folder: Path, frame: int, flow: Array, occlusion: NDArray[np.uint
     _write(folder / "flow" / f"{frame:06d}.png", np.dstack([known, codes[..., 1], codes[..., 0]]))
     path = folder / "occlusion" / f"{frame:06d}.png"
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(cv2.imencode(".png", occlusion)[1].tobytes())
+    path.write_bytes(png(occlusion, smooth=True))
 
 
 def read_flow(path: Path, folder: Path) -> Array:
@@ -59,4 +60,4 @@ def read_normals(path: Path, folder: Path) -> Array:
 
 def _write(path: Path, codes: Array) -> None:
     path.parent.mkdir(exist_ok=True)
-    path.write_bytes(cv2.imencode(".png", codes.astype(np.uint16))[1].tobytes())
+    path.write_bytes(png(codes.astype(np.uint16), smooth=True))

@@ -1,0 +1,117 @@
+"""The PNG encoder: other decoders read the same pixels, the size is that of OpenCV's, and the bytes are pinned."""
+
+import hashlib
+import heapq
+import io
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from uavbench.scenes.png.deflate import deflate, room_words
+from uavbench.scenes.png.encoder import ENCODING, png
+from uavbench.scenes.png.huffman import code_lengths
+
+RNG = np.random.default_rng(7)
+
+
+def photo(h: int, w: int) -> np.ndarray:
+    """A smooth image with noise on it."""
+    smooth = 120 + 60 * np.sin(np.add.outer(np.arange(h) / 17, np.arange(w) / 29))[..., None] * [1.0, 0.8, 0.5]
+    return np.clip(np.rint(smooth + RNG.normal(0, 3, (h, w, 3))), 0, 255).astype(np.uint8)
+
+
+STEP = np.zeros((50, 700), dtype=np.uint8)
+STEP[20:, 300:] = 200
+IMAGES = {
+    "photo": photo(240, 320),
+    "noise": RNG.integers(0, 256, (120, 333, 3), dtype=np.uint8),
+    "one pixel": np.full((1, 1, 3), 9, dtype=np.uint8),
+    "one column": RNG.integers(0, 256, (301, 1, 3), dtype=np.uint8),
+    "black": np.zeros((480, 640, 3), dtype=np.uint8),
+    "mask": STEP,
+    "depth": (np.add.outer(np.arange(200) * 211, np.arange(91) * 3) % 65536).astype(np.uint16),
+    "normals": RNG.integers(0, 65536, (31, 57, 3)).astype(np.uint16),
+    "runs": np.repeat(RNG.integers(0, 3, 400), RNG.integers(1, 600, 400))[: 300 * 300]
+    .reshape(300, 300)
+    .astype(np.uint8),
+}
+
+
+@pytest.mark.parametrize("smooth", [False, True], ids=["noisy", "smooth"])
+@pytest.mark.parametrize("name", list(IMAGES))
+def test_other_decoders_read_the_same_pixels(name: str, smooth: bool) -> None:
+    image, data = IMAGES[name], png(IMAGES[name], smooth=smooth)
+    assert np.array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), image)
+    if image.dtype == np.uint16 and image.ndim == 3:
+        return  # Pillow has no 16-bit colour
+    with Image.open(io.BytesIO(data)) as opened:
+        read = np.array(opened)
+    assert np.array_equal(read[..., ::-1] if image.ndim == 3 else read, image)
+
+
+def test_the_files_are_about_as_small_as_those_of_a_library() -> None:
+    """Of Huffman codes alone, for which OpenCV's need twice the time."""
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+    image = photo(480, 640)
+    library = cv2.imencode(".png", image, [*options, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG])[1].size
+    assert len(png(image)) < 1.02 * library
+    assert len(png(IMAGES["black"])) < 0.01 * IMAGES["black"].size
+
+
+def test_the_bytes_of_a_version_never_change() -> None:
+    """Whoever changes them raises ENCODING, which sequence.json records, and pins the new ones here."""
+    ramp = (np.arange(97 * 61 * 3, dtype=np.int64) ** 2 // 7 % 251).astype(np.uint8).reshape(61, 97, 3)
+    digest = hashlib.sha256(png(ramp) + png(ramp[..., 0], smooth=True)).hexdigest()[:16]
+    assert (ENCODING, digest) == ("uavbench 1", "8f182ab0ba57da20")
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 258, 259, 261, 65535, 131072, 131073, 400000])
+@pytest.mark.parametrize("kind", ["same", "two", "noise", "skewed"])
+def test_zlib_inflates_what_is_deflated(size: int, kind: str) -> None:
+    data = {
+        "same": np.full(size, 65, dtype=np.uint8),
+        "two": (np.arange(size) // 5 % 2).astype(np.uint8),
+        "noise": RNG.integers(0, 256, size, dtype=np.uint8),
+        "skewed": np.minimum(RNG.geometric(0.5, size), 255).astype(np.uint8),
+    }[kind]
+    out = np.full(room_words(size), 0xFFFFFFFFFFFFFFFF, dtype=np.uint64)
+    bits = deflate(data, out)
+    assert bits <= 64 * out.size
+    assert zlib.decompress(out.view(np.uint8)[: -(-bits // 8)].tobytes(), -15) == data.tobytes()
+
+
+def best_cost(counts: np.ndarray) -> int:
+    """Bits of all symbols by Huffman's own construction."""
+    queue, total = [int(c) for c in counts if c], 0
+    heapq.heapify(queue)
+    while len(queue) > 1:
+        both = heapq.heappop(queue) + heapq.heappop(queue)
+        total += both
+        heapq.heappush(queue, both)
+    return total
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_codes_are_as_short_as_huffmans_and_none_is_too_long(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    counts = (rng.pareto(0.6 + 0.2 * seed, 286) * 20).astype(np.int64).clip(0, 100000)
+    counts[:2] = 1
+    lengths = np.zeros(286, dtype=np.int64)
+    code_lengths(counts, 15, lengths)
+    used = lengths[lengths > 0]
+    assert ((lengths > 0) == (counts > 0)).all()
+    assert (1 << (15 - used)).sum() == 1 << 15, "Kraft: neither room left nor too little"
+    if used.max() < 15:
+        assert (counts * lengths).sum() == best_cost(counts)
+
+
+def test_codes_of_very_uneven_symbols_are_cut_to_what_deflate_allows() -> None:
+    counts = np.array([1, 1, *(2**k for k in range(1, 29))], dtype=np.int64)
+    lengths = np.zeros(30, dtype=np.int64)
+    code_lengths(counts, 15, lengths)
+    assert lengths.max() == 15
+    assert (1 << (15 - lengths)).sum() == 1 << 15
+    assert (np.diff(lengths) <= 0).all(), "more frequent, no longer"
