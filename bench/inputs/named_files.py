@@ -1,0 +1,113 @@
+"""Files that sources and scripts name: data, modules, further scripts; more rather than fewer.
+
+A name counts where there is a file of it in the folder of the source, in the one above, or in a folder there that the
+source names too, so that `HERE / "data" / "weights.npy"` is found as well as `"data/weights.npy"`.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from pathlib import Path
+
+from uavbench.trajectories.source_files import Find, among, is_ours, made_of, source_file, stamp, texts
+
+MOST_BYTES = 1 << 20
+"""Of a script or a table of settings whose words are looked at; what is longer is data."""
+LONGEST_NAME = 255
+"""Characters that the name of a file may have on Linux."""
+MOST_FOLDERS = 64
+"""In which the names of one source are looked for."""
+WORD = re.compile(r"[\w.+@%~*-]+(?:/[\w.+@%~*-]+)*")
+"""A part of a text that may be the name of a file, or a pattern of names."""
+PATTERN = re.compile(r"[^*]*\*(?!\*)[^*]*(?:\*(?!\*)[^*]*)*\.\w+")
+"""Of names with an ending of their own: `*.npy`, but neither `*` nor what goes through all folders."""
+MODULES = (".py", "/__init__.py", "/__main__.py")
+
+
+def named_files(sources: Iterable[Path], find: Find = source_file) -> set[Path]:
+    """Files that the user's sources name, and what these name and import in turn; find: where modules are."""
+    known = set(sources)
+    waiting = [*known]
+    while waiting:
+        new = set(_named_by(waiting.pop())) - known
+        scripts = [path for path in new if is_python(path)]
+        here = among({path.parent for path in scripts})
+        new |= made_of((), scripts, lambda name, here=here: here(name) or find(name)).files - known  # type: ignore[misc]
+        known |= new
+        waiting += new
+    return known
+
+
+def is_python(path: Path) -> bool:
+    """Whether a file is Python source, by its ending or its first line."""
+    if path.suffix == ".py":
+        return True
+    try:
+        with path.open("rb") as file:
+            first = file.readline(256)
+    except OSError:
+        return False
+    return first.startswith(b"#!") and b"python" in first
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a file, False also where no file can have such a name."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # too long, not allowed to look, or a null character
+        return False
+
+
+def _named_by(source: Path) -> Iterator[Path]:
+    """Files that one source names."""
+    words = frozenset() if is_ours(source) else _words(source, stamp(source))
+    folders = [source.parent, source.parent.parent]
+    for folder in folders:  # which grows
+        there = _names_in(folder)
+        for word in words:
+            for name in (word, f"{source.stem}{word}", *(word.replace(".", "/") + end for end in MODULES)):
+                first = name.partition("/")[0]
+                if (first in there or first == "..") and is_file(folder / name):
+                    yield folder / name
+            if word in there and word not in (".", "..") and (folder / word).is_dir() and len(folders) < MOST_FOLDERS:
+                folders.append(folder / word)
+            if PATTERN.fullmatch(word):
+                yield from _fitting(folder, there, word)
+
+
+def _fitting(folder: Path, there: frozenset[str], pattern: str) -> Iterator[Path]:
+    """Files of a folder whose names fit a pattern."""
+    if "/" in pattern:
+        yield from filter(is_file, folder.glob(pattern))
+    else:
+        yield from (folder / name for name in there if fnmatchcase(name, pattern) and is_file(folder / name))
+
+
+def _names_in(folder: Path) -> frozenset[str]:
+    try:
+        return frozenset(path.name for path in folder.iterdir())
+    except OSError:
+        return frozenset()
+
+
+@lru_cache(maxsize=10_000)
+def _words(path: Path, _: tuple[int, ...]) -> frozenset[str]:
+    """What may be names in a source: the texts of Python and their words, the words of any other text."""
+    given = texts(path) if is_python(path) else frozenset({_text(path)})
+    words = {text for text in given if not text.startswith("/")}
+    for word in {word for text in given for word in WORD.findall(text)}:
+        parts = word.split("/")
+        words |= {"/".join(parts[k:]) for k in range(len(parts))}  # behind $HERE/, or a part of an f-string
+    return frozenset(word for word in words - {"", ".", ".."} if len(word) <= LONGEST_NAME)
+
+
+def _text(path: Path) -> str:
+    """Content of a short text file, "" of any other."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            return ""
+        text = path.read_bytes().decode()
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return "" if "\0" in text else text
