@@ -62,7 +62,10 @@ BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """A sequence folder opened for reading; images are read when asked for."""
+    """A sequence folder opened for reading; images are read when asked for.
+
+    vehicle: folder of what belongs to no camera (readings, flight.csv), where it is not the camera's own.
+    """
 
     folder: Path
     info: Mapping[str, Any]
@@ -70,6 +73,7 @@ class Sequence:
     structure: Structure
     stamps_ns: NDArray[np.int64]
     files: tuple[str, ...]
+    vehicle: Path | None = None
 
     @classmethod
     def load(cls, folder: Path) -> "Sequence":
@@ -126,13 +130,18 @@ class Sequence:
 
     def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":
         folder = inside(self.folder, f"cameras/{name}")
-        info = {**self.info, **about, "cameras": {}, "sensors": {}}
+        info = {**self.info, **about, "cameras": {}}
         files = tuple(row["file"] for row in read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"]))
         for file in files:
             inside(folder, file)
         camera = Camera.load(folder / "camera.toml", inside=folder)
         stamps = read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0]
-        return Sequence(folder, info, camera, self.structure, stamps, files)
+        return Sequence(folder, info, camera, self.structure, stamps, files, vehicle=self.body_folder)
+
+    @property
+    def body_folder(self) -> Path:
+        """Folder of what belongs to no camera: the readings of the body's sensors, and flight.csv."""
+        return self.vehicle or self.folder
 
     @property
     def timeshift_cam_imu_ns(self) -> int:
