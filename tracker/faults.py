@@ -6,7 +6,7 @@ from dataclasses import replace
 from numbers import Integral, Real
 from pathlib import Path
 from traceback import walk_tb
-from types import CodeType
+from types import CodeType, FrameType
 from typing import Any, get_args
 
 import numpy as np
@@ -32,13 +32,31 @@ class ResultError(Exception):
 def fault_message(error: BaseException, method: Any) -> str:
     """One line that says what was raised in a tracker's method and where in the tracker's own code.
 
-    An error of uavbench's own, meant for people, is given as it is.
+    What a tracker of uavbench's own says to people is given as it is.
     """
-    if isinstance(error, ResultError):
-        return f"{one_line(str(error))} ({place(error, method)})"
-    if isinstance(error, UserError):
+    if isinstance(error, UserError) and _top(getattr(method, "__module__", "")) in OURS:
         return one_line(str(error))
-    return f"{one_line(f'{type(error).__name__}: {error}')} ({place(error, method)})"
+    said = str(error) if isinstance(error, ResultError | UserError) else named(error)
+    return f"{one_line(said)} ({place(error, method)})"
+
+
+def named(error: BaseException) -> str:
+    """Name and message of an error of anyone's, also where its own message cannot be made."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception as another:
+        return f"{type(error).__name__}, whose message cannot be made ({type(another).__name__})"
+
+
+def users_place(error: BaseException) -> str:
+    """File, line and function of the user's own code that an error comes from, in brackets; "" where it is in none."""
+    found = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__) if _is_users(frame)]
+    return f" ({_short(found[-1][0])}:{found[-1][1]} in {found[-1][0].co_name})" if found else ""
+
+
+def _is_users(frame: FrameType) -> bool:
+    file = frame.f_code.co_filename
+    return _top(frame.f_globals.get("__name__", "")) not in OURS and not file.startswith((*LIBRARIES, "<"))
 
 
 def place(error: BaseException, method: Any) -> str:
@@ -47,8 +65,8 @@ def place(error: BaseException, method: Any) -> str:
     found = [
         (frame.f_code, line)
         for frame, line in walk_tb(error.__traceback__)
-        if (top := _top(frame.f_globals.get("__name__", ""))) == own
-        or (top not in OURS and not frame.f_code.co_filename.startswith((*LIBRARIES, "<")))
+        if (_top(frame.f_globals.get("__name__", "")) == own and frame.f_code.co_filename[:1] != "<")
+        or _is_users(frame)
     ]
     code = getattr(method, "__code__", None)
     at, line = found[-1] if found else (code, code.co_firstlineno) if isinstance(code, CodeType) else (None, 0)

@@ -84,8 +84,8 @@ def started(
     more = {"body": body} if "body" in inspect.signature(tracker.start).parameters else {}
     try:
         run = tracker.start(structure, camera, cam_from_world, rng, **more)
-    except (Exception, SystemExit) as error:
-        if isinstance(error, UserError | Terminated) or is_ours(tracker):
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt | Terminated) or is_ours(tracker):
             raise
         raise UserError(f"{tracker_kind(tracker)} cannot be started: {fault_message(error, tracker.start)}") from error
     if not callable(getattr(run, "track", None)):
@@ -145,9 +145,9 @@ def track_frame(
         result = run.track(image, stamp_ns)
         total_ms = (time.perf_counter() - begin) * 1e3
         result = checked(result)
-    except Terminated:
+    except (KeyboardInterrupt, Terminated):
         raise
-    except (Exception, SystemExit) as exception:  # a tracker may be anyone's: its crash is a loss, not the run's end
+    except BaseException as exception:  # a tracker may be anyone's: its crash is a loss, not the run's end
         total_ms = (time.perf_counter() - begin) * 1e3
         result, error = TrackResult(status="lost"), fault_message(exception, method)
     if result.cam_from_world is not None and not within_reach(result.cam_from_world):

@@ -116,7 +116,7 @@ def imports(path: Path, name: str, *, on_demand: bool = True) -> tuple[str, ...]
 
 
 def texts(path: Path) -> frozenset[str]:
-    """All texts that stand in a source file."""
+    """All texts that stand in a source file; `*` is what an f-string puts in."""
     return _texts(path, stamp(path))
 
 
@@ -170,8 +170,15 @@ def _imports(path: Path, _: tuple[int, ...], name: str, on_demand: bool) -> tupl
 
 @lru_cache(maxsize=10_000)
 def _texts(path: Path, _: tuple[int, ...]) -> frozenset[str]:
-    constants = (node.value for node in ast.walk(parsed(path)) if isinstance(node, ast.Constant))
-    return frozenset(value for value in constants if isinstance(value, str))
+    found = (_pattern(node) for node in ast.walk(parsed(path)) if isinstance(node, ast.Constant | ast.JoinedStr))
+    return frozenset(value for value in found if isinstance(value, str))
+
+
+def _pattern(node: ast.Constant | ast.JoinedStr) -> object:
+    """Value of a constant; text of an f-string with `*` for each of its values."""
+    if isinstance(node, ast.Constant):
+        return node.value
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else "*" for part in node.values)
 
 
 def _content(path: Path) -> str:

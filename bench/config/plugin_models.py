@@ -18,7 +18,8 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.inputs.plugin_files import loaded
-from uavbench.trajectories.errors import UserError
+from uavbench.tracker.faults import named, users_place
+from uavbench.trajectories.errors import UserError, one_line
 
 Extra = tuple[tuple[str, type], ...]
 INPUT_FILES = "input_files"
@@ -86,6 +87,9 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
     except (ValueError, UserError) as error:
         errors.append(f"{at}: {error}")
         return None
+    except Exception as error:  # of a user's own class, whatever it is
+        errors.append(f"{at}: {one_line(named(error))}{users_place(error)}")
+        return None
     if files:
         _carry(made, files, at, errors)
     return made
@@ -122,7 +126,8 @@ def import_plugin(name: str) -> type:
     try:
         cls = getattr(importlib.import_module(module), attribute)
     except Exception as error:  # whatever the module raises
-        reason = str(error) if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
+        known = isinstance(error, ImportError | AttributeError)
+        reason = (str(error) if known else named(error)) + users_place(error)
         raise UserError(f"plug-in {name!r} cannot be imported: {reason}; is its folder on PYTHONPATH?") from None
     if not (isinstance(cls, type) and is_dataclass(cls)):
         raise UserError(f"plug-in {name!r} must be a dataclass of its parameters")

@@ -11,8 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from uavbench.bench.inputs.file_paths import names_a_file
-from uavbench.bench.inputs.plugin_files import bench_key, files_of, is_file, plugin_key
+from uavbench.bench.inputs.file_paths import is_file, names_a_file
+from uavbench.bench.inputs.plugin_files import bench_key, files_of, plugin_key
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_json
 from uavbench.trajectories.source_files import file_digest

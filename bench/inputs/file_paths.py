@@ -48,7 +48,7 @@ def _beside(word: Any, folder: Path) -> Any:
 
     A link stays one: the interpreter of a virtual environment is a link whose own place says which environment.
     """
-    return str(folder.resolve() / word) if isinstance(word, str) and _is_file(folder / word) else word
+    return str(folder.resolve() / word) if isinstance(word, str) and is_file(folder / word) else word
 
 
 def _leading_out(name: str, folder: Path, at: str) -> list[str]:
@@ -72,8 +72,9 @@ def _is_in(path: Path, roots: tuple[Path, ...]) -> bool:
     return any(path.is_relative_to(root) for root in roots)
 
 
-def _is_file(path: Path) -> bool:
+def is_file(path: Path) -> bool:
+    """Whether there is a file, False also where no file can have such a name."""
     try:
         return path.is_file()
-    except ValueError:  # a null character in the name
+    except (OSError, ValueError):  # too long, not allowed to look, or a null character
         return False

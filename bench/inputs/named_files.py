@@ -1,94 +1,112 @@
-"""Files that a user's program names without importing them: those in a shell script, and linked libraries.
+"""Files that sources and scripts name: data, modules, further scripts; more rather than fewer.
 
-Nothing is run to find them; more are found rather than fewer.
+A name counts where there is a file of it in the folder of the source, in the one above, or in a folder there that the
+source names too, so that `HERE / "data" / "weights.npy"` is found as well as `"data/weights.npy"`. In a script of
+another language than Python whole paths and programs on PATH count too, and of a program the libraries that it is
+linked with.
 """
 
-import os
 import re
-import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 
-from uavbench.bench.inputs.plugin_files import is_file
-from uavbench.trajectories.source_files import stamp
+from uavbench.bench.inputs.elsewhere import linked_with, named_anywhere
+from uavbench.bench.inputs.file_paths import is_file
+from uavbench.trajectories.source_files import Find, among, is_ours, made_of, source_file, stamp, texts
 
-SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib64", "/etc", "/nix", "/gnu", "/dev", "/proc", "/sys")
-"""Where no program of the user's lies whose change a result would follow."""
-LONGEST_SCRIPT = 1 << 18
-"""Bytes: what is longer is data."""
-LARGEST_PROGRAM = 1 << 28
-"""Bytes of a program that are searched for the names of its libraries."""
-WORD = re.compile(r"[^\s\"'`$(){}\[\];|&<>=,:*?!#\\]+")
-ELF = b"\x7fELF"
-RUN_PATH = re.compile(rb"\0((?:/|\$ORIGIN|\$\{ORIGIN\})[\x20-\x7e]{0,4095})(?=\0)")
-
-
-def named_in_script(path: Path) -> Iterator[Path]:
-    """Files that a text in another language than Python names: beside it, by a whole path, or as a program on PATH."""
-    if is_file(path) and not of_system(path):
-        for word in _words(path, stamp(path)):
-            yield from _meant(word, path)
+MOST_BYTES = 1 << 20
+"""Of a script or a table of settings whose words are looked at; what is longer is data."""
+LONGEST_NAME = 255
+"""Characters that the name of a file may have on Linux."""
+MOST_FOLDERS = 64
+"""In which the names of one source are looked for."""
+WORD = re.compile(r"[\w.+@%~*-]+(?:/[\w.+@%~*-]+)*")
+"""A part of a text that may be the name of a file, or a pattern of names."""
+PATTERN = re.compile(r"[^*]*\*(?!\*)[^*]*(?:\*(?!\*)[^*]*)*\.\w+")
+"""Of names with an ending of their own: `*.npy`, but neither `*` nor what goes through all folders."""
+MODULES = (".py", "/__init__.py", "/__main__.py")
 
 
-def linked_with(path: Path) -> tuple[Path, ...]:
-    """Shared libraries that a program of the user's names, in its folder, in `lib` beside that, or on its run path."""
-    try:
-        return _linked(path, stamp(path)) if is_file(path) and not of_system(path) else ()
-    except OSError:
-        return ()
+def named_files(sources: Iterable[Path], find: Find = source_file) -> set[Path]:
+    """Files that the user's sources name, and what these name and import in turn; find: where modules are."""
+    known = set(sources)
+    waiting = [*known]
+    while waiting:
+        new = set(_named_by(waiting.pop())) - known
+        scripts = [path for path in new if is_python(path)]
+        here = among({path.parent for path in scripts})
+        new |= made_of((), scripts, lambda name, here=here: here(name) or find(name)).files - known  # type: ignore[misc]
+        known |= new
+        waiting += new
+    return known
 
 
-def whole_paths(text: str) -> Iterator[Path]:
-    """Files of the user's that a text names by their whole paths."""
-    words = map(Path, WORD.findall(text))
-    return (path for path in words if path.is_absolute() and is_file(path) and not of_system(path))
-
-
-def of_system(path: Path) -> bool:
-    """Whether a path is of what the system has installed, links not followed."""
-    return os.path.normpath(path.absolute()).startswith(tuple(f"{folder}/" for folder in SYSTEM))
-
-
-@lru_cache(maxsize=1000)
-def _words(path: Path, _: tuple[int, ...]) -> frozenset[str]:
-    """Words of a text; none of what cannot be read, is too long or is no text."""
+def is_python(path: Path) -> bool:
+    """Whether a file is Python source, by its ending or its first line."""
+    if path.suffix == ".py":
+        return True
     try:
         with path.open("rb") as file:
-            data = file.read(LONGEST_SCRIPT + 1)
+            first = file.readline(256)
+    except OSError:
+        return False
+    return first.startswith(b"#!") and b"python" in first
+
+
+def _named_by(source: Path) -> Iterator[Path]:
+    """Files that one source names."""
+    words = frozenset() if is_ours(source) else _words(source, stamp(source))
+    if not is_python(source):
+        yield from named_anywhere(_text(source))
+        yield from linked_with(source)
+    folders = [source.parent, source.parent.parent]
+    for folder in folders:  # which grows
+        there = _names_in(folder)
+        for word in words:
+            for name in (word, f"{source.stem}{word}", *(word.replace(".", "/") + end for end in MODULES)):
+                first = name.partition("/")[0]
+                if (first in there or first == "..") and is_file(folder / name):
+                    yield folder / name
+            if word in there and word not in (".", "..") and (folder / word).is_dir() and len(folders) < MOST_FOLDERS:
+                folders.append(folder / word)
+            if PATTERN.fullmatch(word):
+                yield from _fitting(folder, there, word)
+
+
+def _fitting(folder: Path, there: frozenset[str], pattern: str) -> Iterator[Path]:
+    """Files of a folder whose names fit a pattern."""
+    if "/" in pattern:
+        yield from filter(is_file, folder.glob(pattern))
+    else:
+        yield from (folder / name for name in there if fnmatchcase(name, pattern) and is_file(folder / name))
+
+
+def _names_in(folder: Path) -> frozenset[str]:
+    try:
+        return frozenset(path.name for path in folder.iterdir())
     except OSError:
         return frozenset()
-    text = "" if len(data) > LONGEST_SCRIPT or b"\0" in data else data.decode("utf-8", "replace")
-    return frozenset(WORD.findall(text))
 
 
-def _meant(word: str, script: Path) -> Iterator[Path]:
-    """Files that a word may mean: what follows a variable in it is taken from the script's folder."""
-    parts = word.split("/")
-    for first in range(len(parts)):
-        name = "/".join(parts[first:])
-        if name and is_file(there := script.parent / name) and not of_system(there):
-            yield Path(os.path.normpath(there))
-    if len(parts) == 1 and (at := shutil.which(word)) and not of_system(Path(at)):
-        yield Path(at).absolute()
+@lru_cache(maxsize=10_000)
+def _words(path: Path, _: tuple[int, ...]) -> frozenset[str]:
+    """What may be names in a source: the texts of Python and their words, the words of any other text."""
+    given = texts(path) if is_python(path) else frozenset({_text(path)})
+    words = {text for text in given if not text.startswith("/")}
+    for word in {word for text in given for word in WORD.findall(text)}:
+        parts = word.split("/")
+        words |= {"/".join(parts[k:]) for k in range(len(parts))}  # behind $HERE/, or a part of an f-string
+    return frozenset(word for word in words - {"", ".", ".."} if len(word) <= LONGEST_NAME)
 
 
-@lru_cache(maxsize=1000)
-def _linked(path: Path, _: tuple[int, ...]) -> tuple[Path, ...]:
-    with path.open("rb") as file:
-        if file.read(4) != ELF:
-            return ()
-        data = ELF + file.read(LARGEST_PROGRAM)
-    here = str(path.resolve().parent)
-    places = [here, f"{here}/../lib"]
-    for text in RUN_PATH.findall(data):
-        told = os.fsdecode(text).replace("${ORIGIN}", here).replace("$ORIGIN", here)
-        places += told.split(":")
-    found: list[Path] = []
-    for place in dict.fromkeys(map(os.path.normpath, places)):
-        folder = Path(place)
-        if of_system(folder / "x") or not folder.is_dir():
-            continue
-        libraries = (each for each in sorted(folder.iterdir()) if ".so" in each.name and is_file(each))
-        found += [each for each in libraries if os.fsencode(each.name) in data]
-    return tuple(found)
+def _text(path: Path) -> str:
+    """Content of a short text file, "" of any other."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            return ""
+        text = path.read_bytes().decode()
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return "" if "\0" in text else text

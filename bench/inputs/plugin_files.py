@@ -7,10 +7,9 @@ from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from typing import Any
 
-from uavbench.trajectories.source_files import digest, is_ours, made_of, source_file, texts
+from uavbench.bench.inputs.named_files import named_files
+from uavbench.trajectories.source_files import digest, made_of, source_file
 
-LONGEST_NAME = 255
-"""Characters that the name of a file may have on Linux."""
 loaded: dict[str, frozenset[str]] = {}
 """Module of a plug-in -> the modules that its import loaded, by whatever way it names them."""
 
@@ -18,12 +17,11 @@ loaded: dict[str, frozenset[str]] = {}
 def plugin_key(cls: type) -> dict[str, Any]:
     """Hash of the files that a plug-in is made of, and the versions of the distributions that it imports.
 
-    Files: its whole package, all modules of the user's that it imports or that its import loaded, and the files beside
-    them that their source names.
+    Files: its whole package, all modules of the user's that it imports or that its import loaded, and the files that
+    their source names (`named_files`).
     """
     made = made_of([cls.__module__, *loaded.get(cls.__module__, ())])
-    files = {*made.files, *_package(cls.__module__)}
-    files |= {named for path in made.files for named in named_beside(path)}
+    files = {*named_files(made.files), *_package(cls.__module__)}
     return {"files": digest(files), "distributions": _versions({cls.__module__.partition(".")[0], *made.others})}
 
 
@@ -32,23 +30,6 @@ def bench_key(cls: type) -> str:
     package = "uavbench.bench"
     own = made_of([cls.__module__], find=lambda name: source_file(name) if name.startswith(f"{package}.") else None)
     return digest(own.files)
-
-
-def named_beside(source: Path) -> Iterator[Path]:
-    """Files beside a user's source file that a text in it names, as data or as a module: more rather than fewer."""
-    for text in () if is_ours(source) else texts(source):
-        if 0 < len(text) <= LONGEST_NAME:
-            for name in (text, f"{text.replace('.', '/')}.py"):
-                if is_file(path := source.parent / name):
-                    yield path
-
-
-def is_file(path: Path) -> bool:
-    """Whether there is a file, False also where no file can have such a name."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # too long, not allowed to look, or a null character
-        return False
 
 
 def _package(module: str) -> Iterator[Path]:

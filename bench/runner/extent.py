@@ -91,7 +91,8 @@ def _extent(name: str, alike: list[Render]) -> Extent:
         summary = planned_summary(spec.flight, spec.mount, obstacles_of(spec), spec.seed)
     except UserError as error:
         return Extent(name, len(alike), 0, None, 0.0, problem=f"path {path_name(spec.flight.path)}: {error}")
-    frames = int(summary.duration_s * spec.rate_hz + 1e-9) + 1
+    filmed_s = max(summary.duration_s - max(spec.clock.shift_ns, 0) / 1e9, 0.0)
+    frames = int(filmed_s * spec.rate_hz + 1e-9) + 1
     rendered = next((render.folder for render in alike if (render.folder / "sequence.json").is_file()), None)
     if rendered is None:
         return Extent(name, len(alike), frames, summary, _bytes(spec, frames, summary.duration_s))

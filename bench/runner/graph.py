@@ -18,7 +18,8 @@ from tqdm import tqdm
 from uavbench.bench.inputs.content_hash import carried_hash, content_hash
 from uavbench.bench.runner.processes import end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Place
-from uavbench.trajectories.errors import DISK_ERRORS, UserError, disk_error_message, plain
+from uavbench.tracker.faults import named, users_place
+from uavbench.trajectories.errors import DISK_ERRORS, Terminated, UserError, disk_error_message, one_line, plain
 
 OnStep = Callable[[int, int], None]
 
@@ -137,10 +138,12 @@ def run_job(
         raise UserError(str(error)) from error
     except OSError as error:
         if error.errno not in DISK_ERRORS:
-            raise JobFaultError(f"{type(error).__name__}: {error}") from error
+            raise JobFaultError(_fault(error)) from error
         raise UserError(disk_error_message(error)) from error
-    except Exception as error:
-        raise JobFaultError(plain(f"{type(error).__name__}: {error}")) from error
+    except (KeyboardInterrupt, Terminated):
+        raise
+    except BaseException as error:  # a plug-in may be anyone's, and end as it likes
+        raise JobFaultError(_fault(error)) from error
     return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -204,6 +207,11 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     workers = sorted(peaks.values(), reverse=True)[: getattr(executor, "_max_workers", 1)]
     outcome.wall_s, outcome.peak_mb = time.perf_counter() - begin, own + sum(workers)
     return outcome
+
+
+def _fault(error: BaseException) -> str:
+    """What was raised, and where in the code of a user's plug-in."""
+    return f"{one_line(named(error))}{users_place(error)}"
 
 
 def _is_done(place: Place, content_hash: str) -> bool:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uavbench.reports.evaluation.doubts import doubts
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.json_values import json_values
 from uavbench.reports.metrics.align import Similarity, alignment
@@ -142,6 +143,7 @@ class Evaluation:
             lines += self.nees.lines()
         if self.rpe is None:
             lines.append(f"RPE: the trajectory is too short for a pair interval of {interval}")
+        lines += [f"doubt: {doubt}" for doubt in record["doubts"]]
         return "\n".join(lines) + "\n"
 
 
@@ -203,6 +205,7 @@ def evaluate(
             "pairs_from": interval.pairs_from,
             "std_ddof": 0,
             "coverage": "matched / poses of the sparser file over the reference's span",
+            "doubts": [*doubts(reference, estimate, raw, options.align)],
             "versions": versions(),
         },
         pairs=pairs,

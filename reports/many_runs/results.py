@@ -102,6 +102,7 @@ class ManyResults:
             note = "straight line" if run.undetermined else ""
             rows.append([run.run.group, run.run.name, f"{100 * run.coverage:.1f}", *values, note])
         notes = dict.fromkeys(run.undetermined for run in self.many.runs if run.undetermined)
+        notes |= dict.fromkeys(f"doubt: {run.run.path}: {d}" for run in self.many.runs for d in run.record["doubts"])
         return [*in_columns(rows), *(line for note in notes for line in ["", *textwrap.wrap(note, WIDTH)])]
 
 

@@ -97,8 +97,8 @@ def body_of(sequence: Sequence) -> Body:
 
 def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
     """All that a sensor of a sequence measured; UserError naming the file and the line that is wrong."""
-    binary = inside(sequence.folder, f"{name}.npy")
-    path = binary if binary.is_file() else inside(sequence.folder, f"{name}.csv")
+    binary = inside(sequence.body_folder, f"{name}.npy")
+    path = binary if binary.is_file() else inside(sequence.body_folder, f"{name}.csv")
     records = read_records(path) if path is binary else None
     stamps = read_integers(path, ["stamp_ns"])[:, 0] if records is None else records["stamp_ns"]
     if (np.diff(stamps) <= 0).any():
@@ -117,14 +117,15 @@ def _sensors(sequence: Sequence) -> Iterator[tuple[str, BodySensor]]:
     sensors = sequence.info.get("sensors", {})
     if not (isinstance(sensors, dict) and all(isinstance(about, dict) for about in sensors.values())):
         raise UserError(f"{sequence.folder / 'sequence.json'}: sensors: expected tables by file; render it again")
-    for path in sorted((*sequence.folder.glob("*.csv"), *sequence.folder.glob("*.npy"))):
+    folder = sequence.body_folder
+    for path in sorted((*folder.glob("*.csv"), *folder.glob("*.npy"))):
         about = sensors.get(path.name, {})
         kind = str(about.get("kind", _kind_by_name(path)))
         told_of = about.get("measured", ())
         known = getattr(SENSORS.get(kind), "measured", told_of if isinstance(told_of, list) else ())
         if not known or path.stem in RESERVED or not NAME.fullmatch(path.stem):
             continue
-        header = _columns(sequence.folder, path)
+        header = _columns(folder, path)
         parameters = {k: v for k, v in about.items() if k in CALIBRATED and isinstance(v, int | float | list)}
         columns = tuple(column for column in known if column in header)
         yield path.stem, BodySensor(kind, columns, MappingProxyType(parameters))

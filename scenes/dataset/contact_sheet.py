@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.hidden_lines import seen_parts
 from uavbench.trajectories.files.writing import new_file
@@ -48,8 +49,12 @@ def write_contact_sheet(sequence: Sequence, path: Path) -> None:
 
 def with_edges(sequence: Sequence, frame: int) -> NDArray[np.uint8]:
     """A frame (BGR) with those edges of the model at the true pose that no face of it hides."""
-    image = sequence.image(frame).copy()
-    pose, camera = sequence.true_cam_from_world(frame), sequence.camera
+    return edges_on(sequence.image(frame).copy(), sequence.camera, sequence, frame)
+
+
+def edges_on(image: NDArray[np.uint8], camera: Camera, sequence: Sequence, frame: int) -> NDArray[np.uint8]:
+    """An image of a frame as a camera shows it, with the edges of `with_edges` drawn into it."""
+    pose = sequence.true_cam_from_world(frame)
     limit = 4 * max(camera.width, camera.height)
     eye_m = pose.inverse().translation
     for a, b in seen_parts(sequence.structure, eye_m, sequence.structure.edge_segments):

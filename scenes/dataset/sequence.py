@@ -52,7 +52,10 @@ EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "co
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """A sequence folder opened for reading; images are read when asked for."""
+    """A sequence folder opened for reading; images are read when asked for.
+
+    vehicle: folder of what belongs to no camera (readings, flight.csv), where it is not the camera's own.
+    """
 
     folder: Path
     info: Mapping[str, Any]
@@ -60,6 +63,7 @@ class Sequence:
     structure: Structure
     stamps_ns: NDArray[np.int64]
     files: tuple[str, ...]
+    vehicle: Path | None = None
 
     @classmethod
     def load(cls, folder: Path) -> "Sequence":
@@ -100,10 +104,16 @@ class Sequence:
 
     def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":
         folder = inside(self.folder, f"cameras/{name}")
-        info = {**self.info, **about, "cameras": {}, "sensors": {}}
+        info = {**self.info, **about, "cameras": {}}
         check_info(self.folder / "sequence.json", info)
         files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
-        return Sequence(folder, info, camera, self.structure, _stamps_ns(folder), files)
+        stamps = _stamps_ns(folder)
+        return Sequence(folder, info, camera, self.structure, stamps, files, vehicle=self.body_folder)
+
+    @property
+    def body_folder(self) -> Path:
+        """Folder of what belongs to no camera: the readings of the body's sensors, and flight.csv."""
+        return self.vehicle or self.folder
 
     @property
     def timeshift_cam_imu_ns(self) -> int:

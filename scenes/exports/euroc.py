@@ -54,12 +54,12 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
         _write_camera(camera, mav / f"cam{k}", lambda: on_frame(next(done), total))
     imus = imus_of(sequence)
     for k, (name, imu) in enumerate(imus.items()):
-        _write_imu(mav / f"imu{k}", sequence.folder / name, imu)
+        _write_imu(mav / f"imu{k}", sequence.body_folder / name, imu)
     _write_ground_truth(mav / "state_groundtruth_estimate0", sequence, next(iter(imus), None))
-    poses = "mav0/state_groundtruth_estimate0/data.csv"
+    poses, biases = "mav0/state_groundtruth_estimate0/data.csv", ", biases of imu0" if imus else ""
     files = {
         "mav0/cam0": "images by stamp; sensor.yaml: body from camera, intrinsics, distortion",
-        poses: "body in the world, its velocity in the world, biases of imu0; 100 rows a second and one at each image",
+        poses: f"body in the world, its velocity there{biases}; 100 rows a second and one at each image",
     }
     files |= {f"mav0/cam{k}": f"the same of camera `{name}`" for k, name in enumerate(cameras) if k}
     files |= {f"mav0/imu{k}": f"rates and specific forces of `{name}`" for k, name in enumerate(imus)}
@@ -102,9 +102,10 @@ def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     A file of readings that the sequence's record does not name has none that are known.
     """
     sensors = dict(tables_of(sequence))
-    for path in sorted(sequence.folder.glob("imu*.csv")):
+    folder = sequence.body_folder
+    for path in sorted(folder.glob("imu*.csv")):
         sensors.setdefault(path.name, {})
-    heads = {name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in sensors}
+    heads = {name: read_header(folder / name, TABLE, inside=folder) for name in sensors}
     return {name: imu for name, imu in sensors.items() if set(READINGS) <= set(heads[name])}
 
 
@@ -136,7 +137,7 @@ def _write_imu(folder: Path, readings: Path, imu: dict[str, Any]) -> None:
 def _write_ground_truth(folder: Path, sequence: Sequence, imu: str | None) -> None:
     """State at the rows of flight.csv and at the images, in order."""
     stamps, state = true_states(sequence, 12)
-    path = sequence.folder / "flight.csv"
+    path = sequence.body_folder / "flight.csv"
     if path.is_file():
         stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
         state = np.concatenate([state, read_numbers(path, STATE)])
@@ -144,7 +145,7 @@ def _write_ground_truth(folder: Path, sequence: Sequence, imu: str | None) -> No
         state = state[first]
     motion = state[:, 7:]
     if imu is not None:
-        motion = np.column_stack([motion, _biases(sequence.folder / imu, stamps)])
+        motion = np.column_stack([motion, _biases(sequence.body_folder / imu, stamps)])
     folder.mkdir()
     write_euroc(Trajectory(stamps, state[:, :3], state[:, 3:7]), folder / "data.csv", motion)
     text = "sensor_type: pose\ncomment: ground truth of the simulation, of the body\n"

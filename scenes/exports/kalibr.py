@@ -26,7 +26,7 @@ def export_kalibr(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
     sequence = shown.sequence
     imus = imus_of(sequence)
     first = next(iter(imus.items()), None)
-    body_from_first = None if first is None else body_from_imu(sequence.folder / first[0], first[1])
+    body_from_first = None if first is None else body_from_imu(sequence.body_folder / first[0], first[1])
     write_text(folder / CHAIN, camera_chain(shown, body_from_first))
     files = {
         CHAIN: "intrinsics, distortion, T_cn_cnm1, T_cam_imu of imu0, timeshift_cam_imu (t_imu = t_cam + it), topics"

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -41,7 +39,7 @@ def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     if not (isinstance(sensors, dict) and all(isinstance(sensor, dict) for sensor in sensors.values())):
         raise UserError(f"{sequence.folder / 'sequence.json'}: `sensors` is no table of tables; render it again")
     for name in sensors:
-        inside(sequence.folder, name)
+        inside(sequence.body_folder, name)
     return sensors
 
 
@@ -54,11 +52,13 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
     """A sentence for each thing of the sequence that an export does not hold."""
     info = sequence.info
     lines = list(held.limits)
-    if undistorted and sequence.camera.distortion_model != "none":
-        lines.append(
-            f"Lens: the images are undistorted ({sequence.camera.distortion_model} "
-            f"{list(sequence.camera.distortion)}); black is what the lens did not see, and sharpness and noise changed."
-        )
+    lenses = {"": sequence.camera} | {f" of `{name}`": sequence.cameras[name].camera for name in held.cameras}
+    lines += [
+        f"Lens: the images{of} are undistorted ({lens.distortion_model} {list(lens.distortion)}); black is what the "
+        "lens did not see, and sharpness and noise changed."
+        for of, lens in lenses.items()
+        if undistorted and lens.distortion_model != "none"
+    ]
     for name, sensor in sensors_of(sequence).items():
         if name not in held.sensors:
             lines.append(f"Sensor readings: `{name}` ({sensor.get('kind', 'own')}) is not held.")
@@ -85,7 +85,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
             lines.append(f"Truth of each frame: `{name}/` is not held.")
     if (sequence.folder / "crlb.csv").is_file():
         lines.append("Bounds: the Cramer-Rao bounds of `crlb.csv` are not held.")
-    if (sequence.folder / "flight.csv").is_file():
+    if (sequence.body_folder / "flight.csv").is_file():
         rates = "" if held.angular_rates else "angular rates, "
         lines.append(f"Flight: accelerations, {rates}thrusts and wind of `flight.csv` are not held.")
     if any((info.get("deviation") or {}).values()):
@@ -130,7 +130,8 @@ def _link(sequence: Sequence) -> list[str]:
     lines = []
     if "drops" in effects and "rate_hz" in sequence.info:
         period_ns = 1e9 / float(sequence.info["rate_hz"])
-        lost = int(np.sum(np.rint(np.diff(sequence.stamps_ns) / period_ns) - 1)) if len(sequence) > 1 else 0
+        stamps = sequence.stamps_ns
+        lost = round(float(stamps[-1] - stamps[0]) / period_ns) + 1 - len(stamps) if len(stamps) else 0
         lines.append(
             f"Link: {lost} frames were lost, so stamps have gaps; a repeated frame shows the image before under a "
             f"new stamp (probability {effects['drops'].get('repeated', 0)}), and nothing marks it."

@@ -161,7 +161,7 @@ def export_kitti(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
 
 def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     """`video.mp4` (VP9, plays in browsers), with the model's edges drawn in `overlay.mp4`."""
-    from uavbench.scenes.dataset.contact_sheet import with_edges
+    from uavbench.scenes.dataset.contact_sheet import edges_on
 
     sequence = shown.sequence
     size = (sequence.camera.width, sequence.camera.height)
@@ -169,13 +169,14 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     fourcc = cv2.VideoWriter.fourcc(*"vp09")
     writers = [cv2.VideoWriter(str(folder / name), fourcc, rate, size) for name in ("video.mp4", "overlay.mp4")]
     for frame in range(len(sequence)):
-        image = sequence.image(frame)
+        image = shown.image(frame)
         writers[0].write(image)
-        writers[1].write(with_edges(sequence, frame))
+        writers[1].write(edges_on(image.copy(), shown.camera, sequence, frame))
         on_frame(frame + 1, len(sequence))
     for writer in writers:
         writer.release()
-    files = {"video.mp4": "the images, distorted as they are", "overlay.mp4": "the same with the model's visible edges"}
+    how = "undistorted" if shown.undistorted else "distorted as they are"
+    files = {"video.mp4": f"the images, {how}", "overlay.mp4": "the same with the model's visible edges"}
     limits = (
         f"Stamps: a video has one rate, {rate:g} frames a second; where frames were lost it runs ahead.",
         "Poses and camera are not held; the compression of the video is lossy.",

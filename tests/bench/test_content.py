@@ -53,6 +53,27 @@ WAYS = {
     "of a package": ("from {name}_p.deep import inner", "{name}_p/deep/inner.py"),
     "its package's file": ("import {name}_p.deep", "{name}_p/__init__.py"),
     "data beside it": ("WEIGHTS = '{name}.npy'", "{name}.npy"),
+    "of a module by a name": (
+        "def late():\n    import importlib\n    importlib.import_module('{name}_chain')",
+        "{name}_a.py",
+    ),
+    "data in a folder": (
+        "from pathlib import Path\nW = Path(__file__).parent / 'data' / '{name}.npy'",
+        "data/{name}.npy",
+    ),
+    "data by a path": ("W = 'data/{name}.npy'", "data/{name}.npy"),
+    "data above": (
+        "from pathlib import Path\nW = Path(__file__).parents[1] / 'above_{name}.npy'",
+        "../above_{name}.npy",
+    ),
+    "data of its own name": ("from pathlib import Path\nW = Path(__file__).with_suffix('.npy')", "{name}.npy"),
+    "data by a pattern": (
+        "from pathlib import Path\nW = [*(Path(__file__).parent / 'data').glob('*.npy')]",
+        "data/{name}.npy",
+    ),
+    "data by an f-string": ("def of(kind):\n    return f'{{HERE}}/data/{{kind}}.npy'", "data/{name}.npy"),
+    "data in a command": ("def run():\n    system('solve --with={name}.npy -v')", "{name}.npy"),
+    "data named by data": ("S = '{name}.toml'", "data/{name}.npy"),
 }
 
 
@@ -65,7 +86,9 @@ def test_a_plugin_is_all_that_it_imports(folder, way):
     write(folder / f"{name}_chain.py", f"from {name}_a import b\n")
     for inside in ("__init__.py", "deep/__init__.py", "deep/inner.py"):
         write(folder / f"{name}_p" / inside, "b = 1\n")
-    write(folder / f"{name}.npy", "1")
+    for place in (f"{name}.npy", f"data/{name}.npy", f"../above_{name}.npy"):
+        write(folder / place, "1")
+    write(folder / f"{name}.toml", f'weights = "data/{name}.npy"\n')
     write(folder / f"{name}_unrelated.py", "b = 1\n")
     mine = tracker(folder, name)
     before = content_hash(mine)
@@ -165,12 +188,24 @@ def test_a_program_on_path_counts_by_its_content(tmp_path, monkeypatch):
         (["./run"], "helper.py"),
         (["true", "net.bin"], "net.bin"),
         (["true", "--weights=ABOVE/net.bin"], "net.bin"),
+        (["env", "A=1", "python3", "run.py"], "helper.py"),
+        (["bash", "run.sh"], "run.py"),
+        (["bash", "run.sh"], "helper.py"),
+        (["bash", "run.sh"], "deep/inner.sh"),
+        (["bash", "run.sh"], "weights.npy"),
+        (["./script"], "deep/of_inner.py"),
+        (["bash", "run.sh"], "package/inner.py"),
     ],
 )
 def test_a_command_is_its_scripts_with_what_they_import(tmp_path, monkeypatch, command, edited):
     script = "import helper\nfrom package import inner\nopen('weights.npy')\n"
     write(tmp_path / "run.py", script)
     program(tmp_path / "run", f"#!/usr/bin/env python3\n{script}")
+    shell = 'cd "$(dirname "$0")"; . ./deep/inner.sh\nexec python3 "$PWD/run.py" --fast\n'
+    write(tmp_path / "run.sh", shell)
+    program(tmp_path / "script", f"#!/bin/sh\n{shell}")
+    write(tmp_path / "deep" / "inner.sh", "python3 of_inner.py\n")
+    write(tmp_path / "deep" / "of_inner.py", "")
     for name in ("helper.py", "package/__init__.py", "package/inner.py", "weights.npy", "net.bin", "other.py"):
         write(tmp_path / name, "1")
     for name in ("module.py", "inside/__init__.py", "inside/__main__.py"):
@@ -314,3 +349,13 @@ def test_the_name_of_a_folder_is_not_in_the_key_of_a_model(tmp_path):
         write(tmp_path / name / "a.obj", "v 0 0 0\n")
     here, there = (MeshFile(path=str(tmp_path / name / "a.obj")) for name in ("here", "there"))
     assert content_hash(here) == content_hash(there)
+
+
+def test_what_was_written_and_nothing_names_is_not_in_the_key(folder):
+    name = next(names)
+    write(folder / f"{name}.py", PLUGIN.format(imports='"""Writes nothing out of order; see data."""'))
+    mine = tracker(folder, name)
+    before = content_hash(mine)
+    for place in ("out/suite.json", "out/results/a/score.json", "data/more.csv", "run.log"):
+        write(folder / place, "{}")
+    assert content_hash(mine) == before

@@ -1,5 +1,6 @@
 """`evaluate_files`: any two trajectory files, every mode, and the mistakes it refuses."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -181,3 +182,44 @@ def test_a_straight_line_is_named_and_aligned_in_what_it_determines(align: str, 
 def test_bad_stretches_are_refused(options: dict, message: str) -> None:
     with pytest.raises(UserError, match=message):
         evaluate_files(REFERENCE, ESTIMATE, **options)
+
+
+def written(path: Path, way: Trajectory, stamp: float = 1.0, metre: float = 1.0, order: str = "xyzw") -> Path:
+    """A TUM file of stamps in other seconds, positions in other metres, quaternions in another order."""
+    rows = zip(way.stamps_ns.tolist(), way.positions_m.tolist(), way.quaternions_wxyz.tolist(), strict=True)
+    path.write_text(
+        "".join(
+            " ".join(map(repr, [stamp * ns / 1e9, *(metre * v for v in p), *(q["wxyz".index(c)] for c in order)]))
+            + "\n"
+            for ns, p, q in rows
+        )
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"stamp": 1e3}, ["the stamps of the estimate span 1,000 times those"]),
+        ({"stamp": 1e-3}, ["the stamps of the estimate span 1 / 1,000 of those"]),
+        ({"metre": 1e3}, ["the positions of the estimate spread 1,000 times those"]),
+        ({"metre": 0.01}, ["the positions of the estimate spread 1 / 100 of those"]),
+        ({"order": "wxyz"}, ["the rotations of the estimate would fit if its quaternions were read with w first"]),
+        ({}, []),
+        ({"metre": 3.0}, []),
+    ],
+)
+def test_other_units_and_orders_are_told(tmp_path: Path, wrong: dict, told: list[str]) -> None:
+    way = circle()
+    found = evaluate_files(written(tmp_path / "a.tum", way), written(tmp_path / "b.tum", way, **wrong))
+    said = found.to_json()["record"]["doubts"]
+    assert [line[: len(wanted)] for line, wanted in zip(said, told, strict=True)] == told
+    assert found.text().count("doubt: ") == len(told)
+    scaled = evaluate_files(tmp_path / "a.tum", tmp_path / "b.tum", align="sim3") if "metre" in wrong else None
+    assert scaled is None or not scaled.record["doubts"]
+
+
+def test_a_compressed_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.tum.gz").write_bytes(gzip.compress(written(tmp_path / "a.tum", circle()).read_bytes()))
+    with pytest.raises(UserError, match=r"a\.tum\.gz: is compressed by gzip; unpack it with `gunzip`"):
+        evaluate_files(tmp_path / "a.tum", tmp_path / "a.tum.gz")

@@ -18,6 +18,7 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.extent import extents
 from uavbench.bench.runner.tasks import Render
+from uavbench.scenes.dataset.body import body_of
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import compare, verify, write_manifest
 from uavbench.scenes.exports.euroc import yaml_number
@@ -367,7 +368,7 @@ def test_images_of_a_further_camera_are_compared_by_tolerance_and_the_rest_by_by
     assert verdict.ok and verdict.method == "tolerance", verdict.problems
 
 
-def test_the_dry_run_weighs_every_camera_and_a_lidars_rays(three: Sequence, tmp_path: Path) -> None:
+def test_the_dry_run_weighs_every_camera_and_a_lidars_rays(three: Sequence, shifted: Sequence, tmp_path: Path) -> None:
     def told(spec: SequenceSpec) -> float:
         (found,) = extents([Render(replace(spec, name="a-s0"), tmp_path / "a-s0")])
         return found.bytes
@@ -376,7 +377,43 @@ def test_the_dry_run_weighs_every_camera_and_a_lidars_rays(three: Sequence, tmp_
     pixels, more = 128 * 96 * (1.2 + 0.5), (128 * 96 + 80 * 64) * (1.2 + 0.5)
     assert told(replace(ONE, cameras=(RIGHT, LATE))) - one == pytest.approx(8 * more, rel=1e-6)
     assert one > 8 * pixels
+    late = replace(ONE, name="a-s0", clock=CameraClock(timeshift_cam_imu_s=SHIFT_S))
+    assert extents([Render(late, tmp_path / "a-s0")])[0].frames == len(shifted)
     lidar = Lidar2d(rate_hz=20.0)
     table = lidar.measure(standing(0.35), BOX, np.random.default_rng(0))
     written = 8 * (2 + len(table.columns)) * len(table.stamps_ns)  # two stamps, and every column once
     assert (told(replace(ONE, sensors=(lidar,))) - told(replace(ONE, sensors=()))) == pytest.approx(written, rel=0.01)
+
+
+@pytest.mark.parametrize("format", ["euroc", "kalibr", "mcap"])
+def test_another_camera_alone_is_exported_with_the_sensors_of_the_body(
+    shifted: Sequence, tmp_path: Path, format: str
+) -> None:
+    lines = export(shifted.cameras["right"], format, tmp_path / "right")
+    whole = export(shifted, format, tmp_path / "whole")
+    about = [line for line in whole if line.startswith(("Sensor", "Flight", "Place", "Body"))]
+    assert [line for line in lines if line.startswith(("Sensor", "Flight", "Place", "Body"))] == about
+    for name in ("mav0/imu0/data.csv", "mav0/imu0/sensor.yaml", "imu0.yaml"):
+        assert (tmp_path / "right" / name).is_file() == (tmp_path / "whole" / name).is_file()
+        if (tmp_path / "right" / name).is_file():
+            assert (tmp_path / "right" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    if format == "euroc":
+        truth = "mav0/state_groundtruth_estimate0/data.csv"
+        rows = [(tmp_path / side / truth).read_text().splitlines() for side in ("right", "whole")]
+        assert rows[0] == rows[1]
+    if format == "mcap":
+        alone, both = read(tmp_path / "right"), read(tmp_path / "whole")
+        assert [time for time, _ in alone["/odom"]] == [time for time, _ in both["/odom"]]
+        assert len(alone["/imu/data_raw"]) == len(both["/imu/data_raw"])
+
+
+def test_undistorted_images_of_every_camera_are_told(three: Sequence, tmp_path: Path) -> None:
+    lines = export(three, "kalibr", tmp_path / "out", undistort=True)
+    assert [line for line in lines if line.startswith("Lens")] == [
+        "Lens: the images of `late` are undistorted (radtan [-0.1, 0.01, 0.001, 0.0]); black is what the lens did not "
+        "see, and sharpness and noise changed."
+    ]
+
+
+def test_the_body_of_another_camera_has_its_sensors(shifted: Sequence) -> None:
+    assert [*body_of(shifted.cameras["right"]).sensors] == [*body_of(shifted).sensors]

@@ -402,6 +402,23 @@ def test_the_overlay_is_the_video_with_lines_on_it(sequence: Sequence, exported:
         assert 0.001 < (drawn > 60).mean() < 0.2
 
 
+def test_without_an_imu_no_biases_are_told(plain: Sequence, tmp_path: Path) -> None:
+    export(plain, "euroc", tmp_path / "out")
+    assert "imu0" not in (tmp_path / "out" / "README.md").read_text()
+
+
+def test_a_video_without_distortion_shows_the_images_of_the_pinhole(sequence: Sequence, tmp_path: Path) -> None:
+    wide = replace(sequence, camera=Camera(320, 240, 230.0, 235.0, 161.0, 118.5, "radtan", (-0.5, 0.1, 0.0, 0.0)))
+    export(wide, "video", tmp_path / "out", undistort=True)
+    export(wide, "transforms", tmp_path / "images", undistort=True)
+    film = cv2.VideoCapture(str(tmp_path / "out" / "video.mp4"))
+    image = film.read()[1].astype(float)
+    wanted = cv2.imread(str(tmp_path / "images" / "images" / "000000.png")).astype(float)
+    differing = [(np.abs(image - other).max(axis=2) > 30).mean() for other in (wanted, sequence.image(0))]
+    assert differing[0] < 0.001 < 0.01 < differing[1]
+    assert "the images, undistorted" in (tmp_path / "out" / "README.md").read_text()
+
+
 def test_the_command_knows_every_format() -> None:
     assert list(EXPORTS) == NAMED
 

@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from uavbench.bench.config.suite import load_tracker
 from uavbench.bench.runner.commands import count_failed_trackers
-from uavbench.bench.runner.graph import Job, Outcome
+from uavbench.bench.runner.graph import Job, JobFaultError, Outcome, run_job
 from uavbench.bench.runner.tasks import Track
 from uavbench.bench.trial.check import TRIAL, check
 from uavbench.reports.protocols.restarting import run_from_anchors
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import TrackResult
-from uavbench.tracker.run import track_sequence
+from uavbench.tracker.robust.tracker import Robust
+from uavbench.tracker.run import begin, track_sequence
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose
 
@@ -112,6 +114,75 @@ def test_one_bad_frame_is_lost_and_told_with_its_place(mine, sequence, track, to
     assert "my_tracker.py:" in error
     assert "\x1b" not in error
     assert "\n" not in error
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (
+            "raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})()",
+            "Odd, whose message cannot be made (Zer",
+        ),
+        ("raise type('Odd', (Exception,), {'__str__': lambda self: 3})()", "Odd, whose message cannot be made (TypeEr"),
+        ("import asyncio; raise asyncio.CancelledError()", "CancelledError: (my_tracker.py:"),
+        ("raise GeneratorExit", "GeneratorExit: (my_tracker.py:"),
+        ("exec('1 / 0')", "ZeroDivisionError: division by zero (my_tracker.py:"),
+        ("next(iter(()))", "StopIteration: (my_tracker.py:"),
+        ("from uavbench.trajectories.errors import UserError; raise UserError('no net')", "no net (my_tracker.py:"),
+        ("from uavbench.tracker.protocol import check_image; check_image(3, 4)", "AttributeError: 'int' object has"),
+        ("Pose.from_matrix(np.ones((4, 4)))", "ValueError: "),
+    ],
+)
+def test_whatever_is_raised_is_told_with_its_place(mine, sequence, raised, told):
+    found = errors(mine(f"if self.n == 3: {raised}"), sequence)
+    assert len(found) == 1
+    assert found[0].startswith(f"frame 3: {told}"), found
+    assert f"(my_tracker.py:{LINE['track']} in track)" in found[0]
+    with pytest.raises(UserError, match=rf"cannot be started: .*\(my_tracker\.py:{LINE['start']} in start\)"):
+        errors(mine(start=raised.replace("self.n", "0")), sequence)
+
+
+def test_a_tracker_of_ours_says_what_it_says_to_people(sequence):
+    with pytest.raises(UserError, match=r"^the initial pose is not finite; give numbers$"):
+        begin(Robust(), sequence, Pose(np.eye(3), np.full(3, np.nan)), np.random.default_rng(0))
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """A job that ends as it likes."""
+
+    how: BaseException
+
+    def __call__(self, content_hash, on_step):
+        raise self.how
+
+
+@pytest.mark.parametrize("how", [SystemExit(0), KeyError("b"), GeneratorExit()], ids=lambda how: type(how).__name__)
+def test_a_job_of_a_plug_in_that_ends_as_it_likes_has_failed(tmp_path, how):
+    with pytest.raises(
+        JobFaultError, match=rf"^{type(how).__name__}: .*\(tests/tracker/test_blame\.py:\d+ in __call__\)$"
+    ):
+        run_job("render it", Leaves(how), "hash", tmp_path / "a" / "record.json")
+
+
+CHECKED = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True)
+class Mine:
+    gain: float = 1.0
+    def __post_init__(self):
+        {}["b"]
+    def start(self, structure, camera, cam_from_world, rng): ...
+"""
+
+
+def test_a_plug_in_whose_parameters_raise_is_a_mistake_in_the_file(tmp_path, monkeypatch):
+    (tmp_path / "my_checked.py").write_text(CHECKED)
+    (tmp_path / "tracker.toml").write_text('kind = "my_checked:Mine"\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(UserError, match=r"tracker: KeyError: 'b' \(my_checked\.py:8 in __post_init__\)"):
+        load_tracker(tmp_path / "tracker.toml")
 
 
 def test_numbers_of_numpy_are_taken_and_read_back(mine, sequence, tmp_path):

@@ -25,6 +25,8 @@ FIRST_BYTES, BLOCK_BYTES = 1 << 16, 1 << 23
 """A file's head may have comments, which make its block a slow one; the other blocks fill a cache."""
 PLAIN = b"0123456789+-.eE \t,\n"
 """All that a plain block consists of."""
+GZIP = b"\x1f\x8b"
+"""How a file begins that gzip has compressed."""
 STAMP_CHARACTERS = 24
 """A plain stamp has at most 19 digits and a point."""
 
@@ -111,6 +113,8 @@ def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
                 raise UserError(f"{path}: cannot be read: {error.strerror or error}") from None
             if not block:
                 return
+            if number == 1 and block.startswith(GZIP):
+                raise UserError(f"{path}: is compressed by gzip; unpack it with `gunzip`, or name the file in it")
             block = block.removeprefix(b"\xef\xbb\xbf" if number == 1 else b"").replace(b"\r\n", b"\n")
             ends = block.count(b"\n") + block.count(b"\r")
             if not whole:

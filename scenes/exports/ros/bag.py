@@ -103,10 +103,8 @@ class Content:
     @cached_property
     def receivers(self) -> dict[str, dict[str, Any]]:
         """Parameters of the GNSS receivers by their files."""
-        sequence = self.shown.sequence
-        heads = {
-            name: read_header(sequence.folder / name, TABLE, inside=sequence.folder) for name in tables_of(sequence)
-        }
+        sequence, folder = self.shown.sequence, self.shown.sequence.body_folder
+        heads = {name: read_header(folder / name, TABLE, inside=folder) for name in tables_of(sequence)}
         return {name: each for name, each in tables_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])}
 
     def place(self, receiver: dict[str, Any]) -> Datum:
@@ -152,7 +150,7 @@ class Content:
         sensors = {
             optical_frame(name): each.sequence.cam_from_body.inverse() for name, each in self.shown.cameras.items()
         }
-        sensors |= {link_of(name): body_from_imu(sequence.folder / name, imu) for name, imu in self.imus.items()}
+        sensors |= {link_of(name): body_from_imu(sequence.body_folder / name, imu) for name, imu in self.imus.items()}
         sensors |= {link_of(name): Pose.identity() for name in self.receivers}
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
         yield Channel("/tf_static", "tf2_msgs/TFMessage", "where the sensors sit on `base_link`", still)

@@ -123,7 +123,7 @@ def true_state(shown: Shown) -> State:
     """State at the rows of flight.csv and at the images, in order."""
     sequence = shown.sequence
     stamps, values = true_states(sequence, 15)
-    path = sequence.folder / "flight.csv"
+    path = sequence.body_folder / "flight.csv"
     if path.is_file():
         stamps = np.concatenate([stamps, read_integers(path, ["stamp_ns"])[:, 0]])
         values = np.concatenate([values, read_numbers(path, [*STATE, *RATES])])
@@ -169,7 +169,7 @@ def imu_readings(shown: Shown, name: str, imu: dict[str, Any], topic: str) -> It
 
     There is no orientation, which the first element of its covariance, -1, says.
     """
-    path = shown.sequence.folder / name
+    path = shown.sequence.body_folder / name
     none = np.array([-1.0, *[0.0] * 8])
     gyro, accel = (_noise(imu, key) for key in ("gyro_noise_rad_s_sqrt_hz", "accel_noise_m_s2_sqrt_hz"))
     for stamp, row in _rows(read_integers(path, ["stamp_ns"])[:, 0], read_numbers(path, READINGS)):
@@ -190,7 +190,7 @@ def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: st
 
     Variances are a third each of PDOP^2 times that of one range, which is their sum.
     """
-    path = shown.sequence.folder / name
+    path = shown.sequence.body_folder / name
     rows = read_table(path, [*FIX, "pdop"])
     try:
         values = np.array([[float(row[key] or "nan") for key in (*FIX, "pdop")] for row in rows]).reshape(-1, 4)

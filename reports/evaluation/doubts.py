@@ -1,0 +1,71 @@
+"""What looks like a mistake of a file although it can be read: units of stamps and positions, order of quaternions."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from uavbench.reports.metrics.align import Alignment
+from uavbench.reports.metrics.association import PosePairs
+from uavbench.reports.metrics.quaternions import conjugate, multiply
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.trajectory import Trajectory
+
+ALIKE = 0.2
+"""How far a ratio may be from a power of ten to be taken for another unit."""
+SAME_WAY = 0.9
+"""Correlation of the distances from the middle of a way above which two ways have one form."""
+CLOSE_RAD = np.radians(10.0)
+"""Median rotation error below which another order of the quaternion counts as right."""
+STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
+"""Milli, micro and nano of a second; centimetres and millimetres."""
+SCALED: tuple[Alignment, ...] = ("sim3", "scale", "origin-scale")
+"""Alignments that find a scale: the estimate's is free."""
+
+
+def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align: Alignment) -> Iterator[str]:
+    """A sentence for each likely mistake in the estimate's or the reference's units, or in the order of a quaternion.
+
+    pairs: before an alignment.
+    """
+    spans = [float(each.stamps_ns[-1] - each.stamps_ns[0]) for each in (estimate, reference)]
+    if factor := _unit(*spans, STAMP_FACTORS):
+        yield (
+            f"the stamps of the estimate span {_times(factor)} those of the reference: are both in the unit of their "
+            "form (TUM: seconds, EuRoC: nanoseconds)?"
+        )
+    if len(pairs) < 3:
+        return
+    near, far = _from_middle(pairs.estimate_m), _from_middle(pairs.reference_m)
+    factor = _unit(float(np.sqrt(np.mean(near**2))), float(np.sqrt(np.mean(far**2))), LENGTH_FACTORS)
+    if factor and align not in SCALED and np.corrcoef(near, far)[0, 1] > SAME_WAY:
+        yield f"the positions of the estimate spread {_times(factor)} those of the reference: are both in metres?"
+    given = _angle(pairs.estimate_q, pairs.reference_q)
+    for what, order in (("w first", [1, 2, 3, 0]), ("w last", [3, 0, 1, 2])):
+        if (
+            align == "none"
+            and given > CLOSE_RAD
+            and _angle(pairs.estimate_q[:, order], pairs.reference_q) < 0.1 * given
+        ):
+            yield f"the rotations of the estimate would fit if its quaternions were read with {what}: which are they?"
+
+
+def _unit(value: float, other: float, factors: tuple[float, ...]) -> float:
+    """The factor that a ratio is close to, or one over it; 0 where it is close to none."""
+    if not (value > 0 and other > 0):
+        return 0.0
+    both = (*factors, *(1 / factor for factor in factors))
+    return next((factor for factor in both if abs(np.log(value / other / factor)) < ALIKE), 0.0)
+
+
+def _times(factor: float) -> str:
+    return f"{factor:,.0f} times" if factor > 1 else f"1 / {1 / factor:,.0f} of"
+
+
+def _from_middle(positions_m: Array) -> Array:
+    return np.asarray(np.linalg.norm(positions_m - positions_m.mean(axis=0), axis=1))
+
+
+def _angle(q: Array, other: Array) -> float:
+    """Median angle in rad between rotations (n, 4)."""
+    w = np.abs(multiply(conjugate(q), other)[:, 0])
+    return float(np.median(2 * np.arccos(np.clip(w, 0.0, 1.0))))
