@@ -79,7 +79,7 @@ def rerun(variant: Variant, folder: Path, rate_hz: float, seed: int, sigma: floa
         paths = [score_path(out, folder.name, worse_by(variant.name, factor), number) for factor in factors]
         if all(path.exists() for path in paths):
             continue
-        seen = NewNoise(*parts, number, sigma) if sigma else sequence
+        seen = NewNoise(*parts, rerun=number, sigma=sigma) if sigma else sequence
         results = track_sequence(variant.tracker, seen, rate_hz=rate_hz, seed=1000 * seed + number)
         results = replace(results, record={**results.record, "seed": seed, "label": variant.label})
         for factor, path in zip(factors, paths, strict=True):

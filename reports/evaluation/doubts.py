@@ -27,8 +27,8 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
 
     pairs: before an alignment.
     """
-    spans = [float(each.stamps_ns[-1] - each.stamps_ns[0]) for each in (estimate, reference)]
-    if factor := _unit(*spans, STAMP_FACTORS):
+    ours, theirs = (float(each.stamps_ns[-1] - each.stamps_ns[0]) for each in (estimate, reference))
+    if factor := _unit(ours, theirs, STAMP_FACTORS):
         yield (
             f"the stamps of the estimate span {_times(factor)} those of the reference: are both in the unit of their "
             "form (TUM: seconds, EuRoC: nanoseconds)?"
