@@ -11,15 +11,15 @@ from uavbench.trajectories.pose import Array, Pose
 
 
 class Motion(Protocol):
-    """World_from_body at the rows of a flight, which may still be growing."""
+    """Poses `world_from_body` of a flight by row; rows may still be added."""
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """Stamps of the rows, those to come among them."""
+        """Stamps of all rows, those not flown yet included."""
         ...
 
     def __len__(self) -> int:
-        """Rows that there are."""
+        """Number of rows so far."""
         ...
 
     def pose(self, row: int) -> Pose:

@@ -27,7 +27,7 @@ VIDEOS = {
     "MPEG": (0, b"\x00\x00\x01\xb3"),
     "Ogg": (0, b"OggS"),
 }
-"""What videos begin with, and where. A playlist is none of them: it would name further files, anywhere."""
+"""Magic bytes of video files, with their offset. Playlists are not accepted: they may name any other file."""
 
 
 def load_image(path: Path, flags: int = cv2.IMREAD_COLOR, *, inside: Path | None = None) -> NDArray[np.uint8]:

@@ -18,7 +18,7 @@ MOST_HOLES = 64
 STEP_BEHIND_M = 1e-6
 """Beyond a hole's surface a ray goes on."""
 COARSE_NS = 50_000_000
-"""Between the times at which it is asked whether a moving part may be near a ray at all: 50 ms."""
+"""Interval at which moving parts are tested for being near a ray at all: 50 ms."""
 
 
 class SceneSurfaces:

@@ -1,4 +1,4 @@
-"""Clutter that flies: birds on wide circles, gliding and climbing in slow waves."""
+"""Flying clutter: birds on wide circles that glide and climb in turn."""
 
 from dataclasses import dataclass
 from typing import Annotated

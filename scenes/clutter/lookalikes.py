@@ -22,7 +22,7 @@ class Lookalikes:
     furthest_m: Annotated[float, Gt(0)] = 2.2
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
-        """The boxes; none reaches nearer than nearest_m to the structure's bounds."""
+        """The boxes; none is closer than nearest_m to the structure's bounds."""
         parts: list[Part] = []
         centre, reach = bounds.mean(axis=0), float(np.linalg.norm((bounds[1] - bounds[0])[:2]) / 2)
         for number in range(round(10 * self.density)):

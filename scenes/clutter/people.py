@@ -44,7 +44,7 @@ class People:
     speed_m_s: Annotated[float, Ge(0)] = 1.2
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
-        """Those who stand as one mesh, those who walk each as a mover."""
+        """Standing figures as one mesh, each walking one as a mover."""
         places = ring_places(bounds, round(10 * self.density), self.nearest_m, self.furthest_m, rng)
         wear = materials.cloth(rng, (225.0, 225.0, 225.0))
         standing: list[Part] = []
@@ -68,7 +68,7 @@ class People:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """To and fro over length_m on a circle about a centre, to both sides of a place `offset` from it, at one speed."""
+    """Walking back and forth at constant speed on an arc of length_m about a centre, its middle at `offset`."""
 
     centre: Array
     offset: Array
@@ -91,7 +91,7 @@ class Walk:
 
 
 def _figure(scale: float, wear: Material, rng: np.random.Generator) -> Part:
-    """Two legs, trunk, two arms and head, turned shapes all, dressed."""
+    """A dressed figure of two legs, trunk, two arms and head, each a surface of revolution."""
     trousers, shirt, skin, hair = (colors[int(rng.integers(len(colors)))] for colors in (TROUSERS, SHIRTS, SKIN, HAIR))
     bands = {
         "leg": ((0.0, (0.02, 0.02, 0.02)), (0.08, trousers)),
@@ -107,7 +107,7 @@ def _figure(scale: float, wear: Material, rng: np.random.Generator) -> Part:
 
 
 def _limb(name: str, side: int, bands: tuple[tuple[float, Color], ...], wear: Material) -> Part:
-    """A turned shape about an upright axis; bands are (from height, linear colour)."""
+    """A surface of revolution about a vertical axis; bands are (from height, linear colour)."""
     profile, (ahead, aside), depth = LIMBS[name]
     angle = np.arange(SIDES) * 2 * np.pi / SIDES
     around = np.column_stack([depth * np.cos(angle), np.sin(angle)])

@@ -1,4 +1,4 @@
-"""Clutter that grows: trees, each a trunk with branches and a crown of leaf cards."""
+"""Trees as clutter: each a trunk with branches and a crown of leaf cards."""
 
 from dataclasses import dataclass
 from typing import Annotated

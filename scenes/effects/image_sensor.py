@@ -38,7 +38,7 @@ class Vignetting:
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """Auto exposure: the camera moves its mean light towards `target` with a lag.
+    """Auto exposure: the mean irradiance is controlled towards `target`, with a lag.
 
     Each frame's exposure follows from the frames before it: it approaches its target with time constant lag_s, within
     a factor `reach` of the scene's own light either way. The first frame has its target exposure.
@@ -71,7 +71,7 @@ class AutoExposure:
 class Noise:
     """Shot and read noise (EMVA 1288): the variance in electrons is signal + read_noise_e ** 2.
 
-    full_well_e electrons saturate a pixel; small sensors of micro-drones hold 5000 to 10000 and read with 5 to 10.
+    full_well_e electrons saturate a pixel; on small sensors of micro-drones these are 5000 to 10000 and 5 to 10.
     Shot noise is drawn from the normal distribution that the Poisson distribution tends to.
     """
 

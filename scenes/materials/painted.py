@@ -157,7 +157,7 @@ def plaster(rng: np.random.Generator, color: Color = (206.0, 186.0, 150.0)) -> M
 
 
 def window(rng: np.random.Generator, panes: tuple[int, int] = (2, 2), frame: Color = (232.0, 230.0, 224.0)) -> Material:
-    """One window: sky mirrored in its panes, a curtain behind some, a frame and bars. Covers 1 x 1."""
+    """A window, 1 m square: sky reflected in its panes, curtains behind some, a frame and glazing bars."""
     h, w = 384, 288
     y = np.linspace(0, 1, h, dtype=np.float32)[:, None] * np.ones((1, w), dtype=np.float32)
     image = noise.paint((64, 78, 92), 1.5 - y)
@@ -186,7 +186,7 @@ def window(rng: np.random.Generator, panes: tuple[int, int] = (2, 2), frame: Col
 
 
 def door(rng: np.random.Generator, color: Color = (84.0, 58.0, 44.0)) -> Material:
-    """One panelled door. Covers 1 x 1."""
+    """A panelled door, 1 m square."""
     h, w = 512, 256
     grain = 1 + 0.06 * noise.tiling((h, w), (120, 3), rng) + 0.03 * noise.tiling((h, w), 3, rng)
     image = noise.paint(color, grain)

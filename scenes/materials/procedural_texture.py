@@ -1,4 +1,4 @@
-"""Seeded noise images that tile: the grain of every painted surface."""
+"""Seeded, tileable noise images: the grain of every painted surface."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ CUT_OFF = 1.05
 
 
 def tiling(shape: tuple[int, int], size_px: float | tuple[float, float], rng: np.random.Generator) -> Image:
-    """Smooth noise (h, w) of zero mean and unit deviation that tiles; features of size_px (along y, along x)."""
+    """Tileable smooth noise (h, w), zero mean, unit standard deviation; features of size_px (along y, along x)."""
     sizes = (float(size_px), float(size_px)) if isinstance(size_px, int | float) else size_px
     return _shaped(shape, [(1.0, *sizes)], rng)
 
@@ -24,7 +24,7 @@ def fractal(
     octaves: int = 5,
     gain: float = 0.6,
 ) -> Image:
-    """Noise of several octaves, each half the size and `gain` the height of the one before; unit deviation, tiles."""
+    """Tileable fractal noise: each octave has half the feature size and `gain` times the amplitude of the last one."""
     sizes = [largest_px / 2**octave for octave in range(octaves)]
     return _shaped(shape, [(gain**k, size, size) for k, size in enumerate(sizes)], rng)
 
@@ -32,7 +32,7 @@ def fractal(
 def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], rng: np.random.Generator) -> Image:
     """Gaussian noise whose power is the sum of that of its octaves (height, size along y, along x).
 
-    Drawn as a spectrum, and only so far up as there is power in it.
+    Synthesized in the frequency domain, up to the highest frequency that has power.
     """
     (h, w), (_, finest_y, finest_x) = shape, octaves[-1]
     rows, columns = (min(n // 2, int(np.ceil(CUT_OFF * n / size))) for n, size in ((h, finest_y), (w, finest_x)))
@@ -80,7 +80,7 @@ def blurred(image: Image, sigma_px: float) -> Image:
 
 
 def finish(image: Image) -> NDArray[np.uint8]:
-    """The image as 8 bits."""
+    """The image quantized to 8 bits."""
     out = np.empty(image.shape, dtype=np.uint8)
     kernels.round_off(np.ascontiguousarray(image).reshape(-1), out.reshape(-1))
     return out

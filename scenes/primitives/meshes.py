@@ -60,7 +60,7 @@ def grid(origin: Array, u: Array, v: Array, us: Array, vs: Array) -> tuple[Array
 
 
 def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
-    """As few parts as draw the same: one for each texture, material and instance."""
+    """The parts merged into one for each texture, material and instance, which look the same."""
     alike: dict[tuple[object, ...], list[Part]] = {}
     for part in parts:
         key = (id(part.texture), part.roughness, part.two_sided, part.casts_shadow, part.instance)

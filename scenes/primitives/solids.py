@@ -13,7 +13,7 @@ from uavbench.scenes.structure import Indices, Structure
 from uavbench.trajectories.pose import Array
 
 SLENDER_M = 0.25
-"""Narrower triangles are not cut: what shade falls along them does not show."""
+"""Narrower triangles are not subdivided: shading that varies along them is not visible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def cover_all(solids: Iterable[Solid], instance: int = 1, longest_m: float = 3.0
 
 
 def structure_of(solids: Iterable[Solid]) -> Structure:
-    """Structure of solids that may touch but do not share faces: each one's edges are its own."""
+    """Structure of solids that may touch but do not share faces: each solid keeps its own edges."""
     several = [Structure.from_mesh(s.vertices, s.triangles) for s in solids]
     points = np.cumsum([0] + [len(s.vertices) for s in several])
     faces = np.cumsum([0] + [len(s.face_normals) for s in several])

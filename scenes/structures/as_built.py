@@ -59,7 +59,7 @@ class Deviation:
 
 
 def _bent(vertices: Array, bounds: Array, bend_m: float) -> Array:
-    """Vertices shifted by a parabola over the longest side: nothing at its ends, bend_m in its middle."""
+    """Vertices displaced along a parabola over the longest side: by zero at its ends, by bend_m at its middle."""
     size = bounds[1] - bounds[0]
     along = int(np.argmax(size))
     across = 2 if along < 2 else 0

@@ -63,7 +63,7 @@ class Box:
 
 
 def _inside(uv: np.ndarray, texture: Texture) -> np.ndarray:
-    """Texture coordinates half a texel in from the border, so that the repeat never shows."""
+    """Texture coordinates inset by half a texel, so that the repeated texture never bleeds in."""
     size = np.array([texture.shape[1], texture.shape[0]])
     return np.asarray((uv * (size - 1) + 0.5) / size)
 
@@ -110,7 +110,7 @@ def _text(mask: Drawing, text: str, at: tuple[int, int], height_px: float, bold:
 
 
 def _arrows(mask: Drawing, x: int, y: int, size: int) -> None:
-    """Two arrows up over a bar: this side up (ISO 780, symbol 3)."""
+    """The mark "this side up": two arrows over a bar (ISO 780, symbol 3)."""
     for k in (0, 1):
         cx = x + round((0.28 + 0.44 * k) * size)
         shaft = round(0.05 * size)
@@ -121,7 +121,7 @@ def _arrows(mask: Drawing, x: int, y: int, size: int) -> None:
 
 
 def _glass(mask: Drawing, x: int, y: int, size: int) -> None:
-    """A broken glass: fragile (ISO 780, symbol 1)."""
+    """The mark "fragile": a broken wine glass (ISO 780, symbol 1)."""
     bowl = np.array([[0.2, 0.05], [0.8, 0.05], [0.74, 0.42], [0.56, 0.56], [0.44, 0.56], [0.26, 0.42]]) * size
     cv2.fillPoly(mask, [np.rint(bowl + np.array([x, y])).astype(np.int32)], 255, cv2.LINE_AA)
     crack = np.array([[0.5, 0.05], [0.42, 0.2], [0.54, 0.28], [0.46, 0.42]]) * size
@@ -161,7 +161,7 @@ def _side(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
 
 
 def _label(image: Image, x: int, y: int, width: int, rng: np.random.Generator) -> Image:
-    """A white sticker with lines of text and a bar code, a little askew."""
+    """A white sticker with lines of text and a bar code, slightly rotated."""
     height = round(0.62 * width)
     h, w = image.shape[:2]
     sheet = np.full((height, width), 0.95, dtype=np.float32)

@@ -59,7 +59,7 @@ class Building:
         return out
 
     def _coping(self, face: Side, beyond: float, stone: materials.Material) -> Solid:
-        """On the parapet; the long ones go round the corners (beyond > 0), the others fit between them."""
+        """Coping on the parapet; on the long sides it covers the corners (beyond > 0), on others it fits between."""
         inner = PARAPET_M[0] + OVERHANG_M
         start, stop = (-beyond, face.width_m + beyond) if beyond else (inner, face.width_m - inner)
         top = face.height_m

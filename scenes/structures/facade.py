@@ -40,7 +40,7 @@ class Side:
     height_m: float
 
     def at(self, along_m: float, up_m: float, out_m: float = 0.0) -> Array:
-        """Point (3,) of the facade, out_m before it."""
+        """Point (3,) at a place on the facade, out_m in front of it."""
         return np.asarray(self.corner + along_m * self.along + out_m * self.outward + [0.0, 0.0, up_m])
 
     def block(
@@ -68,7 +68,7 @@ def openings(width_m: float, height_m: float, bays: int, storeys: int, door_bay:
 
 
 def trim(holes: tuple[Opening, ...], side: Side, beyond_m: float, stone: Material) -> list[Solid]:
-    """Sills below the windows, and a plinth that leaves the doors free and goes beyond_m over both ends."""
+    """Sills below the windows, and a plinth with gaps for the doors that extends beyond_m past both ends."""
     doors = sorted((o.x0, o.x1) for o in holes if o.door)
     starts = [-beyond_m, *(x1 for _, x1 in doors)]
     stops = [*(x0 for x0, _ in doors), side.width_m + beyond_m]
@@ -95,7 +95,7 @@ def downpipe(side: Side, along_m: float) -> Solid:
 
 
 def filled(holes: tuple[Opening, ...], side: Side, looks: list[Material], rng: np.random.Generator) -> list[Part]:
-    """Windows and doors painted on the back of their recesses; looks are those of windows, the last that of doors."""
+    """Panels with windows and doors at the back of their recesses; looks are textures of windows, the last of doors."""
     parts = []
     for o in holes:
         corner = side.at(o.x0, o.z0, 0.002 - REVEAL_M)
@@ -105,7 +105,7 @@ def filled(holes: tuple[Opening, ...], side: Side, looks: list[Material], rng: n
 
 
 def window_and_door_looks(rng: np.random.Generator) -> list[Material]:
-    """Several windows, and a door."""
+    """Textures of several windows, and of a door."""
     return [*(materials.window(rng) for _ in range(5)), materials.door(rng)]
 
 

@@ -1,4 +1,4 @@
-"""An indoor environment: a floor, walls, a door and a few things on them, a lamp under the ceiling."""
+"""An indoor environment: floor, walls with a door, a window and pictures, and a ceiling lamp."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -28,7 +28,7 @@ class Indoor:
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
-        """The room; it grows when the structure needs it to."""
+        """The room, enlarged where the structure does not fit."""
         centre = bounds.mean(axis=0)
         extent = float((bounds[1] - bounds[0])[:2].max())
         side, height = max(self.room_m, 4 * extent), max(self.height_m, 1.6 * float(bounds[1, 2]))
@@ -51,7 +51,7 @@ class Indoor:
     def _floor(
         self, side: float, structure_at: Array, extent: float, turn: Array, rng: np.random.Generator
     ) -> list[Part]:
-        """The floor: where the structure's shadow falls, and the rest."""
+        """The floor, split into the part that the structure's shadow falls on and the rest."""
         painted = {"planks": _planks, "carpet": _carpet, "concrete": _concrete}[self.floor](rng)
         near, half, middle = side / 2, 1.8 * extent, (structure_at @ turn)[:2]
         low, high = np.maximum(middle - half, -0.98 * near), np.minimum(middle + half, 0.98 * near)

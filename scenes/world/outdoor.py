@@ -1,4 +1,4 @@
-"""An outdoor environment: sun and sky with clouds, ground, and a far rim of trees and hills."""
+"""An outdoor environment: sun and sky with clouds, ground, and distant trees and hills."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -26,7 +26,7 @@ class Outdoor:
     """A field around the structure under a sky.
 
     sun_elevation_deg and sun_azimuth_deg place the sun (azimuth from x towards y, random when None); cloudiness 0 is a
-    clear sky, 1 an overcast one, which takes the sun's light and the shadows' edges with it.
+    clear sky, 1 an overcast one, without direct sunlight and without sharp shadows.
     """
 
     ground: Literal["grass", "gravel", "asphalt", "concrete"] = "grass"
@@ -37,7 +37,7 @@ class Outdoor:
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
-        """Ground, rim and sky; the ground near the structure takes its ambient shade."""
+        """Ground, distant trees and sky; the ground near the structure has its ambient occlusion."""
         azimuth = np.radians(rng.uniform(0, 360) if self.sun_azimuth_deg is None else self.sun_azimuth_deg)
         elevation = np.radians(self.sun_elevation_deg)
         to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
@@ -123,7 +123,7 @@ def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
 
 
 def _rim(bounds: Array, rng: np.random.Generator) -> list[Part]:
-    """Hills and a belt of trees far away: two bands around the field with a ragged upper border."""
+    """Distant hills and a belt of trees: two bands around the field with an irregular upper edge."""
     centre = bounds.mean(axis=0)[:2]
     out = []
     for distance, height, color, rough in (

@@ -1,4 +1,4 @@
-"""A studio: the structure in plain paint before one colour, without shadows, to measure a tracker's best accuracy."""
+"""A studio: the structure in plain colours in front of uniform grey, without shadows: the best case for a tracker."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -11,7 +11,7 @@ from uavbench.trajectories.pose import Array
 
 SKY_PX = (8, 16)
 ABOVE, BELOW = 1.0, 0.2
-"""Light from above and from below: with that from one side, any two faces of a box differ by a fifth and more."""
+"""Light from above and from below: with the light along x, any two faces of a box differ by a fifth or more."""
 
 
 @dataclass(frozen=True)

@@ -297,7 +297,7 @@ def test_pose_search_ranks_a_near_pose_first(flight):
     found = search.best_of(target, guess, search.block(-0.25, 0.0, Reach(0.12, 0.25, 0.3)), most=10**9)
     scores = [candidate.score for candidate in found.candidates]
     assert scores == sorted(scores, reverse=True)
-    assert len(scores) == config.block_candidates
+    assert len(scores) == config.candidates
     assert min(pose_error(Pose(*candidate.pose), poses[19])[0] for candidate in found.candidates) < 0.15
     refined = search.refined(target, found.candidates[0]).candidates[0]
     assert refined.score >= scores[0]

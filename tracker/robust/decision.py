@@ -17,6 +17,9 @@ from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 
+SEARCH_EVERY = 8
+"""Frames from a search that found nothing better to the next, while support is enough: a limit of their time."""
+
 
 class Decision(NamedTuple):
     """A fit, and whether it may be believed.
@@ -62,7 +65,7 @@ class Decider:
             found = self.recover(frame, fit)
         self.was_wrong |= first and found.settled and found.fit is not fit
         if found.settled and not self.relocator.under_way:
-            self.until_search = 0 if found.fit is not fit else self.config.loss.search_every
+            self.until_search = 0 if found.fit is not fit else SEARCH_EVERY
         return found
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
@@ -80,7 +83,7 @@ class Decider:
             self.fitter.texture.now_s = kept.now_s
             narrow = sigmas(relocalization.fitted_sigma, self.state.range_m)
             alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock, relocalization.refit_half_px)
-            if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + loss.advantage):
+            if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + relocalization.lead):
                 return alone
             self.fitter.texture = kept
             return fit
@@ -89,12 +92,12 @@ class Decider:
         """A fit constrained to the initial pose; None where another one has clearly more support."""
         initial = self.config.initialization
         half_px = self.config.relocalization.refit_half_px
-        least = max(initial.min_support, fit.support - self.config.loss.advantage)
+        least = max(initial.min_support, fit.support - self.config.relocalization.lead)
         narrow = sigmas(initial.kept_sigma, self.state.range_m)
         kept = self.fitter.fit(frame.image, self.state.motion.cam_from_world, narrow, clock, half_px)
         if not (kept.finite and kept.support >= least):
             return None
-        sure = max(self.config.relocalization.good_support, kept.edge_support)  # patches are taken there at once
+        sure = max(self.config.good_support, kept.edge_support)  # patches are taken there at once
         return replace(kept, edge_support=sure)
 
     def confirmed(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
@@ -113,7 +116,7 @@ class Decider:
         """Whether a fit's support is too low to do without a pose search."""
         loss, slow = self.config.loss, self.is_slow(frame)
         doubted = self.was_wrong and self.state.frames_ok < self.config.initialization.young_frames
-        wanted = self.state.usual_or_good() if slow else self.config.relocalization.good_support
+        wanted = self.state.usual_or_good() if slow else self.config.good_support
         if fit.support >= (self.config.initialization.doubted_support if doubted else wanted):
             return False
         due = self.until_search < 0 or self.relocator.under_way
@@ -144,7 +147,7 @@ class Decider:
             self.relocator.forget()
         given = self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
         holds = given if first else fit.support >= loss.min_support
-        if settled and found.advantage > (loss.advantage if holds and not slow else 0.0):
+        if settled and found.advantage > (self.config.relocalization.lead if holds and not slow else 0.0):
             return Decision(found.fit, True)
         tracked = not first and not slow and not self.state.is_lost
         if settled or (tracked and (holds or self.state.is_there(fit, frame.predicted))):

@@ -34,7 +34,7 @@ from uavbench.tracker.robust.pose_fit import (
     Solution,
 )
 from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, normalized_innovation
-from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, best_motion
+from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Weighting, refine
 from uavbench.tracker.robust.view import View
@@ -45,6 +45,10 @@ from uavbench.trajectories.pose import Array, Pose
 Indices = NDArray[np.int64]
 MIN_POINTS = 6
 """With fewer control points and fewer patches nothing is fitted."""
+FIT_EVALUATIONS = 1_500
+"""What fitting a control point takes, in evaluations (see `BudgetConfig`): 3 us on the same core."""
+TAKE_EVERY = 4
+"""Frames from one search of new patches to the next while enough are found: a limit of their time."""
 
 
 class EdgeFitter:
@@ -60,7 +64,7 @@ class EdgeFitter:
         self.learned, self.offset_scale, self.most_points = 0, 1.0, 0
         self.sharp = True
         self.work = Work(config.budget.evaluations)
-        self.draws = rng.random((config.solver.hypotheses.count, EDGES_DRAWN * DRAWS_PER_EDGE))
+        self.draws = rng.random((HYPOTHESES, EDGES_DRAWN * DRAWS_PER_EDGE))
 
     def begin(self, stamp_ns: int, step_s: float, sharp: bool) -> None:
         """Begin with the frame of a stamp, step_s after the one before; sharp: its image was not smoothed."""
@@ -70,7 +74,7 @@ class EdgeFitter:
     @property
     def largest_fit(self) -> int:
         """Evaluations of the largest fit so far, and a quarter more."""
-        return self.most_points * 5 // 4 * self.config.budget.fit_evaluations
+        return self.most_points * 5 // 4 * FIT_EVALUATIONS
 
     def fit(
         self, image: Image, predicted: Pose, covariance: Array, clock: StageClock, half_px: float | None = None
@@ -82,7 +86,7 @@ class EdgeFitter:
         most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
         n = len(problem.points.points)
-        self.work.done += n * self.config.budget.fit_evaluations
+        self.work.done += n * FIT_EVALUATIONS
         self.most_points = max(self.most_points, n)
         if n < MIN_POINTS and len(self.texture.chosen) < MIN_POINTS:
             return Fit(predicted, covariance, 0.0, n, 0, 0, float("nan"))
@@ -120,7 +124,7 @@ class EdgeFitter:
             measured = self.measure(problem, problem.lines, half_px)
         with clock.stage("hypotheses"):
             prior = solver.hypotheses.prior_weight * problem.prior.information
-            motion = best_motion(measured, prior, self.draws, self.values.hypotheses)
+            motion = best_motion(measured, prior, self.draws, solver.estimator.coarse_widths_px[-1])
             view = view.to(*se3_exp_left(view.R, view.t, motion))
             edges = self.offsets(problem, measured)
             estimate = self.solve(problem, measured, NO_MATCHES, edges, view, widths.coarse)
@@ -237,8 +241,8 @@ class EdgeFitter:
             self.texture.shift(twist, pose)
         self.learned += 1
         self.learn_offset_scale(used, fit.covariance)
-        due = hits < patches.enough_to_predict or self.learned % patches.take_every == 0
-        if due and hits < patches.max_used and fit.edge_support >= self.config.relocalization.good_support:
+        due = hits < patches.enough_to_predict or self.learned % TAKE_EVERY == 0
+        if due and hits < patches.max_used and fit.edge_support >= self.config.good_support:
             if not hits:
                 self.biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)
             self.texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])

@@ -12,7 +12,7 @@ from uavbench.tracker.robust.config.edges import (
     SubpixelConfig,
     WeightConfig,
 )
-from uavbench.tracker.robust.config.solver import EstimatorConfig, HypothesesConfig
+from uavbench.tracker.robust.config.solver import EstimatorConfig
 from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.trajectories.pose import Array
 
@@ -33,7 +33,6 @@ class KernelConfig(NamedTuple):
     appearance: AppearanceConfig
     weights: WeightConfig
     subpixel: SubpixelConfig
-    hypotheses: HypothesesConfig
     estimator: EstimatorConfig
     widths: Widths
 
@@ -47,7 +46,6 @@ class KernelConfig(NamedTuple):
             kernel_values(edges.appearance),
             kernel_values(edges.weights),
             kernel_values(edges.subpixel),
-            kernel_values(solver.hypotheses),
             kernel_values(solver.estimator),
             Widths(*map(np.array, (e.coarse_widths_px, e.fine_widths_px, e.fine_widths_px[-2:]))),
         )

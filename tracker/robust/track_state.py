@@ -7,6 +7,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.false_alarms import log10_false_alarms
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
 from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 
 
 class Tentative(NamedTuple):
@@ -46,7 +47,7 @@ class TrackState:
 
     def usual_or_good(self) -> float:
         """The larger of a good support and a part of the usual one."""
-        return max(self.config.relocalization.good_support, self.config.loss.slow_part * self.usual_support)
+        return max(self.config.good_support, self.config.loss.slow_part * self.usual_support)
 
     def holds(self, fit: Fit, predicted: Motion) -> bool:
         """Whether a fit has the support that it needs, or shows what chance would not."""
@@ -65,8 +66,8 @@ class TrackState:
         if self.is_first or self.is_lost or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
             return False
         solver, half_px = self.config.solver, self.config.edges.search.fine_half_px
-        width_px, tests = solver.estimator.fine_widths_px[-1], solver.hypotheses.count
-        return log10_false_alarms(fit, width_px, half_px, tests) < self.config.loss.log10_false_alarms
+        width_px = solver.estimator.fine_widths_px[-1]
+        return log10_false_alarms(fit, width_px, half_px, HYPOTHESES) < self.config.loss.log10_false_alarms
 
     def suppose(self, fit: Fit, dt_s: float, stamp_ns: int) -> None:
         """Predict from an undecided frame's fit, where it is supported as one that is right."""

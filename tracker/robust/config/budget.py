@@ -5,7 +5,10 @@ from typing import Annotated
 
 from annotated_types import Ge
 
-from uavbench.tracker.robust.config.bounds import Count, Positive
+from uavbench.tracker.robust.config.bounds import Count
+
+LONGEST_S = 1.0
+"""Time since the frame before that counts at most, so that a frame after a long gap is not late."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +25,7 @@ class BudgetConfig:
     evaluations_per_s: Annotated[int, Ge(0)] = 50_000_000
     """Evaluations that it may take for each second since the frame before, where that is more: a tenth of that time.
     Measured on bridges at 2 Hz: with 10 ms 11 of 59 frames are found, with 50 ms about 50."""
-    longest_s: Positive = 1.0
-    """Time since the frame before that counts at most, so that a frame after a long gap is not late."""
-    fit_evaluations: Count = 1_500
-    """What fitting a control point takes: 3 us. Measured on the same core, on boxes and buildings."""
-    distance_evaluations: Count = 450_000
-    """What the distances to the edge pixels of an image take: 0.9 ms. Measured on the same core."""
 
     def allowed(self, step_s: float) -> int:
         """Evaluations of a frame that comes step_s after the one before."""
-        return max(self.evaluations, int(self.evaluations_per_s * min(step_s, self.longest_s)))
+        return max(self.evaluations, int(self.evaluations_per_s * min(step_s, LONGEST_S)))

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from annotated_types import Interval
 
-from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.bounds import Count, Part, Positive, Weight
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,6 @@ class SamplingConfig:
     """One control point for so much of projected length. Chosen on rendered seeds, for time."""
     max_points: Count = 220
     """Points are wider apart where that would make many more than this. Chosen on rendered seeds, for time."""
-    samplings: Count = 3
-    """Times that points are sampled, ever closer while hidden lines leave too few. Chosen on rendered seeds."""
     rounded_deg: Annotated[float, Interval(gt=0, le=90)] = 35.0
     """Faces that turn by less are parts of one rounded surface: a column of 12 sides has 30 degrees. Physical."""
 
@@ -37,7 +35,7 @@ class SearchConfig:
     colour_sigma_grey: Positive = 14.0
     """Spread of the colour beside an edge from frame to frame; added to the learned step by which contrasts are divided
     for the rank. Chosen on rendered seeds."""
-    rank_penalty: NotNegative = 0.5
+    rank_penalty: Weight = 0.5
     """Rank that a penalty of one costs a candidate. Chosen on rendered seeds."""
 
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from annotated_types import Ge, Gt
+from annotated_types import Ge, Gt, Unit
 
-from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.bounds import Count, NotNegative, Number, Part, Positive
 
 
 @dataclass(frozen=True)
@@ -14,8 +14,6 @@ class AlignmentConfig:
 
     reach_texels: Annotated[int, Ge(1)] = 6
     """Half width of the coarse search, and farthest shift of an alignment. Chosen on rendered seeds."""
-    max_coarse: Annotated[int, Ge(0)] = 6
-    """Patches in a frame for which a coarse search is made. Chosen on rendered seeds, for time."""
     min_correlation: Part = 0.85
     """Least correlation of a patch that counts as found. Chosen on rendered seeds."""
     min_contrast_grey: NotNegative = 3.0
@@ -23,7 +21,7 @@ class AlignmentConfig:
     variance_px2: Positive = 0.1**2
     """Variance of a patch along either axis beside that of noise. Measured on rendered boxes: patches are known
     relative to each other to about 0.1 px."""
-    max_area_change: Annotated[float, Gt(1)] = 3.0
+    max_area_change: Annotated[float, Gt(1), Unit("1")] = 3.0
     """A patch is looked for while it is seen at most so many times larger or smaller than when it was taken. Chosen on
     rendered seeds."""
 
@@ -38,18 +36,9 @@ class PatchesConfig:
     """Patches looked for in a frame; while fewer are found new ones are taken. Chosen on rendered seeds, for time."""
     enough_to_predict: Count = 8
     """With so many found at the predicted pose the edges need no wide search. Chosen on rendered seeds."""
-    take_every: Count = 4
-    """Frames from one search of new patches to the next while some are found. Chosen on rendered seeds, for time."""
-    initial_spots: Count = 400
-    """The same while there are none. Chosen on rendered seeds."""
-    new: Count = 6
-    """Most new patches of a frame. Chosen on rendered seeds, for time."""
     flat_margin_px: Positive = 3.0
     """Margin around a patch that must lie on its face. Chosen on rendered seeds."""
     min_corner_grey2: Positive = 8.0
     """Least strength of a corner, (grey levels per px)^2 (Shi & Tomasi 1994). Chosen on rendered seeds."""
-    young_s: NotNegative = 1.0
-    """Age at which a patch's variance is twice that of an old one: it may lie on a moving occluder. Chosen on one
-    rendered seed of the suite occlusion."""
-    max_misses: Annotated[int, Ge(0)] = 6
+    max_misses: Number = 6
     """A patch missed in more frames than this is dropped. Chosen on rendered seeds."""

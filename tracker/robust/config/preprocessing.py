@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from annotated_types import Gt
+from annotated_types import Gt, Unit
 
 from uavbench.tracker.robust.config.bounds import Positive
 
@@ -17,5 +17,5 @@ class PreprocessingConfig:
     usual_range_grey: Positive = 45.0
     """Range from the 5th to the 95th percentile for which thresholds were chosen. Measured on 30 rendered flights and
     two real ones: 42 to 223."""
-    min_gain: Annotated[float, Gt(1)] = 1.5
+    min_gain: Annotated[float, Gt(1), Unit("1")] = 1.5
     """Least contrast gain that is applied. Chosen on rendered seeds."""

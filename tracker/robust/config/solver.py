@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from annotated_types import Interval, MinLen
+from annotated_types import Interval, MinLen, Unit
 
-from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
+from uavbench.tracker.robust.config.bounds import Part, Positive, Weight
 
 Widths = Annotated[tuple[Positive, ...], MinLen(1)]
 
@@ -14,11 +14,7 @@ Widths = Annotated[tuple[Positive, ...], MinLen(1)]
 class HypothesesConfig:
     """Camera motions on which candidates of several edges agree (RANSAC: Fischler & Bolles 1981)."""
 
-    count: Count = 64
-    """Hypotheses drawn for a frame, of three edges each. Chosen on rendered seeds, for time."""
-    inlier_px: Positive = 3.0
-    """Distance at which a candidate counts as an outlier. Chosen on rendered seeds."""
-    prior_weight: NotNegative = 0.25
+    prior_weight: Weight = 0.25
     """Weight of the prediction against candidates not weighed by their own errors yet. Chosen on rendered seeds."""
 
 
@@ -27,11 +23,12 @@ class EstimatorConfig:
     """M-estimation with Tukey's weights of widths that shrink (Beaton & Tukey 1974)."""
 
     coarse_widths_px: Widths = (8.0, 5.0, 3.0)
-    """Widths after the hypotheses, and of a fit to patches alone. Chosen on rendered seeds."""
+    """Widths after the hypotheses, and of a fit to patches alone; at the last one a candidate is an outlier of a
+    hypothesis. Chosen on rendered seeds."""
     fine_widths_px: Widths = (4.0, 3.0, 2.0, 1.5, 1.5)
     """Widths after the short search; the last two alone for the sub-pixel steps. Chosen on
     rendered seeds: narrower ones lose edges with large offsets."""
-    patches_prior_part: Annotated[float, Interval(gt=0, le=1)] = 0.01
+    patches_prior_part: Annotated[float, Interval(gt=0, le=1), Unit("1")] = 0.01
     """Share of all information that holds the pose of the patches alone. Chosen on rendered seeds."""
 
 
@@ -40,7 +37,8 @@ class BiasConfig:
     """Nuisance biases: the patches' common error and the offset of each edge."""
 
     correlation_s: Positive = 1.0
-    """Time over which errors of edges beside their offsets are correlated. Chosen on rendered seeds."""
+    """Time over which errors of edges beside their offsets are correlated, and those of a patch: at this age its
+    variance is twice that of an old one, as it may lie on a moving occluder. Chosen on rendered seeds."""
     forgotten_part: Part = 0.6
     """Part forgotten in that time: other patches are found by then. Measured on 8 to 10 sequences; with ten seconds in
     place of one, depth drifts by 2 to 5 mm at 1 Hz."""

@@ -35,6 +35,8 @@ MARGIN_PX = float(BESIDE)
 """No point lies nearer to the image's border: the colours beside it would lie outside."""
 LEAST_SHRINK = 0.2
 """Least factor from one sampling's spacing to the next: hardly anything may be seen."""
+SAMPLINGS = 3
+"""Times that points are sampled at most, ever closer while hidden lines leave too few."""
 BINS = 8
 """Parts of an edge, each with an appearance of its own."""
 SAMPLING = kernel_type(SamplingConfig)
@@ -139,7 +141,7 @@ def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlP
     keys = np.empty((2 * most, 3), np.int64)
     n = 0
     q, c = np.empty(3), np.empty(3)
-    for _ in range(config.samplings):
+    for _ in range(SAMPLINGS):
         n, left_over = 0, 0.5
         for e in range(n_edges):
             count = int(length[e] / spacing + 0.5)

@@ -30,6 +30,8 @@ BORDER_PX = HALF + 2
 """A patch whose middle lies nearer to the image's border is not looked for: half of it, and 2 px for a larger one."""
 MAX_STEPS, SETTLED_TEXELS = 6, 0.02
 """An alignment ends with a step below a fifth of a patch's own error, or after so many."""
+MAX_COARSE = 6
+"""Patches in a frame for which a coarse search is made, at most: it samples a patch 49 times, an alignment 6 times."""
 ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
@@ -171,7 +173,7 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
         ref = patches.texels[p]
         fine = _refine(image, at, 0.0, 0.0, ref, now, config)
         da, db, best, spread = fine.da, fine.db, fine.correlation, fine.spread
-        if best < config.min_correlation and coarse < config.max_coarse:
+        if best < config.min_correlation and coarse < MAX_COARSE:
             coarse += 1
             top, ta, tb = -1.0, 0, 0
             for i in range(-reach, reach + 1, 2):

@@ -24,7 +24,10 @@ from uavbench.trajectories.pose import Array, Pose
 
 MAX_PATCHES = 600
 """Patches that are remembered; where there is no room for new ones, three quarters are kept."""
-
+MOST_NEW = 6
+"""Most new patches of a frame, but for the first ones: a limit of its time."""
+FIRST_SPOTS = 400
+"""Places that are looked at for corners while there are no patches yet."""
 LEAST_AGE_S = 1e-3
 """A patch of this very frame has hardly any weight, but some."""
 SPACING_PX = float(SIDE)
@@ -39,7 +42,7 @@ class Texture:
 
     def __init__(self, edges: EdgeMap, camera: Camera, view: View, config: RobustConfig) -> None:
         self.config, self.alignment = config.patches, kernel_values(config.patches.alignment)
-        self.from_edges_px = config.edges.weights.separate_px
+        self.from_edges_px, self.young_s = config.edges.weights.separate_px, config.solver.bias.correlation_s
         self.edges, self.camera, self.view = edges, camera, view
         self.count = 0
         self.patches = Patches.room_for(MAX_PATCHES)
@@ -58,7 +61,7 @@ class Texture:
         """Where the chosen patches are found near a view in an image (h, w, c)."""
         found = align(image, self.patches, self.chosen, view, self.alignment)
         age_s = np.maximum(self.now_s - self.patches.taken_s[self.chosen], LEAST_AGE_S)
-        return found._replace(variance_px2=found.variance_px2 * (1 + self.config.young_s / age_s))
+        return found._replace(variance_px2=found.variance_px2 * (1 + self.young_s / age_s))
 
     def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> int:
         """Number of the chosen patches (m,) that took part; those missed too often are dropped.
@@ -83,7 +86,7 @@ class Texture:
         spots = self._spots(pose)
         if not len(spots):
             return
-        most = min(MAX_PATCHES - self.count, 2 * c.max_used if self.count == 0 else c.new)
+        most = min(MAX_PATCHES - self.count, 2 * c.max_used if self.count == 0 else MOST_NEW)
         edges = KeepOut(np.ascontiguousarray(edge_pixels), self.from_edges_px)
         known = KeepOut(self._known_pixels(pose), SPACING_PX)
         pixels = strong_pixels(image, spots, edges, known, c.min_corner_grey2, most)
@@ -125,7 +128,7 @@ class Texture:
         if (cam[:, 2] > self.view.near).all():
             px = self.camera.project(cam)
             low, high = np.maximum(px.min(axis=0), 0), np.minimum(px.max(axis=0), high)
-        n = self.config.initial_spots if self.count == 0 else self.config.max_used
+        n = FIRST_SPOTS if self.count == 0 else self.config.max_used
         k = np.arange(self.turn, self.turn + n)
         self.turn += n
         spread = np.column_stack([k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0])

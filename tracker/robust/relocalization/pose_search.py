@@ -24,6 +24,10 @@ from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.relocalization.edge_pixel_kernels import edge_channels
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     FAR,
+    MIN_POINTS,
+    PATTERN_LEVELS,
+    PATTERN_SWEEPS,
+    PROJECTION_EVALUATIONS,
     REFINEMENTS,
     SeenEdges,
     SmallCamera,
@@ -39,6 +43,10 @@ SMALL_WIDTH = 160
 """Width of the small image, px."""
 BESIDE = 1 / 3
 """Edges are seen beside the image too, up to this part of its width: a shift may bring them in."""
+EDGE_POINTS = 140
+"""Points spread over the model's edges, by which a pose is scored."""
+SAMPLING_EVALUATIONS = 300 * EDGE_POINTS
+"""What finding the visible edge points takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
 GOLDEN = 0.6180339887498949
 """Multiples of it, modulo 1, are spread evenly however many are taken."""
 Indices = NDArray[np.int64]
@@ -113,17 +121,16 @@ class PoseSearch:
         self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near)
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
         self.view = _wide_view(self.camera)
-        self.sampling_evaluations = config.sampling_evaluations * config.edge_points
-        self.sampling = kernel_values(SamplingConfig(max_points=config.edge_points, spacing_px=1.0))
+        self.sampling = kernel_values(SamplingConfig(max_points=EDGE_POINTS, spacing_px=1.0))
 
     def block(self, azimuth_rad: float, elevation_rad: float, reach: Reach) -> Block:
         """Block of a viewing direction, turned from the guess's."""
         c, longer = self.config, reach.step_factor
-        logs = grid(float(np.log1p(reach.range_part)), longer * c.range_step_log)
+        logs = grid(float(np.log1p(reach.range_part)), longer * c.step_part)
         across, down = reach.shift_part * self.size[0], reach.shift_part * self.size[1]
-        shifts = whole(list(product(grid(across, c.shift_step_px), grid(down, c.shift_step_px))))
+        shifts = whole(list(product(grid(across, c.truncation_px), grid(down, c.truncation_px))))
         nearest_first = np.argsort(np.linalg.norm(shifts, axis=1), kind="stable")
-        changes = np.array(list(product(grid(reach.roll_rad, longer * c.roll_step_rad), map(np.expm1, logs))))
+        changes = np.array(list(product(grid(reach.roll_rad, longer * c.step_part), map(np.expm1, logs))))
         likeliest_first = np.argsort(np.linalg.norm(changes, axis=1), kind="stable")
         return Block(azimuth_rad, elevation_rad, changes[likeliest_first], shifts[nearest_first])
 
@@ -136,7 +143,7 @@ class PoseSearch:
         channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.config.min_gradient_grey)
         far = np.array([cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels])
         distance = np.asarray(np.minimum(far / self.config.truncation_px, 1.0) * FAR, dtype=np.uint8)
-        return Target(distance, self.config.shift_cost / sigma_px**2)
+        return Target(distance, self.config.sigma_cost / sigma_px**2)
 
     def best_of(self, target: Target, guess: RigidMotion, block: Block, most: int) -> Scored:
         """The best poses of a block about a guess, of as many as `most` evaluations allow."""
@@ -149,23 +156,23 @@ class PoseSearch:
         """The same from another viewing direction, about the middle of what is seen for a candidate."""
         guess = self.turned(candidate, block)
         found = self.best_there(target, guess, self.seen(guess), block, most)
-        return found._replace(evaluations=found.evaluations + self.sampling_evaluations)
+        return found._replace(evaluations=found.evaluations + SAMPLING_EVALUATIONS)
 
     def best_there(self, target: Target, pose: RigidMotion, seen: SeenEdges, block: Block, most: int) -> Scored:
         """The best poses of a block in the viewing direction of a pose that sees these edges."""
-        if len(seen.points) < self.config.min_points:
-            return Scored([], self.sampling_evaluations, len(block.changes))
+        if len(seen.points) < MIN_POINTS:
+            return Scored([], SAMPLING_EVALUATIONS, len(block.changes))
         sight = pose.R @ seen.focus + pose.t
         changes = np.zeros((len(block.changes), 6))
         changes[:, :3] = block.changes[:, :1] * (sight / np.linalg.norm(sight))
         changes[:, 3] = block.changes[:, 1]
         count = min(len(changes), max(0, most) // self.most_evaluations(len(seen.points), len(block.shifts)))
         found = self.scored(target, pose, seen, changes[:count], block.shifts)
-        return found._replace(evaluations=found.evaluations + self.sampling_evaluations)
+        return found._replace(evaluations=found.evaluations + SAMPLING_EVALUATIONS)
 
     def again(self, target: Target, candidate: Candidate) -> Scored:
         """A candidate scored in another image, shifted by no more than a step."""
-        step = self.config.shift_step_px
+        step = self.config.truncation_px
         shifts = whole(list(product((0.0, -step, step), repeat=2)))
         found = self.scored(target._replace(shift_cost=0.0), candidate.pose, candidate.seen, STILL, shifts)
         cost = candidate.cost
@@ -174,17 +181,17 @@ class PoseSearch:
 
     def most_evaluations(self, points: int, shifts: int) -> int:
         """Most evaluations of one pose: that many edge points projected, and looked up for that many shifts."""
-        return points * (self.config.projection_evaluations + shifts + REFINEMENTS)
+        return points * (PROJECTION_EVALUATIONS + shifts + REFINEMENTS)
 
     def most_of(self, block: Block) -> int:
         """Most evaluations of a block."""
-        one = self.most_evaluations(2 * self.config.edge_points, len(block.shifts))
-        return len(block.changes) * one + 2 * self.sampling_evaluations
+        one = self.most_evaluations(2 * EDGE_POINTS, len(block.shifts))
+        return len(block.changes) * one + 2 * SAMPLING_EVALUATIONS
 
     def refined(self, target: Target, candidate: Candidate) -> Scored:
         """A candidate at the nearest maximum of its score."""
         c, pose, seen = self.config, candidate.pose, candidate.seen
-        steps = np.array([c.roll_step_rad] * 4 + [c.shift_step_px / self.f[0] / 2] * 2)
+        steps = np.array([c.step_part] * 4 + [c.truncation_px / self.f[0] / 2] * 2)
         found = refine_pose(seen, pose.R, pose.t, steps, self.camera, target, self.values)
         pose = turned_about(pose.R, pose.t, pose.R @ seen.focus + pose.t, found.change)
         refined = Candidate(found.score - candidate.cost, pose, seen, candidate.cost)
@@ -192,17 +199,16 @@ class PoseSearch:
 
     def most_refining(self, candidate: Candidate) -> int:
         """Most evaluations that refining a candidate takes."""
-        c = self.config
-        tried = 1 + 12 * c.pattern_levels * c.pattern_sweeps
-        return tried * len(candidate.seen.points) * (c.projection_evaluations + 1)
+        tried = 1 + 12 * PATTERN_LEVELS * PATTERN_SWEEPS
+        return tried * len(candidate.seen.points) * (PROJECTION_EVALUATIONS + 1)
 
     def scored(self, target: Target, pose: RigidMotion, seen: SeenEdges, changes: Array, shifts: Indices) -> Scored:
         """The best changes (k, 6) of a pose, each at the best of shifts (s, 2)."""
-        found = score_changes(seen, pose.R, pose.t, changes, shifts, self.camera, target, self.values)
+        found = score_changes(seen, pose, changes, shifts, self.camera, target, self.values)
         focus = pose.R @ seen.focus + pose.t
         changes = changes.copy()
         changes[:, 4:] += np.arctan(found.shifts / self.f[:2])
-        best = np.argsort(-found.scores, kind="stable")[: self.config.block_candidates]
+        best = np.argsort(-found.scores, kind="stable")[: self.config.candidates]
         best = best[found.scores[best] > 0]
         poses = (turned_about(pose.R, pose.t, focus, changes[k]) for k in best)
         cost = target.shift_cost * np.square(found.shifts).sum(axis=1)

@@ -16,6 +16,12 @@ from uavbench.trajectories.pose import Array
 
 FAR = 255
 """The distance at which an edge point counts as missed: distances are whole parts of it, and sums of them exact."""
+MIN_POINTS = 12
+"""With fewer points in view nothing is searched: two for each unknown of a pose."""
+PATTERN_LEVELS, PATTERN_SWEEPS = 3, 2
+"""Halvings of the steps of a pattern search, and most sweeps with each."""
+PROJECTION_EVALUATIONS = 16
+"""What projecting an edge point takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
 REFINED_PX = np.array([2, 1])
 """Steps of shifts about the best one, px of the small image."""
 REFINEMENTS = 9 * len(REFINED_PX)
@@ -89,6 +95,7 @@ SMALL_CAMERA = named_tuple(SmallCamera, "f1! f1! f0")
 TARGET = named_tuple(Target, "u3! f0")
 SEEN_EDGES = named_tuple(SeenEdges, "f2! f2! f1!")
 IMAGE_POINTS = named_tuple(ImagePoints, "i2! i0")
+RIGID_MOTION = named_tuple(RigidMotion, "f2! f1!")
 
 
 @compiled("f2 f1 f1 f1")
@@ -164,34 +171,40 @@ def agreement(points: ImagePoints, distance: Distance, right: int, down: int, ou
     return Agreement(total, n)
 
 
-@compiled("seen f2 f1 f2 i2 camera target search", seen=SEEN_EDGES, camera=SMALL_CAMERA, target=TARGET, search=SEARCH)
+@compiled(
+    "seen pose f2 i2 camera target search",
+    seen=SEEN_EDGES,
+    pose=RIGID_MOTION,
+    camera=SMALL_CAMERA,
+    target=TARGET,
+    search=SEARCH,
+)
 def score_changes(
     seen: SeenEdges,
-    R: Array,
-    t: Array,
+    pose: RigidMotion,
     changes: Array,
     shifts: Indices,
     camera: SmallCamera,
     target: Target,
     config: PoseSearchConfig,
 ) -> PoseScores:
-    """Scores of a pose (R, t) with changes (k, 6) as `turned_about` takes them, with the best of shifts (s, 2) in px.
+    """Scores of a pose with changes (k, 6) as `turned_about` takes them, with the best of shifts (s, 2) in px.
 
     The score is the mean over the edge points of 1 - distance / FAR, with distance (ORIENTATIONS, h, w) to the nearest
     edge pixel of that direction, less the cost of the shift; a point out of the image counts `outside_score`. The best
     shift is refined.
-    Changes worse than the best one before by `hopeless_score` score nothing.
+    Changes worse than the best one before by `clear_score` score nothing.
     """
-    focus, distance = focus_in_camera(seen, R, t), target.distance
+    focus, distance = focus_in_camera(seen, pose.R, pose.t), target.distance
     scores, best, evaluations = np.zeros(len(changes)), np.zeros((len(changes), 2), np.int64), 0
     outside, hopeful = math.floor(config.outside_score * FAR), 0.0
     for k in range(len(changes)):
-        pose = turned_about(R, t, focus, changes[k])
-        points = image_points(seen, pose.R, pose.t, camera)
-        evaluations += len(seen.points) * config.projection_evaluations
-        if points.filled < config.min_points:
+        changed = turned_about(pose.R, pose.t, focus, changes[k])
+        points = image_points(seen, changed.R, changed.t, camera)
+        evaluations += len(seen.points) * PROJECTION_EVALUATIONS
+        if points.filled < MIN_POINTS:
             continue
-        hopeless = max(0, math.floor((hopeful - config.hopeless_score) * FAR * points.filled))
+        hopeless = max(0, math.floor((hopeful - config.clear_score) * FAR * points.filled))
         top = hopeless
         for s in range(len(shifts)):
             right, down = shifts[s, 0], shifts[s, 1]
@@ -237,7 +250,7 @@ def score_change(
     for i in range(6):
         square += change[i] * change[i]
     cost = target.shift_cost * camera.f[0] * camera.f[0] * square
-    score: float = total / (FAR * max(points.filled, config.min_points)) - cost
+    score: float = total / (FAR * max(points.filled, MIN_POINTS)) - cost
     return score
 
 
@@ -254,8 +267,8 @@ def refine_pose(
     """The change of a pose that scores best, by a pattern search from `steps` (6,) down (Hooke & Jeeves 1961)."""
     change, step, tried = np.zeros(6), steps.copy(), 1
     best = score_change(seen, R, t, change, camera, target, config)
-    for _ in range(config.pattern_levels):
-        for _ in range(config.pattern_sweeps):
+    for _ in range(PATTERN_LEVELS):
+        for _ in range(PATTERN_SWEEPS):
             moved = False
             for i in range(6):
                 for sign in (-1.0, 1.0):
@@ -269,4 +282,4 @@ def refine_pose(
             if not moved:
                 break
         step *= 0.5
-    return RefinedPose(change, best, tried * len(seen.points) * (config.projection_evaluations + 1))
+    return RefinedPose(change, best, tried * len(seen.points) * (PROJECTION_EVALUATIONS + 1))

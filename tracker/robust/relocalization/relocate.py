@@ -28,6 +28,15 @@ from uavbench.trajectories.pose import Pose
 
 ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
 """Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
+FAR_STEP_FACTOR = 2.0
+"""Steps of roll and range are so much longer far from a guess: what they miss the pattern search moves to."""
+MOST_FITS = 64
+"""Fits after which a search ends once all places were looked at."""
+PERTURBATIONS = 24
+"""Poses sampled about the best fit of a search."""
+DISTANCE_EVALUATIONS = 450_000
+"""What the distances to the edge pixels of an image take, in evaluations (see `BudgetConfig`): 0.9 ms on the same core.
+"""
 BESIDE_TIMES = 2
 """Steps by which the viewing direction of the best pose is improved: to the reach of a slow or lost frame's guess."""
 
@@ -67,13 +76,14 @@ class Relocator:
         self.fitter, self.config = fitter, config
         self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, config.search)
         self.rivals = Rivals(fitter, self.searcher, config)
-        near = Reach(config.near_roll_rad, config.near_range_part, config.near_shift_part)
-        far = Reach(config.far_roll_rad, config.far_range_part, config.far_shift_part, config.search.far_step_factor)
+        step = config.search
+        near = Reach(config.near_part, config.near_part, config.near_shift_part)
+        far_roll_rad = FAR_STEP_FACTOR * step.step_part  # one step to either side
+        far = Reach(far_roll_rad, config.far_range_part, config.far_shift_part, FAR_STEP_FACTOR)
         self.near_block = self.searcher.block(0.0, 0.0, near)
         self.far_blocks = [self.searcher.block(*turn, far) for turn in views(config)]
-        step = config.search
-        nearest = Reach(step.roll_step_rad, step.range_step_log, step.shift_step_px / self.searcher.size[0])
-        turn = step.beside_rad
+        nearest = Reach(step.step_part, step.step_part, step.truncation_px / self.searcher.size[0])
+        turn = step.turn_rad
         sides = ((turn, 0.0), (-turn, 0.0), (0.0, turn), (0.0, -turn))
         self.sides = [self.searcher.block(*side, nearest) for side in sides]
         self.forget()
@@ -100,14 +110,14 @@ class Relocator:
         ranking, exhausted = Ranking(sought, config), False
         if not self.fit_in_turn(self.at_guesses(guesses, ranking), sought, ranking):
             target = self.searcher.target(sought.image, self.shift_sigma_px(sought))
-            work.done += self.fitter.config.budget.distance_evaluations
+            work.done += DISTANCE_EVALUATIONS
             candidates = self.score(target, guesses, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
         compared = self.rivals.fit(sought, ranking, self.tried)
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
-        all_done = searched and (exhausted or len(self.tried) >= config.most_fits)
+        all_done = searched and (exhausted or len(self.tried) >= MOST_FITS)
         compared = compared and ranking.top.support >= sought.sure
         leads = self.rivals.trail(ranking, self.tried) if compared else self.lead(ranking.top) >= config.lead
         return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
@@ -193,9 +203,9 @@ class Relocator:
             block, guess = rounds[self.next_block]
             self.kept += taken(self.searcher.best_of(target, guess, block, until - work.done))
             self.next_block += 1
-        self.kept = sorted(self.kept, key=lambda each: -each.score)[: config.search.block_candidates]
+        self.kept = sorted(self.kept, key=lambda each: -each.score)[: config.search.candidates]
         best = sorted(near + self.kept, key=lambda each: -each.score)
-        for k, each in enumerate(best[: config.search.block_candidates]):
+        for k, each in enumerate(best[: config.search.candidates]):
             if work.left - reserve >= self.searcher.most_refining(each):
                 (best[k],) = taken(self.searcher.refined(target, each))
         return sorted(best, key=lambda each: -each.score)
@@ -227,13 +237,13 @@ class Relocator:
             yield Attempt((again or [self.best_before])[0], config.found_sigma, config.half_px)
         for hopeless in (False, True):
             for candidate in candidates:
-                worse = candidate.score < candidates[0].score - config.search.hopeless_score
+                worse = candidate.score < candidates[0].score - config.search.clear_score
                 if worse != hopeless or self.tried.holds(candidate):
                     continue
                 yield from self.found(candidate.pose, candidate.score, ranking)
-                self.near_done |= int(np.count_nonzero(self.tried.scores)) >= config.near_fits
+                self.near_done |= int(np.count_nonzero(self.tried.scores)) >= config.search.candidates
             self.near_done = True
-            while not hopeless and self.perturbations < config.perturbations:
+            while not hopeless and self.perturbations < PERTURBATIONS:
                 yield from self.perturbed(ranking.top)
 
     def perturbed(self, fit: Fit) -> Iterator[Attempt]:
@@ -243,7 +253,7 @@ class Relocator:
             return
         c, pose = self.config, motion(fit.cam_from_world)
         focus = pose.R @ fit.residuals.points.points.mean(axis=0) + pose.t
-        reach = np.repeat([c.perturbation_turn_rad, c.perturbation_part, c.perturbation_shift_rad], 2)
+        reach = np.repeat([c.search.turn_rad, c.perturbation_part, c.perturbation_shift_rad], 2)
         change = (self.perturbations * ROBERTS % 1.0 * 2 - 1) * reach
         yield Attempt(turned_about(pose.R, pose.t, focus, change), c.found_sigma, c.refit_half_px)
 

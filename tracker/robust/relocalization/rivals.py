@@ -8,7 +8,7 @@ from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import sigmas
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch
+from uavbench.tracker.robust.relocalization.pose_search import SAMPLING_EVALUATIONS, PoseSearch
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
@@ -19,6 +19,12 @@ SHARED = 48
 """Edge points by which shifts of the structure are judged: they are spread over all that is seen."""
 SHARED_EVALUATIONS = 40
 """What looking up one of them takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
+
+RIVALS = 6
+"""Rivals fitted at a time, the likeliest first: four neighbours and two diagonal ones of a window."""
+RIVAL_CHI2 = 25.0
+"""Squared Mahalanobis distance from the prediction within which there are rivals: 99.97 % of a chi-square with six
+degrees of freedom."""
 
 
 class Rivals:
@@ -64,15 +70,15 @@ class Rivals:
         seen = self.searcher.seen(pose)
         tried.seen = seen.points
         shares = self.similarity.shares(seen.points[:SHARED], seen.direction[:SHARED])
-        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + self.searcher.sampling_evaluations
+        self.fitter.work.done += len(shares) * SHARED * SHARED_EVALUATIONS + SAMPLING_EVALUATIONS
         places = [
             RigidMotion(pose.R, pose.t - pose.R @ shift) for shift in self.similarity.shifts[shares >= config.share]
         ]
         chi2 = np.array([ranking.chi2(Pose(*place)) for place in places])
         found: list[RigidMotion] = []
         known = tried.rivals.added(pose)
-        for k in np.argsort(chi2, kind="stable")[: np.count_nonzero(chi2 <= config.sigmas**2)]:
-            if len(found) < config.rivals and not tried.within_reach(places[k], known).any():
+        for k in np.argsort(chi2, kind="stable")[: np.count_nonzero(chi2 <= RIVAL_CHI2)]:
+            if len(found) < RIVALS and not tried.within_reach(places[k], known).any():
                 found.append(places[k])
                 known = known.added(places[k])
         return found

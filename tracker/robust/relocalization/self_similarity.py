@@ -15,6 +15,9 @@ from uavbench.trajectories.pose import Array
 
 MOST_ALIKE = 400
 """Edges of one length and direction that are compared with each other, the first of many: their pairs take memory."""
+SHIFTS = 512
+"""Shifts of a structure onto itself that are known. Measured on rendered bridges: those of a girder's stiffeners, short
+beside its chords, are among the first 300."""
 LENGTH_STEP = 0.01
 """Edges whose lengths differ by less than about this part are of one length."""
 DIRECTION_STEP = 1 / 16
@@ -32,7 +35,7 @@ class SelfSimilarity:
         lengths = np.linalg.norm(along, axis=1)
         long = lengths > self.cell
         ends, lengths, along = edges.ends[long], lengths[long], along[long] / lengths[long, None]
-        self.shifts = self._repetitions(ends.mean(axis=1), along, lengths)[: config.shifts]
+        self.shifts = self._repetitions(ends.mean(axis=1), along, lengths)[:SHIFTS]
         counts = np.ceil(lengths / self.cell).astype(np.int64) + 1
         edge = np.repeat(np.arange(len(ends)), counts)
         part = (np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)) / (counts - 1)[edge]

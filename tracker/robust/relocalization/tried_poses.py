@@ -65,11 +65,11 @@ class TriedPoses:
     def holds(self, candidate: Candidate) -> bool:
         """Whether a pose within reach of a fit from this one was fitted, in an image that it agreed with as well."""
         reached = self.within_reach(candidate.pose, self.fitted)
-        return bool((reached & (self.scores > candidate.score - self.searcher.config.retried_score)).any())
+        return bool((reached & (self.scores > candidate.score - self.searcher.config.clear_score)).any())
 
     def within_reach(self, pose: RigidMotion, poses: PoseStack) -> NDArray[np.bool_]:
         """Whether a fit from each of the poses (k,) reaches a pose: no edge point seen is a step of shifts away."""
-        points, step = self.seen[:COMPARED], self.searcher.config.shift_step_px
+        points, step = self.seen[:COMPARED], self.searcher.config.truncation_px
         there = self.searcher.pixels(pose.R[None], pose.t[None], points)
         at = self.searcher.pixels(poses.R, poses.t, points)
         return np.asarray((np.abs(at - there) < step).all(axis=(1, 2)))

@@ -4,14 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import solve6
-from uavbench.tracker.robust.config.solver import HypothesesConfig
 from uavbench.tracker.robust.edges.measurements import EDGE_MEASUREMENTS, EdgeMeasurements
-from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.solver.solve_kernels import add_row
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
-HYPOTHESES = kernel_type(HypothesesConfig)
+HYPOTHESES = 64
+"""Hypotheses drawn for a frame: where two of five draws are right, one of them has three right ones with a probability
+of 98.5 % (Fischler & Bolles 1981)."""
 EDGES_DRAWN = 3
 """Edges of a hypothesis: two candidates on each fix the six unknowns."""
 SIGMAS_TO_OUTLIER = 4.0
@@ -24,10 +24,8 @@ DRAWS_PER_EDGE = 4
 Indices = NDArray[np.int64]
 
 
-@compiled("measured i1 f1 hypotheses f2! f1!", inner=True, measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
-def add_drawn(
-    measured: EdgeMeasurements, counts: Indices, draws: Array, config: HypothesesConfig, A: Array, b: Array
-) -> None:
+@compiled("measured i1 f1 f0 f2! f1!", inner=True, measured=EDGE_MEASUREMENTS)
+def add_drawn(measured: EdgeMeasurements, counts: Indices, draws: Array, outlier_px: float, A: Array, b: Array) -> None:
     """Add the candidates that `draws` (12,) choose to the normal equations (A, b), in place.
 
     counts (n,) are the candidates of each control point. Edges are drawn by their number of control points: a point
@@ -35,7 +33,7 @@ def add_drawn(
     """
     distance, J, first = measured.candidates.distance, measured.lines.jacobian, measured.points.first
     n, k = distance.shape
-    information = (SIGMAS_TO_OUTLIER / config.inlier_px) ** 2
+    information = (SIGMAS_TO_OUTLIER / outlier_px) ** 2
     for s in range(EDGES_DRAWN):
         column = DRAWS_PER_EDGE * s
         p = min(n - 1, int(draws[column] * n))
@@ -63,8 +61,8 @@ def add_drawn(
             add_row(A, b, J[q], near, information)
 
 
-@compiled("measured f1 f2 f0 hypotheses", inner=True, measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
-def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, config: HypothesesConfig) -> float:
+@compiled("measured f1 f2 f0 f0", inner=True, measured=EDGE_MEASUREMENTS)
+def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, outlier_px: float) -> float:
     """Cost of a twist x (6,): truncated squared distances of the control points, and of the prior; given up at `most`.
 
     Control points are thinned to about SCORED_POINTS.
@@ -83,7 +81,7 @@ def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float,
             moved += J[p, i] * x[i]
         least = 1.0
         for c in range(k):
-            r = (distance[p, c] - moved) / config.inlier_px
+            r = (distance[p, c] - moved) / outlier_px
             least = min(least, r * r)
         cost += weight[p] * least
         if cost > most:
@@ -91,12 +89,13 @@ def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float,
     return cost
 
 
-@compiled("measured f2 f2 hypotheses", measured=EDGE_MEASUREMENTS, hypotheses=HYPOTHESES)
-def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, config: HypothesesConfig) -> Array:
+@compiled("measured f2 f2 f0", measured=EDGE_MEASUREMENTS)
+def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, outlier_px: float) -> Array:
     """The twist (6,) of the camera that candidates agree on best, of many that are tried.
 
     draws (h, 12) are uniform numbers: each hypothesis takes two candidates on each of three edges. prior (6, 6) is the
-    information of the predicted pose. The first hypothesis is no motion.
+    information of the predicted pose. A candidate farther away than outlier_px is an outlier. The first hypothesis is
+    no motion.
     """
     distance = measured.candidates.distance
     n, k = distance.shape
@@ -114,10 +113,10 @@ def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, config: 
                 b[i] = 0.0
                 for j in range(6):
                     A[i, j] = prior[i, j]
-            add_drawn(measured, counts, draws[h - 1], config, A, b)
+            add_drawn(measured, counts, draws[h - 1], outlier_px, A, b)
             if not solve6(A, b, x):
                 continue
-        cost = motion_cost(measured, x, prior, best_cost, config)
+        cost = motion_cost(measured, x, prior, best_cost, outlier_px)
         if cost < best_cost:
             best_cost = cost
             for i in range(6):
