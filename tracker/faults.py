@@ -90,7 +90,7 @@ def checked(result: Any) -> TrackResult:
     if pose is not None and not np.isfinite(pose.matrix).all():
         raise ResultError("[bad-result] the pose is not finite; a frame without a good pose has the status `lost`")
     if pose is not None and not _is_rotation(pose.rotation):
-        raise ResultError("[bad-result] the rotation of the pose is none: its rows are not orthonormal")
+        raise ResultError("[bad-result] the rotation of the pose is none: its rows are not orthonormal, or it mirrors")
     if covariance is not None and (why := _no_covariance(covariance)):
         raise ResultError(f"[bad-result] the covariance {why}")
     try:

@@ -110,10 +110,10 @@ def check_image(image: Image, camera: Camera) -> Image:
     ImageError unless it is of the camera's size, grey or BGR, and of 8 bits.
     """
     wanted = f"({camera.height}, {camera.width}) grey or ({camera.height}, {camera.width}, 3) BGR of type uint8"
-    if not isinstance(image, np.ndarray):
+    if not isinstance(image, np.ndarray) or isinstance(image, np.ma.MaskedArray):
         raise ImageError(f"the image is {type(image).__name__}; give an array {wanted}")
     if image.shape[:2] != (camera.height, camera.width) or image.shape[2:] not in ((), (3,)):
         raise ImageError(f"the image has the shape {image.shape}; give {wanted}")
     if image.dtype != np.uint8:
         raise ImageError(f"the image has the type {image.dtype}; give {wanted}, values from 0 to 255")
-    return np.require(image, requirements=["C", "A", "W"])
+    return np.require(np.asarray(image), requirements=["C", "A", "W"])
