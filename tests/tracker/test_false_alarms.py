@@ -66,5 +66,5 @@ def test_a_wrong_pose_is_not_held_by_it(shift_m):
         run.fitter.fit(images[-1], pose, right.covariance * 4, StageClock(), 5.0)
         for pose in (right.cam_from_world, wrong)
     )
-    assert run.is_there(held, right)
-    assert not run.is_there(missed, replace(right, cam_from_world=wrong))
+    assert run.state.is_there(held, right)
+    assert not run.state.is_there(missed, replace(right, cam_from_world=wrong))
