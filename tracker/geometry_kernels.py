@@ -30,33 +30,40 @@ class RigidMotion(NamedTuple):
     t: Array
 
 
+class ImagePoint(NamedTuple):
+    """A point of the image plane: normalized coordinates, or a pixel."""
+
+    x: float
+    y: float
+
+
 @compiled("f0 f0 f1", inner=True)
-def distort(x: float, y: float, cam: Array) -> tuple[float, float]:
+def distort(x: float, y: float, cam: Array) -> ImagePoint:
     """Distorted normalized coordinates (Brown-Conrady; Kannala & Brandt 2006)."""
     if cam[4] == 0.0:
-        return x, y
+        return ImagePoint(x, y)
     r2 = x * x + y * y
     if cam[4] == 1.0:
         k1, k2, p1, p2, k3 = cam[5], cam[6], cam[7], cam[8], cam[9]
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return (
+        return ImagePoint(
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
         )
     r = math.sqrt(r2)
     if r < 1e-9:
-        return x, y
+        return ImagePoint(x, y)
     theta = math.atan(r)
     t2 = theta * theta
     scale = theta * (1.0 + t2 * (cam[5] + t2 * (cam[6] + t2 * (cam[7] + t2 * cam[8])))) / r
-    return x * scale, y * scale
+    return ImagePoint(x * scale, y * scale)
 
 
 @compiled("f0 f0 f0 f1", inner=True)
-def project(x: float, y: float, z: float, cam: Array) -> tuple[float, float]:
+def project(x: float, y: float, z: float, cam: Array) -> ImagePoint:
     """Pixel of a point in the camera frame, z > 0."""
     u, v = distort(x / z, y / z, cam)
-    return cam[0] * u + cam[2], cam[1] * v + cam[3]
+    return ImagePoint(cam[0] * u + cam[2], cam[1] * v + cam[3])
 
 
 @compiled("f0 f0 f0 f0 f0 f1 f1!", inner=True)
@@ -82,8 +89,15 @@ def normal_row(x: float, y: float, z: float, nx: float, ny: float, cam: Array, r
     row[5] = x * g1 - y * g0
 
 
+class SharesInside(NamedTuple):
+    """Shares of a segment at which its part inside starts and ends."""
+
+    start: float
+    end: float
+
+
 @compiled("f1 f1 f2", inner=True)
-def clip_segment(a: Array, b: Array, planes: Array) -> tuple[float, float]:
+def clip_segment(a: Array, b: Array, planes: Array) -> SharesInside:
     """Shares of the segment a-b at which its part inside all planes (k, 4) starts and ends; start >= end: none.
 
     A point p is inside where n . p + d >= 0 (Liang & Barsky 1984).
@@ -98,17 +112,25 @@ def clip_segment(a: Array, b: Array, planes: Array) -> tuple[float, float]:
             low = max(low, da / (da - db))
         elif db < 0.0:
             high = min(high, da / (da - db))
-    return low, high
+    return SharesInside(low, high)
+
+
+class RotationTerms(NamedTuple):
+    """sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3 of an angle a."""
+
+    sine: float
+    cosine: float
+    cubic: float
 
 
 @compiled("f0", inner=True)
-def rodrigues(angle2: float) -> tuple[float, float, float]:
+def rodrigues(angle2: float) -> RotationTerms:
     """The terms sin a / a, (1 - cos a) / a^2 and (a - sin a) / a^3 of a squared angle a^2."""
     angle = math.sqrt(angle2)
     if angle < 1e-6:
-        return 1.0 - angle2 / 6, 0.5 - angle2 / 24, 1.0 / 6 - angle2 / 120
+        return RotationTerms(1.0 - angle2 / 6, 0.5 - angle2 / 24, 1.0 / 6 - angle2 / 120)
     a = math.sin(angle) / angle
-    return a, (1.0 - math.cos(angle)) / angle2, (1.0 - a) / angle2
+    return RotationTerms(a, (1.0 - math.cos(angle)) / angle2, (1.0 - a) / angle2)
 
 
 @compiled("f1~ f0 f0 f0", inner=True)

@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -118,13 +118,20 @@ def initial_pose(start: Initialization, sequence: Sequence, frame: int, seed: in
     return start.initial_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
 
 
+class TrackedFrame(NamedTuple):
+    """The result of a frame, and what the tracker did wrong, "" if nothing."""
+
+    result: TrackResult
+    error: str
+
+
 def track_frame(
     run: Run,
     image: Image,
     stamp_ns: int,
     samples: Mapping[str, Samples] | None = None,
     expected: Prediction | None = None,
-) -> tuple[TrackResult, str]:
+) -> TrackedFrame:
     """Result of one frame with its `total` wall time among stage_ms, and what the tracker did wrong, "" if nothing.
 
     samples are what the body's sensors measured since the frame before, for a run that has `sense`; expected is what
@@ -153,7 +160,7 @@ def track_frame(
     if result.cam_from_world is not None and not within_reach(result.cam_from_world):
         result = TrackResult(status="lost", stage_ms=result.stage_ms)
         error = f"its pose is not finite or beyond {LARGEST_COORDINATE_M:g} m"
-    return replace(result, stage_ms={"total": total_ms, **result.stage_ms}), error
+    return TrackedFrame(replace(result, stage_ms={"total": total_ms, **result.stage_ms}), error)
 
 
 def within_reach(pose: Pose) -> bool:

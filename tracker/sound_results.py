@@ -1,6 +1,7 @@
 """The results of a tracker that can be scored: the rest counts as lost, and is reported by frame."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,14 @@ MAX_REPORTED = 5
 """Frames that are named one by one."""
 
 
-def sound(results: Results) -> tuple[Results, tuple[str, ...]]:
+class SoundResults(NamedTuple):
+    """Results that errors can be computed of, and what was left out of them, by frame."""
+
+    results: Results
+    left_out: tuple[str, ...]
+
+
+def sound(results: Results) -> SoundResults:
     """The results without what no error can be computed of, and what was left out, by frame.
 
     A pose that is not finite or beyond LARGEST_COORDINATE_M makes its frame lost; a covariance that is not finite,
@@ -37,7 +45,9 @@ def sound(results: Results) -> tuple[Results, tuple[str, ...]]:
             row = replace(row, covariance=None)
         rows.append(row)
     more = (f"and {len(messages) - MAX_REPORTED} more such frames",) if len(messages) > MAX_REPORTED else ()
-    return (replace(results, rows=tuple(rows)) if messages else results), (*messages[:MAX_REPORTED], *more)
+    return SoundResults(
+        (replace(results, rows=tuple(rows)) if messages else results), (*messages[:MAX_REPORTED], *more)
+    )
 
 
 def is_covariance(covariance: Array) -> bool:

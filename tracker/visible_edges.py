@@ -8,6 +8,7 @@ Pixels are those of the camera without its distortion, the image that trackers w
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,14 @@ def near_depth(structure: Structure) -> float:
     return NEAR_PART * float(np.linalg.norm(high - low))
 
 
-def clip_to_view(segments_cam: Array, camera: Camera, near: float) -> tuple[Array, Array]:
+class SharesInView(NamedTuple):
+    """Where the visible part of each segment (k,) starts and ends, in parts of its length."""
+
+    start: Array
+    end: Array
+
+
+def clip_to_view(segments_cam: Array, camera: Camera, near: float) -> SharesInView:
     """Where the visible part of each segment (k, 2, 3) of the camera frame starts and ends, in parts of its length.
 
     Start is not below end where nothing of a segment is in view (Liang & Barsky 1984, on the planes of the view). All
@@ -93,7 +101,7 @@ def clip_to_view(segments_cam: Array, camera: Camera, near: float) -> tuple[Arra
         crossing = a / (a - b)
     start = np.where(a < 0, np.where(b < 0, np.inf, crossing), 0.0).max(axis=1)
     end = np.where(b < 0, np.where(a < 0, -np.inf, crossing), 1.0).min(axis=1)
-    return start, end
+    return SharesInView(start, end)
 
 
 def pinhole(points_cam_m: Array, camera: Camera) -> Array:
@@ -109,8 +117,17 @@ def to_image(pixels: Array, camera: Camera) -> Array:
     return camera.project(camera.without_distortion.rays(pixels))
 
 
+class Bounds(NamedTuple):
+    """Smallest and largest x and y, px."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+
 @lru_cache(maxsize=64)
-def undistorted_bounds(camera: Camera) -> tuple[float, float, float, float]:
+def undistorted_bounds(camera: Camera) -> Bounds:
     """Smallest x, y and largest x, y of the image's border without distortion, px."""
     x, y = np.linspace(-0.5, camera.width - 0.5, 33), np.linspace(-0.5, camera.height - 0.5, 33)
     border = np.concatenate(
@@ -119,4 +136,4 @@ def undistorted_bounds(camera: Camera) -> tuple[float, float, float, float]:
     )
     flat = camera.undistort(border)
     low, high = flat.min(axis=0), flat.max(axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    return Bounds(float(low[0]), float(low[1]), float(high[0]), float(high[1]))

@@ -1,6 +1,7 @@
 """Coverage of an inspection: the share of a structure's surface that was seen at a resolution."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,14 @@ TOUCHING_M = 1e-3
 """A ray that ends so close to a point has met it."""
 
 
-def surface_points(structure: Structure) -> tuple[Array, Array]:
+class SurfacePoints(NamedTuple):
+    """Points (n, 3) on a surface, and the outward normals (n, 3) there."""
+
+    points: Array
+    normals: Array
+
+
+def surface_points(structure: Structure) -> SurfacePoints:
     """Points (n, 3) spread evenly over a structure's surface, and the outward normals (n, 3) there."""
     rng = stream(0, "coverage")
     a, b, c = (structure.vertices[structure.triangles[:, k]] for k in range(3))
@@ -25,7 +33,7 @@ def surface_points(structure: Structure) -> tuple[Array, Array]:
     chosen = rng.choice(len(areas), size=POINTS, p=areas / areas.sum())
     u, v = np.sqrt(rng.random((POINTS, 1))), rng.random((POINTS, 1))
     points = (1 - u) * a[chosen] + u * (1 - v) * b[chosen] + u * v * c[chosen]
-    return points, structure.face_normals[structure.triangle_face[chosen]]
+    return SurfacePoints(points, structure.face_normals[structure.triangle_face[chosen]])
 
 
 def coverage(structure: Structure, camera: Camera, cam_from_world: Iterable[Pose], px_m: float) -> float:

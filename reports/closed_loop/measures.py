@@ -8,6 +8,7 @@ NEES divided by its degrees of freedom is 1 for an honest estimator.
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -137,7 +138,15 @@ def measure_flight(flown: Flown) -> FlightScore:
     )
 
 
-def tracker_errors(flown: Flown) -> tuple[Array, Array, Array]:
+class TrackerErrors(NamedTuple):
+    """Errors (n,) of the body's pose at each frame in m and deg, and NEES; NaN without a pose."""
+
+    metres: Array
+    degrees: Array
+    nees: Array
+
+
+def tracker_errors(flown: Flown) -> TrackerErrors:
     """Position error (n,) in m and rotation error in deg of the body at each frame, and NEES; NaN without a pose."""
     mount = flown.results.cam_from_body
     out = np.full((3, len(flown.results)), np.nan)
@@ -150,7 +159,7 @@ def tracker_errors(flown: Flown) -> tuple[Array, Array, Array]:
         if row.covariance is not None and not is_singular(row.covariance):
             xi = (mount @ true.inverse() @ row.cam_from_world.inverse()).log()
             out[2, i] = xi @ np.linalg.solve(row.covariance, xi)
-    return out[0], out[1], out[2]
+    return TrackerErrors(out[0], out[1], out[2])
 
 
 def refused_share(flown: Flown) -> float | None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -92,12 +92,19 @@ def outline(panel: Axes, structure: Structure) -> None:
     panel.add_collection(LineCollection(segments, colors="#8A7F70", linewidths=0.7, zorder=1.5))
 
 
-def limits(structure: Structure, ground_truth: Array) -> tuple[Array, Array]:
+class Corners(NamedTuple):
+    """Lowest and highest corner (3,)."""
+
+    low: Array
+    high: Array
+
+
+def limits(structure: Structure, ground_truth: Array) -> Corners:
     """Lowest and highest corner (3,) around the structure and the true path; what strays farther is cut."""
     low = np.minimum(structure.bounds[0], ground_truth.min(axis=0))
     high = np.maximum(structure.bounds[1], ground_truth.max(axis=0))
     margin = 0.12 * float((high - low).max())
-    return low - [margin, margin, 0.0], high + margin
+    return Corners(low - [margin, margin, 0.0], high + margin)
 
 
 def error_against_distance(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:

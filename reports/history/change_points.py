@@ -10,7 +10,7 @@ chance that is drawn once and stays, as with fixed seeds, is judged by the fligh
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.special import stdtr
@@ -125,7 +125,14 @@ def _drift(series: Series, start: int, end: int) -> Change:
     return Change(kind="drift", at=end - 1, first=start, last=end - 1, size=size, p=p)
 
 
-def _tested(series: Series, contrast: Array) -> tuple[float, float]:
+class Tested(NamedTuple):
+    """Size of a step, as a share, and its two-sided p."""
+
+    size: float
+    p: float
+
+
+def _tested(series: Series, contrast: Array) -> Tested:
     """Size of a contrast (n,) of the commits, as a share, and its two-sided p."""
     flights, weights = contrast @ series.worse, series.weights
     mean = float(flights @ weights)
@@ -137,8 +144,8 @@ def _tested(series: Series, contrast: Array) -> tuple[float, float]:
         freedom = min(freedom, len(weights) - 1)
         error = max(error, among)
     if error <= 0.0:
-        return size, 0.0 if mean else 1.0
-    return size, float(2 * stdtr(freedom, -abs(mean) / error))
+        return Tested(size, 0.0 if mean else 1.0)
+    return Tested(size, float(2 * stdtr(freedom, -abs(mean) / error)))
 
 
 def _ruptures() -> Any:

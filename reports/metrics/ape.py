@@ -4,7 +4,7 @@ Conventions: E = P_ref^-1 Q_est. translation |t_E| in m (= |p - q|); angle |log 
 rotation |R_E - I| and full |E - I| in the Frobenius norm.
 """
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -33,13 +33,20 @@ def absolute_errors(pairs: PosePairs, relation: ApeRelation) -> Array:
     return np.hypot(chord(E), distances(pairs))
 
 
-def pose_error_sizes(pairs: PosePairs) -> tuple[Array, Array]:
+class ErrorSizes(NamedTuple):
+    """Sizes of pose errors: translation (n,) in m, rotation (n,) in rad."""
+
+    metres: Array
+    radians: Array
+
+
+def pose_error_sizes(pairs: PosePairs) -> ErrorSizes:
     """Sizes of E: translation (n,) in m and rotation (n,) in rad, in blocks that fit a cache."""
     radians = np.empty(len(pairs))
     for start in range(0, len(pairs), BLOCK):
         block = slice(start, start + BLOCK)
         radians[block] = angle(between(pairs.reference_q[block], pairs.estimate_q[block]))
-    return distances(pairs), radians
+    return ErrorSizes(distances(pairs), radians)
 
 
 def distances(pairs: PosePairs) -> Array:

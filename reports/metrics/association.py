@@ -8,7 +8,7 @@ take them: a stamp halfway between two others falls the same way here as there.
 import heapq
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,14 +122,21 @@ def paired(
     return pairs.with_estimate(*_interpolate(estimate, estimate.stamps_ns / NS + offset_s, pairs.stamps_ns / NS))
 
 
+class RowPairs(NamedTuple):
+    """Rows (k,) of the reference, and those of the estimate that belong to them."""
+
+    reference: Indices
+    estimate: Indices
+
+
 def nearest_to_shorter(
     reference_ns: Indices, estimate_ns: Indices, max_difference_s: float, offset_s: float = 0.0
-) -> tuple[Indices, Indices]:
+) -> RowPairs:
     """Rows of reference and estimate, nearest stamp for each pose of the shorter; many-to-one allowed."""
     estimate_is_short = len(estimate_ns) <= len(reference_ns)
     short, long = (estimate_ns, reference_ns) if estimate_is_short else (reference_ns, estimate_ns)
     if not len(short):
-        return np.empty(0, np.int64), np.empty(0, np.int64)
+        return RowPairs(np.empty(0, np.int64), np.empty(0, np.int64))
     stamps = short / NS
     table = long / NS + (-offset_s if estimate_is_short else offset_s)
     right = np.minimum(np.searchsorted(table, stamps), len(table) - 1)
@@ -137,10 +144,10 @@ def nearest_to_shorter(
     to_left, to_right = np.abs(table[left] - stamps), np.abs(table[right] - stamps)
     nearest = np.where(to_left <= to_right, left, right)
     rows = np.flatnonzero(np.minimum(to_left, to_right) <= max_difference_s)
-    return (nearest[rows], rows) if estimate_is_short else (rows, nearest[rows])
+    return RowPairs(nearest[rows], rows) if estimate_is_short else RowPairs(rows, nearest[rows])
 
 
-def one_to_one(reference_s: Array, estimate_s: Array, max_difference_s: float) -> tuple[Indices, Indices]:
+def one_to_one(reference_s: Array, estimate_s: Array, max_difference_s: float) -> RowPairs:
     """Rows of reference and estimate, greedily by (difference, reference row, estimate row), each used once.
 
     Pairs that are nearest to each other, without a tie, are taken at once; the few that remain go through a heap.
@@ -158,34 +165,41 @@ def one_to_one(reference_s: Array, estimate_s: Array, max_difference_s: float) -
     a = np.concatenate([*done_a, a_of[rest_a]]).astype(np.int64)
     b = np.concatenate([*done_b, b_of[rest_b]]).astype(np.int64)
     order = np.argsort(a, kind="stable")
-    return a[order], b[order]
+    return RowPairs(a[order], b[order])
 
 
-def _mutually_nearest(a: Array, b: Array, limit: float) -> tuple[Indices, Indices]:
+def _mutually_nearest(a: Array, b: Array, limit: float) -> RowPairs:
     """Rows that are each other's nearest within the limit, strictly nearer than any other."""
     to_b, gap_a = _strictly_nearest(a, b)
     to_a, _ = _strictly_nearest(b, a)
     rows = np.arange(len(a))
     mutual = (to_b >= 0) & (gap_a <= limit)
     mutual[mutual] = to_a[to_b[mutual]] == rows[mutual]
-    return rows[mutual], to_b[mutual]
+    return RowPairs(rows[mutual], to_b[mutual])
 
 
-def _strictly_nearest(a: Array, b: Array) -> tuple[Indices, Array]:
+class Nearest(NamedTuple):
+    """Row (n,) of the nearest stamp, and the difference (n,) to it."""
+
+    row: Indices
+    difference: Array
+
+
+def _strictly_nearest(a: Array, b: Array) -> Nearest:
     """Row of b nearest to each of a, -1 where two are equally near, and the distance."""
     right = np.searchsorted(b, a)
     left = np.maximum(right - 1, 0)
     right = np.minimum(right, len(b) - 1)
     to_left, to_right = np.abs(a - b[left]), np.abs(b[right] - a)
     nearest = np.where(to_left < to_right, left, right)
-    return np.where((to_left == to_right) & (left != right), -1, nearest), np.minimum(to_left, to_right)
+    return Nearest(np.where((to_left == to_right) & (left != right), -1, nearest), np.minimum(to_left, to_right))
 
 
-def _greedy(a: Array, b: Array, limit: float) -> tuple[Indices, Indices]:
+def _greedy(a: Array, b: Array, limit: float) -> RowPairs:
     """Greedy nearest-first matching: the nearest pair that is left always stands side by side in the merged order."""
     n, m = len(a), len(b)
     if not (n and m):
-        return np.empty(0, np.int64), np.empty(0, np.int64)
+        return RowPairs(np.empty(0, np.int64), np.empty(0, np.int64))
     stamp = np.concatenate([a, b])
     merged = np.argsort(stamp, kind="stable").tolist()
     stamp_of = stamp.tolist()
@@ -217,10 +231,17 @@ def _greedy(a: Array, b: Array, limit: float) -> tuple[Indices, Indices]:
                 before[v] = u
         first, last = (i, j) if stamp_of[i] <= stamp_of[j] else (j, i)
         push(before[first], after[last])
-    return np.array(rows_a, dtype=np.int64), np.array(rows_b, dtype=np.int64)
+    return RowPairs(np.array(rows_a, dtype=np.int64), np.array(rows_b, dtype=np.int64))
 
 
-def _interpolate(trajectory: Trajectory, table_s: Array, stamps_s: Array) -> tuple[Array, Array]:
+class Interpolated(NamedTuple):
+    """Positions (n, 3) in m, and quaternions wxyz (n, 4)."""
+
+    positions_m: Array
+    quaternions_wxyz: Array
+
+
+def _interpolate(trajectory: Trajectory, table_s: Array, stamps_s: Array) -> Interpolated:
     """Positions (linear) and quaternions (slerp) at stamps in seconds, held at both ends."""
     right = np.clip(np.searchsorted(table_s, stamps_s), 1, max(len(table_s) - 1, 1))
     right = np.minimum(right, len(table_s) - 1)
@@ -229,7 +250,7 @@ def _interpolate(trajectory: Trajectory, table_s: Array, stamps_s: Array) -> tup
     w = np.clip((stamps_s - table_s[left]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
     p = trajectory.positions_m
     q = normalized(trajectory.quaternions_wxyz)
-    return p[left] + w[:, None] * (p[right] - p[left]), slerp(q[left], q[right], w)
+    return Interpolated(p[left] + w[:, None] * (p[right] - p[left]), slerp(q[left], q[right], w))
 
 
 def _span(trajectory: Trajectory) -> str:

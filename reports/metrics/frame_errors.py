@@ -5,6 +5,7 @@ finite is a frame without a pose. Poses are compared as `world_from_body`, in th
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,13 +93,20 @@ def frame_errors(sequence: Sequence, results: Results) -> FrameErrors:
     )
 
 
-def estimated_bodies(results: Results) -> tuple[Array, Array]:
+class Bodies(NamedTuple):
+    """Positions (n, 3) in m and quaternions wxyz (n, 4), NaN without a pose."""
+
+    positions_m: Array
+    quaternions_wxyz: Array
+
+
+def estimated_bodies(results: Results) -> Bodies:
     """Positions (n, 3) and quaternions wxyz (n, 4) of `world_from_body` in each row, NaN without a pose."""
     R, positions = bodies(*estimated_cameras(results), results.cam_from_body)
     quaternions = np.full((len(results), 4), np.nan)
     ok = np.isfinite(positions).all(axis=1)
     quaternions[ok] = quaternion_from_rotation(R[ok])
-    return positions, quaternions
+    return Bodies(positions, quaternions)
 
 
 def _same_sequence(sequence: Sequence, results: Results) -> None:

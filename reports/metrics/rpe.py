@@ -6,10 +6,11 @@ starts at every frame.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from uavbench.reports.metrics.ape import ErrorSizes
 from uavbench.reports.metrics.association import NS, Indices, PosePairs
 from uavbench.reports.metrics.quaternions import angle, between, chord, norm, rotate_back
 from uavbench.trajectories.errors import UserError
@@ -46,18 +47,25 @@ class PairInterval:
             raise UserError(f"tolerance = {self.tolerance}: must lie in 0 .. 1")
 
 
-def interval_pairs(pairs: PosePairs, over: PairInterval) -> tuple[Indices, Indices]:
+class RowPairs(NamedTuple):
+    """First and last rows (k,) of intervals."""
+
+    first: Indices
+    last: Indices
+
+
+def interval_pairs(pairs: PosePairs, over: PairInterval) -> RowPairs:
     """First and last rows of every interval; both empty when the trajectory is too short for one."""
     if over.unit == "frames":
         step = int(over.delta)
         ends = np.arange(0, len(pairs), 1 if over.all_pairs else step)
-        return ends[ends + step < len(pairs)], ends[ends + step < len(pairs)] + step
+        return RowPairs(ends[ends + step < len(pairs)], ends[ends + step < len(pairs)] + step)
     if over.unit == "s":
         seconds = (pairs.stamps_ns - pairs.stamps_ns[0]) / NS
         i, j = _nearest_ends(seconds, over.delta, over.tolerance)
         inside = seconds[i] + over.delta <= seconds[-1] + 1e-9
         i, j = i[inside], j[inside]
-        return (i, j) if over.all_pairs else _chain(i, j)
+        return RowPairs(i, j) if over.all_pairs else _chain(i, j)
     q = pairs.reference_q if over.pairs_from == "reference" else pairs.estimate_q
     if over.unit == "m":
         p = pairs.reference_m if over.pairs_from == "reference" else pairs.estimate_m
@@ -71,7 +79,14 @@ def interval_pairs(pairs: PosePairs, over: PairInterval) -> tuple[Indices, Indic
     return _accumulate(angle(between(q[:-1], q[1:])), delta)
 
 
-def relative_motion_errors(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array, Array]:
+class MotionErrors(NamedTuple):
+    """Errors of relative motions: quaternions (k, 4), translations (k, 3) in m."""
+
+    quaternions: Array
+    translations_m: Array
+
+
+def relative_motion_errors(pairs: PosePairs, i: Indices, j: Indices) -> MotionErrors:
     """E of the pairs i -> j as quaternions (k, 4), and the translations (k, 3) in metres of R_Q E, R_Q that of Q.
 
     The norms of these translations are those of E itself.
@@ -79,17 +94,17 @@ def relative_motion_errors(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Ar
     p_i, q_i, r_i, s_i = pairs.reference_q[i], pairs.estimate_q[i], pairs.reference_m[i], pairs.estimate_m[i]
     true_p, estimated_p = rotate_back(p_i, pairs.reference_m[j] - r_i), rotate_back(q_i, pairs.estimate_m[j] - s_i)
     true_q, estimated_q = between(p_i, pairs.reference_q[j]), between(q_i, pairs.estimate_q[j])
-    return between(estimated_q, true_q), true_p - estimated_p
+    return MotionErrors(between(estimated_q, true_q), true_p - estimated_p)
 
 
-def motion_error_sizes(pairs: PosePairs, i: Indices, j: Indices) -> tuple[Array, Array]:
+def motion_error_sizes(pairs: PosePairs, i: Indices, j: Indices) -> ErrorSizes:
     """Sizes of E of the pairs i -> j: translation (k,) in m, rotation (k,) in rad; in blocks that fit a cache."""
     metres, radians = np.empty(len(i)), np.empty(len(i))
     for start in range(0, len(i), BLOCK):
         block = slice(start, start + BLOCK)
         q, t = relative_motion_errors(pairs, i[block], j[block])
         metres[block], radians[block] = norm(t), angle(q)
-    return metres, radians
+    return ErrorSizes(metres, radians)
 
 
 def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelation) -> Array:
@@ -114,7 +129,7 @@ def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelat
     return np.hypot(chord(q), norm(t))
 
 
-def _nearest_ends(along: Array, delta: float, tolerance: float) -> tuple[Indices, Indices]:
+def _nearest_ends(along: Array, delta: float, tolerance: float) -> RowPairs:
     """For each start the later row whose place along is nearest to start + delta, within tolerance * delta."""
     start = np.arange(len(along))
     goal = along + delta
@@ -122,10 +137,10 @@ def _nearest_ends(along: Array, delta: float, tolerance: float) -> tuple[Indices
     left = np.maximum(right - 1, 0)
     end = np.where(np.abs(along[left] - goal) <= np.abs(along[right] - goal), left, right)
     keep = (end > start) & (np.abs(along[end] - goal) <= tolerance * delta)
-    return start[keep], end[keep]
+    return RowPairs(start[keep], end[keep])
 
 
-def _accumulate(steps: Array, delta: float) -> tuple[Indices, Indices]:
+def _accumulate(steps: Array, delta: float) -> RowPairs:
     """Stretches one after another, each ended by the first row at which its own steps have summed to delta."""
     ends, total = [0], 0.0
     for row, step in enumerate(steps.tolist(), start=1):
@@ -134,20 +149,20 @@ def _accumulate(steps: Array, delta: float) -> tuple[Indices, Indices]:
             ends.append(row)
             total = 0.0
     rows = np.array(ends, dtype=np.int64)
-    return rows[:-1], rows[1:]
+    return RowPairs(rows[:-1], rows[1:])
 
 
-def _chain(i: Indices, j: Indices) -> tuple[Indices, Indices]:
+def _chain(i: Indices, j: Indices) -> RowPairs:
     """Those of the pairs, sorted by their start, that do not overlap: the first, the first after it, ..."""
     chosen, free = [], 0
     for row, (start, end) in enumerate(zip(i.tolist(), j.tolist(), strict=True)):
         if start >= free:
             chosen.append(row)
             free = end
-    return i[chosen], j[chosen]
+    return RowPairs(i[chosen], j[chosen])
 
 
-def _turned_between(q: Array, delta: float, tolerance: float) -> tuple[Indices, Indices]:
+def _turned_between(q: Array, delta: float, tolerance: float) -> RowPairs:
     """All pairs i < j whose rotations differ by delta +- tolerance (rad)."""
     starts, ends, count = [], [], 0
     for i in range(len(q) - 1):
@@ -159,4 +174,4 @@ def _turned_between(q: Array, delta: float, tolerance: float) -> tuple[Indices, 
         starts.append(np.full(len(j), i))
         ends.append(j)
     empty = [np.empty(0, np.int64)]
-    return np.concatenate(empty + starts), np.concatenate(empty + ends)
+    return RowPairs(np.concatenate(empty + starts), np.concatenate(empty + ends))

@@ -7,7 +7,7 @@ is the norm of the last two.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -42,9 +42,16 @@ def distance_along(positions_m: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+class Segments(NamedTuple):
+    """First and last rows (k,) of sub-trajectories."""
+
+    first: Indices
+    last: Indices
+
+
 def segment_ends(
     positions_m: Array, length_m: float, rule: Literal["kitti", "rpg"] = "rpg", max_miss: float = RPG_MAX_MISS
-) -> tuple[Indices, Indices]:
+) -> Segments:
     """First and last rows of the sub-trajectories of a length along positions (n, 3).
 
     `kitti`: one starts at every tenth pose and ends at the first pose farther than the length (Geiger et al. 2012).
@@ -57,12 +64,12 @@ def segment_ends(
     if rule == "kitti":
         end = np.searchsorted(along, goal, side="right")
         keep = end < len(along)
-        return start[keep], end[keep]
+        return Segments(start[keep], end[keep])
     right = np.minimum(np.searchsorted(along, goal), len(along) - 1)
     left = np.maximum(right - 1, 0)
     end = np.where(np.abs(along[left] - goal) <= np.abs(along[right] - goal), left, right)
     keep = (np.abs(along[end] - goal) < max_miss * length_m) & (end > start)
-    return start[keep], end[keep]
+    return Segments(start[keep], end[keep])
 
 
 def rpg_lengths(positions_m: Array) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ accuracy.
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,15 @@ def run_from_anchors(
     return _drive(tracker, sequence, rate_hz, seed, burn_in, anchors=frozenset(anchors.tolist()), on_failure=False)
 
 
-def expected_error(runs: ListOf[tuple[Restarted, Sequence]]) -> tuple[Array, Array, Array]:
+class ExpectedError(NamedTuple):
+    """Time (k,) since the last given pose in s, the median error (k,) then in m, the share (k,) that failed."""
+
+    since_s: Array
+    median_m: Array
+    failed_share: Array
+
+
+def expected_error(runs: ListOf[tuple[Restarted, Sequence]]) -> ExpectedError:
     """Time since the last given pose (k,) in s, the median error so long after it (k,) in m, the share failed (k,).
 
     Over all runs of one tracker at one rate; the median is infinite where more than half of the frames have no pose.
@@ -101,7 +110,7 @@ def expected_error(runs: ListOf[tuple[Restarted, Sequence]]) -> tuple[Array, Arr
     median = np.array([float(np.median(m)) for m, _ in of_step])
     share = np.array([float(f.mean()) for _, f in of_step])
     since_s: Array = step_s * steps.astype(np.float64)
-    return since_s, median, share
+    return ExpectedError(since_s, median, share)
 
 
 PROTOCOLS = {"reset": run_with_resets, "anchors": run_from_anchors}

@@ -5,6 +5,7 @@ after one that did (or at the first frame), and ends at the next that does.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,10 +62,17 @@ def tracking(errors: FrameErrors) -> Tracking:
     )
 
 
-def failures(success: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+class Failures(NamedTuple):
+    """First row of each failure, and the row of the success that ends it (n where none does)."""
+
+    first: NDArray[np.int64]
+    ended: NDArray[np.int64]
+
+
+def failures(success: NDArray[np.bool_]) -> Failures:
     """First row of each failure, and the row of the success that ends it (n where none does)."""
     edge = np.diff(np.concatenate([[False], ~success, [False]]).astype(np.int8))
-    return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
+    return Failures(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1))
 
 
 def success_curve(translation_m: Array, limits_m: Array) -> Array:

@@ -1,8 +1,8 @@
-"""Truth of each frame beyond its pose: depth, instances, the visible edges of the model, the poses of its rows."""
+"""Ground truth of each frame beside its pose: depth, instances, visible edges of the model, poses of its rows."""
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -70,7 +70,15 @@ def visible_edges(structure: Structure, source: CameraSimulator, view: View, ima
     return _stretches(which, share, pixels, seen, _contrast(pixels, which, seen, image))
 
 
-def _samples(ends: Array, pinhole: Camera) -> tuple[NDArray[np.int64], Array, Array]:
+class EdgeSamples(NamedTuple):
+    """Samples (n,) of edges: the edge, the place along it (0..1), and the point (n, 3)."""
+
+    edge: NDArray[np.int64]
+    share: Array
+    points: Array
+
+
+def _samples(ends: Array, pinhole: Camera) -> EdgeSamples:
     """Edge, place along it (0..1) and point (n, 3) of samples STEP_PX apart in the image, of what may be seen there."""
     begin, end = _within(ends, pinhole)
     kept = np.flatnonzero(begin < end)
@@ -83,10 +91,17 @@ def _samples(ends: Array, pinhole: Camera) -> tuple[NDArray[np.int64], Array, Ar
     near, far = (points[row, 2] for points in from_end)
     along = even * near / (even * near + (1 - even) * far)  # even steps in the image are uneven ones in space
     points = from_end[0][row] + along[:, None] * (from_end[1] - from_end[0])[row]
-    return kept[row], begin[kept][row] + along * (end - begin)[kept][row], points
+    return EdgeSamples(kept[row], begin[kept][row] + along * (end - begin)[kept][row], points)
 
 
-def _within(ends: Array, pinhole: Camera) -> tuple[Array, Array]:
+class SharesInView(NamedTuple):
+    """Shares (n,) of edges at which they enter and leave what the camera sees."""
+
+    begin: Array
+    end: Array
+
+
+def _within(ends: Array, pinhole: Camera) -> SharesInView:
     """Share of each edge (n, 2, 3) at which it enters and leaves what the camera sees (Liang & Barsky 1984).
 
     Trackers clip by planes of the view (`geometry_kernels.clip_segment`); these sums are in the bytes of edges/*.csv.
@@ -102,7 +117,7 @@ def _within(ends: Array, pinhole: Camera) -> tuple[Array, Array]:
         begin = np.where((start < 0) & (stop >= 0), np.maximum(begin, crossing), begin)
         end = np.where((start >= 0) & (stop < 0), np.minimum(end, crossing), end)
         end = np.where((start < 0) & (stop < 0), 0.0, end)
-    return begin, end
+    return SharesInView(begin, end)
 
 
 def _projected(points: Array, pinhole: Camera) -> Array:

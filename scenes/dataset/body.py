@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,13 @@ class Body:
     sensors: Mapping[str, BodySensor]
 
 
+class StampedRow(NamedTuple):
+    """A CSV row, and its stamp."""
+
+    stamp_ns: int
+    row: str
+
+
 @dataclass(frozen=True, eq=False)
 class Samples:
     """Samples of one sensor: stamps_ns (n,) int64, values (n, k) in the order of its columns, NaN where none."""
@@ -69,10 +76,10 @@ class Samples:
         last = int(np.searchsorted(self.stamps_ns, upto_ns, side="right"))
         return Samples(self.stamps_ns[first:last].copy(), self.values[first:last].copy())
 
-    def rows(self) -> Iterator[tuple[int, str]]:
+    def rows(self) -> Iterator[StampedRow]:
         """Stamp and CSV row of each; numbers read back exactly, an empty cell is no measurement."""
         for stamp, row in zip(self.stamps_ns.tolist(), self.values.tolist(), strict=True):
-            yield stamp, ",".join((str(stamp), *("" if value != value else repr(value) for value in row)))
+            yield StampedRow(stamp, ",".join((str(stamp), *("" if value != value else repr(value) for value in row))))
 
 
 class Feed:

@@ -6,7 +6,7 @@ from array import array
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +53,22 @@ def _converted(path: Path, columns: list[str], kind: str, convert: Callable[[str
     return values
 
 
+class NumberedRow(NamedTuple):
+    """The cells of a row, and its line in the file."""
+
+    line: int
+    cells: list[str]
+
+
+class TableRows(NamedTuple):
+    """Names of the columns of a CSV file, and its rows."""
+
+    names: list[str]
+    rows: Iterator[NumberedRow]
+
+
 @contextmanager
-def _rows(path: Path, columns: list[str]) -> Iterator[tuple[list[str], Iterator[tuple[int, list[str]]]]]:
+def _rows(path: Path, columns: list[str]) -> Iterator[TableRows]:
     """Names of the columns of a CSV file in its folder, and its numbered rows; UserError naming file and line."""
     with reading.opened(path, TABLE, inside=path.parent) as handle:
         try:
@@ -63,7 +77,7 @@ def _rows(path: Path, columns: list[str]) -> Iterator[tuple[list[str], Iterator[
             missing = [column for column in columns if column not in names]
             if missing:
                 raise UserError(f"{path}: missing columns {', '.join(missing)}")
-            yield names, _numbered(path, lines, len(names))
+            yield TableRows(names, _numbered(path, lines, len(names)))
         except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise UserError(f"{path}: not readable as CSV: {error}") from None
 
@@ -78,14 +92,14 @@ def _lines(path: Path, text: io.TextIOWrapper) -> Iterator[str]:
         yield line
 
 
-def _numbered(path: Path, lines: Iterator[list[str]], width: int) -> Iterator[tuple[int, list[str]]]:
+def _numbered(path: Path, lines: Iterator[list[str]], width: int) -> Iterator[NumberedRow]:
     """Rows that are not blank, with their numbers; UserError for one of another width, or too many."""
     for number, cells in enumerate(filter(None, lines), start=2):
         if len(cells) != width:
             raise UserError(f"{path}: line {number} has {len(cells)} values, not {width}")
         if number > MOST_ROWS:
             raise UserError(f"{path}: has more than {MOST_ROWS:,} rows; {TABLE.remedy}")
-        yield number, cells
+        yield NumberedRow(number, cells)
 
 
 def read_records(path: Path) -> NDArray[np.void]:

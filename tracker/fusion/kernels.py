@@ -5,6 +5,7 @@ A state is an array (27,): position, velocity, rotation by rows, accelerometer b
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,15 @@ def turned(A: Array, v: Array) -> Array:
     ])  # fmt: skip
 
 
+class Belief(NamedTuple):
+    """A nominal state (27,) and the covariance P (21, 21) of its error."""
+
+    state: Array
+    P: Array
+
+
 @compiled("f1 f2 f1 f1 f0 f1")
-def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> tuple[Array, Array]:
+def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> Belief:
     """State and covariance after dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2.
 
     The nominal state (eq. 259) is integrated in closed form for constant rate and specific force in the body; the
@@ -125,7 +133,7 @@ def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, dens
         P_new[12 + i, 12 + i] += densities[3] * densities[3] * dt
         P_new[15 + i, 15 + i] += densities[4] * densities[4] * fresh
         P_new[18 + i, 18 + i] += densities[5] * densities[5] * fresh
-    return out, P_new
+    return Belief(out, P_new)
 
 
 @compiled("f2 f2!", inner=True)
@@ -181,7 +189,7 @@ def normalized_innovation(P: Array, residual: Array, H: Array, N: Array) -> floa
 
 
 @compiled("f1 f2 f1 f2 f2")
-def update(state: Array, P: Array, residual: Array, H: Array, N: Array) -> tuple[Array, Array]:
+def update(state: Array, P: Array, residual: Array, H: Array, N: Array) -> Belief:
     """State and covariance after a measurement (eq. 273 to 275, Joseph's form), error injected (282) and reset (285).
 
     residual (m,) is the measurement less its prediction, H (m, 21) its Jacobian by the error, N (m, m) its covariance.
@@ -212,4 +220,4 @@ def update(state: Array, P: Array, residual: Array, H: Array, N: Array) -> tuple
     P_new[6:9, :] = rows
     columns = product(np.ascontiguousarray(P_new[:, 6:9]), np.ascontiguousarray(G.T))
     P_new[:, 6:9] = columns
-    return out, 0.5 * (P_new + P_new.T)
+    return Belief(out, 0.5 * (P_new + P_new.T))

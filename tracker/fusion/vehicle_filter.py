@@ -63,6 +63,28 @@ class Checkpoint:
     verdict: Verdict | None
 
 
+class Nominal(NamedTuple):
+    """Nominal state (27,), and angular velocity (3,) in the body, rad/s."""
+
+    state: Array
+    angular_velocity_rad_s: Array
+
+
+class PredictedCamera(NamedTuple):
+    """Predicted `cam_from_world`, and the covariance (6, 6) of its twist."""
+
+    cam_from_world: Pose
+    covariance: Array
+
+
+class Carried(NamedTuple):
+    """State and covariance at a stamp, and the IMU reading there, None before the first one."""
+
+    state: Array
+    P: Array
+    sample: Sample | None
+
+
 class VehicleFilter:
     """Error-state Kalman filter of pose, velocity, IMU biases and the slow error of the camera's poses.
 
@@ -133,7 +155,7 @@ class VehicleFilter:
             covariance=P[:15, :15],
         )
 
-    def nominal(self, stamp_ns: int) -> tuple[Array, Array]:
+    def nominal(self, stamp_ns: int) -> Nominal:
         """Nominal state (27,) at a stamp, and angular velocity (3,) in the body, without their covariance.
 
         For a controller, which asks at its own rate; ValueError as in `estimate`, and before the first IMU sample.
@@ -141,13 +163,13 @@ class VehicleFilter:
         state, _, sample = self._at(stamp_ns)
         if sample is None:
             raise ValueError(f"no IMU sample yet: no angular velocity is known at {stamp_ns}")
-        return state, sample.gyro - state[18:21]
+        return Nominal(state, sample.gyro - state[18:21])
 
     def covariance(self, stamp_ns: int) -> Array:
         """Covariance (15, 15) of the estimate at a stamp, alone; ValueError as in `estimate`."""
         return self._at(stamp_ns)[1][:15, :15]
 
-    def predict_camera(self, stamp_ns: int) -> tuple[Pose, Array]:
+    def predict_camera(self, stamp_ns: int) -> PredictedCamera:
         """Predicted `cam_from_world` and the covariance (6, 6) of its twist: a prior for a tracker."""
         state, P, _ = self._at(stamp_ns)
         pose = self.cam_from_body @ Pose(state[6:15].reshape(3, 3), state[0:3]).inverse()
@@ -155,7 +177,7 @@ class VehicleFilter:
             stamp_ns=stamp_ns, cam_from_world=pose, covariance=np.eye(6), cam_from_body=self.cam_from_body
         )
         H = there.innovation(state, np.zeros(3)).H[:, :15]
-        return pose, H @ P[:15, :15] @ H.T
+        return PredictedCamera(pose, H @ P[:15, :15] @ H.T)
 
     @property
     def _last(self) -> Checkpoint:
@@ -213,15 +235,15 @@ class VehicleFilter:
         gyro = last.sample.gyro + share * (later.gyro - last.sample.gyro)
         return Sample(gyro, last.sample.accel + share * (later.accel - last.sample.accel))
 
-    def _carried(self, before: Checkpoint, stamp_ns: int, reading: Sample) -> tuple[Array, Array, Sample]:
+    def _carried(self, before: Checkpoint, stamp_ns: int, reading: Sample) -> Carried:
         """State and covariance at a stamp, by the mean of the readings at both ends."""
         dt = (stamp_ns - before.stamp_ns) * 1e-9
         if dt <= 0:
-            return before.state, before.P, reading
+            return Carried(before.state, before.P, reading)
         first = reading if before.sample is None else before.sample
         gyro, accel = 0.5 * (first.gyro + reading.gyro), 0.5 * (first.accel + reading.accel)
         state, P = propagate(before.state, before.P, gyro, accel, dt, self._densities)
-        return state, P, reading
+        return Carried(state, P, reading)
 
     def _measured(self, event: Measurement, at: Checkpoint) -> Checkpoint:
         """After a measurement: updated when it passes the gate, otherwise as before, with the verdict."""
@@ -254,14 +276,14 @@ class VehicleFilter:
     def _verdict(at: Checkpoint, verdict: Verdict, refused: int) -> Checkpoint:
         return Checkpoint(at.stamp_ns, at.state, at.P, at.sample, refused, verdict)
 
-    def _at(self, stamp_ns: int) -> tuple[Array, Array, Sample | None]:
+    def _at(self, stamp_ns: int) -> Carried:
         """State, covariance and reading at a stamp."""
         last = self._last
         if stamp_ns >= last.stamp_ns:
             if last.sample is None:
                 if stamp_ns > last.stamp_ns:
                     raise ValueError(f"no IMU sample yet: nothing is known at {stamp_ns}")
-                return last.state, last.P, None
+                return Carried(last.state, last.P, None)
             return self._carried(last, stamp_ns, last.sample)
         place = bisect_left(self._keys, Key(stamp_ns + 1, IMU_RANK, 0)) - 1
         before = self._done[place] if place >= 0 else self._base

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -30,7 +30,14 @@ ENCODINGS: dict[str, tuple[int, int | None]] = {
 """Bytes a pixel of each encoding of sensor_msgs/image_encodings.hpp that is read, and how it becomes BGR."""
 
 
-def bag_frames(source: BagTopic, camera: Camera) -> Iterator[tuple[int, Image]]:
+class StampedImage(NamedTuple):
+    """An image BGR (h, w, 3), and its stamp."""
+
+    stamp_ns: int
+    image: Image
+
+
+def bag_frames(source: BagTopic, camera: Camera) -> Iterator[StampedImage]:
     """Stamps in ns and BGR images of a topic; UserError naming a message that is wrong or of another size."""
     before = None
     with opened_bag(source.bag) as bag:
@@ -47,7 +54,7 @@ def bag_frames(source: BagTopic, camera: Camera) -> Iterator[tuple[int, Image]]:
                     f"{name}: its header's stamp, {stamp} ns, does not come after the one before, {before} ns"
                 )
             before = stamp
-            yield stamp, image
+            yield StampedImage(stamp, image)
 
 
 def bag_rate_hz(source: BagTopic) -> float:

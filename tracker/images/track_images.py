@@ -16,10 +16,10 @@ from uavbench.scenes.dataset.sequence import read_image
 from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.image_files import open_video
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.images.bag_images import bag_frames, bag_rate_hz
+from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.overlay import draw_edges
 from uavbench.tracker.initialization import read_init
-from uavbench.tracker.protocol import Image, Tracker, TrackResult
+from uavbench.tracker.protocol import Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
 from uavbench.tracker.results import MARKER, Results
 from uavbench.tracker.run import record_of, started, track_frame
@@ -97,14 +97,14 @@ def load_model(path: Path) -> Structure:
     return MeshFile(path=str(path), keep_origin=True, allow_open=True).build(stream(0, "model")).structure
 
 
-def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[tuple[int, Image]]:
+def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[StampedImage]:
     """Stamps in ns and BGR images of a folder, a video at its rate, or a topic of a bag."""
     if isinstance(source, BagTopic):
         yield from bag_frames(source, camera)
         return
     if source.is_dir():
         for frame, path in enumerate(in_order(source)):
-            yield round(frame * 1e9 / rate_hz), read_image(path, camera)
+            yield StampedImage(round(frame * 1e9 / rate_hz), read_image(path, camera))
         return
     video = open_video(source)
     frame = 0
@@ -117,7 +117,7 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[
                 f"{source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
                 f"the camera {camera.width} x {camera.height} px"
             )
-        yield round(frame * 1e9 / rate_hz), np.asarray(image, dtype=np.uint8)
+        yield StampedImage(round(frame * 1e9 / rate_hz), np.asarray(image, dtype=np.uint8))
         frame += 1
     if not frame:
         raise UserError(f"{source}: not a readable video")

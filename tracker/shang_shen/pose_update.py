@@ -4,6 +4,8 @@ Only the distance along the normal of an edge is seen: a point of a straight edg
 aperture problem). So PnP here minimizes orthogonal distances, by Gauss-Newton (Harris & Stennett 1990, section 3).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from uavbench.scenes.camera import Camera
@@ -35,7 +37,14 @@ def least_squares(J: Array, distances: Array, prior: Array) -> Array:
     return np.asarray(np.linalg.solve(J.T @ J + prior, J.T @ distances))
 
 
-def update_pose(points: ControlPoints, distances: Array, camera: Camera, cam_from_world: Pose) -> tuple[Pose, Array]:
+class UpdatedPose(NamedTuple):
+    """`cam_from_world`, and the information (6, 6) of its twist."""
+
+    cam_from_world: Pose
+    information: Array
+
+
+def update_pose(points: ControlPoints, distances: Array, camera: Camera, cam_from_world: Pose) -> UpdatedPose:
     """PnP on control points matched at `distances` (n,): the new pose and its information matrix (6, 6) for 1 px.
 
     `distances` are measured from `points.pixels`, the projection at the pose that the points were made with.
@@ -45,4 +54,4 @@ def update_pose(points: ControlPoints, distances: Array, camera: Camera, cam_fro
     cam = camera_array(camera.without_distortion)
     R, t = cam_from_world.rotation, cam_from_world.translation
     solved = gauss_newton(points.points_m, points.normals, target, cam, R, t, prior)
-    return Pose(solved.R, solved.t), solved.information
+    return UpdatedPose(Pose(solved.R, solved.t), solved.information)

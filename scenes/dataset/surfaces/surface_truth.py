@@ -8,6 +8,7 @@ sky that of the turning camera alone. The triangle's own normal counts, not the 
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,13 @@ class SurfaceView:
     rows: Rows
     planes: Planes
     depths_m: Array
+
+
+class FlowTruth(NamedTuple):
+    """Flow (h, w, 2) in px, NaN where it is not known, and occlusion (h, w)."""
+
+    flow: Array
+    occlusion: NDArray[np.uint8]
 
 
 class SurfaceTruth:
@@ -99,7 +107,7 @@ class SurfaceTruth:
         normals[there] = np.where(away[:, None], -turned, turned)
         return self._image(normals)
 
-    def flow(self, view: SurfaceView, later: SurfaceView) -> tuple[Array, NDArray[np.uint8]]:
+    def flow(self, view: SurfaceView, later: SurfaceView) -> FlowTruth:
         """Flow (h, w, 2) in px from one view to a later one, NaN where it is not known; and occlusion (h, w)."""
         moved = self._moved(view, later)
         camera, h, w = self._source.camera, self._source.camera.height, self._source.camera.width
@@ -114,7 +122,7 @@ class SurfaceTruth:
         occlusion[known] = OUTSIDE
         occlusion[inside] = np.where(self._hidden(view, later, moved, inside), HIDDEN, SEEN)
         flow[~known] = np.nan
-        return self._image(flow), occlusion.reshape(h, w)
+        return FlowTruth(self._image(flow), occlusion.reshape(h, w))
 
     def _moved(self, view: SurfaceView, later: SurfaceView) -> Array:
         """Points (k, 3) that the pixels show, in the camera's frame at a later time; directions, for the sky."""

@@ -84,7 +84,7 @@ class Relocator:
         self.far_blocks = [self.searcher.block(*turn, far) for turn in views(config)]
         nearest = Reach(step.step_part, step.step_part, step.truncation_px / self.searcher.size[0])
         turn = step.turn_rad
-        sides = ((turn, 0.0), (-turn, 0.0), (0.0, turn), (0.0, -turn))
+        sides = (Turn(turn, 0.0), Turn(-turn, 0.0), Turn(0.0, turn), Turn(0.0, -turn))
         self.sides = [self.searcher.block(*side, nearest) for side in sides]
         self.forget()
 
@@ -258,8 +258,15 @@ class Relocator:
         yield Attempt(turned_about(pose.R, pose.t, focus, change), c.found_sigma, c.refit_half_px)
 
 
-def views(config: RelocalizationConfig) -> list[tuple[float, float]]:
-    """Turns in azimuth and elevation (rad) of viewing directions far from a guess, the nearest ones first."""
+class Turn(NamedTuple):
+    """Turn of a viewing direction from that of a guess."""
+
+    azimuth_rad: float
+    elevation_rad: float
+
+
+def views(config: RelocalizationConfig) -> list[Turn]:
+    """Turns to the viewing directions far from a guess, the nearest ones first."""
     step = config.search.view_step_rad
-    turns = product(grid(config.far_view_rad, step), grid(config.far_view_rad / 2, step))
-    return sorted(turns, key=lambda turn: turn[0] ** 2 + turn[1] ** 2)
+    turns = map(Turn._make, product(grid(config.far_view_rad, step), grid(config.far_view_rad / 2, step)))
+    return sorted(turns, key=lambda turn: turn.azimuth_rad**2 + turn.elevation_rad**2)
