@@ -21,7 +21,7 @@ from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import write_edges
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
-from uavbench.scenes.dataset.row_poses import read_row_poses
+from uavbench.scenes.dataset.ground_truth_files import read_row_poses
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.link import Drops
@@ -170,7 +170,7 @@ def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
     head, *rows = read_text(folder / "groundtruth.csv", TABLE, inside=folder).splitlines()
     write_text(new / "groundtruth.csv", "\n".join([head, *_numbered(rows[::every])]) + "\n")
     if os.path.lexists(folder / "row_poses.npy"):
-        np.save(new / "row_poses.npy", read_row_poses(sequence)[::every])
+        np.save(new / "row_poses.npy", read_row_poses(folder, len(sequence), sequence.camera.height)[::every])
 
 
 def _copy(folder: Path, name: str, to: Path) -> None:

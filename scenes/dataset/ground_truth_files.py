@@ -1,4 +1,4 @@
-"""Files of a sequence's ground truth: the vehicle's motion at each frame, and the bounds of its pose."""
+"""Files of a sequence's ground truth: motion at each frame, poses of image rows, bounds of the camera's pose."""
 
 from pathlib import Path
 
@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.table_files import read_integers, read_numbers
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
+from uavbench.trajectories.files.limits import ANY, LARGEST_COORDINATE_M
+from uavbench.trajectories.files.reading import opened
 from uavbench.trajectories.pose import Array
 
 GROUND_TRUTH_COLUMNS = [
@@ -45,3 +46,21 @@ def read_pose_bounds(folder: Path) -> dict[int, Array]:
     bounds = np.zeros((len(table), 6, 6))
     bounds[:, UPPER[0], UPPER[1]] = bounds[:, UPPER[1], UPPER[0]] = table
     return dict(zip(frames.tolist(), bounds, strict=True))
+
+
+def read_row_poses(folder: Path, frames: int, height: int) -> Array:
+    """row_poses.npy: `world_from_body` (n, h, 7) of the rows of all frames, px py pz qw qx qy qz, mapped, not read yet.
+
+    UserError naming the file when it is missing, leads out of the folder, or does not hold them.
+    """
+    path = folder / "row_poses.npy"
+    with opened(path, ANY, inside=folder):
+        pass
+    try:
+        found = np.lib.format.open_memmap(path, mode="r")
+    except (ValueError, SyntaxError, TypeError, OverflowError) as error:
+        raise UserError(f"{path}: no array of poses: {error}; render the sequence again") from None
+    expected = (frames, height, 7)
+    if found.shape != expected or found.dtype != np.float64:
+        raise UserError(f"{path}: is {found.shape} {found.dtype}, not {expected} float64; render the sequence again")
+    return found
