@@ -21,7 +21,6 @@ from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import write_edges
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
-from uavbench.scenes.dataset.row_poses import read_row_poses
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.link import Drops
@@ -35,7 +34,7 @@ from uavbench.trajectories.files.limits import ANY, TABLE
 from uavbench.trajectories.files.reading import opened, read_text
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
-from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.simulation.flight import Flight, fly
 
 MARKER = "manifest.json"
@@ -170,13 +169,31 @@ def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
     head, *rows = read_text(folder / "groundtruth.csv", TABLE, inside=folder).splitlines()
     write_text(new / "groundtruth.csv", "\n".join([head, *_numbered(rows[::every])]) + "\n")
     if os.path.lexists(folder / "row_poses.npy"):
-        np.save(new / "row_poses.npy", read_row_poses(sequence)[::every])
+        np.save(new / "row_poses.npy", _row_poses(sequence)[::every])
 
 
 def _copy(folder: Path, name: str, to: Path) -> None:
     """Copy a file of a sequence; UserError where there is none, or a link leads out of the folder."""
     with opened(folder / name, ANY, inside=folder) as source, to.open("xb") as target:
         shutil.copyfileobj(source, target)
+
+
+def _row_poses(sequence: Sequence) -> Array:
+    """Poses `world_from_body` (n, h, 7) of the rows of all frames, px py pz qw qx qy qz, mapped and not read yet.
+
+    UserError naming the file when it is missing, leads out of the folder, or does not hold them.
+    """
+    path = sequence.folder / "row_poses.npy"
+    with opened(path, ANY, inside=sequence.folder):
+        pass
+    try:
+        found = np.lib.format.open_memmap(path, mode="r")
+    except (ValueError, SyntaxError, TypeError, OverflowError) as error:
+        raise UserError(f"{path}: no array of poses: {error}; render the sequence again") from None
+    expected = (len(sequence), sequence.camera.height, 7)
+    if found.shape != expected or found.dtype != np.float64:
+        raise UserError(f"{path}: is {found.shape} {found.dtype}, not {expected} float64; render the sequence again")
+    return found
 
 
 def _numbered(rows: Iterable[str]) -> Iterable[str]:
