@@ -25,6 +25,8 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_toml
 
 Protocol = Literal["reset", "anchors"]
+MOST_SEEDS = 10_000
+"""Of one suite: each is a flight of its own of every sequence."""
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
 
@@ -150,7 +152,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
         __config__=STRICT,
         __doc__="A uavbench suite: what is rendered, which trackers run on it, and at which rates.",
         title=(str, ...),
-        seeds=(Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1)], [0]),
+        seeds=(Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1, max_length=MOST_SEEDS)], [0]),
         rates_hz=(Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)], ...),
         start=(start, Field(default_factory=known)),
         protocols=(list[Protocol], []),

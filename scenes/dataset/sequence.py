@@ -32,10 +32,9 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.scenes.dataset.ground_truth_files import read_ground_truth, read_pose_bounds
-from uavbench.scenes.dataset.sequence_info import check_info
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.surfaces.surface_files import read_flow, read_normals
-from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
+from uavbench.scenes.dataset.table_files import check_info, read_integers, read_json, read_numbers, read_table
 from uavbench.scenes.image_files import decoded, load_image, size_px
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError

@@ -104,6 +104,25 @@ def test_a_bad_airframe_file_is_named_with_its_key(name: str, text: str, told: s
 
 
 @pytest.mark.parametrize(
+    ("what", "told"),
+    [
+        ('<size memory="900G"/>', "<size>"),
+        ('<worldbody><replicate count="100000000"><geom size="1"/></replicate></worldbody>', "<replicate>"),
+        ('<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>', "<hfield>"),
+        ('<asset><texture name="t" type="2d" builtin="flat" width="99999" height="99999"/></asset>', "<texture>"),
+        ('<custom><numeric name="n" size="2000000000"/></custom>', "<numeric>"),
+        ('<extension><plugin plugin="any"/></extension>', "<extension>"),
+        ("<worldbody>" + "<body>" * 50_000 + "</body>" * 50_000 + "</worldbody>", "nested deeper than 64"),
+    ],
+)
+def test_an_airframe_that_grows_beyond_its_text_is_refused(what: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.xml"
+    path.write_text(TEMPLATE.read_text().replace("<custom>", f"{what}<custom>", 1))
+    with pytest.raises(UserError, match=told):
+        AirframeFile(str(path)).build(Mount())
+
+
+@pytest.mark.parametrize(
     ("old", "new", "told"),
     [
         ('dyntype="filter"', 'dyntype="integrator"', 'dyntype="filter"'),

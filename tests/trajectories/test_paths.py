@@ -12,6 +12,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.along import FacadeRaster, GirderFollow, UndersidePass, Waypoints
 from uavbench.trajectories.paths.around import Approach, FigureEight, Hover, Orbit, PierSpiral
+from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
 from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.paths.reference import Planned
 from uavbench.trajectories.paths.registry import PATHS, PathSpec
@@ -128,6 +129,32 @@ def test_a_path_takes_a_duration_or_a_speed(path: PathSpec, obstacles: ObstacleM
     usual = replace(path, speed_m_s=None)  # type: ignore[type-var]
     tables = [each.plan(obstacles, Mount(), np.random.default_rng(0)).table for each in (asked, usual)]
     np.testing.assert_array_equal(*tables)
+
+
+@pytest.mark.parametrize(
+    ("path", "obstacles"),
+    [
+        (Hover(duration_s=1e9), BOX), (Hover(duration_s=1e300), BOX), (HandPilot(duration_s=1e9), BOX),
+        (Orbit(duration_s=1e6), BOX), (Orbit(turns=1e9), BOX), (Orbit(speed_m_s=1e-9), BOX),
+        (Orbit(acceleration_m_s2=1e-12), BOX), (Approach(cycles=10**9), BOX), (FigureEight(loops=10**12), BOX),
+        (FigureEight(period_s=1e9), BOX), (PierSpiral(rise_m=1e-9), PIER), (FacadeRaster(lane_spacing_m=1e-9), WALL),
+        (GirderFollow(duration_s=1e5), DECK),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_a_flight_without_end_is_refused_before_it_takes_memory(path: PathSpec, obstacles: ObstacleMesh) -> None:
+    with pytest.raises(UserError, match=r"at most 10,000"):
+        path.plan(obstacles, Mount(), np.random.default_rng(0))
+
+
+def test_waypoints_and_records_without_end_are_refused_too(tmp_path: Path) -> None:
+    (tmp_path / "way.csv").write_text("x_m,y_m,z_m,yaw_deg\n-4,0,1,0\n-3,0,1,0\n-2,0,1,0\n")
+    still = Waypoints(file=str(tmp_path / "way.csv"), stop=True, dwell_s=1e9)
+    stamps = np.arange(10_002, dtype=np.int64) * 10**9
+    write_tum(Trajectory(stamps, np.zeros((10_002, 3)), np.tile([1.0, 0, 0, 0], (10_002, 1))), tmp_path / "long.tum")
+    for path in (still, Recorded(file=str(tmp_path / "long.tum"))):
+        with pytest.raises(UserError, match=r"at most 10,000"):
+            path.plan(BOX, Mount(), np.random.default_rng(0))
 
 
 def test_what_a_path_does_not_reach_is_told() -> None:

@@ -70,8 +70,9 @@ def test_what_is_no_text_is_told(folder):
 
 
 @pytest.mark.parametrize(
-    "text", ["x = " + "[" * 90_000, "x = " + "{a=" * 500, "x = " + "[" * 100 + "]" * 100, "x" + ".x" * 5000 + " = 1"]
-)
+    "text", ["x = " + "[" * 90_000, "x = " + "{a=" * 500, "x = " + "[" * 100 + "]" * 100, "x" + ".x" * 5000 + " = 1",
+             "x" + ".x" * 500_000 + " = 1", "[" + '"x" . ' * 500_000 + "x]", "x" * 2_000_000]
+)  # fmt: skip
 def test_deep_toml_is_told(folder, text):
     (folder / "deep.toml").write_text(text)
     with pytest.raises(UserError, match=r"deep.toml: not a readable TOML file: "):

@@ -7,6 +7,7 @@ import pytest
 
 from tests.trajectories.scene import BOX, DECK, block, standing
 from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.paths.along import UndersidePass
 from uavbench.trajectories.paths.around import FigureEight
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
@@ -180,6 +181,12 @@ def test_every_sensor_repeats_under_a_seed_and_keeps_its_rate(name: str) -> None
     assert (np.abs(steps - 1e9 / sensor.rate_hz) <= 1).all()  # type: ignore[attr-defined]
     assert first.stamps_ns[0] == 0 and first.stamps_ns[-1] <= FLIGHT.stamps_ns[-1]
     assert np.isfinite(first.values).mean() > 0.99
+
+
+@pytest.mark.parametrize("kind", [Imu, Barometer, Gnss, FlowDeck])
+def test_more_readings_than_are_read_are_refused_before_they_take_memory(kind: type) -> None:
+    with pytest.raises(UserError, match=r"sensor \S+: at rate_hz 1e\+12 .* at most 2,000,000"):
+        measure((kind(rate_hz=1e12),), standing(1.0), BOX, 0)
 
 
 def test_adding_a_sensor_leaves_the_others_readings_alone() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import stat
 import tomllib
 from io import BufferedReader
@@ -11,6 +12,10 @@ from typing import Any
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import JSON, LONGEST_LINE, MOST_NESTING, SETTINGS, FileLimit
 
+DOTTED = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_NESTING}}}(?=[\w"'-])"""
+)
+"""A dotted key that is deeper than tables may be."""
 HOLDS = {dict: "object", list: "list", str: "string", int: "number", float: "number", bool: "boolean"}
 
 
@@ -96,6 +101,8 @@ def read_json(path: Path, *, limit: FileLimit = JSON, inside: Path | None = None
 
 def toml_table(text: str) -> dict[str, Any]:
     """Table of TOML text; ValueError when it is none, or nested too deep."""
+    if DOTTED.search(text):  # tomllib takes time with the square of the depth
+        raise ValueError(_TOO_DEEP)
     try:
         table = tomllib.loads(text)
     except RecursionError:

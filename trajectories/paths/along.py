@@ -22,6 +22,8 @@ from uavbench.trajectories.pose import Array
 
 YAW_RATE_RAD_S = np.radians(45.0)
 """How fast a planned path turns on the spot."""
+MOST_LANES = 10_000
+"""Of one facade: a kilometre at 10 cm."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,12 @@ class FacadeRaster:
                 f"margin_m {self.margin_m} and heights {self.from_height_m} to {top} m leave no lane on a facade "
                 f"{frame.aside[1] - frame.aside[0]:.2f} m wide"
             )
-        lanes = np.linspace(self.from_height_m, top, int(np.ceil((top - self.from_height_m) / self.lane_spacing_m)) + 1)
+        between = (top - self.from_height_m) / self.lane_spacing_m
+        if between > MOST_LANES:
+            raise UserError(
+                f"lane_spacing_m {self.lane_spacing_m:g}: would be {between:.3g} lanes, at most {MOST_LANES:,}"
+            )
+        lanes = np.linspace(self.from_height_m, top, int(np.ceil(between)) + 1)
         ahead = frame.ahead[1] + self.distance_m
         points = []
         for i, height in enumerate(lanes):

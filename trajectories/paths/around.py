@@ -13,7 +13,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Planned, planned
 from uavbench.trajectories.paths.smooth_motion import progress
-from uavbench.trajectories.paths.timing import timed_rows
+from uavbench.trajectories.paths.timing import check_flight_time, timed_rows
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
@@ -141,6 +141,7 @@ class Approach:
         def travelled_at(speed_m_s: float) -> Array:
             way = progress(length, speed_m_s, self.acceleration_m_s2)
             there_and_back = np.concatenate([way, way[::-1][1:]])
+            check_flight_time(len(there_and_back) * self.cycles * STEP_S)
             return np.concatenate([there_and_back, *[there_and_back[1:]] * (self.cycles - 1)])
 
         travelled = timed_rows(self, travelled_at, 2 * self.cycles * length)
@@ -162,6 +163,7 @@ class Hover:
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the hover."""
         xy = obstacles.centre[:2] + (reach(obstacles) + self.distance_m) * bearing(self.from_deg)
+        check_flight_time(self.duration_s)
         steps = round(self.duration_s / STEP_S) + 1
         positions = np.tile([*xy, self.height_m], (steps, 1))
         return planned(positions, facing(positions, obstacles.centre[:2]))

@@ -10,6 +10,7 @@ from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.reference import Replay
+from uavbench.trajectories.paths.timing import check_flight_time
 from uavbench.trajectories.pose import Array, Pose, quaternion_from_rotation
 from uavbench.trajectories.record_columns import RECORD, RECORD_COLUMNS
 from uavbench.trajectories.trajectory import Trajectory
@@ -53,6 +54,7 @@ class Recorded:
                 f"{self.file}: {gaps[row] / 1e9:.3f} s without a pose after pose {row}; at most {LONGEST_GAP_S} s are "
                 "bridged"
             )
+        check_flight_time(float(given.stamps_ns[-1] - given.stamps_ns[0]) / 1e9)
         return Replay(resampled(self._of_body(given, mount)))
 
     def _of_body(self, given: Trajectory, mount: Mount) -> Trajectory:

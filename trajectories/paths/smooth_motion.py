@@ -7,6 +7,7 @@ shorter windows after it make jerk and snap finite (Biagiotti & Melchiorri 2012,
 
 import numpy as np
 
+from uavbench.trajectories.paths.timing import check_flight_time
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
@@ -62,6 +63,7 @@ def _ramp(table: Array, seconds: Array, rest: int) -> Array:
             times.append(now)
         if i < len(seconds):
             now += max(seconds[i], 1e-9)
+    check_flight_time(now)
     at = np.arange(int(np.ceil(now / STEP_S)) + 1) * STEP_S
     columns = np.array(knots)
     return np.column_stack([np.interp(at, times, columns[:, j]) for j in range(columns.shape[1])])
@@ -70,6 +72,7 @@ def _ramp(table: Array, seconds: Array, rest: int) -> Array:
 def _windows(speed: float, acceleration: float) -> Array:
     """Lengths of the windows in samples."""
     first = speed / acceleration / STEP_S
+    check_flight_time(first * STEP_S)
     return np.maximum(2, np.ceil(first * np.array([1.0, *SHORTER_WINDOWS])))
 
 

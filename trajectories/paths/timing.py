@@ -11,6 +11,14 @@ from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 FASTER = 1.05
 """Factor between the speeds that are tried."""
+LONGEST_FLIGHT_S = 10_000.0
+"""Of one flight: a 200 Hz IMU then has as many rows as are read of a table (`files.limits.MOST_ROWS`)."""
+
+
+def check_flight_time(seconds: float) -> None:
+    """UserError for a flight that is too long, before its steps take memory."""
+    if not seconds <= LONGEST_FLIGHT_S:
+        raise UserError(f"the flight would take {seconds:.4g} s; one has at most {LONGEST_FLIGHT_S:,.0f}, cut it up")
 
 
 class TimedPath(Protocol):
@@ -54,6 +62,7 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
         return rows_at(path.usual_speed_m_s if path.speed_m_s is None else path.speed_m_s)
     if path.speed_m_s is not None:
         raise UserError("give duration_s or speed_m_s, not both")
+    check_flight_time(path.duration_s)
     wanted = round(path.duration_s / STEP_S) + 1
     speed = slower = max(length_m, 1e-3) / path.duration_s  # a path from rest to rest takes longer than that
     rows = rows_at(speed)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.limits import MOST_ROWS
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.barometer import Barometer
@@ -52,9 +53,18 @@ def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "Obstacl
 
 def _measured(name: str, sensor: SensorSpec, flight: Flight, obstacles: "ObstacleMesh", seed: int) -> Table:
     try:
+        _check_rows(sensor, flight)
         return sensor.measure(flight, obstacles, stream(seed, "sensor", name))
     except UserError as error:
         raise UserError(f"sensor {name}: {error}") from None
+
+
+def _check_rows(sensor: SensorSpec, flight: Flight) -> None:
+    """UserError for more readings than are read of a table again, before they take memory."""
+    rate_hz = float(getattr(sensor, "rate_hz", 0.0))
+    rows = rate_hz * float(flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9
+    if rows > MOST_ROWS:
+        raise UserError(f"at rate_hz {rate_hz:g} it would have {rows:.3g} readings; a table has at most {MOST_ROWS:,}")
 
 
 def named(sensors: tuple[SensorSpec, ...]) -> dict[str, SensorSpec]:

@@ -8,8 +8,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError, unknown_name
+from uavbench.trajectories.files.limits import MOST_NESTING
 from uavbench.trajectories.files.reading import read_text, toml_table
 from uavbench.trajectories.vehicle.airframes import PRESETS, Crazyflie, with_camera
+
+GROWING = ("replicate", "composite", "flexcomp", "flex", "skin", "hfield", "texture", "extension", "plugin", "size")
+"""Elements of MJCF that take memory beyond their text, or load code."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,7 @@ def _from_xml(text: str, mount: Mount) -> str:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise UserError(f"not valid XML: {error}") from None
+    _refuse_growth(root)
     for node in root.iter():
         for key in node.attrib:
             if key.startswith("file"):  # <include file=...>, meshes, textures, height fields
@@ -51,6 +56,18 @@ def _from_xml(text: str, mount: Mount) -> str:
                     f"<{node.tag} {key}=...> names another file; an airframe is one file and needs no meshes"
                 )
     return with_camera(root, mount)
+
+
+def _refuse_growth(root: ElementTree.Element) -> None:
+    """UserError for what makes a model larger than its text, or nests it too deep for those who walk through it."""
+    level = [root]
+    for _ in range(MOST_NESTING):
+        for node in level:
+            if node.tag in GROWING or (node.tag == "numeric" and "size" in node.attrib):
+                raise UserError(f"<{node.tag}>: an airframe is one body of plain shapes, no larger than its file says")
+        level = [child for node in level for child in node]
+    if level:
+        raise UserError(f"it is nested deeper than {MOST_NESTING} levels")
 
 
 def _from_toml(text: str) -> Crazyflie:

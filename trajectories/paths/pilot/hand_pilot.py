@@ -14,6 +14,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pilot.gamepad import Assist, Gamepad, Wander
 from uavbench.trajectories.paths.reference import Guidance, VehicleState
+from uavbench.trajectories.paths.timing import check_flight_time
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
@@ -122,6 +123,7 @@ class Pilot:
 
     def __init__(self, path: HandPilot, stage: Stage, rng: np.random.Generator) -> None:
         self.warm_up = round(WARM_UP_S / STEP_S)
+        check_flight_time(path.duration_s)
         self.steps = round(path.duration_s / STEP_S) + 1
         self._path, self._stage, self._rng = path, stage, rng
         self._sign = 1.0 if path.direction == "counter-clockwise" else -1.0
