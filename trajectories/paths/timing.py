@@ -61,9 +61,10 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
     while len(rows) > wanted:
         slower, speed = speed, FASTER * speed
         rows = rows_at(speed)
-        if len(rows) >= least:  # the time falls with the speed up to the fastest, and then rises
+        if len(rows) >= least:
+            least_s = (_fewest_rows(rows_at, min(slower, (path.acceleration_m_s2 * length_m) ** 0.5)) - 1) * STEP_S
             raise UserError(
-                f"duration_s {path.duration_s:g}: {length_m:.2f} m from rest to rest take {(least - 1) * STEP_S:.1f} s "
+                f"duration_s {path.duration_s:g}: {length_m:.2f} m from rest to rest take {least_s:.1f} s "
                 f"or more at {path.acceleration_m_s2:g} m/s^2; raise acceleration_m_s2 or duration_s"
             )
         least = len(rows)
@@ -76,3 +77,15 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
             speed, rows = middle, tried
     rest = wanted - len(rows)
     return np.concatenate([rows, np.repeat(rows[-1:], rest, axis=0)])
+
+
+def _fewest_rows(rows_at: Callable[[float], Array], speed: float) -> int:
+    """Rows of the fastest plan: the time falls with the speed up to the best one, and then rises.
+
+    speed: to begin at; that which the acceleration reaches on half of the way is beyond the best.
+    """
+    fewest = len(rows_at(speed))
+    for step in (0.5, 1 / FASTER, FASTER):
+        while (tried := len(rows_at(step * speed))) < fewest:
+            fewest, speed = tried, step * speed
+    return fewest
