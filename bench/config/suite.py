@@ -267,9 +267,11 @@ def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
         if tables[depth] is not None and name in tables[depth].model_fields:
             return _path((*keys[:depth], name))
     for beside, known in tables[-1].model_fields.items() if tables[-1] else ():
-        inner = _bare(known.annotation)
+        inner, more = _bare(known.annotation), [name]
+        if get_origin(inner) is dict:
+            inner, more = _bare(get_args(inner)[-1]), ["NAME", name]
         if isinstance(inner, type) and issubclass(inner, BaseModel) and name in inner.model_fields:
-            return _path((*keys[:-1], beside, name))
+            return _path((*keys[:-1], beside, *more))
     return ""
 
 

@@ -22,6 +22,11 @@ HOW = ("compared", "association", "rpe_pairs", "success", "std_ddof")
 """Parts of a score's record that must agree before two numbers are compared."""
 
 
+def _size(error: float) -> float:
+    """An error, NaN where a file says one below 0."""
+    return error if error >= 0 else math.nan
+
+
 def _rmse(errors: PoseErrors | None, kind: Literal["translation_m", "rotation_deg"]) -> float:
     summary = getattr(errors, kind) if errors is not None else None
     return math.nan if summary is None else float(summary.rmse)
@@ -64,7 +69,7 @@ class Measured:
         """The numbers of a score."""
         return cls(
             coverage=score.tracking.coverage,
-            errors={metric: value(score) for metric, (_, value) in ERRORS.items()},
+            errors={metric: _size(value(score)) for metric, (_, value) in ERRORS.items()},
             crash=(score.errors or ("no word of why",))[0] if score.status == "crashed" else "",
             frames=str(score.record.get("sequence", {}).get("content_hash", "")),
             images=str(score.record.get("sequence", {}).get("images", "")),
@@ -76,7 +81,7 @@ class Measured:
         """The numbers of a flight in closed loop."""
         return cls(
             coverage=float(score.success),
-            errors={metric: value(score) for metric, (_, value) in FLIGHT_ERRORS.items()},
+            errors={metric: _size(value(score)) for metric, (_, value) in FLIGHT_ERRORS.items()},
             crash=score.why if score.status == "crashed" else "",
             how={FLOWN: True},
         )

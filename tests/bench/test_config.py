@@ -95,6 +95,7 @@ def test_three_mistakes_are_told_at_once(tmp_path):
         ('kind = "noise"', 'kind = "nosie"', "sequences.box.effects[0].kind", "did you mean 'noise'"),
         ("[sequences.box]", '[sequences."../box"]', "sequences.../box", "match pattern"),
         ("title", "titel", "titel", "did you mean 'title'"),
+        ("rates_hz = [15.0]", "rates_hz = [15.0]\nsensors = []", "sensors", "did you mean 'sequences.NAME.sensors'"),
         ("rates_hz = [15.0]", "rates_hz = [30.0]", "rates_hz", "more than the 15 Hz"),
     ],
 )

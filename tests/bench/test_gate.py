@@ -111,6 +111,16 @@ def test_a_damaged_score_fails_and_is_no_crash(sides, tmp_path):
     assert overall(gate(*folders)) == "fail"
 
 
+@pytest.mark.parametrize("rmse", [-1.0, 1e999])
+def test_an_error_that_is_none_fails_and_is_no_crash(sides, tmp_path, rmse):
+    folders = sides(lambda rng: drawn(rng))
+    path = tmp_path / "head" / "results" / "s1-s1" / "lsd@15hz" / "score.json"
+    score = json.loads(path.read_text())
+    score["ate"]["none"]["translation_m"]["rmse"] = rmse
+    path.write_text(json.dumps(score))
+    assert overall(gate(*folders)) == "fail"
+
+
 def test_lost_coverage_fails_even_where_errors_shrink(sides):
     findings = gate(*sides(lambda rng: drawn(rng, factor=0.5, coverage=0.9, status="lost")))
     assert verdicts(findings)["coverage"] == "fail"

@@ -123,8 +123,11 @@ def test_a_path_takes_a_duration_or_a_speed(path: PathSpec, obstacles: ObstacleM
     with pytest.raises(UserError, match="give duration_s or speed_m_s, not both"):
         both.plan(obstacles, Mount(), np.random.default_rng(0))
     hasty = replace(path, speed_m_s=None, duration_s=0.5)  # type: ignore[type-var]
-    with pytest.raises(UserError, match=r"duration_s 0.5: .* m from rest to rest take .* s or more at"):
+    with pytest.raises(UserError, match=r"duration_s 0.5: .* m from rest to rest take .* s or more at") as told:
         hasty.plan(obstacles, Mount(), np.random.default_rng(0))
+    least_s = float(str(told.value).split(" s or more")[0].split()[-1])
+    fast_enough = replace(hasty, duration_s=least_s + 0.2)  # type: ignore[type-var]
+    assert isinstance(fast_enough.plan(obstacles, Mount(), np.random.default_rng(0)), Planned)
     asked = replace(path, speed_m_s=path.usual_speed_m_s)  # type: ignore[type-var]
     usual = replace(path, speed_m_s=None)  # type: ignore[type-var]
     tables = [each.plan(obstacles, Mount(), np.random.default_rng(0)).table for each in (asked, usual)]

@@ -64,16 +64,23 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
         raise UserError("give duration_s or speed_m_s, not both")
     check_flight_time(path.duration_s)
     wanted = round(path.duration_s / STEP_S) + 1
-    speed = slower = max(length_m, 1e-3) / path.duration_s  # a path from rest to rest takes longer than that
+    average = max(length_m, 1e-3) / path.duration_s
+    speed = slower = average  # a path from rest to rest takes longer than that
     rows = rows_at(speed)
     least = len(rows)
     while len(rows) > wanted:
         slower, speed = speed, FASTER * speed
         rows = rows_at(speed)
-        if len(rows) >= least:  # the time falls with the speed up to the fastest, and then rises
+        if len(rows) >= least:  # beyond the fastest
+            slower = average
+            speed = _fastest(rows_at, min(average, (path.acceleration_m_s2 * max(length_m, 1e-3)) ** 0.5))
+            rows = rows_at(speed)
+            if len(rows) <= wanted:
+                break
             raise UserError(
-                f"duration_s {path.duration_s:g}: {length_m:.2f} m from rest to rest take {(least - 1) * STEP_S:.1f} s "
-                f"or more at {path.acceleration_m_s2:g} m/s^2; raise acceleration_m_s2 or duration_s"
+                f"duration_s {path.duration_s:g}: {length_m:.2f} m from rest to rest take "
+                f"{(len(rows) - 1) * STEP_S:.1f} s or more at {path.acceleration_m_s2:g} m/s^2; raise "
+                "acceleration_m_s2 or duration_s"
             )
         least = len(rows)
     for _ in range(20):
@@ -85,3 +92,15 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
             speed, rows = middle, tried
     rest = wanted - len(rows)
     return np.concatenate([rows, np.repeat(rows[-1:], rest, axis=0)])
+
+
+def _fastest(rows_at: Callable[[float], Array], speed: float) -> float:
+    """Speed of the fastest plan: the time falls with the speed up to the best one, and then rises.
+
+    speed: to begin at; that which the acceleration reaches on half of the way is beyond the best.
+    """
+    fewest = len(rows_at(speed))
+    for step in (0.5, 1 / FASTER, FASTER):
+        while (tried := len(rows_at(step * speed))) < fewest:
+            fewest, speed = tried, step * speed
+    return speed
