@@ -18,6 +18,8 @@ AT_MOST = 0.19
 has it; a run that slips by chance cannot hide, nor feign, a change of all."""
 LEAST_ERROR = 1e-12
 """In the unit of the metric: what is below is equal, as in the gate."""
+STEADY = 0.5
+"""Of the usual spread of flights between commits: the spread of a steady one, which few commits could feign."""
 LEAST_SPREAD = 0.002
 """Spread of a flight between commits, in logs or shares, below which flights count alike."""
 
@@ -52,6 +54,11 @@ class Series:
         """How much worse each commit is than usual (n,), in logs or shares."""
         level: Array = self.worse @ self.weights
         return level
+
+    @property
+    def noisy(self) -> bool:
+        """Whether most commits differ from the one before, by chance; with fixed seeds most repeat it."""
+        return self.noise > LEAST_SPREAD
 
     @property
     def noise(self) -> float:
@@ -97,9 +104,9 @@ def flights_worse(recorded: list[Recorded], *, bigger: bool) -> Array:
 
 
 def weights_of(worse: Array) -> Array:
-    """Weights of the flights (flights,) that sum to 1: a flight as unsteady as most counts half of a steady one."""
-    spreads = np.array([spread(flight) for flight in worse.T])
-    usual = max(float(np.median(spreads)), LEAST_SPREAD)
+    """Weights of the flights (flights,) that sum to 1: one as unsteady as most counts a fifth of a steady one."""
+    spreads = np.sqrt(np.mean(np.diff(worse, axis=0, prepend=worse[:1]) ** 2, axis=0) / 2)
+    usual = STEADY * max(float(np.median(spreads)), LEAST_SPREAD)
     precision = 1.0 / (spreads**2 + usual**2)
     weights: Array = precision / precision.sum()
     return weights

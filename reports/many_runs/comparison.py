@@ -68,6 +68,8 @@ EXTRA = (
 )
 
 
+ROUND_OFF = 1e-9
+"""Share of the largest error of a metric below which another is no error."""
 BOLD = f"Bold: best of its column; none where it is of a tracker with less than {KEEPS_UP:.0%} of the best coverage."
 """In the caption of a table that has bold letters."""
 
@@ -88,7 +90,7 @@ def summary(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> Table:
         for name, group in many.groups.items()
     }
     for metric, about in METRICS.items():
-        decimals = _decimals(about.scale * np.concatenate(list(many.values(metric).values())))
+        decimals = decimals_of(about.scale * np.concatenate(list(many.values(metric).values())))
         mean = Column(head=about.name, key=metric, scale=about.scale, unit=about.unit, best="min", decimals=decimals)
         spread = Column(head=f"{about.name} sd", key=metric, unit=about.unit, best="", decimals=mean.decimals)
         columns += [mean, spread]
@@ -132,9 +134,10 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
     return f"{text}; *: better than every other tracker at the 5 % level (Holm)." if tested else f"{text}."
 
 
-def _decimals(values: Array) -> int:
-    """Decimals with which the smallest of values (n,) has three digits: two at least, six at most."""
-    known = values[np.isfinite(values) & (values > 0)]
+def decimals_of(values: Array) -> int:
+    """Decimals with which the smallest of values (n,) has three digits: two at least, six at most; round-off is 0."""
+    known = values[np.isfinite(values)]
+    known = known[known > ROUND_OFF * known.max(initial=0.0)]
     return int(np.clip(2 - np.floor(np.log10(known.min())), 2, 6)) if len(known) else 2
 
 

@@ -154,6 +154,9 @@ def test_a_folder_and_its_file_are_the_same_bag(tmp_path, tum, storage):
     (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
     results = [evaluated(given, tum)["ate"] for given in (folder, f"{folder}:/odom", file, f"{file}:odom")]
     assert all(result == results[0] for result in results)
+    (folder / "metadata.yaml").rename(tmp_path / "metadata.yaml")
+    assert evaluated(f"{folder}:/odom", tum)["ate"] == results[0], "as in an export"
+    (tmp_path / "metadata.yaml").rename(folder / "metadata.yaml")
     exact = evaluated(folder, folder)
     assert exact["ate"]["translation_m"]["max"] == 0
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from uavbench.reports.many_runs.comparison import decimals_of
 from uavbench.reports.many_runs.curves import Band, distance_axis, time_axis
 from uavbench.reports.many_runs.groups import grouped, pairing
 from uavbench.trajectories.errors import UserError
@@ -127,3 +128,9 @@ def test_estimates_without_a_group_are_runs_of_one(made, tmp_path):
     # Two files of one name in a group: their paths tell them apart.
     pair = [made / "a" / "run0.tum", made / "b" / "run0.tum"]
     assert [r.name for r in grouped(pair, [])] == [str(path) for path in pair]
+
+
+def test_round_off_of_one_run_does_not_widen_a_column():
+    assert decimals_of(np.array([3.4, 0.0, 4e-15, np.nan])) == 2
+    assert decimals_of(np.array([3.4, 0.0123])) == 4
+    assert decimals_of(np.zeros(3)) == decimals_of(np.array([np.nan])) == 2

@@ -101,7 +101,7 @@ def bag_topic(given: Path) -> BagTopic | None:
     if is_bag(given):
         return BagTopic(given)
     for place in (k for k, letter in enumerate(text) if letter == ":"):
-        bag = Path(text[:place])
+        bag = _file_in(Path(text[:place]))
         if not given.exists() and is_bag(bag):
             topic = text[place + 1 :]
             return BagTopic(bag, topic if topic.startswith("/") else f"/{topic}")
@@ -114,6 +114,14 @@ def is_bag(path: Path) -> bool:
     if path.is_dir():
         return (path / METADATA).is_file()
     return path.suffix in (*STORAGES, ".bag") or (len(suffixes) == 2 and suffixes[0] in STORAGES)
+
+
+def _file_in(path: Path) -> Path:
+    """The one file of a bag that lies in a folder without metadata.yaml, as in an export; else the path itself."""
+    if not path.is_dir() or is_bag(path):
+        return path
+    files = [file for file in path.iterdir() if is_bag(file)]
+    return files[0] if len(files) == 1 else path
 
 
 @contextmanager
