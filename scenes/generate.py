@@ -24,14 +24,17 @@ from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.frames import Filming, write_frames
 from uavbench.scenes.png.encoder import ENCODING
+from uavbench.scenes.renderables import BuiltSite
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, ideal_camera, render_camera
 from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.spec import MAIN, BodyCamera, EffectSpec, SequenceSpec
+from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
+from uavbench.trajectories.pose import rotation_from_quaternion
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import write_flight
 from uavbench.trajectories.simulation.checks import check_camera
@@ -41,6 +44,8 @@ from uavbench.trajectories.simulation.summary import flown_summary
 __all__ = ["Motion", "camera_path", "check_first_view", "generate", "with_effects"]
 
 LEAST_SHARE_IN_VIEW = 0.005
+LEAST_ABOVE_GROUND_M = 0.1
+"""Of a camera over the ground of a site: nearer things are cut off (the renderer's nearest plane is at 0.05 m)."""
 
 
 def generate(
@@ -56,6 +61,8 @@ def generate(
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
     main, *others = cameras = cameras_of(spec)
+    for camera in cameras:
+        check_site(spec, camera, scene.site, flight)
     exposures = [exposures_of(spec, camera, flight) for camera in cameras]
     for camera in others:
         check_further_camera(spec, camera, scene, flight)
@@ -98,6 +105,23 @@ def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, f
         check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount, scene.obstacles)
     except UserError as error:
         raise UserError(f"sequence {spec.name}: camera {camera.name}: {error}") from None
+
+
+def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, flight: Flight) -> None:
+    """UserError when a camera gets into the ground of a site that was shaped to the structure."""
+    if site is None:
+        return
+    offset_m = camera.mount.cam_from_body.inverse().translation
+    centres = flight.positions_m + exact.product(rotation_from_quaternion(flight.quaternions_wxyz), offset_m)
+    under = site.height(centres[:, :2]) + LEAST_ABOVE_GROUND_M - centres[:, 2]
+    if (under > 0).any():
+        row = int(np.argmax(under))
+        x, y, z = centres[row]
+        raise UserError(
+            f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
+            f"{y:.2f}, {z:.2f}) m: the ground there reaches to {z + under[row] - LEAST_ABOVE_GROUND_M:.2f} m; move the "
+            "path, or leave environment.site.embankments out"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,14 +5,19 @@ from itertools import chain
 
 import numpy as np
 
+from uavbench.scenes.clutter.registry import ON_GROUND
 from uavbench.scenes.primitives.meshes import joined, merged
-from uavbench.scenes.renderables import BuiltStructure, Light, Mover, Part, Texture, plain
+from uavbench.scenes.renderables import BuiltClutter, BuiltSite, BuiltStructure, Light, Mover, Part, Texture, plain
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
 from uavbench.scenes.rendering.renderer import Renderer
-from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.spec import ClutterSpec, SequenceSpec
 from uavbench.scenes.surfaces import SceneSurfaces
 from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
+
+SHADE_M = 20.0
+"""Ground so far around a structure shades it and itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +25,7 @@ class Scene:
     """Everything around a flight, ready to be rendered.
 
     parts have the light of what is around them in their tints; unlit are the same before that, for a path tracer.
-    lamp_radius is that of the lamp as its tangent.
+    lamp_radius is that of the lamp as its tangent; site is the ground where it was shaped to the structure.
     """
 
     built: BuiltStructure
@@ -31,6 +36,7 @@ class Scene:
     lamp_radius: float
     sky: Texture | None
     obstacles: ObstacleMesh
+    site: BuiltSite | None = None
 
     def renderer(self, width: int, height: int) -> Renderer:
         """A renderer of the scene."""
@@ -53,13 +59,21 @@ def build_scene(spec: SequenceSpec) -> Scene:
     plainly = not environment.textures
     if plainly:
         built = replace(built, parts=tuple(map(plain, built.parts)))
-    clutter = [c.build(bounds, stream(spec.seed, "clutter", i)) for i, c in enumerate(spec.clutter)]
+    site = None if environment.site is None else environment.site(built, stream(spec.seed, "site"))
+    if site is not None:
+        built = replace(built, parts=site.structure)
+        environment = replace(environment, parts=(*site.parts, *environment.parts))
+    clutter = [_placed(c, bounds, stream(spec.seed, "clutter", i), site) for i, c in enumerate(spec.clutter)]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
-    occluder = ObstacleMesh(*joined((p.vertices, p.triangles) for p in solid if not p.cutout))
+    hiding = [p for p in solid if not p.cutout]
+    if site is not None and site.shades:
+        hiding += [_near(part, bounds) for part in site.parts if not part.cutout and part.ripples is None]
+    occluder = ObstacleMesh(*joined((p.vertices, p.triangles) for p in hiding))
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
-    shaded = merged((*built.parts, *environment.parts, *(p for p in solid if p.instance >= 10)))
+    still = [p for p in environment.parts if not 1 < p.instance < 10]
+    shaded = merged((*built.parts, *still, *(p for p in solid if p.instance >= 10)))
     drawn = tuple(map(smooth_corners, shaded)) if plainly else bake(shaded, occluder, environment.light, reach)
-    growing = merged(p for p in solid if 1 < p.instance < 10)
+    growing = merged(p for p in (*environment.parts, *solid) if 1 < p.instance < 10)
     movers = tuple(chain.from_iterable(c.movers for c in clutter))
     everything = (*built.parts, *environment.parts, *chain.from_iterable(c.parts for c in clutter))
     surroundings = SceneSurfaces(everything, movers)
@@ -74,4 +88,19 @@ def build_scene(spec: SequenceSpec) -> Scene:
         light.softness_m / reach,
         environment.sky,
         obstacles,
+        site,
     )
+
+
+def _placed(clutter: ClutterSpec, bounds: Array, rng: np.random.Generator, site: BuiltSite | None) -> BuiltClutter:
+    """Clutter around the structure, where the ground of a site is free."""
+    if site is not None and isinstance(clutter, ON_GROUND):
+        return clutter.build(bounds, rng, site.is_free)
+    return clutter.build(bounds, rng)
+
+
+def _near(part: Part, bounds: Array) -> Part:
+    """What of a part is near the structure."""
+    low, high = bounds[0] - SHADE_M, bounds[1] + SHADE_M
+    corners = part.vertices[part.triangles]
+    return replace(part, triangles=part.triangles[((corners < high) & (corners > low)).all(axis=(1, 2))])

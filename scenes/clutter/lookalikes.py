@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Gt, Interval
 
+from uavbench.scenes.clutter.placing import Free, anywhere
 from uavbench.scenes.renderables import BuiltClutter, Part
 from uavbench.scenes.structures.box import Box
 from uavbench.trajectories.pose import Array, rotation_exp
@@ -21,8 +22,8 @@ class Lookalikes:
     nearest_m: Annotated[float, Gt(0)] = 0.45
     furthest_m: Annotated[float, Gt(0)] = 2.2
 
-    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
-        """The boxes; none is closer than nearest_m to the structure's bounds."""
+    def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
+        """The boxes on free ground; none is closer than nearest_m to the structure's bounds."""
         parts: list[Part] = []
         centre, reach = bounds.mean(axis=0), float(np.linalg.norm((bounds[1] - bounds[0])[:2]) / 2)
         for number in range(round(10 * self.density)):
@@ -32,6 +33,8 @@ class Lookalikes:
             radius = float(np.hypot(size[0], size[1]) / 2)
             away = reach + radius + self.nearest_m + rng.uniform(0, self.furthest_m - self.nearest_m)
             place = np.array([*(centre[:2] + away * np.array([np.cos(bearing), np.sin(bearing)])), 0.0])
+            if not free(place[None, :2])[0]:
+                continue
             R = rotation_exp(np.array([0, 0, turn]))
             for part in built.parts:
                 assert part.normals is not None

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 
-from uavbench.scenes.clutter.placing import ring_places
+from uavbench.scenes.clutter.placing import Free, anywhere, ring_places
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.meshes import merge
@@ -43,9 +43,10 @@ class People:
     furthest_m: Annotated[float, Gt(0)] = 8.0
     speed_m_s: Annotated[float, Ge(0)] = 1.2
 
-    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
+    def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
         """Standing figures as one mesh, each walking one as a mover."""
-        places = ring_places(bounds, round(10 * self.density), self.nearest_m, self.furthest_m, rng)
+        reach_m = self.nearest_m, self.furthest_m
+        places = ring_places(bounds, round(10 * self.density), reach_m, rng, free)
         wear = materials.cloth(rng, (225.0, 225.0, 225.0))
         standing: list[Part] = []
         movers = []

@@ -5,6 +5,8 @@ from uavbench.scenes.clutter.lookalikes import Lookalikes
 from uavbench.scenes.clutter.people import People
 from uavbench.scenes.clutter.trees import Trees
 
+ON_GROUND = (Lookalikes, Trees, People)
+"""Kinds that are told where the ground is free."""
 CLUTTER: dict[str, type] = {
     "lookalikes": Lookalikes,
     "trees": Trees,

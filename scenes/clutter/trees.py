@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from annotated_types import Gt, Interval
 
-from uavbench.scenes.clutter.placing import ring_places
+from uavbench.scenes.clutter.placing import Free, anywhere, ring_places
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.primitives.meshes import merge
@@ -28,7 +28,7 @@ class Trees:
     nearest_m: Annotated[float, Gt(0)] = 3.0
     furthest_m: Annotated[float, Gt(0)] = 30.0
 
-    def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
+    def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
         """All trees as two meshes: wood and leaves."""
         count = round(20 * self.density)
         if count == 0:
@@ -36,7 +36,7 @@ class Trees:
         bark, leaves = materials.bark(rng), _leaves(rng)
         wood: list[Part] = []
         crowns: list[Part] = []
-        for place in ring_places(bounds, count, self.nearest_m, self.furthest_m, rng):
+        for place in ring_places(bounds, count, (self.nearest_m, self.furthest_m), rng, free):
             height = self.height_m * float(rng.uniform(0.65, 1.35))
             trunk, crown = _tree(height, bark, leaves, rng)
             turn = rotation_exp(np.array([0.0, 0.0, rng.uniform(0, 6.3)]))

@@ -33,7 +33,7 @@ def write_depth(folder: Path, frame: int, source: CameraSimulator, view: View) -
 
 
 def write_mask(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
-    """`mask/NNNNNN.png`: 1 structure, 2 trees, 3 people, 4 birds, 10 and up lookalikes, 0 all else."""
+    """`mask/NNNNNN.png`: 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 all else."""
     _write(folder / "mask" / f"{frame:06d}.png", _as_camera(source, view.instances))
 
 

@@ -233,7 +233,7 @@ class Frame:
 
     @property
     def mask(self) -> NDArray[np.uint8] | None:
-        """Instances (h, w): 1 structure, 2 trees, 3 people, 4 birds, 10 and up lookalikes, 0 all else; None without."""
+        """Instances (h, w): 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 all else, or None."""
         path = self._file("mask", "png")
         return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
 

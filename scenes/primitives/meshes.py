@@ -63,7 +63,7 @@ def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
     """The parts merged into one for each texture, material and instance, which look the same."""
     alike: dict[tuple[object, ...], list[Part]] = {}
     for part in parts:
-        key = (id(part.texture), part.roughness, part.two_sided, part.casts_shadow, part.instance)
+        key = (id(part.texture), part.roughness, part.two_sided, part.casts_shadow, part.instance, id(part.ripples))
         given = (part.uv is None, part.normals is None, part.tint is None)
         alike.setdefault((*key, *given, id(part) if part.lightmap else 0), []).append(part)
     return tuple(merge(group) for group in alike.values())

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,6 +188,30 @@ def moved(part: Part, rotation: Array, translation: Array) -> Part:
         vertices=part.vertices @ rotation.T + translation,
         normals=None if part.normals is None else part.normals @ rotation.T,
     )
+
+
+def subdivided(part: Part, longest_m: float, below_m: float) -> Part:
+    """The part with all triangles that reach below a height bisected until their sides are at most longest_m long."""
+    given = [name for name in ("normals", "uv", "tint") if getattr(part, name) is not None]
+    columns = np.hstack([part.vertices, *(getattr(part, name) for name in given)])
+    corners = columns[part.triangles]
+    low = corners[:, :, 2].min(axis=1) < below_m
+    if not low.any():
+        return part
+    done, triangles = [corners[~low]], corners[low]
+    while len(triangles):
+        sides = np.linalg.norm((np.roll(triangles, -1, axis=1) - triangles)[..., :3], axis=2)
+        small = (sides.max(axis=1) <= longest_m) | (triangles[:, :, 2].min(axis=1) >= below_m)
+        done.append(triangles[small])
+        triangles, first = triangles[~small], sides[~small].argmax(axis=1)
+        rows = np.arange(len(triangles))
+        a, b, c = (triangles[rows, (first + k) % 3] for k in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    flat = np.concatenate(done).reshape(-1, columns.shape[1])
+    ends = np.cumsum([3, *(getattr(part, name).shape[1] for name in given)])
+    values: dict[str, Any] = dict(zip(given, np.split(flat, ends[:-1], axis=1)[1:], strict=True))
+    return replace(part, vertices=flat[:, :3], triangles=np.arange(len(flat)).reshape(-1, 3), **values)
 
 
 def _cut(triangles: Array, longest_m: float) -> Array:

@@ -46,6 +46,10 @@ class Program:
         set_vector = self._gl.glUniform3fv if len(value) == 3 else self._gl.glUniform4fv
         set_vector(self._location(name), 1, np.ascontiguousarray(value, np.float32))
 
+    def pair(self, name: str, value: tuple[float, float]) -> None:
+        """Set a vec2 uniform."""
+        self._gl.glUniform2f(self._location(name), *value)
+
     def number(self, name: str, value: float) -> None:
         """Set a float uniform."""
         self._gl.glUniform1f(self._location(name), value)

@@ -20,6 +20,7 @@ from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering import shaders
 from uavbench.scenes.rendering.facets import NONE, Facets
 from uavbench.scenes.rendering.gpu import Mesh, Program, Target, upload
+from uavbench.scenes.rendering.mirror import Mirror
 from uavbench.scenes.rendering.shadows import ShadowMap, split_by_lamp
 from uavbench.trajectories.pose import Array, Pose
 
@@ -66,13 +67,21 @@ class Renderer:
             True: self._programs(shaders.SURFACE, "LAMP", *shadow, *haze),
             False: self._programs(shaders.SURFACE, *haze),
         }
+        levels = [float(mesh.part.vertices[0, 2]) for mesh, _ in self._meshes if mesh.part.ripples is not None]
+        self._mirror = Mirror(GL, width, height, levels[0]) if levels else None
+        if self._mirror is not None:
+            self._mirrored = {
+                True: self._programs(shaders.SURFACE, "LAMP", "MIRRORED", *shadow, *haze),
+                False: self._programs(shaders.SURFACE, "MIRRORED", *haze),
+            }
+            self._water = self._programs(shaders.WATER, *haze)
         self._geometry = self._programs(shaders.GEOMETRY)
         self._depth = self._programs(shaders.DEPTH)
         self._sky_program = Program(GL, shaders.SKY_VERTEX, shaders.SKY)
         self._resolve = Program(GL, shaders.WHOLE_IMAGE, shaders.RESOLVE)
         still = [mesh for mesh, mover in self._meshes if mover is None]
         self._shadow = ShadowMap(GL, light, still, self._depth) if light.shadow_map else None
-        for program in (*self._surface[True], *self._surface[False]):
+        for program in self._lit_programs():
             self._set_light(program)
 
     def __enter__(self) -> Self:
@@ -85,18 +94,44 @@ class Renderer:
         """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera of this renderer's size."""
         GL = self._gl
         view_projection = _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix
+        eye = cam_from_world.inverse().translation
+        if (mirror := self._mirror) is not None:
+            self._begin(mirror.target, (mirror.width, mirror.height))
+            mirror.begin()
+            self._draw(self._mirrored, view_projection @ mirror.turned_over, mirror.eye(eye), time_s)
+            mirror.end()
         self._begin(self._samples)
         GL.glEnable(GL.GL_MULTISAMPLE)
-        for program in (*self._surface[True], *self._surface[False]):
+        self._draw(self._surface, view_projection, eye, time_s)
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._plain.id)
+        GL.glDisable(GL.GL_DEPTH_TEST)
+        self._resolve.use()
+        GL.glBindTexture(GL.GL_TEXTURE_2D_MULTISAMPLE, self._samples.texture)
+        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+        image = np.empty((self.height, self.width, 4), dtype=np.uint8)
+        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, image)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
+
+    def _draw(
+        self, surface: dict[bool, tuple[Program, Program]], view_projection: Array, eye: Array, time_s: float
+    ) -> None:
+        """Draw everything by these programs, then the sky; water by its own, and not into the mirror."""
+        GL = self._gl
+        programs = [*surface[True], *surface[False]]
+        if self._mirror is not None and surface is self._surface:
+            programs.append(self._water[0])
+        for program in programs:
             program.use()
             program.matrix("view_projection", view_projection)
-            program.vector("eye", cam_from_world.inverse().translation)
+            program.vector("eye", eye)
         if self._shadow is not None:
             GL.glActiveTexture(GL.GL_TEXTURE1)
             GL.glBindTexture(GL.GL_TEXTURE_2D, self._shadow.texture)
             GL.glActiveTexture(GL.GL_TEXTURE0)
         for mesh, mover in self._meshes:
-            program = self._surface[mesh.lit][mesh.cutout]
+            if mesh.part.ripples is not None and surface is not self._surface:
+                continue
+            program = surface[mesh.lit][mesh.cutout] if mesh.part.ripples is None else self._water[0]
             program.use()
             program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
             program.number("roughness", mesh.part.roughness)
@@ -106,17 +141,10 @@ class Renderer:
             self._sky_program.use()
             self._sky_program.matrix("world_from_clip", np.linalg.inv(view_projection))
             GL.glDepthFunc(GL.GL_LEQUAL)
+            GL.glDisable(GL.GL_CULL_FACE)  # in the mirror its triangle is turned over
             GL.glBindTexture(GL.GL_TEXTURE_2D, self._sky)
             GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
             GL.glDepthFunc(GL.GL_LESS)
-        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._plain.id)
-        GL.glDisable(GL.GL_DEPTH_TEST)
-        self._resolve.use()
-        GL.glBindTexture(GL.GL_TEXTURE_2D_MULTISAMPLE, self._samples.texture)
-        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
-        image = np.empty((self.height, self.width, 4), dtype=np.uint8)
-        self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, image)
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
 
     def geometry(
         self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
@@ -188,22 +216,23 @@ class Renderer:
             mesh.primitive.delete()
         for target in (self._samples, self._plain, self._floats):
             target.delete()
-        if self._shadow is not None:
-            self._shadow.delete()
+        for extra in (self._shadow, self._mirror):
+            if extra is not None:
+                extra.delete()
         if self._textures:
             GL.glDeleteTextures(list(self._textures.values()))
         GL.glDeleteVertexArrays(1, [self._no_vertices])
-        pairs = [*self._surface.values(), self._geometry, self._depth, (self._sky_program, self._resolve)]
+        pairs = [tuple(self._lit_programs()), self._geometry, self._depth, (self._sky_program, self._resolve)]
         if "_facet_programs" in self.__dict__:
             pairs.append(self._facet_programs)
         for program in chain.from_iterable(pairs):
             GL.glDeleteProgram(program.id)
         self._meshes, self._textures = [], {}
 
-    def _begin(self, target: Target) -> None:
+    def _begin(self, target: Target, size: tuple[int, int] | None = None) -> None:
         GL = self._gl
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, target.id)
-        GL.glViewport(0, 0, self.width, self.height)
+        GL.glViewport(0, 0, *(size or (self.width, self.height)))
         GL.glEnable(GL.GL_DEPTH_TEST)
         GL.glDisable(GL.GL_BLEND)
         GL.glClearColor(0.0, 0.0, 0.0, 0.0)
@@ -219,9 +248,19 @@ class Renderer:
         solid = Program(self._gl, vertex, shaders.with_switches(fragment, *switches))
         return solid, Program(self._gl, vertex, shaders.with_switches(fragment, *switches, "CUTOUT"))
 
+    def _lit_programs(self) -> list[Program]:
+        """Every program that knows the light."""
+        sets = [self._surface] if self._mirror is None else [self._surface, self._mirrored]
+        water = [] if self._mirror is None else [*self._water]
+        return [*chain.from_iterable(chain.from_iterable(each.values()) for each in sets), *water]
+
     def _set_light(self, program: Program) -> None:
         light = self._light
         program.use()
+        if self._mirror is not None:
+            program.integer("mirror", 2)
+            program.number("water_level", self._mirror.level_m)
+            program.pair("size", (float(self.width), float(self.height)))
         program.integer("surface", 0)
         program.integer("shadow_map", 1)
         program.vector("to_lamp", np.array(light.to_lamp) / np.linalg.norm(light.to_lamp))
@@ -234,7 +273,7 @@ class Renderer:
             program.number("shadow_spread", self._shadow.spread)
 
     def _mesh(self, part: Part, lit: bool) -> Mesh:
-        return Mesh(self._gl, part, self._texture(part.texture), lit)
+        return Mesh(self._gl, part, self._texture(part.texture if part.ripples is None else part.ripples), lit)
 
     def _texture(self, source: Texture | None, mipmap: bool = True) -> int:
         image = WHITE if source is None else source

@@ -20,6 +20,9 @@ uniform mat4 shadow_from_world;
 uniform vec3 to_lamp;
 uniform float shadow_texel;
 #endif
+#ifdef MIRRORED
+uniform float water_level;
+#endif
 void main() {
     vec4 world = model * vec4(position, 1.0);
     at = world.xyz;
@@ -31,6 +34,9 @@ void main() {
     in_shadow_map = (shadow_from_world * vec4(at + off, 1.0)).xyz * 0.5 + 0.5;
 #endif
     gl_Position = view_projection * world;
+#ifdef MIRRORED
+    gl_ClipDistance[0] = world.z - water_level;
+#endif
 }
 """
 
@@ -91,6 +97,41 @@ void main() {
     seen = mix(haze_color, seen, exp(-haze * away));
 #endif
     color = vec4(sqrt(seen), 1.0);
+}
+"""
+
+WATER = """#version 330 core
+SWITCHES
+in vec3 at, facing;
+in vec4 shade;
+in vec2 st;
+out vec4 color;
+uniform sampler2D surface, mirror;
+uniform mat4 view_projection;
+uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
+uniform float roughness, haze;
+uniform vec2 size;
+void main() {
+    vec2 slope = (texture(surface, st).rg * 255.0 - 128.0) * RIPPLE_SLOPE;
+    vec3 n = normalize(vec3(-slope, 1.0));
+    vec3 to_eye = eye - at;
+    float away = length(to_eye);
+    to_eye /= away;
+    vec3 way = reflect(-to_eye, n);
+    vec4 far = view_projection * vec4(way.xy, -way.z, 0.0);  // where in the mirror what is far that way lies
+    vec2 here = gl_FragCoord.xy / size, there = far.xy / far.w * 0.5 + 0.5;
+    vec3 seen = texture(mirror, mix(here, there, NEARER)).rgb;
+    float facing_us = clamp(dot(n, to_eye), 0.0, 1.0);
+    float mirrored = 0.02 + 0.98 * pow(1.0 - facing_us, 5.0);  // Schlick 1994, of an index of 1.33
+    float h = max(dot(n, normalize(to_lamp + to_eye)), 0.0);
+    float width = roughness * roughness * roughness * roughness;
+    float d = h * h * (width - 1.0) + 1.0;
+    vec3 glint = min(lamp * shade.a * mirrored * 0.25 * width / (d * d), vec3(4.0));
+    vec3 light = mix(shade.rgb * (above + lamp * max(to_lamp.z, 0.0) * shade.a), seen * seen, mirrored) + glint;
+#ifdef HAZE
+    light = mix(haze_color, light, exp(-haze * away));
+#endif
+    color = vec4(sqrt(light), 1.0);
 }
 """
 
@@ -177,6 +218,13 @@ void main() {
 """
 
 
+RIPPLE_SLOPE = 0.004
+"""Slope of a unit of a ripple texture: 8 bits reach to 0.5."""
+NEARER = 0.6
+"""Ripples shift what is mirrored by this share of the shift of what is infinitely far: what is over a river is near."""
+
+
 def with_switches(source: str, *switches: str) -> str:
     """The source with these switches defined."""
+    source = source.replace("RIPPLE_SLOPE", str(RIPPLE_SLOPE)).replace("NEARER", str(NEARER))
     return source.replace("SWITCHES", "\n".join(f"#define {name}" for name in switches))

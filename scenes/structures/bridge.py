@@ -9,13 +9,16 @@ from annotated_types import Gt, Interval
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.solids import Solid, block, circle, cover_all, prism, structure_of
-from uavbench.scenes.renderables import BuiltStructure
+from uavbench.scenes.renderables import BuiltStructure, Roadway
 from uavbench.trajectories.pose import Array
 
 SLAB_M = 0.25
 KERB_M = (0.35, 0.20)
 GIRDER_M = 0.9
 CAP_M = 0.7
+ROAD_M = 0.06
+FRONT_M = 0.6
+"""How far the front of an abutment lies before the end of the deck."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,15 @@ class Bridge:
         solids += [*self._piers(concrete), *self._abutments(concrete)]
         if self.railing:
             solids += self._railing(rail)
-        return BuiltStructure(structure_of(solids), cover_all(solids))
+        return BuiltStructure(structure_of(solids), cover_all(solids), road=self._roadway)
+
+    @property
+    def _roadway(self) -> Roadway:
+        x = self.length_m / 2
+        level = self._under_deck + SLAB_M + ROAD_M
+        return Roadway(
+            half_width_m=self.width_m / 2 - KERB_M[0], level_m=level, half_length_m=x + 0.5, front_m=x - FRONT_M
+        )
 
     @property
     def _under_deck(self) -> float:
@@ -50,7 +61,7 @@ class Bridge:
         profile = [(-y, 0), (y, 0), (y, SLAB_M + high), (y - wide, SLAB_M + high), (y - wide, SLAB_M)]
         profile += [(-y + wide, SLAB_M), (-y + wide, SLAB_M + high), (-y, SLAB_M + high)]
         slab = prism(np.array(profile), (-x, 0, z), (x, 0, z), concrete, "deck")
-        surface = block((-x, -y + wide, z + SLAB_M), (x, y - wide, z + SLAB_M + 0.06), road, "road")
+        surface = block((-x, -y + wide, z + SLAB_M), (x, y - wide, z + SLAB_M + ROAD_M), road, "road")
         return [slab, surface]
 
     def _girder_lines(self) -> Array:
@@ -106,7 +117,7 @@ class Bridge:
         out = []
         x, y, z = self.length_m / 2, self.width_m / 2, self.clearance_m
         for side in (-1, 1):
-            near, far = side * (x - 0.6), side * (x + 0.5)
+            near, far = side * (x - FRONT_M), side * (x + 0.5)
             out.append(block((min(near, far), -y, 0), (max(near, far), y, z - 0.02), concrete, "abutment"))
             back = sorted((side * (x + 0.02), side * (x + 0.5)))
             out.append(block((back[0], -y, z - 0.02), (back[1], y, z + GIRDER_M + SLAB_M), concrete, "back wall"))

@@ -1,6 +1,7 @@
 """An outdoor environment: sun and sky with clouds, ground, and distant trees and hills."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, Literal
 
 import cv2
@@ -12,6 +13,7 @@ from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials import procedural_texture as noise
 from uavbench.scenes.materials.procedural_texture import Image
 from uavbench.scenes.renderables import BuiltEnvironment, Light, Part, Texture
+from uavbench.scenes.site.site import Site
 from uavbench.trajectories.pose import Array
 
 SKY_PX = (1024, 2048)
@@ -26,7 +28,8 @@ class Outdoor:
     """A field around the structure under a sky.
 
     sun_elevation_deg and sun_azimuth_deg place the sun (azimuth from x towards y, random when None); cloudiness 0 is a
-    clear sky, 1 an overcast one, without direct sunlight and without sharp shadows.
+    clear sky, 1 an overcast one, without direct sunlight and without sharp shadows. site shapes the ground to the
+    structure; by default the field is level and empty.
     """
 
     ground: Literal["grass", "gravel", "asphalt", "concrete"] = "grass"
@@ -35,6 +38,7 @@ class Outdoor:
     cloudiness: Annotated[float, Interval(ge=0, le=1)] = 0.35
     haze_per_km: Annotated[float, Ge(0)] = 1.5
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
+    site: Site = field(default_factory=Site)
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
         """Ground, distant trees and sky; the ground near the structure has its ambient occlusion."""
@@ -55,7 +59,10 @@ class Outdoor:
             haze_color=_triple(b * np.array([0.62, 0.70, 0.80])),
         )
         sky = noise.finish(_sky(to_sun, self.cloudiness, rng) * np.sqrt(b))
-        return BuiltEnvironment((*self._ground(bounds, rng), *_rim(bounds, rng)), light, sky)
+        if self.site == Site():
+            return BuiltEnvironment((*self._ground(bounds, rng), *_rim(bounds, rng)), light, sky)
+        look = materials.PAINTS[self.ground](rng)
+        return BuiltEnvironment(tuple(_rim(bounds, rng)), light, sky, site=partial(self.site.build, look))
 
     def _ground(self, bounds: Array, rng: np.random.Generator) -> list[Part]:
         look = materials.PAINTS[self.ground](rng)

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uavbench.scenes.image_files import load_image
-from uavbench.scenes.png.encoder import png
 from uavbench.trajectories.pose import Array
 
 FLOW_UNITS_PER_PX, FLOW_ZERO = 64.0, 32768.0
@@ -23,22 +21,6 @@ NORMAL_UNITS = 65535.0
 """Of a normal's component from -1 to 1: 16 bits, rounded to 1.5e-5, 0.001 degrees."""
 SEEN, HIDDEN, OUTSIDE, UNKNOWN = 0, 1, 2, 3
 """Values of the occlusion files."""
-
-
-def write_normals(folder: Path, frame: int, normals: Array) -> None:
-    """`normals/NNNNNN.png` of normals (h, w, 3)."""
-    codes = np.nan_to_num(np.rint((normals + 1) / 2 * NORMAL_UNITS), nan=0.0)
-    _write(folder / "normals" / f"{frame:06d}.png", codes[..., ::-1])
-
-
-def write_flow(folder: Path, frame: int, flow: Array, occlusion: NDArray[np.uint8]) -> None:
-    """`flow/NNNNNN.png` of flow (h, w, 2) in px, and `occlusion/NNNNNN.png`."""
-    known = np.asarray(np.isfinite(flow).all(axis=2))
-    codes = np.where(known[..., None], np.rint(np.nan_to_num(flow) * FLOW_UNITS_PER_PX) + FLOW_ZERO, 0.0)
-    _write(folder / "flow" / f"{frame:06d}.png", np.dstack([known, codes[..., 1], codes[..., 0]]))
-    path = folder / "occlusion" / f"{frame:06d}.png"
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(png(occlusion, smooth=True))
 
 
 def read_flow(path: Path, folder: Path) -> Array:
@@ -56,8 +38,3 @@ def read_normals(path: Path, folder: Path) -> Array:
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     normals[(codes == 0).all(axis=2)] = np.nan
     return np.asarray(normals)
-
-
-def _write(path: Path, codes: Array) -> None:
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(png(codes.astype(np.uint16), smooth=True))

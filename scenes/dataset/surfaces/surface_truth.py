@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.scenes.dataset.surfaces.surface_files import (
+    FLOW_UNITS_PER_PX,
+    FLOW_ZERO,
     HIDDEN,
     LARGEST_FLOW_PX,
+    NORMAL_UNITS,
     OUTSIDE,
     SEEN,
     UNKNOWN,
-    write_flow,
-    write_normals,
 )
+from uavbench.scenes.png.encoder import png
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, pixel_grid
 from uavbench.scenes.rendering.facets import NONE, Planes, Rows
 from uavbench.scenes.rendering.renderer import Renderer
@@ -203,3 +205,24 @@ class SurfaceFiles:
             if self._last is not None:
                 write_flow(self._folder, self._last[0], *self._truth.flow(self._last[1], view))
             self._last = frame, view
+
+
+def write_normals(folder: Path, frame: int, normals: Array) -> None:
+    """`normals/NNNNNN.png` of normals (h, w, 3)."""
+    codes = np.nan_to_num(np.rint((normals + 1) / 2 * NORMAL_UNITS), nan=0.0)
+    _write(folder / "normals" / f"{frame:06d}.png", codes[..., ::-1])
+
+
+def write_flow(folder: Path, frame: int, flow: Array, occlusion: NDArray[np.uint8]) -> None:
+    """`flow/NNNNNN.png` of flow (h, w, 2) in px, and `occlusion/NNNNNN.png`."""
+    known = np.asarray(np.isfinite(flow).all(axis=2))
+    codes = np.where(known[..., None], np.rint(np.nan_to_num(flow) * FLOW_UNITS_PER_PX) + FLOW_ZERO, 0.0)
+    _write(folder / "flow" / f"{frame:06d}.png", np.dstack([known, codes[..., 1], codes[..., 0]]))
+    path = folder / "occlusion" / f"{frame:06d}.png"
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(png(occlusion, smooth=True))
+
+
+def _write(path: Path, codes: Array) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(png(codes.astype(np.uint16), smooth=True))

@@ -1,0 +1,74 @@
+"""Statistics that photographs of natural scenes have in common, of any images.
+
+`python -m uavbench.bench.gallery.natural_statistics FILE...` prints a row of Markdown for each file that is named.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+
+from uavbench.scenes.image_files import load_image
+from uavbench.scenes.rendering.radiance import LIGHT, decode
+from uavbench.tracker.protocol import Image
+from uavbench.trajectories.pose import Array
+
+FITTED = (8, 4)
+"""The slope is fitted from so many periods in the image's shorter side to so many pixels a period: what lies below is
+the window's and the layout's, what lies above the antialiasing's."""
+BINS = 20
+
+
+@dataclass(frozen=True)
+class NaturalStatistics:
+    """Slope of the power spectrum in log-log axes; kurtosis of differences of log light between neighbours in a row;
+    deviation of log light (natural logarithm).
+    """
+
+    slope: float
+    gradient_kurtosis: float
+    log_deviation: float
+
+    @classmethod
+    def of(cls, image: Image) -> "NaturalStatistics":
+        """Of a finished image (h, w, 3), BGR, sRGB."""
+        light = cv2.cvtColor(decode(image), cv2.COLOR_BGR2GRAY).astype(np.float64)
+        log = np.log(np.maximum(light, LIGHT[1]))  # the darkest code that is not black
+        steps = np.diff(log, axis=1)
+        return cls(spectrum_slope(light), kurtosis(steps), float(log.std()))
+
+
+def spectrum_slope(light: Array) -> float:
+    """Slope of log power over log frequency of an image (h, w), power averaged over all directions."""
+    h, w = light.shape
+    window = np.outer(np.hanning(h), np.hanning(w))
+    power = np.abs(np.fft.fft2((light - np.average(light, weights=window)) * window)) ** 2
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(h), np.fft.fftfreq(w), indexing="ij"))
+    edges = np.geomspace(FITTED[0] / min(h, w), 1 / FITTED[1], BINS + 1)
+    which = np.digitize(frequency, edges)
+    inner = range(1, BINS + 1)
+    means = np.array([power[which == k].mean() for k in inner])
+    middles = np.array([np.log(frequency[which == k]).mean() for k in inner])
+    return float(np.polyfit(middles, np.log(means), 1)[0])
+
+
+def kurtosis(values: Array) -> float:
+    """Fourth moment over the square of the second: 3 of a normal distribution."""
+    centred = values - values.mean()
+    return float((centred**4).mean() / (centred**2).mean() ** 2)
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+def main(files: tuple[Path, ...]) -> None:
+    """Print the statistics of images."""
+    click.echo("| image | slope | kurtosis | deviation |\n|---|---|---|---|")
+    for file in files:
+        found = NaturalStatistics.of(load_image(file))
+        click.echo(f"| {file.stem} | {found.slope:.2f} | {found.gradient_kurtosis:.0f} | {found.log_deviation:.2f} |")
+
+
+if __name__ == "__main__":
+    main()

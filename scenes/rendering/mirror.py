@@ -1,0 +1,53 @@
+"""What level water mirrors: the scene turned over at its surface, drawn before each image at half the size."""
+
+from typing import Any
+
+import numpy as np
+
+from uavbench.scenes.rendering.gpu import Target
+from uavbench.trajectories.pose import Array
+
+SHARE = 2
+"""The mirrored image has so many times fewer columns and rows: ripples blur what it shows."""
+
+
+class Mirror:
+    """The image of the scene in water at level_m."""
+
+    def __init__(self, GL: Any, width: int, height: int, level_m: float) -> None:
+        self._gl, self.level_m = GL, level_m
+        self.width, self.height = max(1, width // SHARE), max(1, height // SHARE)
+        self.target = Target(GL, self.width, self.height, 0, GL.GL_RGBA8)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self.target.texture)
+        for key, value in (
+            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+            (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_EDGE),
+            (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_EDGE),
+        ):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
+        self.turned_over = np.diag([1.0, 1.0, -1.0, 1.0])
+        self.turned_over[2, 3] = 2 * level_m
+
+    def eye(self, eye: Array) -> Array:
+        """Where the mirrored scene is seen from."""
+        return np.array([eye[0], eye[1], 2 * self.level_m - eye[2]])
+
+    def begin(self) -> None:
+        """Draw into the mirrored image from now on: front faces are turned over, what is under water is cut off."""
+        GL = self._gl
+        GL.glFrontFace(GL.GL_CW)
+        GL.glEnable(GL.GL_CLIP_DISTANCE0)
+
+    def end(self) -> None:
+        """Draw as before again, with the mirrored image at the third texture unit."""
+        GL = self._gl
+        GL.glFrontFace(GL.GL_CCW)
+        GL.glDisable(GL.GL_CLIP_DISTANCE0)
+        GL.glActiveTexture(GL.GL_TEXTURE2)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self.target.texture)
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+
+    def delete(self) -> None:
+        """Free it."""
+        self.target.delete()

@@ -1,0 +1,87 @@
+"""Roads with markings: strips of asphalt and of paint side by side, as drivers see them."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from uavbench.scenes.materials.painted import Material
+from uavbench.scenes.primitives.meshes import grid, merge
+from uavbench.scenes.renderables import Part, Texture
+from uavbench.trajectories.pose import Array
+
+LINE_M = 0.15
+"""Width of a line: 4 to 6 inches (MUTCD 2009, section 3A.06: "normal line")."""
+DASH_M, GAP_M = 3.05, 9.14
+"""A broken line: segments of 10 feet and gaps of 30 (MUTCD 2009, section 3A.06)."""
+EDGE_M = 0.25
+"""From the edge of the asphalt to the edge line."""
+PAINT_ALBEDO = 0.55
+"""Linear albedo of white markings in use (EN 1436:2018, luminance factor class B5: 0.6 and more when new)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Carriageway:
+    """A straight road: from start_m to end_m along x, half its width to each side of y = 0, its surface at level_m.
+
+    instance and name are those of its parts.
+    """
+
+    start_m: float
+    end_m: float
+    half_m: float
+    level_m: float
+    instance: int = 0
+    name: str = ""
+
+    def parts(self, asphalt: Material, paint: Texture, marked: bool) -> list[Part]:
+        """Asphalt, and the paint in it: edge lines and a broken line in the middle."""
+        if not marked:
+            return [self._strips([(-self.half_m, self.half_m)], asphalt.texture, asphalt, self._cuts())]
+        edge, line = self.half_m - EDGE_M, LINE_M / 2
+        across = [-self.half_m, -edge, -edge + LINE_M, -line, line, edge - LINE_M, edge, self.half_m]
+        strips = list(pairwise(across))
+        dark = self._strips([strips[k] for k in (0, 2, 4, 6)], asphalt.texture, asphalt, self._cuts())
+        white = self._strips([strips[1], strips[5]], paint, asphalt, self._cuts())
+        dashes, gaps = (self._middle(strips[3], what, asphalt) for what in ((paint, True), (asphalt.texture, False)))
+        return [merge([dark, *gaps]), merge([white, *dashes])]
+
+    def _cuts(self) -> Array:
+        """Places along the road at which every strip is cut, so that strips side by side share their corners."""
+        first = np.ceil(self.start_m / (DASH_M + GAP_M)) * (DASH_M + GAP_M)
+        starts = np.arange(first - DASH_M - GAP_M, self.end_m, DASH_M + GAP_M)
+        inner = np.sort(np.concatenate([starts + shift for shift in (0.0, DASH_M, DASH_M + GAP_M / 2)]))
+        inner = inner[(inner > self.start_m + 0.01) & (inner < self.end_m - 0.01)]
+        return np.array([self.start_m, *inner, self.end_m])
+
+    def _middle(self, strip: tuple[float, float], what: tuple[Texture, bool], asphalt: Material) -> list[Part]:
+        """The dashes of the middle line, or what lies between them."""
+        texture, painted = what
+        cuts = self._cuts()
+        out = []
+        for a, b in pairwise(cuts.tolist()):
+            on_dash = ((a + b) / 2) % (DASH_M + GAP_M) < DASH_M
+            if on_dash == painted:
+                out.append(self._strips([strip], texture, asphalt, np.array([a, b])))
+        return out
+
+    def _strips(self, strips: list[tuple[float, float]], texture: Texture, asphalt: Material, cuts: Array) -> Part:
+        """One part of strips (from, to) across the road."""
+        parts = []
+        for low, high in strips:
+            axes = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+            vertices, triangles, _ = grid(np.array([0.0, 0.0, self.level_m]), *axes, cuts, np.array([low, high]))
+            parts.append(
+                Part(
+                    vertices=vertices,
+                    triangles=triangles,
+                    normals=np.tile([0.0, 0.0, 1.0], (len(vertices), 1)),
+                    uv=vertices[:, :2] / np.array(asphalt.tile_m),
+                    texture=texture,
+                    roughness=asphalt.roughness,
+                    casts_shadow=False,
+                    instance=self.instance,
+                    name=self.name,
+                )
+            )
+        return merge(parts)

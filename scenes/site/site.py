@@ -1,0 +1,270 @@
+"""The parameters of a site, and how it is shaped to the structure that stands on it."""
+
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Interval
+from numpy.typing import NDArray
+
+from uavbench.scenes.materials import painted as materials
+from uavbench.scenes.materials.painted import Material
+from uavbench.scenes.primitives.solids import block, covered, prism, subdivided
+from uavbench.scenes.renderables import BuiltSite, BuiltStructure, Part, Roadway
+from uavbench.scenes.site import plants, water
+from uavbench.scenes.site.roads import PAINT_ALBEDO, Carriageway
+from uavbench.scenes.site.terrain import BANK_SLOPE, BED_M, FAR_M, GRASSED_M, SHOULDER_M, Course, Embankment, Terrain
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.pose import Array
+
+LOW_M = 0.3
+"""What of a structure is lower than this stands on the ground."""
+RIVER_SHARE = 0.62
+"""Width of a river between its banks' crests, in parts of what lies between the outermost feet."""
+LANE_M = 3.5
+"""Of a rural road (AASHTO Green Book 2018, section 4.3: 2.7 to 3.6 m)."""
+ROADSIDE_M = 0.8
+"""From a road's edge to the nearest foot, at least."""
+PLINTH_M = 0.45
+"""By how much a footing is wider than the piers on it."""
+CONTACT_M = (0.05, 0.2, 0.5, 1.0, 2.0)
+"""Distances from feet at which the ground has corners that take their shade."""
+WALL_CUT_M = 0.5
+"""Longest side of the structure's triangles near the ground where shade is to show."""
+
+
+TONE = 0.08
+"""Deviation of the ground's brightness from place to place."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """What makes a place look lived in, each part off by default and drawn from the sequence's seed.
+
+    beneath: what passes under the structure along y, a river of WATER_M beneath its banks or a road with markings;
+    embankments carry the structure's road to both of its ends; markings are painted on it; plants is how densely grass
+    and reeds stand at feet and water (0: none, 1: a wall nobody tends); contact_shadows darken what is close to the
+    ground or to other things, finely enough to be seen. Nothing of it is part of the structure's model: it is 0 in the
+    mask, plants 2.
+    """
+
+    beneath: Literal["ground", "river", "road"] = "ground"
+    embankments: bool = False
+    markings: bool = False
+    plants: Annotated[float, Interval(ge=0, le=5)] = 0.0
+    contact_shadows: bool = False
+
+    def build(self, ground: Material, built: BuiltStructure, rng: np.random.Generator) -> BuiltSite:
+        """The site around a structure; UserError where it asks for a road that the structure does not carry."""
+        if (self.embankments or self.markings) and built.road is None:
+            raise UserError("environment.site: embankments and markings need a structure that carries a road: a bridge")
+        terrain = self._terrain(built, rng)
+        bounds = built.structure.bounds
+        shared = _Shared(ground, materials.gravel(rng), materials.asphalt(rng), materials.concrete(rng))
+        parts = _ground_parts(terrain, shared, rng)
+        if self.beneath == "river" and terrain.course is not None:
+            parts += [water.surface(terrain, rng), *_plinths(built, terrain, shared.concrete)]
+        if self.beneath == "road" and terrain.course is not None:
+            parts += _road_beneath(terrain.course, shared.asphalt)
+        structure = built.parts
+        if built.road is not None and self.markings:
+            structure = _marked(structure, built.road, shared.asphalt)
+        if built.road is not None and self.embankments:
+            parts += self._approaches(built.road, bounds, shared)
+        if self.plants > 0:
+            parts += _plants(terrain, self.plants, rng)
+        if self.contact_shadows:
+            structure = tuple(_cut_low(part) for part in structure)
+        return BuiltSite(tuple(parts), structure, terrain.height, terrain.is_free, self.contact_shadows)
+
+    def _terrain(self, built: BuiltStructure, rng: np.random.Generator) -> Terrain:
+        feet = _feet(built.parts)
+        embankment = Embankment.of(built.road) if self.embankments and built.road is not None else None
+        contact = CONTACT_M if self.contact_shadows else ()
+        return Terrain(built.structure.bounds, feet, self._course(built, feet, rng), embankment, contact)
+
+    def _course(self, built: BuiltStructure, feet: Array, rng: np.random.Generator) -> Course | None:
+        if self.beneath == "ground":
+            return None
+        low, high = built.structure.bounds[:, 0]
+        outer = feet[(feet[:, 1, 0] - feet[:, 0, 0] < 0.5 * (high - low))]
+        left, right = _clear(outer, (low, high))
+        if self.beneath == "river":
+            half = RIVER_SHARE * (right - left) / 2
+            straight = float(np.abs(built.structure.bounds[:, 1]).max()) + 6.0
+            bends = rng.uniform([2.0, 0.02, 0.0], [7.0, 0.05, 2 * np.pi], (2, 3)).tolist()
+            waves = tuple((metres, per_m, phase) for metres, per_m, phase in bends)
+            return Course("river", (left + right) / 2, half, straight, waves)
+        a, b = _widest_gap(outer, left, right)
+        half = min(LANE_M + 0.5, (b - a) / 2 - ROADSIDE_M)
+        if half < 1.5:
+            raise UserError("environment.site.beneath: no gap beneath the structure is wide enough for a road")
+        return Course("road", (a + b) / 2, half)
+
+    def _approaches(self, road: Roadway, bounds: Array, shared: "_Shared") -> list[Part]:
+        """The road from the structure's ends on, and the walls that hold the fill up to where its crest begins."""
+        parts: list[Part] = []
+        wide = float(np.abs(bounds[:, 1]).max())
+        start = Embankment.of(road).start_m
+        paint = _paint()
+        for side in (-1, 1):
+            begin = sorted((side * road.half_length_m, side * (start + 0.5)))
+            inner = road.half_width_m - 0.02
+            fill = block((begin[0], -inner, 0.0), (begin[1], inner, road.level_m - 0.01), shared.concrete)
+            parts.append(covered(fill, 0))
+            end = float(np.abs(bounds[:, 0]).max())
+            if start > end:
+                walls = sorted((side * end, side * (start + 0.5)))
+                for edge in (-1, 1):
+                    rows = sorted((edge * inner, edge * wide))
+                    wall = block((walls[0], rows[0], 0.0), (walls[1], rows[1], road.level_m + 0.2), shared.concrete)
+                    parts.append(covered(wall, 0))
+            way = sorted((side * road.half_length_m, side * 170.0))
+            lane = Carriageway(start_m=way[0], end_m=way[1], half_m=road.half_width_m, level_m=road.level_m)
+            parts += lane.parts(shared.asphalt, paint, self.markings)
+        return parts
+
+
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """Materials of a site."""
+
+    ground: Material
+    gravel: Material
+    asphalt: Material
+    concrete: Material
+
+
+def _feet(parts: tuple[Part, ...]) -> Array:
+    """Boxes (n, 2, 2) on the ground in which the structure's pieces stand, none inside another."""
+    boxes = [p.vertices[p.vertices[:, 2] < LOW_M, :2] for p in parts if p.vertices[:, 2].min() < LOW_M]
+    found = np.array([[box.min(axis=0), box.max(axis=0)] for box in boxes]).reshape(-1, 2, 2)
+    within = (found[:, None, 0] >= found[None, :, 0] - 1e-6) & (found[:, None, 1] <= found[None, :, 1] + 1e-6)
+    inside = within.all(axis=2)
+    first = np.arange(len(found))
+    again = inside & ~(inside.T & (first[:, None] <= first[None]))
+    return found[~again.any(axis=1)]
+
+
+def _clear(feet: Array, ends: tuple[float, float]) -> tuple[float, float]:
+    """From where to where along x the way beneath is open but for feet in its middle."""
+    middle = sum(ends) / 2
+    left = max((float(b) for b in feet[:, 1, 0] if b < middle - 0.25 * (ends[1] - ends[0])), default=float(ends[0]))
+    right = min((float(a) for a in feet[:, 0, 0] if a > middle + 0.25 * (ends[1] - ends[0])), default=float(ends[1]))
+    return left, right
+
+
+def _widest_gap(feet: Array, left: float, right: float) -> tuple[float, float]:
+    """The widest stretch along x between feet."""
+    stops = [(float(a), float(b)) for (a, _), (b, _) in feet if b > left and a < right]
+    at, best = left, (left, left)
+    for a, b in [*sorted(stops), (right, right)]:
+        if a - at > best[1] - best[0] + 1e-6:
+            best = (at, a)
+        at = max(at, b)
+    return best
+
+
+def _ground_parts(terrain: Terrain, shared: _Shared, rng: np.random.Generator) -> list[Part]:
+    """The ground: gravel by roads and under water, what the environment names elsewhere."""
+    vertices, triangles = terrain.mesh()
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    faces = np.cross(b - a, c - a)
+    normals = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(normals, triangles[:, k], faces)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    middle = ((a + b + c) / 3)[:, :2]
+    stony: NDArray[np.bool_] = np.zeros(len(triangles), dtype=bool)
+    if (course := terrain.course) is not None:
+        reach = course.half_m + SHOULDER_M if course.kind == "road" else course.half_m - BANK_SLOPE * GRASSED_M
+        stony |= course.across(middle) < reach
+    if (bank := terrain.embankment) is not None:
+        stony |= (np.abs(middle[:, 0]) > bank.start_m) & (np.abs(middle[:, 1]) < bank.half_m)
+    tone = 1 + TONE * np.clip(rng.standard_normal((len(vertices), 1)), -2, 2) * [1.0, 1.0, 1.0, 0.0]
+    out = []
+    for look, chosen in ((shared.ground, ~stony), (shared.gravel, stony)):
+        if chosen.any():
+            used, index = np.unique(triangles[chosen], return_inverse=True)
+            out.append(
+                Part(
+                    vertices=vertices[used],
+                    triangles=index.reshape(-1, 3),
+                    normals=normals[used],
+                    uv=vertices[used, :2] / np.array(look.tile_m),
+                    texture=look.texture,
+                    tint=tone[used],
+                    roughness=1.0,
+                    casts_shadow=False,
+                )
+            )
+    return out
+
+
+def _plinths(built: BuiltStructure, terrain: Terrain, concrete: Material) -> list[Part]:
+    """Footings under what stands in the water, from the bed to the level ground, pointed towards the current."""
+    groups: dict[str, list[Array]] = {}
+    for part in built.parts:
+        low = part.vertices[part.vertices[:, 2] < LOW_M, :2]
+        if len(low) and terrain.height(low.mean(axis=0, keepdims=True))[0] < 0:
+            groups.setdefault(part.name, []).append(low)
+    out = []
+    for places in groups.values():
+        at = np.concatenate(places)
+        (x0, y0), (x1, y1) = at.min(axis=0) - PLINTH_M, at.max(axis=0) + PLINTH_M
+        nose = (x1 - x0) / 2
+        profile = [(y0, -x1), (y1, -x1), (y1 + nose, -(x0 + x1) / 2), (y1, -x0), (y0, -x0), (y0 - nose, -(x0 + x1) / 2)]
+        solid = prism(np.array(profile), (0.0, 0.0, -BED_M - 0.3), (0.0, 0.0, -0.01), concrete)
+        out.append(covered(solid, 0, longest_m=1.0))
+    return out
+
+
+def _paint() -> NDArray[np.uint8]:
+    return np.full((1, 1, 3), round(255 * PAINT_ALBEDO**0.5), dtype=np.uint8)
+
+
+def _road_beneath(course: Course, asphalt: Material) -> list[Part]:
+    """A road along y, through the rim of the field."""
+    way = Carriageway(start_m=-FAR_M / 6, end_m=FAR_M / 6, half_m=course.half_m, level_m=0.0)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return [
+        replace(part, vertices=part.vertices @ turn.T + [course.centre_m, 0.0, 0.0])
+        for part in way.parts(asphalt, _paint(), marked=True)
+    ]
+
+
+def _marked(parts: tuple[Part, ...], road: Roadway, asphalt: Material) -> tuple[Part, ...]:
+    """The structure with markings on its road: the upper side of the road is drawn anew, where it was built."""
+    out: list[Part] = []
+    for part in parts:
+        if part.name != "road" or part.normals is None:
+            out.append(part)
+            continue
+        top = (part.normals[part.triangles][:, :, 2] > 0.9).all(axis=1)
+        seen = part.vertices[part.triangles[top]].reshape(-1, 3)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        lane = Carriageway(
+            start_m=float(low[0]),
+            end_m=float(high[0]),
+            half_m=float(high[1] - low[1]) / 2,
+            level_m=float(high[2]),
+            instance=part.instance,
+            name=part.name,
+        )
+        shift = np.array([0.0, (low[1] + high[1]) / 2, 0.0])
+        out.append(replace(part, triangles=part.triangles[~top]))
+        out += [replace(p, vertices=p.vertices + shift) for p in lane.parts(asphalt, _paint(), marked=True)]
+    return tuple(out)
+
+
+def _plants(terrain: Terrain, density: float, rng: np.random.Generator) -> list[Part]:
+    """Tufts at feet, reeds at water."""
+    grass = plants.blades(rng, 70, (98.0, 118.0, 52.0), 0.16)
+    reed = plants.blades(rng, 26, (118.0, 126.0, 66.0), 0.07)
+    stands = ((plants.at_feet(terrain, density, rng), grass, 0.9), (plants.at_water(terrain, density, rng), reed, 0.55))
+    return [plants.cards(stand, terrain, look, wide, rng) for stand, look, wide in stands if len(stand.places)]
+
+
+def _cut_low(part: Part) -> Part:
+    """The part with its triangles near the ground cut small."""
+    return subdivided(part, WALL_CUT_M, below_m=2.5)

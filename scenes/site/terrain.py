@@ -1,0 +1,138 @@
+"""The shape of the ground at a site: a channel or a road bed along y, embankments along x, and its mesh."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenes.primitives.meshes import grid
+from uavbench.scenes.renderables import Roadway
+from uavbench.scenes.structure import Indices
+from uavbench.trajectories.pose import Array
+
+BANK_SLOPE = 2.0
+"""Run over rise of a grassed river bank (USDA NRCS, National Engineering Handbook 654, TS14A: 2:1 and flatter)."""
+FILL_SLOPE = 1.5
+"""Run over rise of an embankment of granular fill (FHWA NHI-06-088, section 7: 1.5:1 to 2:1)."""
+SHOULDER_M = 1.0
+"""Verge between a road's edge and the crest of its embankment."""
+BED_M, WATER_M = 1.6, 0.7
+"""How far the bed and the water lie below the level ground."""
+GRASSED_M = 0.35
+"""How far down its bank the grass goes; below are stones."""
+SUNK_M = 0.2
+"""How far the ground lies below a road that covers it."""
+STEP_M = 2.0
+FAR_M = 1080.0
+"""Spacing of the mesh near the structure, and where it ends: behind the rim of hills."""
+STRAIGHT_M = 6.0
+"""A channel is straight so far beside the structure."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What runs along y beneath a structure: centre and half width in x; bends are metres, 1/m and phase of each."""
+
+    kind: str
+    centre_m: float
+    half_m: float
+    straight_to_m: float = 0.0
+    bends: tuple[tuple[float, float, float], ...] = ()
+
+    def aside(self, y: Array) -> Array:
+        """Shift (n,) of its centre line in x."""
+        away = np.clip((np.abs(y) - self.straight_to_m) / 40.0, 0.0, 1.0)
+        ease = away * away * (3 - 2 * away)
+        return np.asarray(ease * sum((a * np.sin(f * y + p) for a, f, p in self.bends), np.zeros_like(y)))
+
+    def across(self, points: Array) -> Array:
+        """Distance (n,) of points (n, 2) from its centre line, along x."""
+        return np.asarray(np.abs(points[:, 0] - self.centre_m - self.aside(points[:, 1])))
+
+
+@dataclass(frozen=True)
+class Embankment:
+    """Fill that carries a road along x to both ends of a structure: its crest begins at start_m from the middle."""
+
+    road: Roadway
+    start_m: float
+    half_m: float
+
+    @classmethod
+    def of(cls, road: Roadway) -> "Embankment":
+        """The embankment whose foot meets the front of the structure's ends."""
+        return cls(road, road.front_m + FILL_SLOPE * road.level_m, road.half_width_m + SHOULDER_M)
+
+    def height(self, points: Array) -> Array:
+        """Height (n,) of the fill at points (n, 2)."""
+        x, y = np.abs(points[:, 0]), np.abs(points[:, 1])
+        away = np.hypot(np.maximum(self.start_m - x, 0.0), np.maximum(y - self.half_m, 0.0))
+        return np.asarray(np.maximum(self.road.level_m - SUNK_M - away / FILL_SLOPE, 0.0))
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Ground at z = 0, but for a course and an embankment; feet are boxes (n, 2, 2) that stand on it."""
+
+    bounds: Array
+    feet: Array
+    course: Course | None = None
+    embankment: Embankment | None = None
+    contact_m: tuple[float, ...] = field(default=())
+
+    def height(self, points: Array) -> Array:
+        """Height (n,) of the ground at points (n, 2)."""
+        out = np.zeros(len(points))
+        if self.embankment is not None:
+            out = self.embankment.height(points)
+        if self.course is not None:
+            inward = self.course.half_m - self.course.across(points)
+            if self.course.kind == "river":
+                out -= np.clip(inward / BANK_SLOPE, 0.0, BED_M)
+            else:
+                out -= np.clip(inward, 0.0, SUNK_M)
+        return out
+
+    def is_free(self, points: Array) -> NDArray[np.bool_]:
+        """Whether the ground at points (n, 2) is level and open, so that things may stand on it."""
+        free = np.abs(self.height(points)) < 1e-6
+        return free if self.course is None else free & (self.course.across(points) > self.course.half_m + SHOULDER_M)
+
+    def mesh(self) -> tuple[Array, Indices]:
+        """Vertices (n, 3) and triangles (m, 3): a grid with a line wherever the slope changes, and beside feet."""
+        xs, ys = self._lines(0, self._breaks_x()), self._lines(1, self._breaks_y())
+        one = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+        vertices, triangles, _ = grid(np.zeros(3), *one, xs, ys)
+        if self.course is not None:
+            fade = np.clip(1 - (np.abs(vertices[:, 0] - self.course.centre_m) - self.course.half_m) / 60.0, 0.0, 1.0)
+            vertices[:, 0] += fade * self.course.aside(vertices[:, 1])
+        vertices[:, 2] = self.height(vertices[:, :2])
+        return vertices, triangles
+
+    def _breaks_x(self) -> list[float]:
+        out: list[float] = []
+        if self.course is not None:
+            depths = (0.0, GRASSED_M, WATER_M, BED_M)
+            inward = [0.0, SUNK_M] if self.course.kind == "road" else [BANK_SLOPE * depth for depth in depths]
+            out += [self.course.centre_m + side * (self.course.half_m - d) for d in inward for side in (-1, 1)]
+            out += [self.course.centre_m + side * (self.course.half_m + SHOULDER_M) for side in (-1, 1)]
+        if self.embankment is not None:
+            out += [side * self.embankment.start_m for side in (-1, 1)]
+        return out
+
+    def _breaks_y(self) -> list[float]:
+        if self.embankment is None:
+            return []
+        run = FILL_SLOPE * (self.embankment.road.level_m - SUNK_M)
+        return [side * (self.embankment.half_m + share * run) for share in (0.0, 0.5, 1.0) for side in (-1, 1)]
+
+    def _lines(self, axis: int, breaks: Iterable[float]) -> Array:
+        low, high = self.bounds[0, axis] - 12.0, self.bounds[1, axis] + 12.0
+        wanted = np.array(sorted(breaks))
+        feet = self.feet[:, :, axis]
+        beside = [feet[:, 0] - d for d in self.contact_m] + [feet[:, 1] + d for d in self.contact_m]
+        far = np.geomspace(STEP_M, FAR_M, 16)
+        near = np.concatenate([np.arange(low, high, STEP_M), low - far, high + far, *beside])
+        apart = np.abs(near[:, None] - wanted).min(axis=1, initial=np.inf) > 0.03 if len(wanted) else near == near
+        return np.unique(np.round(np.concatenate([wanted, near[apart]]), 4))

@@ -1,0 +1,247 @@
+"""Sites: slopes and markings have the cited sizes, light changes no truth, and nothing of a site is the structure's."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from tests.scenes.conftest import FLAT_LIGHT, looking, white_box
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.clutter.placing import ring_places
+from uavbench.scenes.generate import cameras_of, check_site
+from uavbench.scenes.materials import painted as materials
+from uavbench.scenes.materials.painted import Material
+from uavbench.scenes.primitives.meshes import joined
+from uavbench.scenes.renderables import BuiltSite, BuiltStructure, Light, Part
+from uavbench.scenes.rendering.light_baking import bake
+from uavbench.scenes.rendering.radiance import RENDERED
+from uavbench.scenes.rendering.renderer import Renderer
+from uavbench.scenes.site import plants, water
+from uavbench.scenes.site.roads import DASH_M, GAP_M, LINE_M, Carriageway
+from uavbench.scenes.site.site import Site
+from uavbench.scenes.site.terrain import BANK_SLOPE, BED_M, FILL_SLOPE, SUNK_M, WATER_M, Course, Embankment, Terrain
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.structures.bridge import Bridge
+from uavbench.scenes.structures.wall import Wall
+from uavbench.scenes.world.outdoor import Outdoor
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.obstacles import ObstacleMesh
+from uavbench.trajectories.paths.around import Hover
+from uavbench.trajectories.pose import Array
+from uavbench.trajectories.simulation.flight import FlightSpec, fly
+from uavbench.trajectories.vehicle.registry import AIRFRAMES
+
+PLAIN = Material(np.full((1, 1, 3), 100, dtype=np.uint8), (1.0, 1.0))
+WHITE = np.full((1, 1, 3), 200, dtype=np.uint8)
+
+
+@pytest.fixture(autouse=True)
+def one_paint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain materials: painting takes seconds, and no test here looks at it."""
+    for name in ("gravel", "asphalt", "concrete", "painted_steel"):
+        monkeypatch.setattr(materials, name, lambda *_, **__: PLAIN)
+
+
+@lru_cache
+def bridge() -> BuiltStructure:
+    return Bridge().build(np.random.default_rng(0))
+
+
+def site_of(site: Site, seed: int = 3) -> BuiltSite:
+    return site.build(PLAIN, bridge(), np.random.default_rng(seed))
+
+
+def area(part: Part) -> float:
+    a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def test_without_a_site_the_ground_stays_plain() -> None:
+    assert Outdoor() == Outdoor(site=Site())
+    asked = Site()
+    assert (asked.beneath, asked.embankments, asked.markings, asked.plants, asked.contact_shadows) == (
+        "ground",
+        False,
+        False,
+        0.0,
+        False,
+    )
+
+
+def test_a_bank_has_its_slope_and_a_river_its_depth() -> None:
+    terrain = Terrain(bridge().structure.bounds, np.zeros((0, 2, 2)), Course("river", 1.0, 7.0))
+    x = np.array([1.0, 8.0 - BANK_SLOPE * BED_M, 8.0 - BANK_SLOPE * WATER_M, 7.0, 8.0, 9.0, -6.0, -30.0])
+    expected = [-BED_M, -BED_M, -WATER_M, -1 / BANK_SLOPE, 0.0, 0.0, 0.0, 0.0]
+    assert terrain.height(np.column_stack([x, np.zeros(len(x))])) == pytest.approx(expected)
+    vertices, triangles = terrain.mesh()
+    near = np.abs(vertices[:, 1]) < 5
+    assert np.interp(7.0, *vertices[near][np.argsort(vertices[near, 0])][:, [0, 2]].T) == pytest.approx(-0.5, abs=0.01)
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all(), "the grid does not fold over, however the river bends"
+
+
+def test_an_embankment_has_its_slope_and_leaves_the_way_beneath_open() -> None:
+    road = bridge().road
+    assert road is not None
+    bank = Embankment.of(road)
+    top = road.level_m - SUNK_M
+    crest = np.array([[bank.start_m + 20, 0.0], [-bank.start_m - 20, bank.half_m]])
+    assert bank.height(crest) == pytest.approx([top, top])
+    down = np.array([[bank.start_m + 20, bank.half_m + 3.0]])
+    assert bank.height(down) == pytest.approx([top - 3 / FILL_SLOPE])
+    beneath = np.column_stack([np.linspace(-road.front_m, road.front_m, 50), np.zeros(50)])
+    assert bank.height(beneath) == pytest.approx(0.0)
+
+
+def test_markings_have_the_cited_widths_and_lengths() -> None:
+    length = 10 * (DASH_M + GAP_M)
+    asphalt, paint = Carriageway(start_m=0, end_m=length, half_m=3.0, level_m=1.0).parts(PLAIN, WHITE, marked=True)
+    assert paint.texture is WHITE
+    middle = (np.abs(paint.vertices[paint.triangles][:, :, 1]) < 0.1).all(axis=1)
+    edges, dashes = (replace(paint, triangles=paint.triangles[chosen]) for chosen in (~middle, middle))
+    assert area(edges) == pytest.approx(2 * LINE_M * length)
+    assert area(dashes) == pytest.approx(10 * LINE_M * DASH_M)
+    assert area(asphalt) + area(paint) == pytest.approx(6.0 * length), "side by side, neither gap nor overlap"
+    starts = np.unique(dashes.vertices[dashes.triangles][:, :, 0].min(axis=1).round(6))
+    assert np.diff(starts) == pytest.approx(DASH_M + GAP_M)
+
+
+def test_markings_change_the_light_of_the_deck_and_no_truth() -> None:
+    camera = Camera(160, 120, 120.0, 120.0, 80.0, 60.0)
+    seen = {}
+    for marked in (False, True):
+        parts = site_of(Site(markings=marked, plants=0.01)).structure
+        with Renderer(parts, FLAT_LIGHT, 160, 120) as renderer:
+            pose = looking((-16.0, -5.0, 9.0), (0.0, 0.0, 5.0))
+            seen[marked] = renderer.color(pose, camera), *renderer.geometry(pose, camera)
+    assert (np.abs(seen[True][0].astype(int) - seen[False][0]).max(axis=2) > 40).sum() > 30
+    assert np.array_equal(seen[True][2], seen[False][2])
+    moved = np.abs(seen[True][1] - seen[False][1]) > 1e-3
+    assert moved.mean() < 2e-3, "but for pixels whose centre lies on an edge"
+
+
+def test_contact_shadows_change_no_truth() -> None:
+    camera = Camera(160, 120, 120.0, 120.0, 80.0, 60.0)
+    seen = []
+    for contact in (False, True):
+        site = site_of(Site(beneath="river", contact_shadows=contact))
+        with Renderer((*site.structure, *site.parts), FLAT_LIGHT, 160, 120) as renderer:
+            seen.append(renderer.geometry(looking((-6.0, -12.0, 3.0), (1.0, 0.0, 2.0)), camera))
+    assert (seen[0][1] != seen[1][1]).mean() < 1e-3
+    same = seen[0][1] == seen[1][1]
+    assert np.quantile(np.abs(seen[0][0] - seen[1][0])[same], 0.99) < 0.05, "the same ground, cut finer"
+
+
+def test_contact_shadows_darken_the_foot_of_a_wall_and_not_the_free_wall() -> None:
+    wall = white_box((-2.0, 0.0, 0.0), (2.0, 0.3, 4.0))
+    built = BuiltStructure(bridge().structure, (replace(wall, uv=np.zeros((8, 2))),))
+    cut = Site(contact_shadows=True).build(PLAIN, built, np.random.default_rng(0)).structure[0]
+    ground = white_box((-9.0, -9.0, -0.1), (9.0, 9.0, 0.0))
+    occluder = ObstacleMesh(*joined((p.vertices, p.triangles) for p in (wall, ground)))
+    light = Light(to_lamp=(0.0, 0.0, 1.0), lamp=(0.5,) * 3, above=(0.4,) * 3, below=(0.2,) * 3)
+    (baked,) = bake((cut,), occluder, light, reach_m=1.0)
+    assert baked.normals is not None and baked.tint is not None
+    front = (baked.normals[:, 1] < -0.9) & (np.abs(baked.vertices[:, 0]) < 1.2)
+    z, shade = baked.vertices[front, 2], baked.tint[front, 0]
+    foot, near, free = (shade[(z >= low) & (z <= high)].mean() for low, high in ((0, 0.05), (0.2, 0.6), (1.5, 4.0)))
+    assert foot < near < free
+    assert foot < 0.75
+    assert free == pytest.approx(1.0, abs=0.02)
+
+
+def test_water_mirrors_what_stands_over_it() -> None:
+    terrain = Terrain(np.array([[-4.0, -1.0, 0.0], [4.0, 1.0, 4.0]]), np.zeros((0, 2, 2)), Course("river", 0.0, 40.0))
+    calm = replace(water.surface(terrain, np.random.default_rng(0)), ripples=np.full((1, 1, 3), 128, dtype=np.uint8))
+    red = np.column_stack([np.tile([1.0, 0.0, 0.0], (8, 1)), np.ones(8)])
+    block = replace(white_box((-4.0, 30.0, 0.0), (4.0, 31.0, 3.0)), tint=red)
+    camera, pose = Camera(320, 240, 300.0, 300.0, 160.0, 60.0), looking((0.0, 0.0, 1.0), (0.0, 10.0, 1.0))
+    sky = np.full((8, 16, 3), 40, dtype=np.uint8)
+    with Renderer((calm, block), FLAT_LIGHT, 320, 240, sky=sky) as renderer:
+        light = RENDERED[renderer.color(pose, camera)]
+        instances = renderer.geometry(pose, camera)[1]
+    turned_over = np.array([0.0, 30.0, -2 * WATER_M - 1.5])  # the mirror image of a point on the block's face
+    ((u, v),) = camera.project(pose.transform(turned_over[None]))
+    blue, _, mirrored = light[round(v), round(u)]
+    assert mirrored > 5 * blue, "red, as the block"
+    assert instances[round(v), round(u)] == 0
+    (beside,) = camera.project(pose.transform(turned_over[None] + [9.0, 0.0, 0.0]))
+    assert np.ptp(light[round(beside[1]), round(beside[0])]) < 0.3 * mirrored, "sky, beside it"
+
+
+def test_a_mirror_image_is_as_bright_as_fresnel_says() -> None:
+    """At normal incidence 2 %, near grazing nearly all (Schlick 1994)."""
+    terrain = Terrain(np.array([[-4.0, -1.0, 0.0], [4.0, 1.0, 4.0]]), np.zeros((0, 2, 2)), Course("river", 0.0, 80.0))
+    calm = replace(water.surface(terrain, np.random.default_rng(0)), ripples=np.full((1, 1, 3), 128, dtype=np.uint8))
+    calm = replace(calm, tint=np.column_stack([np.zeros((len(calm.vertices), 3)), np.ones(len(calm.vertices))]))
+    camera, sky = Camera(64, 48, 300.0, 300.0, 32.0, 24.0), np.full((8, 16, 3), 255, dtype=np.uint8)
+    with Renderer((calm,), FLAT_LIGHT, 64, 48, sky=sky) as renderer:
+        for eye, at in (((0.0, 0.0, 9.0), (0.0, 0.5, 0.0)), ((0.0, 0.0, 1.0), (0.0, 12.0, -WATER_M))):
+            pose = looking(eye, at)
+            away = np.subtract(at, eye) / np.linalg.norm(np.subtract(at, eye))
+            expected = 0.02 + 0.98 * (1 + away[2]) ** 5
+            assert RENDERED[renderer.color(pose, camera)[24, 32, 1]] == pytest.approx(expected, abs=0.01)
+
+
+def test_nothing_of_a_site_is_the_structures() -> None:
+    site = site_of(Site(beneath="river", embankments=True, markings=True, plants=1.0))
+    assert {part.instance for part in site.parts} == {0, plants.INSTANCE}
+    assert {part.instance for part in site.structure} == {1}
+    assert not any(part.instance == 2 and not part.cutout for part in site.parts)
+
+
+def test_piers_in_a_river_stand_on_footings() -> None:
+    site = site_of(Site(beneath="river"))
+    above_bed = site.height(np.array([[0.0, 2.0]]))
+    assert above_bed == pytest.approx([-BED_M])
+    reaching = [p for p in site.parts if p.vertices[:, 2].min() < -BED_M and p.vertices[:, 2].max() > -0.05]
+    spans = [(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in reaching if np.ptp(p.vertices[:, 0]) < 5]
+    assert any((low[:2] < [-0.38, -2.4]).all() and (high[:2] > [0.38, 2.4]).all() for low, high in spans)
+
+
+def test_a_road_beneath_passes_between_the_piers() -> None:
+    site = site_of(Site(beneath="road"))
+    feet: list[Array] = [p.vertices[p.vertices[:, 2] < 0.1] for p in bridge().parts]
+    at = np.concatenate([points[:, :2] for points in feet])
+    assert (site.height(at) == 0).all(), "no foot stands on the road"
+    assert not site.is_free(np.array([[-6.0, 40.0]]))[0] or not site.is_free(np.array([[6.0, 40.0]]))[0]
+
+
+def test_the_same_seed_gives_the_same_site() -> None:
+    asked = Site(beneath="river", plants=1.0, embankments=True)
+    first, again, other = (site_of(asked, seed) for seed in (3, 3, 4))
+    for a, b in zip(first.parts, again.parts, strict=True):
+        assert a.vertices.tobytes() == b.vertices.tobytes()
+    assert any(a.vertices.tobytes() != b.vertices.tobytes() for a, b in zip(first.parts, other.parts, strict=True))
+
+
+def test_things_stand_on_free_ground() -> None:
+    site = site_of(Site(beneath="river", embankments=True))
+    places = ring_places(bridge().structure.bounds, 200, (1.0, 30.0), np.random.default_rng(0), site.is_free)
+    assert site.height(places[:, :2]) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_camera_that_flies_into_an_embankment_is_refused() -> None:
+    flight = FlightSpec(
+        airframe=AIRFRAMES["iris"](), path=Hover(duration_s=0.5, distance_m=1.0, height_m=1.5, from_deg=-12.0)
+    )
+    spec = SequenceSpec(name="earth", seed=0, structure=Bridge(), flight=flight, environment=Outdoor())
+    structure = bridge().structure
+    flown = fly(flight, spec.mount, ObstacleMesh(structure.vertices, structure.triangles), 0)
+    (camera,) = cameras_of(spec)
+    check_site(spec, camera, None, flown)
+    check_site(spec, camera, site_of(Site(beneath="river")), flown)
+    with pytest.raises(UserError, match=r"sequence earth: camera camera: t = .* the ground there reaches to 2\.\d\d m"):
+        check_site(spec, camera, site_of(Site(embankments=True)), flown)
+
+
+@pytest.mark.parametrize("site", [Site(markings=True), Site(embankments=True)])
+def test_a_structure_without_a_road_has_no_markings(site: Site) -> None:
+    with pytest.raises(UserError, match="site: embankments and markings need a structure that carries a road"):
+        site.build(PLAIN, Wall().build(np.random.default_rng(0)), np.random.default_rng(0))
+
+
+def test_a_bridge_too_narrow_for_a_road_is_refused() -> None:
+    narrow = Bridge(length_m=6.0, spans=2).build(np.random.default_rng(0))
+    with pytest.raises(UserError, match="no gap beneath the structure is wide enough"):
+        Site(beneath="road").build(PLAIN, narrow, np.random.default_rng(0))
