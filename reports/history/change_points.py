@@ -86,7 +86,8 @@ def _standing(series: Series, cuts: list[int], margin: float) -> list[int]:
         del ends[out + 1], steps[out]
         for k in (out - 1, out):  # only those beside it have other neighbours now
             if 0 <= k < len(steps):
-                steps[k] = _step(series, *ends[k : k + 3], ends[1:-1])
+                start, cut, end = ends[k : k + 3]
+                steps[k] = _step(series, start, cut, end, ends[1:-1])
     return ends[1:-1]
 
 

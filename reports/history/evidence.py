@@ -9,6 +9,7 @@ both agree with the flights' noise its degrees of freedom count, else theirs, wh
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, stdtr
@@ -43,7 +44,14 @@ class Variance:
         return enough and self.value * self.freedom <= known.value * float(chdtri(self.freedom, RARE))
 
 
-def tested(series: Series, contrast: Array, cuts: list[int]) -> tuple[float, float]:
+class Tested(NamedTuple):
+    """Size of a change, as a share, and its two-sided p."""
+
+    size: float
+    p: float
+
+
+def tested(series: Series, contrast: Array, cuts: list[int]) -> Tested:
     """Size of a contrast (n,) of the commits, as a share, and its two-sided p.
 
     cuts: commits with which the level steps, so that their differences to those before are no noise.
@@ -57,8 +65,8 @@ def tested(series: Series, contrast: Array, cuts: list[int]) -> tuple[float, flo
     agreed = len(others) > 1 and all(each.agrees(noise) for each in others)
     freedom = noise.freedom if agreed else min(each.freedom for each in others)
     if error <= 0.0:
-        return size, 0.0 if mean else 1.0
-    return size, float(2 * stdtr(freedom, -abs(mean) / error))
+        return Tested(size, 0.0 if mean else 1.0)
+    return Tested(size, float(2 * stdtr(freedom, -abs(mean) / error)))
 
 
 def _of_noise(series: Series, contrast: Array, cuts: list[int]) -> Variance:
