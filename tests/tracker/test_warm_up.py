@@ -1,9 +1,11 @@
 """A tracker that was started compiles nothing, whatever it is shown; two processes share the work."""
 
+import fcntl
 import json
 import os
 import subprocess
 import sys
+import tempfile
 from itertools import islice
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from tests.bench.process_trees import is_alive, wait_until
 from tests.tracker.synthetic import CAMERA, box, flown
 from uavbench.tracker.registry import TRACKERS
+from uavbench.trajectories.kernels import warm_up
 from uavbench.trajectories.kernels.argument_types import argument_types
 from uavbench.trajectories.kernels.compiled import KERNELS, compiled
 from uavbench.trajectories.kernels.warm_up import in_order, kernels_of, prepare, queue_of, taken
@@ -168,3 +171,18 @@ def test_the_helper_ends_with_the_process_that_it_helps():
     finally:
         os.close(into)
         os.close(out)
+
+
+def test_those_who_compile_take_turns_beside_the_kernels_and_leave_nothing_in_the_temporary_folder(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    place = tmp_path / "cache" / "uavbench" / "kernels" / warm_up.LOCK
+    with warm_up._alone(), place.open() as lock, pytest.raises(BlockingIOError):
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with warm_up._alone():  # it was given back
+        pass
+    assert not list((tmp_path / "tmp").iterdir())

@@ -12,7 +12,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -22,11 +21,14 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 from tqdm import tqdm
 
+from uavbench.trajectories.kernels.cache import homes
 from uavbench.trajectories.kernels.compiled import KERNELS, Kernel
 from uavbench.trajectories.source_files import sources
 
 NUMBER = np.dtype(np.uint16)
 """How a number stands in a queue."""
+LOCK = ".compiling"
+"""File beside the kernels, by which processes of one user take turns."""
 PR_SET_PDEATHSIG = 1
 """Of linux/prctl.h."""
 
@@ -111,16 +113,24 @@ def taken(queue: int) -> Iterator[int]:
 def _alone() -> Iterator[None]:
     """Hold the lock of those who compile for this user, where a lock can be had."""
     with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError):
-            path = Path(tempfile.gettempdir()) / f"uavbench-kernels-{os.getuid()}.lock"
-            handle = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        handle = next(_locks(), None)
+        if handle is not None:
             stack.callback(os.close, handle)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                print("another process compiles kernels; waiting for it", file=sys.stderr, flush=True)
-                fcntl.flock(handle, fcntl.LOCK_EX)
+            with contextlib.suppress(OSError):  # a file system without locks
+                try:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    print("another process compiles kernels; waiting for it", file=sys.stderr, flush=True)
+                    fcntl.flock(handle, fcntl.LOCK_EX)
         yield
+
+
+def _locks() -> Iterator[int]:
+    """Handles of the lock where kernels may be kept, the best place first."""
+    for home in homes():
+        with contextlib.suppress(OSError):
+            home.mkdir(parents=True, exist_ok=True)
+            yield os.open(home / LOCK, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
 
 
 @contextlib.contextmanager
