@@ -13,7 +13,7 @@ from uavbench.bench.speed.rounds import absent
 from uavbench.reports.evaluation.evaluation import evaluate
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.figures.ranking import critical_difference, win_table
-from uavbench.reports.report import ReportEntry, write_report
+from uavbench.reports.report import ReportEntry, ReportInputs, write_report
 from uavbench.reports.scoring.score import score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks
@@ -118,14 +118,14 @@ def test_a_report_of_240_runs(benchmark: Any, tmp_path: Path) -> None:
     """10 flights x 4 seeds x 3 trackers x 2 rates, from files to the page."""
     entries = write_study(tmp_path, flights=10, seeds=4, trackers=3)
     assert len(entries) == 240
-    benchmark.pedantic(write_report, (tmp_path / "report", "240 runs", entries), rounds=1)
+    benchmark.pedantic(write_report, (tmp_path / "report", ReportInputs("240 runs", entries)), rounds=1)
     assert (tmp_path / "report" / "index.html").exists()
 
 
 def test_a_report_of_one_flight_of_40_s(benchmark: Any, tmp_path: Path) -> None:
     """One flight of 600 frames x 4 trackers x 2 rates, as in the demo."""
     entries = write_study(tmp_path, flights=1, seeds=1, trackers=4, frames=600)
-    benchmark.pedantic(write_report, (tmp_path / "report", "one flight", entries), rounds=1)
+    benchmark.pedantic(write_report, (tmp_path / "report", ReportInputs("one flight", entries)), rounds=1)
     assert (tmp_path / "report" / "index.html").exists()
 
 
