@@ -27,10 +27,10 @@ ROADSIDE_M = 0.8
 """From a road's edge to the nearest foot, at least."""
 PLINTH_M = 0.45
 """By how much a footing is wider than the piers on it."""
-CONTACT_M = (0.05, 0.2, 0.5, 1.0, 2.0)
+CONTACT_M = (0.1, 0.4, 1.2)
 """Distances from feet at which the ground has corners that take their shade."""
-WALL_CUT_M = 0.5
-"""Longest side of the structure's triangles near the ground where shade is to show."""
+WALL_CUT_M, WALL_HIGH_M = 0.5, 1.5
+"""Longest side of the structure's triangles where shade is to show, and how far up from the ground it is."""
 
 
 TONE = 0.08
@@ -267,4 +267,4 @@ def _plants(terrain: Terrain, density: float, rng: np.random.Generator) -> list[
 
 def _cut_low(part: Part) -> Part:
     """The part with its triangles near the ground cut small."""
-    return subdivided(part, WALL_CUT_M, below_m=2.5)
+    return subdivided(part, WALL_CUT_M, below_m=WALL_HIGH_M)

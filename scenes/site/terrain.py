@@ -23,6 +23,8 @@ GRASSED_M = 0.35
 """How far down its bank the grass goes; below are stones."""
 SUNK_M = 0.2
 """How far the ground lies below a road that covers it."""
+APART_M = 0.09
+"""Lines of the mesh that are closer fall together."""
 STEP_M = 2.0
 FAR_M = 1080.0
 """Spacing of the mesh near the structure, and where it ends: behind the rim of hills."""
@@ -134,5 +136,8 @@ class Terrain:
         beside = [feet[:, 0] - d for d in self.contact_m] + [feet[:, 1] + d for d in self.contact_m]
         far = np.geomspace(STEP_M, FAR_M, 16)
         near = np.concatenate([np.arange(low, high, STEP_M), low - far, high + far, *beside])
-        apart = np.abs(near[:, None] - wanted).min(axis=1, initial=np.inf) > 0.03 if len(wanted) else near == near
-        return np.unique(np.round(np.concatenate([wanted, near[apart]]), 4))
+        lines = wanted.tolist()
+        for line in np.unique(near).tolist():
+            if all(abs(line - other) > APART_M for other in lines):
+                lines.append(line)
+        return np.sort(lines)
