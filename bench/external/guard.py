@@ -22,6 +22,8 @@ from typing import Any, TextIO
 SCRIPT = Path(__file__).parent / "guard_process.py"
 START_S, END_S = 60.0, 20.0
 """Longest that a guard may take to begin and to end; it takes some hundredths of a second."""
+WAIT_S = 3600.0
+"""Between two looks at a program that may take as long as it likes."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,31 @@ class Guard:
         line, _, self._received = self._received.partition(b"\n")
         said: dict[str, Any] = json.loads(line)
         return said
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A program that ran to its end: its exit code, minus the signal if by one, and what it said."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def last(self) -> str:
+        """The last line that it said, its errors looked at first; its exit code where it said nothing."""
+        lines = (self.err.strip() or self.out.strip()).splitlines()
+        return lines[-1] if lines else f"exit code {self.code}"
+
+
+def finished(guard: Guard, command: Sequence[str], environment: Mapping[str, str]) -> Finished:
+    """Run a guard's program in its folder to the end, without input; it ends with us, however we end."""
+    out, err = guard.folder / "stdout.txt", guard.folder / "stderr.txt"
+    with Path(os.devnull).open("rb") as nothing, out.open("wb") as said, err.open("wb") as errors:
+        guard.start(command, environment, (nothing.fileno(), said.fileno(), errors.fileno()))
+    while (ended := guard.wait(WAIT_S)) is None:
+        pass
+    return Finished(ended.code, *(path.read_text(encoding="utf-8", errors="replace") for path in (out, err)))
 
 
 @dataclass(frozen=True)

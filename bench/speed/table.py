@@ -4,15 +4,14 @@ import json
 import math
 import os
 import statistics
-import subprocess
 import sys
-import tempfile
 import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
@@ -25,8 +24,8 @@ def speed(only: str, save: Path | None) -> int:
     if save is not None:
         refuse_foreign_file(save)
     goals = tomllib.loads((SPEED / "goals.toml").read_text(encoding="utf-8"))
-    with tempfile.TemporaryDirectory() as scratch:
-        file = Path(scratch) / "speed.json"
+    with Guard("uavbench-speed-") as guard:
+        file = guard.folder / "speed.json"
         arguments = [
             "-q",
             "--benchmark-only",
@@ -35,26 +34,24 @@ def speed(only: str, save: Path | None) -> int:
             "-p",
             "no:cacheprovider",
         ]
-        where = ["-c", os.devnull, f"--rootdir={scratch}", "--import-mode=importlib", str(SPEED)]
+        where = ["-c", os.devnull, f"--rootdir={guard.folder}", "--import-mode=importlib", str(SPEED)]
         command = [sys.executable, "-m", "pytest", *where, *arguments, *(["-k", only] if only else [])]
         found_by = os.pathsep.join(path for path in sys.path if path)
-        environment = {**os.environ, "PYTHONPATH": found_by}
-        done = subprocess.run(command, cwd=scratch, env=environment, capture_output=True, text=True, check=False)
+        done = finished(guard, command, {**os.environ, "PYTHONPATH": found_by})
         try:
             results = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
-            words = (done.stdout + done.stderr).strip().splitlines()
             raise UserError(
-                f"the benchmarks did not run (they need `pip install 'uavbench[speed]'`): {words[-1] if words else ''}"
+                f"the benchmarks did not run (they need `pip install 'uavbench[speed]'`): {done.last}"
             ) from None
         if save is not None:
             write_text(save, json.dumps(results, indent=1) + "\n", sealed=True)
     lines, met = table(results["benchmarks"], goals)
     say(f"{results['machine_info']['cpu'].get('brand_raw', 'unknown processor')}; least and median of the rounds")
     say("\n".join(lines))
-    if done.returncode:
-        say("\n".join(line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), err=True)
-    return 0 if met and done.returncode == 0 else 1
+    if done.code:
+        say("\n".join(line for line in done.out.splitlines() if line.startswith(("FAILED", "ERROR"))), err=True)
+    return 0 if met and done.code == 0 else 1
 
 
 def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) -> tuple[list[str], bool]:

@@ -14,6 +14,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 
+from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.seals import is_sealed
@@ -55,14 +56,12 @@ class OpencvRapid(ThirdPartyTracker):
         except (OSError, subprocess.CalledProcessError) as error:
             raise UserError(f"opencv-rapid: {folder}: cannot be made: {error}; is python3-venv installed?") from None
         python = str(folder / "bin" / "python")
-        done = subprocess.run(
-            [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", *PACKAGES],
-            capture_output=True,
-            text=True,
-        )
-        if done.returncode:
-            last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
-            raise UserError(f"opencv-rapid: pip cannot install {' '.join(PACKAGES)}: {last}")
+        with Guard("uavbench-setup-") as guard:
+            done = finished(
+                guard, [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", *PACKAGES], os.environ
+            )
+        if done.code:
+            raise UserError(f"opencv-rapid: pip cannot install {' '.join(PACKAGES)}: {done.last}")
         subprocess.run([python, "-c", "import cv2; cv2.rapid.OLSTracker_create"], check=True)
         return {"python": sys.version.split()[0], **dict(package.split("==") for package in PACKAGES)}
 

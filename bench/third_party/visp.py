@@ -12,6 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt
 
+from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_file, owning
@@ -52,10 +53,12 @@ class Visp(ThirdPartyTracker):
         with owning([runner]), new_file(runner) as new:
             build = ["g++", "-O2", "-std=c++17", f"-I{headers}", "-I/usr/include/opencv4", "-o", str(new)]
             build += [str(SOURCE), *(f"-l{name}" for name in VISP + OPENCV)]
-            done = subprocess.run(build, capture_output=True, text=True)
-            if done.returncode:
-                last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit code {done.returncode}"
-                raise UserError(f"visp: the runner cannot be compiled: {last}; needs the packages {' '.join(PACKAGES)}")
+            with Guard("uavbench-setup-") as guard:
+                done = finished(guard, build, os.environ)
+            if done.code:
+                raise UserError(
+                    f"visp: the runner cannot be compiled: {done.last}; needs the packages {' '.join(PACKAGES)}"
+                )
         runner.chmod(0o755)
         return {"visp": _value(headers / "visp3/core/vpConfig.h", "VISP_VERSION")}
 

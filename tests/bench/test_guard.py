@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.bench.process_trees import FAMILY, MEMBERS, is_alive, noted, wait_until
-from uavbench.bench.external.guard import Guard, talk
+from uavbench.bench.external.guard import Guard, finished, talk
 
 STANDARD = (0, 1, 2)
 
@@ -46,13 +46,44 @@ def test_a_program_is_ended_with_all_it_has_started(tmp_path):
         assert guard.wait(1).code == -signal.SIGKILL
 
 
+@pytest.mark.parametrize(
+    ("code", "last"),
+    [
+        ("print('out'); print('first\\nof the errors', file=sys.stderr); sys.exit(3)", "of the errors"),
+        ("print('only this'); sys.exit(3)", "only this"),
+        ("sys.exit(3)", "exit code 3"),
+    ],
+)
+def test_what_a_program_said_is_told_with_its_code(code, last):
+    with Guard("uavbench-test-") as guard:
+        done = finished(guard, [sys.executable, "-c", f"import sys; {code}"], os.environ)
+    assert done.code == 3
+    assert done.last == last
+
+
+def test_benchmarks_end_with_the_command_that_was_killed(tmp_path):
+    note = tmp_path / "note"
+    (tmp_path / "pytest.py").write_text(
+        FAMILY.format(note=str(note)) + "\ntime.sleep(600)\n"
+    )  # in place of the real one
+    speed = "from uavbench.bench.speed.table import speed; speed('', None)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
+    command = subprocess.Popen([sys.executable, "-c", speed], env=environment, stdin=subprocess.DEVNULL)
+    try:
+        assert wait_until(lambda: len(noted(note)) == MEMBERS)
+    finally:
+        command.kill()
+        command.wait()
+    assert wait_until(lambda: not [pid for pid in noted(note) if is_alive(pid)])
+
+
 @pytest.mark.parametrize("moment", ["before", "during"])
 def test_a_killed_owner_takes_all_with_it(tmp_path, moment):
     note, told = tmp_path / "note", tmp_path / "folder"
     code = f"""
 import os, sys, time
 from pathlib import Path
-from uavbench.bench.external.guard import Guard, talk
+from uavbench.bench.external.guard import Guard, finished, talk
 guard = Guard("uavbench-test-")
 Path({str(told)!r}).write_text(f"{{guard.folder}} {{guard.popen.pid}}")
 if {moment!r} == "during":
