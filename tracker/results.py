@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from uavbench.scenes.dataset.table_files import read_json, read_table
 from uavbench.tracker.protocol import Status, TrackResult
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.seals import seal_table
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory import Trajectory
@@ -102,6 +103,7 @@ class Results:
             for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
         ]
         _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
+        seal_table(new / "times.csv")
         write_tum(self.estimate, new / f"estimate_{self.frame}.tum", self.frame)
         if groundtruth is not None:
             write_tum(groundtruth, new / f"groundtruth_{self.frame}.tum", self.frame)

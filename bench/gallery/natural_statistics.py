@@ -10,6 +10,7 @@ import click
 import cv2
 import numpy as np
 
+from uavbench.bench.said import say
 from uavbench.scenes.image_files import load_image
 from uavbench.scenes.rendering.radiance import LIGHT, decode
 from uavbench.tracker.protocol import Image
@@ -64,10 +65,10 @@ def kurtosis(values: Array) -> float:
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 def main(files: tuple[Path, ...]) -> None:
     """Print the statistics of images."""
-    click.echo("| image | slope | kurtosis | deviation |\n|---|---|---|---|")
+    say("| image | slope | kurtosis | deviation |\n|---|---|---|---|")
     for file in files:
         found = NaturalStatistics.of(load_image(file))
-        click.echo(f"| {file.stem} | {found.slope:.2f} | {found.gradient_kurtosis:.0f} | {found.log_deviation:.2f} |")
+        say(f"| {file.stem} | {found.slope:.2f} | {found.gradient_kurtosis:.0f} | {found.log_deviation:.2f} |")
 
 
 if __name__ == "__main__":

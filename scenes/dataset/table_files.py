@@ -127,8 +127,9 @@ def _lines(path: Path, text: io.TextIOWrapper) -> Iterator[str]:
 
 
 def _numbered(path: Path, lines: Iterator[list[str]], width: int) -> Iterator[NumberedRow]:
-    """Rows that are not blank, with their numbers; UserError for one of another width, or too many."""
-    for number, cells in enumerate(filter(None, lines), start=2):
+    """Rows that are neither blank nor a comment, numbered; UserError for one of another width, or too many."""
+    rows = (cells for cells in lines if cells and not cells[0].startswith("# "))
+    for number, cells in enumerate(rows, start=2):
         if len(cells) != width:
             raise UserError(f"{path}: line {number} has {len(cells)} values, not {width}")
         if number > MOST_ROWS:

@@ -10,7 +10,7 @@ DEEPEST = 64
 """Bits that no code of less than 2^44 symbols reaches."""
 
 
-@compiled("i1 i0 i1!")
+@compiled("i1 i0 i1!", inner=True)
 def code_lengths(counts: Any, longest: int, lengths: Any) -> None:
     """Bits of the code of each symbol by how often it occurs, 0 where it does not, none above longest.
 
@@ -71,7 +71,7 @@ def _limit(per_depth: Any, longest: int) -> None:
         excess -= 1
 
 
-@compiled("i1 w1!")
+@compiled("i1 w1!", inner=True)
 def codes(lengths: Any, out: Any) -> None:
     """Canonical codes (section 3.2.2) of these lengths, their first bit lowest, as a stream takes them."""
     per_depth, code = np.zeros(DEEPEST, dtype=np.int64), np.zeros(DEEPEST, dtype=np.int64)

@@ -177,7 +177,7 @@ def test_what_moves_moves_without_jumps(name: str) -> None:
 
 def test_places_are_evenly_outside_the_bounds() -> None:
     bounds = np.array([[-2.0, -1.0, 0.0], [2.0, 1.0, 1.0]])
-    places = ring_places(bounds, 400, 1.0, 5.0, rng())
+    places = ring_places(bounds, 400, (1.0, 5.0), rng())
     gap = np.linalg.norm(
         np.maximum(np.maximum(bounds[0, :2] - places[:, :2], places[:, :2] - bounds[1, :2]), 0), axis=1
     )

@@ -33,7 +33,7 @@ def cylinder(sides):
 def test_border_and_outline_of_a_cylinder_are_seen(sides):
     fitter = EdgeFitter(cylinder(sides), CAMERA, np.random.default_rng(0), RobustConfig())
     eye = np.array([0.0, -6.0, 2.0])
-    points, _ = fitter.seen(look_at(eye, (0, 0, 0.5)))
+    points = fitter.sample(fitter.view.at(look_at(eye, (0, 0, 0.5)))).points
     rim = points[:, 2] > 0.999
     assert np.count_nonzero(rim) > 20
     middle = points[(points[:, 2] > 0.2) & (points[:, 2] < 0.8)]

@@ -16,6 +16,8 @@ from uavbench.trajectories.files.seals import is_sealed, seal
 
 KEYS = ("files", "sha256", "before")
 """Of a marker, tables of digests by name: of its own list, of a manifest, and of what a new list takes the place of."""
+SEALED = "sealed"
+"""In place of the digest of a file that proves itself: its bytes may differ from run to run, those of a list do not."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,9 @@ class Listed:
         try:
             if path.is_symlink():
                 return self.links.get(name) == str(path.readlink())
-            return name in self.files and stat.S_ISREG(path.lstat().st_mode) and file_digest(path) in self.files[name]
+            if name not in self.files or not stat.S_ISREG(path.lstat().st_mode):
+                return False
+            return (SEALED in self.files[name] and is_sealed(path)) or file_digest(path) in self.files[name]
         except OSError:  # gone, or not this user's to read
             return False
 
@@ -54,7 +58,8 @@ def mark(folder: Path, marker: str) -> None:
     names = [name for name in tree(folder) if name != marker]
     about.pop("made_by", None)
     if "sha256" not in about:
-        about["files"] = {name: file_digest(folder / name) for name in names if not (folder / name).is_symlink()}
+        own = (name for name in names if not (folder / name).is_symlink())
+        about["files"] = {name: SEALED if is_sealed(folder / name) else file_digest(folder / name) for name in own}
     if links := {name: str((folder / name).readlink()) for name in names if (folder / name).is_symlink()}:
         about["links"] = links
     path.write_text(json.dumps(about, indent=1, sort_keys=True) + "\n", encoding="utf-8", newline="\n")

@@ -20,11 +20,19 @@ COMMENTS = {
     ".pdf": (b"% ", b"\n"),
 }
 """What opens and closes a comment, by the suffix of a file's name."""
+TABLE = ".csv"
+"""Suffix of tables, which other readers may want without comments: sealed as `.txt` is, where that is asked for."""
 IEND = bytes.fromhex("0000000049454e44ae426082")
 """The last chunk of every PNG file."""
 TAIL_BYTES = 300
 """More than a seal with all that may follow it."""
 PATTERN = re.compile(SEAL + rb"([0-9a-f]{64})(.*)", re.DOTALL)
+
+
+def seal_table(path: Path) -> None:
+    """Put a seal into a comment at the end of a CSV file, whose bytes are not the same on every run."""
+    opening, closing = COMMENTS[".txt"]
+    _close(path, path.read_bytes() + opening, closing)
 
 
 def seal(path: Path, beside: Path | None = None) -> None:
@@ -81,7 +89,8 @@ def _closes(suffix: str, after: bytes) -> bool:
     """Whether what follows a seal is only what closes its comment."""
     if suffix == ".png":
         return len(after) == 4 + len(IEND) and after.endswith(IEND)
-    return after == (b'"\n}\n' if suffix == ".json" else COMMENTS.get(suffix, (b"", b"-"))[1])
+    known = COMMENTS | {TABLE: COMMENTS[".txt"]}
+    return after == (b'"\n}\n' if suffix == ".json" else known.get(suffix, (b"", b"-"))[1])
 
 
 def _seal_of(before: bytes) -> bytes:
