@@ -27,8 +27,8 @@ NIGHTLY = bool(os.environ.get("UAVBENCH_NIGHTLY"))
 STAGES = ("sequences/.box-*/frames/*", "results/*/*/record.json", "results/*/*/score.json")
 """Files that there are when a stage has begun."""
 MOMENTS = 50 if NIGHTLY else len(STAGES)
-LEFT_ALONE = ("times.csv", "seconds.json", "latency.json")
-"""Files of wall times."""
+LEFT_ALONE = ("times.csv", "seconds.json", "latency.json", "report.json")
+"""Files of wall times, and the list of a report, with the digests of the figures that show them."""
 
 
 def final(folder):
