@@ -105,14 +105,19 @@ class Guard:
 
     def close(self) -> None:
         """End the program and all it has started, and remove the folder."""
-        self._socket.close()
+        with suppress(OSError):  # a guard that is gone
+            self._socket.shutdown(socket.SHUT_WR)
         try:
             self.popen.wait(END_S)
         except subprocess.TimeoutExpired:
             self.popen.kill()
             self.popen.wait()
-        if self.popen.returncode < 0 and hasattr(self, "folder"):
-            shutil.rmtree(self.folder, ignore_errors=True)  # somebody killed the guard
+        if self.popen.returncode < 0:  # somebody killed it, and its child ends all
+            while not self._gone and self._said(END_S) is not None:
+                pass
+            if hasattr(self, "folder"):
+                shutil.rmtree(self.folder, ignore_errors=True)
+        self._socket.close()
 
     def _said(self, timeout_s: float) -> dict[str, Any] | None:
         """The guard's next message, None if none came in time."""

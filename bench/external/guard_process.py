@@ -4,7 +4,8 @@ Run as `python -I -S guard_process.py SOCKET PREFIX`, so that it starts quickly 
 JSON go over the socket. To its owner: `{"folder": ...}`, and `{"code": ..., "used_mb": ...}` once its program has
 ended. From its owner: one `{"command": ..., "environment": ..., "cwd": ..., "memory_mb": ..., "file_mb": ...}` with the
 program's three standard files, and `{"end": true}`. When the owner dies, however it dies, the socket closes; then all
-is ended.
+is ended. There are two of it, a parent that does nothing else and the child that serves, so that whichever of them
+somebody kills, the other one ends all.
 """
 
 import ctypes
@@ -26,20 +27,31 @@ from typing import Any
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 SAMPLE_S = 0.1
 """Time between two looks at the memory of all processes together, and at whether the owner is there."""
+LOOKS = 5
+"""At the memory of processes, while some of them come or go."""
 GIVE_UP_S = 10.0
 """A killed process that is still there after so long is in the kernel's hands."""
 
 
 def main() -> None:
-    """Make the folder, start what the owner asks for, and end it all."""
-    owner = socket.socket(fileno=int(sys.argv[1]))
+    """Make the folder, have a child start what the owner asks for, and end it all."""
+    owner, owner_pid = socket.socket(fileno=int(sys.argv[1])), os.getppid()
     owner.set_inheritable(False)
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)
     _prctl(PR_SET_CHILD_SUBREAPER, 1)
+    told = Told()
     folder = os.path.realpath(tempfile.mkdtemp(prefix=sys.argv[2]))
     try:
-        Guarding(owner).serve(folder)
+        parent = os.getpid()
+        child = os.fork()
+        if child:
+            owner.close()
+            outlive(child, owner_pid, told)
+        else:
+            os.setsid()  # what is sent to the parent's group is not sent to it
+            _prctl(PR_SET_CHILD_SUBREAPER, 1)  # which a child does not inherit
+            Guarding(owner, parent, Told()).serve(folder)
     except OSError:
         pass  # the owner is gone
     finally:
@@ -47,35 +59,54 @@ def main() -> None:
         rmtree(folder, ignore_errors=True)
 
 
+class Told:
+    """Signals that wake this process: the end of a child, and SIGTERM, which asks it to end."""
+
+    def __init__(self) -> None:
+        self.woken, wake = os.pipe()
+        os.set_blocking(wake, False)
+        os.set_blocking(self.woken, False)
+        signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+        self.to_end = False
+        for number in (signal.SIGCHLD, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, number: int, _: object) -> None:
+        self.to_end |= number == signal.SIGTERM
+
+    def wait(self, *others: int) -> set[int]:
+        """Those of other files that can be read, after a signal, or SAMPLE_S at the latest."""
+        poll = select.poll()
+        for handle in (self.woken, *others):
+            poll.register(handle, select.POLLIN)
+        ready = {handle for handle, _ in poll.poll(SAMPLE_S * 1e3)}
+        if self.woken in ready:
+            os.read(self.woken, 1 << 12)
+        return ready
+
+
+def outlive(child: int, owner_pid: int, told: Told) -> None:
+    """Wait for the child that serves, and ask it to end when the owner is gone or this process is asked to."""
+    while not any(pid == child for pid, _ in reap()):
+        if told.to_end or os.getppid() != owner_pid:
+            _signal([child], signal.SIGTERM)
+        told.wait()
+
+
 class Guarding:
     """One owner, and its program once there is one."""
 
-    def __init__(self, owner: socket.socket) -> None:
-        self.owner, self.owner_pid = owner, os.getppid()
+    def __init__(self, owner: socket.socket, parent: int, told: Told) -> None:
+        self.owner, self.parent, self.told = owner, parent, told
         self.program, self.memory_mb, self.reported = 0, 0, False
         self.codes: dict[int, int] = {}
         self.received, self.files = b"", list[int]()
-        woken, wake = os.pipe()
-        os.set_blocking(wake, False)
-        signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
-        for number in (signal.SIGCHLD, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-        self.woken, self.terminated = woken, False
-
-    def _on_signal(self, number: int, _: object) -> None:
-        self.terminated |= number == signal.SIGTERM
 
     def serve(self, folder: str) -> None:
         """Do what the owner says until it is gone."""
         self.tell({"folder": folder})
-        poll = select.poll()
-        poll.register(self.owner, select.POLLIN)
-        poll.register(self.woken, select.POLLIN)
-        while not self.terminated and os.getppid() == self.owner_pid:
-            ready = {handle for handle, _ in poll.poll(SAMPLE_S * 1e3)}
-            if self.woken in ready:
-                os.read(self.woken, 1 << 12)
-            if self.owner.fileno() in ready and not self.listen():
+        while not self.told.to_end and os.getppid() == self.parent:
+            if self.owner.fileno() in self.told.wait(self.owner.fileno()) and not self.listen():
                 return
             self.look_after()
 
@@ -210,14 +241,25 @@ def used_memory_mb(limit_mb: int) -> float:
     """Memory of all processes started from here, MB, if it is more than the limit; 0 if it is not.
 
     Resident memory first, which counts pages that are shared once for each; where that is too much, the proportional
-    share of each process, which costs the kernel more to tell.
+    share of each process, which costs the kernel more to tell. Shares add up only while nobody comes or goes: those
+    who stay share what a process has left.
     """
-    pids = descendants(os.getpid())
-    resident = {pid: _resident_mb(pid) for pid in pids}
-    if not limit_mb or sum(resident.values()) <= limit_mb:
-        return 0.0
-    used = sum(_proportional_mb(pid, resident[pid]) for pid in pids)
-    return used if used > limit_mb else 0.0
+    used = 0.0
+    for _ in range(LOOKS):
+        resident = _resident_mb_of_each()
+        if not limit_mb or sum(resident.values()) <= limit_mb:
+            return 0.0
+        used = sum(map(_proportional_mb, resident))
+        if used <= limit_mb:
+            return 0.0
+        if resident.keys() == _resident_mb_of_each().keys():
+            break
+    return used
+
+
+def _resident_mb_of_each() -> dict[int, float]:
+    """Resident memory of each process started from here that has not ended."""
+    return {pid: resident for pid in descendants(os.getpid()) if (resident := _resident_mb(pid))}
 
 
 def _resident_mb(pid: int) -> float:
@@ -226,11 +268,11 @@ def _resident_mb(pid: int) -> float:
     return 0.0
 
 
-def _proportional_mb(pid: int, otherwise: float) -> float:
+def _proportional_mb(pid: int) -> float:
     with suppress(OSError, StopIteration):
         lines = _read(f"/proc/{pid}/smaps_rollup").splitlines()
         return int(next(line for line in lines if line.startswith("Pss:")).split()[1]) / 1024
-    return otherwise
+    return _resident_mb(pid)
 
 
 def _read(path: str) -> str:

@@ -44,6 +44,14 @@ def is_alive(pid):
         return False
 
 
+def command_line(pid):
+    """The command line of a process, its words parted by zeros; empty of one that is gone."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
 def noted(note):
     """Pids in a note."""
     return [int(line) for line in note.read_text().split()] if note.exists() else []

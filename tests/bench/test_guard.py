@@ -10,6 +10,7 @@ import pytest
 
 from tests.bench.process_trees import FAMILY, MEMBERS, is_alive, noted, wait_until
 from uavbench.bench.external.guard import Guard, finished, talk
+from uavbench.bench.external.guard_process import children
 
 STANDARD = (0, 1, 2)
 
@@ -101,6 +102,21 @@ time.sleep(600)
     assert wait_until(lambda: not is_alive(int(guard)))
     assert not [pid for pid in noted(note) if is_alive(pid)]
     assert not Path(folder).exists()
+
+
+@pytest.mark.parametrize("killed", ["parent", "child"])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_guard_that_somebody_kills_leaves_nothing_either(tmp_path, killed, number):
+    note = tmp_path / "note"
+    with Guard("uavbench-test-") as guard:
+        start(guard, family(note, "\ntime.sleep(600)"))
+        assert wait_until(lambda: len(noted(note)) == MEMBERS)
+        (child,) = children(guard.popen.pid)
+        os.kill(guard.popen.pid if killed == "parent" else child, number)
+        assert guard.wait(60).code == -signal.SIGKILL
+    assert not [pid for pid in noted(note) if is_alive(pid)]
+    assert not guard.folder.exists()
+    assert wait_until(lambda: not is_alive(child))
 
 
 def test_memory_is_limited_as_a_sum():

@@ -18,6 +18,7 @@ from tests.bench.process_trees import (
     FAMILY,
     MEMBERS,
     as_from_a_terminal,
+    command_line,
     is_alive,
     noted,
     wait_until,
@@ -27,7 +28,9 @@ from tests.bench.small_suites import small_suite
 
 pytestmark = pytest.mark.slow
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-MOMENTS = ("starting", "tracking", "a worker is killed too")
+MOMENTS = ("starting", "tracking", "a worker is killed too", "a guard is killed too")
+KILLED_TOO = {"a worker is killed too": b"spawn_main", "a guard is killed too": b"guard_process"}
+"""What the command line of a process holds that is killed a moment before the main process."""
 CASES = [
     pytest.param(number, moment, id=f"{number.name} {moment}")
     for number in SIGNALS
@@ -72,9 +75,9 @@ def test_nothing_remains_of_a_main_process_that_is_ended(rendered, tmp_path, num
             assert wait_until(lambda: len(with_mark(mark)) >= 3)  # some worker is beginning, too
         else:
             assert wait_until(lambda: len(noted(note)) >= MEMBERS)
-        if moment == "a worker is killed too":
-            workers = [pid for pid in with_mark(mark) if pid != main.pid]
-            os.kill(workers[len(workers) // 2], signal.SIGKILL)
+        if moment in KILLED_TOO:
+            of_it = [pid for pid in with_mark(mark) if KILLED_TOO[moment] in command_line(pid)]
+            os.kill(of_it[0], signal.SIGKILL)
         main.send_signal(number)
         text, _ = main.communicate(timeout=DEADLINE_S)  # ends, so nobody holds the pipe
     finally:
