@@ -13,7 +13,7 @@ from typing import Any
 
 from uavbench.bench.inputs.content_hash import code_hash
 from uavbench.bench.runner.graph import start_worker
-from uavbench.bench.runner.processes import start_resource_tracker
+from uavbench.bench.runner.processes import hold_interrupts, start_resource_tracker
 from uavbench.trajectories.errors import UserError
 
 WAIT_FOR_WORKERS_S = 60
@@ -60,7 +60,7 @@ class SpawnPool(Executor):
         self._waiting: deque[Task] = deque()
         self._suspects: deque[Task] = deque()
         self._running: dict[Future[Any], Task] = {}
-        self._starter = ThreadPoolExecutor(1, "pool-starter")
+        self._starter = ThreadPoolExecutor(1, "pool-starter", initializer=hold_interrupts)
         self._pool = self._new_pool()
         self._broken = self._closed = False
 

@@ -23,9 +23,15 @@ def end_with_parent() -> None:
     threading.Thread(target=_end_after, args=(parent.sentinel,), name="parent-watch", daemon=True).start()
 
 
+def hold_interrupts() -> None:
+    """Hold back interrupts in this thread and in the processes that it starts, which import their modules first."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
 def end_when_told() -> None:
     """Have this worker clean up what is half-written and end at SIGTERM; an interrupt is its parent's to handle."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     signal.signal(signal.SIGTERM, _end)
     raise_lost_signals_again()
 

@@ -155,6 +155,40 @@ def test_a_signal_that_comes_in_a_callback_of_c_ends_the_process(number, main, c
     assert "ignored" not in done.stderr
 
 
+INTERRUPTED = """
+import os, signal, sys
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+
+if __name__ == {where!r}:
+    sys.meta_path.insert(0, Interrupt())
+"""
+
+
+@pytest.mark.parametrize(
+    ("where", "module", "main", "ended"),
+    [
+        ("__main__", "uavbench.bench.cli.suite", "from uavbench.bench.cli.__main__ import main; main()", (-2, "")),
+        (
+            "__mp_main__",  # a spawned worker's name of it
+            "uavbench.bench.runner.graph",
+            "from uavbench.bench.runner.executors import SpawnPool; pool = SpawnPool(1)\n"
+            "    print(pool.submit(int, '7').result()); pool.shutdown()",
+            (0, "7\n"),
+        ),
+    ],
+)
+def test_an_interrupt_while_modules_are_imported_prints_no_traceback(tmp_path, where, module, main, ended):
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED.format(module=module, where=where) + f"if __name__ == '__main__':\n    {main}\n")
+    command = [sys.executable, script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=as_from_a_terminal)
+    assert (done.returncode, done.stdout, done.stderr) == (*ended, "")
+
+
 def test_a_hang_up_of_all_leaves_the_account_of_semaphores():
     script = """
 import multiprocessing, os, signal, time
