@@ -30,6 +30,8 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("reports/metrics/model_space.py", "reports/test_model_space"),
         _target("reports/metrics/sub_trajectories.py", "reports/test_metrics", "reports/test_golden"),
         _target("reports/metrics/quaternions.py", "reports/test_metrics", "reports/test_golden"),
+        _target("reports/metrics/latency.py", "reports/test_tracking_and_latency"),
+        _target("reports/scoring/coverage.py", "reports/test_tracking_and_latency", "reports/test_score"),
         _target("reports/closed_loop/measures.py", "reports/test_flight_score"),
         _target("reports/closed_loop/coverage.py", "reports/test_closed_loop_measures"),
     ),
@@ -89,6 +91,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("trajectories/geometry/ray_triangle.py", "trajectories/test_obstacles", "tracker/test_occlusion"),
     ),
     "hashing": (
+        _target("bench/runner/jobs.py", "bench/test_job_keys"),
         *(
             _target(f"bench/inputs/{name}.py", "bench/test_content_hash", "bench/test_content")
             for name in ("content_hash", "command_files", "elsewhere", "file_paths", "named_files", "plugin_files")
