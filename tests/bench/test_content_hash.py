@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from uavbench.bench.external.program import External
 from uavbench.bench.inputs import content_hash as content
+from uavbench.bench.inputs import plugin_files
 from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash
 from uavbench.scenes.structures.box import Box
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
@@ -180,12 +182,49 @@ def test_compiled_files_do_not_enter(tree):
     assert of("first") == before
 
 
-@pytest.mark.parametrize("library", ["numpy", "scipy", "opencv-python-headless", "numba", "mujoco", "trimesh"])
+LIBRARIES = [
+    *("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "mujoco", "trimesh", "pillow", "ifcopenshell"),
+    *("pyrender", "PyOpenGL", "pandas", "matplotlib"),
+]
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
 def test_another_version_of_a_library_is_other_code(tree, monkeypatch, library):
     before = of("first")
     was = content.version
     monkeypatch.setattr(content, "version", lambda name: "0.0.1" if name == library else was(name))
     assert of("first") != before
+
+
+def test_another_python_is_other_code_and_a_patch_of_it_is_not(tree, monkeypatch):
+    hashes = []
+    for parts in (("3", "11", "4"), ("3", "11", "9"), ("3", "12", "4")):
+        monkeypatch.setattr(content.platform, "python_version_tuple", lambda parts=parts: parts)
+        hashes.append(of("first"))
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_what_every_job_does_is_code_of_all_packages(tree, monkeypatch):
+    work = tree / "tasks.py"
+    monkeypatch.setattr(content, "WORK", work)
+    hashes = []
+    for text in ("one", "two"):
+        work.write_text(text)
+        hashes.append((of("first"), of()))
+    assert hashes[0][0] != hashes[1][0] and hashes[0][1] != hashes[1][1]
+
+
+@pytest.mark.parametrize("name", ["program.py", "process.py", "guard.py", "rows.py"])
+def test_a_class_of_the_benchmark_is_the_code_that_it_runs(monkeypatch, name):
+    """Of a tracker that is a program of its own: how that is started, guarded and read."""
+    tracker = External(command=("true",))
+    before, unchanged = content_hash(tracker), plugin_files.digest
+
+    def edited(files):
+        return unchanged(files) + " edited" * any(path.name == name for path in files)
+
+    monkeypatch.setattr(plugin_files, "digest", edited)
+    assert content_hash(tracker) != before
 
 
 def test_a_file_carries_its_hash(tmp_path):

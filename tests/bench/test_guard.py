@@ -134,6 +134,15 @@ time.sleep(600)
     assert ended.used_mb > 150
 
 
+def test_the_size_of_a_file_is_limited():
+    with Guard("uavbench-test-") as guard:
+        code = "open('small', 'wb').write(bytes(1 << 20)); open('large', 'wb').write(bytes(3 << 20))"
+        start(guard, [sys.executable, "-I", "-S", "-c", code], file_mb=2)
+        assert guard.wait(60).code != 0
+        sizes = {path.name: path.stat().st_size for path in guard.folder.iterdir()}
+    assert sizes["small"] == 1 << 20 and sizes["large"] <= 2 << 20
+
+
 def test_memory_that_is_shared_counts_once():
     shared = """
 import mmap, os, time

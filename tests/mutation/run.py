@@ -6,7 +6,8 @@ cosmic-ray starts an interpreter for each mutant and changes files in place; nei
     python -m tests.mutation.run [GROUP or FILE ...] [--sample 20] [--seed 0] [--jobs 1] [--out survivors.txt]
 
 Works in a copy of the tree. Each mutant is tried in a fork of a process that has loaded the libraries, by the tests
-that `targets.py` names, those marked slow left out. Exits with 1 when a group is below LEAST.
+that `targets.py` names, those marked slow or ci left out, until the first that fails. Exits with 1 when a group is
+below LEAST.
 """
 
 import argparse
@@ -32,6 +33,8 @@ LEAST = 0.9
 """Share of the mutants of a group that the tests must kill; accepted ones do not count."""
 TIMES, LEAST_S = 10.0, 60.0
 """A mutant that takes so many times as long as the unchanged code, and at least so many seconds, hangs: killed."""
+QUICK = "not slow and not ci"
+"""The tests that are run, by their markers."""
 LIBRARIES = (
     "numpy", "scipy.stats", "scipy.signal", "scipy.fft", "scipy.spatial.transform", "cv2", "numba", "pytest",
     "hypothesis", "pydantic", "click", "trimesh", "mujoco", "matplotlib.pyplot", "evo.tools.file_interface",
@@ -107,7 +110,7 @@ def _tested(target: Target, tree: Path) -> int:
     numba.config.DISABLE_JIT = target.uncompiled
     hypothesis.settings.register_profile("mutation", database=None, derandomize=True)
     hypothesis.settings.load_profile("mutation")
-    options = ["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", f"--basetemp={tree.parent / tree.name}-tmp"]
+    options = ["-x", "-q", "-m", QUICK, "-p", "no:cacheprovider", f"--basetemp={tree.parent / tree.name}-tmp"]
     return int(pytest.main([*options, *target.tests]))
 
 

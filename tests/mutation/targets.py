@@ -27,8 +27,21 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("reports/uncertainty/pose_nees.py", "reports/test_pose_nees"),
         _target("reports/metrics/straight_line.py", "reports/test_straight_line"),
         *(_target(f"reports/many_runs/{name}.py", "reports/test_many_runs") for name in ("groups", "curves")),
+        _target("reports/metrics/model_space.py", "reports/test_model_space"),
+        _target("reports/metrics/sub_trajectories.py", "reports/test_metrics", "reports/test_golden"),
+        _target("reports/metrics/quaternions.py", "reports/test_metrics", "reports/test_golden"),
+        _target("reports/metrics/latency.py", "reports/test_tracking_and_latency"),
+        _target("reports/scoring/coverage.py", "reports/test_tracking_and_latency", "reports/test_score"),
+        _target("reports/closed_loop/measures.py", "reports/test_flight_score"),
+        _target("reports/closed_loop/coverage.py", "reports/test_closed_loop_measures"),
     ),
-    "statistics": (_target("reports/statistics/bootstrap.py", "reports/test_statistics"),),
+    "statistics": (
+        _target("reports/statistics/bootstrap.py", "reports/test_statistics"),
+        _target("reports/statistics/proportion.py", "reports/test_closed_loop_measures"),
+        _target("reports/history/change_points.py", "reports/test_change_points", "bench/test_history"),
+        _target("reports/history/evidence.py", "reports/test_change_points", "bench/test_history"),
+        _target("reports/history/trend.py", "reports/test_change_points", "bench/test_history"),
+    ),
     "gate": (
         _target("bench/gate/decision.py", "bench/test_gate_verdicts", "bench/test_gate"),
         _target(
@@ -45,6 +58,11 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(f"scenes/exports/{name}.py", "scenes/test_reconstruction_exports")
             for name in ("colmap", "nerfstudio", "surface_points")
         ),
+        *(_target(f"scenes/exports/ros/{name}.py", "scenes/test_bag_exports") for name in ("bag_messages", "geodetic")),
+        *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman")),
+        _target("scenes/png/encoder.py", "scenes/test_png"),
+        _target("trajectories/trajectory_files/formats.py", "trajectories/test_formats"),
+        _target("trajectories/trajectory_files/covariances.py", "trajectories/test_formats"),
     ),
     "sensors": (
         _target("trajectories/sensors/imu.py", "trajectories/test_inertial", "trajectories/test_sensors"),
@@ -53,6 +71,13 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target(
             "trajectories/sensors/optical_flow.py", "trajectories/test_flow_and_height", "trajectories/test_sensors"
         ),
+        *(
+            _target(f"trajectories/sensors/{name}.py", "trajectories/test_ranging", "trajectories/test_sensors")
+            for name in ("lidar", "range_finder", "ranging")
+        ),
+        _target("trajectories/sensors/satellites.py", "trajectories/test_gnss", "trajectories/test_sensors"),
+        _target("scenes/dataset/surfaces/surface_truth.py", "scenes/test_surface_truth"),
+        *(_target(f"tracker/fusion/{name}.py", "tracker/test_fusion") for name in ("measurements", "vehicle_filter")),
     ),
     "noise": (
         _target("scenes/materials/procedural_texture.py", "scenes/test_noise"),
@@ -63,6 +88,19 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     "hidden lines": (
         _target("tracker/visible_edges.py", "tracker/test_visible_edges", "scenes/test_hidden_lines"),
         _target("tracker/robust/edges/hidden_line_kernels.py", "tracker/test_occlusion", uncompiled=True),
+        _target("trajectories/geometry/ray_triangle.py", "trajectories/test_obstacles", "tracker/test_occlusion"),
     ),
-    "hashing": (_target("bench/inputs/content_hash.py", "bench/test_content", "bench/test_content_hash"),),
+    "hashing": (
+        _target("bench/runner/jobs.py", "bench/test_job_keys"),
+        *(
+            _target(f"bench/inputs/{name}.py", "bench/test_content_hash", "bench/test_content")
+            for name in ("content_hash", "command_files", "elsewhere", "file_paths", "named_files", "plugin_files")
+        ),
+        _target("trajectories/source_files.py", "trajectories/test_source_files", "bench/test_content"),
+        *(
+            _target(f"trajectories/files/{name}.py", "trajectories/test_listed", "trajectories/test_files")
+            for name in ("listed", "seals")
+        ),
+    ),
+    "processes": (_target("bench/external/guard.py", "bench/test_guard"),),
 }

@@ -36,6 +36,17 @@ def test_points_lie_evenly_on_the_surface():
     np.testing.assert_allclose(shares, 1 / 6, atol=0.03)
 
 
+def test_faces_have_points_by_their_area_which_lie_evenly_on_each():
+    points, normals = surface_points(Structure.from_mesh(*box((0.0, 0.0, 0.0), (1.0, 2.0, 4.0))))
+    size = np.array([1.0, 2.0, 4.0])
+    for axis, area in enumerate((8.0, 4.0, 2.0)):
+        on = np.abs(normals[:, axis]) > 0.5
+        assert on.mean() == pytest.approx(area / 14, abs=0.03)
+        for other in {0, 1, 2} - {axis}:
+            along = points[on, other] / size[other]
+            assert (along.mean(), along.var()) == (pytest.approx(1 / 2, abs=0.05), pytest.approx(1 / 12, abs=0.012))
+
+
 def test_a_camera_before_a_cube_sees_one_face_of_six():
     share = float((surface_points(CUBE)[1] @ [-1.0, 0, 0] > 0.5).mean())
     assert coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 10.0) == pytest.approx(share, abs=1e-9)
@@ -48,6 +59,31 @@ def test_what_is_too_far_away_is_not_inspected():
     assert coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 51.0) == 0.0
     near = coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 45.0)
     assert 0.0 < near < coverage(CUBE, CAMERA, [looking_along_x(-3.0)], 20.0)
+
+
+@pytest.mark.parametrize("px_m", [35.0, 45.0, 49.0])
+def test_resolution_falls_with_the_distance_and_with_the_slant(px_m):
+    """A metre at the distance d and a slant a has 100 cos(a) / d px, and 2 m before the face cos(a) is 2 / d."""
+    points, normals = surface_points(CUBE)
+    square = ((points - [-3.0, 0.0, 1.0]) ** 2).sum(axis=1)
+    expected = (normals @ [-1.0, 0, 0] > 0.5) & (100 * 2 / square >= px_m)
+    assert coverage(CUBE, CAMERA, [looking_along_x(-3.0)], px_m) == pytest.approx(expected.mean(), abs=1e-9)
+
+
+def test_only_what_lies_within_the_image_is_seen():
+    """Half a metre before the face 90 degrees show half a metre to each side."""
+    points, normals = surface_points(CUBE)
+    inside = (np.abs(points[:, 1:] - [0.0, 1.0]) < 0.5).all(axis=1)
+    expected = inside & (normals @ [-1.0, 0, 0] > 0.5)
+    assert 0 < expected.mean() < 0.1
+    assert coverage(CUBE, CAMERA, [looking_along_x(-1.5)], 1.0) == pytest.approx(expected.mean(), abs=1e-9)
+
+
+def test_a_sheet_is_seen_from_its_front_alone():
+    corners = np.array([[0.0, -1, 0], [0.0, 1, 0], [0.0, 1, 2], [0.0, -1, 2]])
+    for triangles, seen in (([[0, 2, 1], [0, 3, 2]], 1.0), ([[0, 1, 2], [0, 2, 3]], 0.0)):
+        sheet = Structure.from_mesh(corners, np.array(triangles))
+        assert coverage(sheet, CAMERA, [looking_along_x(-3.0)], 1.0) == seen
 
 
 def test_what_stands_behind_something_is_not_seen():

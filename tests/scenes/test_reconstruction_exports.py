@@ -312,6 +312,20 @@ def test_masks_are_where_the_tools_look_for_them(rendered):
             np.testing.assert_array_equal(found, np.where(original == 1, 255, 0))
 
 
+def test_a_depth_beyond_16_bits_of_millimetres_is_none_and_never_wrapped(tmp_path):
+    sequence = make_sequence(tmp_path / "sequence", 2)
+    (sequence.folder / "depth").mkdir(exist_ok=True)
+    units = np.full((240, 320), 30000, np.uint16)  # 60 m
+    units[:, 100:200], units[:, 200:] = 32768, 0  # 65.536 m, and none
+    for frame in range(2):
+        cv2.imwrite(str(sequence.folder / "depth" / f"{frame:06d}.png"), units)
+    (sequence.folder / "sequence.json").write_text(json.dumps({**sequence.info, "depth_m_per_unit": 0.002}))
+    export(Sequence.load(sequence.folder), "transforms", tmp_path / "out")
+    depth = cv2.imread(str(tmp_path / "out" / "depths" / "000001.png"), cv2.IMREAD_UNCHANGED)
+    assert (depth.dtype, np.unique(depth).tolist()) == (np.uint16, [0, 60000])
+    assert (depth[:, :100] == 60000).all()
+
+
 def test_a_point_behind_something_else_is_not_observed(tmp_path):
     sequence = make_sequence(tmp_path / "sequence", 2)
     (sequence.folder / "mask").mkdir()

@@ -1,5 +1,8 @@
 """The vehicle's filter against closed forms, numerical derivatives, its own claims, and GTSAM."""
 
+from copy import deepcopy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -309,6 +312,67 @@ def test_a_pose_that_lies_is_refused_and_named():
     assert "beyond the gate" in told[-1].why
     assert told[-1].d2 > 22.5
     np.testing.assert_allclose(run.estimate().world_from_body.translation, world_from_body(1.0).translation, atol=1e-3)
+
+
+def beside(kind, size):
+    """A measurement at 0.5 s that errs by a size, and its dimension."""
+    body, at = world_from_body(0.5), {"stamp_ns": ns(0.5)}
+    if kind == "camera":
+        pose = camera_answer(0.5, None, size * np.array([1.0, 0, 0, 0, 0, 0])).cam_from_world
+        return CameraPose(**at, cam_from_world=pose, covariance=CAMERA_COVARIANCE, cam_from_body=CAM_FROM_BODY), 6
+    if kind == "height":
+        return Height(**at, height_m=body.translation[2] + size, sigma_m=0.1), 1
+    fix = {**at, "position_m": body.translation + size * np.array([1.0, 0, 0]), "covariance": 0.01 * np.eye(3)}
+    if kind == "position":
+        return Position(**fix), 3
+    return Position(**fix, velocity_m_s=velocity(0.5), velocity_covariance=0.01 * np.eye(3)), 6
+
+
+@pytest.mark.parametrize("kind", ["camera", "height", "position", "velocity too"])
+def test_the_gate_is_the_quantile_of_a_measurements_own_dimension(kind):
+    run = fly(began(), 0.5)
+
+    def verdict(size):
+        other = deepcopy(run)
+        measurement, dof = beside(kind, size)
+        other.take(measurement)
+        assert other.verdicts[-1].dof == dof
+        return other.verdicts[-1]
+
+    limit = chi2.ppf(QUIET.gate, beside(kind, 0.0)[1])
+    per_square = verdict(10.0).d2 / 10.0**2  # of a large error, before which that of the state is nothing
+    inside, beyond = (verdict(np.sqrt(share * limit / per_square)) for share in (0.9, 1.1))
+    assert (inside.why, "beyond the gate" in beyond.why) == ("", True)
+    assert inside.d2 < limit < beyond.d2
+
+
+def stds(run):
+    return np.sqrt(np.diag(run.estimate().covariance))
+
+
+def tell(run, *errors_m):
+    for error in errors_m:
+        run.camera(ns(0.5), camera_answer(0.5, CAMERA_COVARIANCE, np.array([error, 0, 0, 0, 0, 0])))
+
+
+def test_the_filter_is_doubted_when_so_many_camera_poses_in_a_row_were_refused():
+    run = fly(began(replace(QUIET, doubt_after=3)), 0.5)
+    tell(run, 1.0, 1.0, 0.0)
+    sure = stds(run)
+    tell(run, 1.0, 1.0, 1.0)
+    np.testing.assert_array_equal(stds(run), sure)
+    tell(run, 1.0)
+    np.testing.assert_allclose(stds(run) / sure, np.repeat([2.0, 1.0], [9, 6]))
+
+
+def test_readings_of_other_sensors_that_are_refused_cast_no_doubt_on_the_filter():
+    run, other = (fly(began(replace(QUIET, doubt_after=3)), 0.5) for _ in range(2))
+    for k in range(90, 100):
+        run.take(Height(stamp_ns=ns(k / 200), height_m=100.0, sigma_m=0.1))
+    assert sum("beyond the gate" in verdict.why for verdict in run.verdicts) == 10
+    for each in (run, other):
+        tell(each, 1.0, 1.0)
+    np.testing.assert_array_equal(stds(run), stds(other))
 
 
 def test_a_filter_that_is_wrong_comes_back_to_poses_that_agree():

@@ -14,6 +14,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.sensors import ranging
 from uavbench.trajectories.sensors.lidar import Lidar2d, Lidar3d
 from uavbench.trajectories.sensors.range_finder import RangeFinder
 from uavbench.trajectories.sensors.registry import measure, write_flight
@@ -102,6 +103,26 @@ def test_noise_grows_beyond_the_far_distance_and_readings_come_in_steps() -> Non
         assert abs(error.mean()) < 4 * sigma / np.sqrt(len(error))
         centimetres = table.column("range_m") * 100
         assert np.abs(centimetres - np.round(centimetres)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        RangeFinder(rate_hz=500.0, reflectance=1.0, resolution_m=0.0),
+        Lidar2d(field_deg=60.0, step_deg=6.0, elevations_deg=(-8.0, 0.0, 8.0), reflectance=1.0, resolution_m=0.0),
+    ],
+)
+def test_no_two_readings_have_the_same_noise(sensor: RangeFinder, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of neighbouring rings, steps, turns and blocks of rays: uncorrelated at every lag."""
+    monkeypatch.setattr(ranging, "BLOCK", 64)
+    wall = block((10.0, -9.0, 0.0), (20.0, 9.0, 9.0))
+    table = sensor.measure(standing(2.0), wall, np.random.default_rng(5))
+    names = [name for name in table.columns if name.startswith("range_")]
+    noise = np.column_stack([table.column(name) - table.column(f"true_{name}") for name in names]).ravel()
+    assert np.isfinite(noise).all()
+    spectrum = np.abs(np.fft.rfft(noise / noise.std(), 2 * len(noise))) ** 2
+    correlation = np.fft.irfft(spectrum)[1 : len(noise) // 2] / len(noise)
+    assert np.abs(correlation).max() < 6 / np.sqrt(len(noise))
 
 
 def slanted(angle_deg: float) -> ObstacleMesh:
