@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,15 +42,22 @@ FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILIN
 FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
 
 
-def read_trajectory(path: Path, format: str | None = None) -> tuple[Trajectory, str]:
-    """Trajectory of a file and the name of its format, guessed from its first line unless given.
+class TrajectoryFile(NamedTuple):
+    """Content of a trajectory file, and the name of its format."""
+
+    trajectory: Trajectory
+    format: str
+
+
+def read_trajectory(path: Path, format: str | None = None) -> TrajectoryFile:
+    """Trajectory of a file, whose format is guessed from its first lines unless given.
 
     UserError naming the file, the line and what is wrong with it.
     """
     name = format or guess_format(path)
     if name not in READERS:
         raise unknown_name("trajectory format", name, list(READERS))
-    return READERS[name](path), name
+    return TrajectoryFile(READERS[name](path), name)
 
 
 def guess_format(path: Path) -> str:

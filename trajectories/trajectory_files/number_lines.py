@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,9 +81,16 @@ def read_lines(path: Path, layout: Layout) -> NumberLines:
     )
 
 
-def first_lines(path: Path, count: int) -> list[tuple[int, str]]:
-    """Number and text of the first lines of numbers, at most so many; UserError when there is none."""
-    lines = (line for first, block in _blocks(path) for line in _filled(path, block, first))
+class NumberedLine(NamedTuple):
+    """Text of a line, and its number in the file, counted from 1."""
+
+    number: int
+    text: str
+
+
+def first_lines(path: Path, count: int) -> list[NumberedLine]:
+    """The first lines of numbers, at most `count`; UserError when there is none."""
+    lines = (NumberedLine(*line) for first, block in _blocks(path) for line in _filled(path, block, first))
     if found := list(islice(lines, count)):
         return found
     raise UserError(f"{path}: holds no pose")
