@@ -14,7 +14,7 @@ from uavbench.trajectories.pose import Array, read_only
 Indices = NDArray[np.int64]
 
 UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
-"""Ray direction that is not parallel to any face of an axis-aligned mesh."""
+"""Ray direction that is not parallel to the edges of an axis-aligned mesh."""
 
 
 @dataclass(frozen=True, eq=False)

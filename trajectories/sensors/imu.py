@@ -1,4 +1,4 @@
-"""Inertial measurement units in the form that Kalibr and EuRoC describe them."""
+"""Inertial measurement units with the noise model of Kalibr and EuRoC."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple

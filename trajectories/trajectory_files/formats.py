@@ -4,7 +4,7 @@ tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark)
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
 kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
 
-What moves is said by a comment `# frame: world_from_body` at the top of a file, or by such words in its name.
+The frames are declared by a comment `# frame: world_from_body` at the top of a file, or by such words in its name.
 """
 
 import re
@@ -83,7 +83,7 @@ def guess_format(path: Path) -> str:
 def declared_frame(path: Path) -> str | None:
     """Frame that a trajectory file declares, such as `world_from_body`, in its first comments or its name.
 
-    None where it says nothing; UserError where comment and name differ.
+    None where it declares none; UserError where comment and name differ.
     """
     said = FRAME_COMMENT.findall(comments(path))
     named = FRAME_NAME.findall(path.name)
