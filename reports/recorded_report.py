@@ -21,9 +21,9 @@ from PIL import Image as Pillow
 from uavbench.reports.figures.drawn import finite
 from uavbench.reports.figures.tracker_pictures import GREEN, View, draw, write_text_on
 from uavbench.reports.page.overlay_animation import ANIMATION_WIDTH_PX, WEBP_QUALITY, scrubbed
-from uavbench.reports.page.templates import FigureOnPage, asset, environment
+from uavbench.reports.page.templates import FigureOnPage, asset, environment, on_page
 from uavbench.reports.recorded_score import MEETS_PX, RecordedRun, RecordedScore, score_recorded
-from uavbench.reports.scoring.runs import missing_results
+from uavbench.reports.scoring.runs import ReportEntry, missing_results
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import colour, house_style, line, new_figure, save_figure
 from uavbench.reports.tables.columns import Column
@@ -75,13 +75,13 @@ class Shown:
 def write_recorded_report(
     folder: Path,
     title: str,
-    entries: ListOf[tuple[Path, Path, str]],
+    entries: ListOf[ReportEntry],
     *,
     absent: Mapping[str, str],
     content_hash: str = "",
     on_step: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write the report over (sequence folder, results folder, why there is none); the path of its index.html.
+    """Write the report over runs on recordings; the path of its index.html.
 
     absent: trackers that are not on this machine, and why. UserError when there is no entry.
     """
@@ -112,19 +112,19 @@ def write_recorded_report(
     return folder / "index.html"
 
 
-def open_recorded(entries: ListOf[tuple[Path, Path, str]]) -> list[Shown]:
+def open_recorded(entries: ListOf[ReportEntry]) -> list[Shown]:
     """The runs of a report; one without results is missing."""
     sequences: dict[Path, Sequence] = {}
     labels: dict[str, int] = {}
     runs = []
-    for sequence_folder, results_folder, why in entries:
-        if sequence_folder not in sequences:
-            sequences[sequence_folder] = Sequence.load(sequence_folder)
-        sequence = sequences[sequence_folder]
-        there = results_folder.exists() and not why
-        results = sound(Results.load(results_folder))[0] if there else missing_results(sequence, results_folder, why)
+    for entry in entries:
+        if entry.sequence not in sequences:
+            sequences[entry.sequence] = Sequence.load(entry.sequence)
+        sequence, folder = sequences[entry.sequence], entry.results
+        there = folder.exists() and not entry.why
+        results = sound(Results.load(folder))[0] if there else missing_results(sequence, folder, entry.why)
         run = RecordedRun(sequence, results)
-        score = RecordedScore.load(results_folder / "score.json") if there else score_recorded(sequence, results)
+        score = RecordedScore.load(entry.score) if there else score_recorded(sequence, results)
         runs.append(Shown(run, score, labels.setdefault(score.label, len(labels))))
     return runs
 
@@ -150,9 +150,9 @@ def section(folder: Path, runs: ListOf[Shown]) -> dict[str, Any]:
     sequence = runs[0].run.sequence
     rates = sorted({shown.score.rate_hz for shown in runs}, reverse=True)
     figures = [
-        FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption).sized(folder)
+        figure.sized(folder)
         for rate in rates
-        for files, title, caption in figures_of(folder, [s for s in runs if s.score.rate_hz == rate], rate)
+        for figure in figures_of(folder, [s for s in runs if s.score.rate_hz == rate], rate)
     ]
     overlays = []
     for shown in (s for s in runs if s.score.rate_hz == rates[0]):
@@ -167,8 +167,8 @@ def section(folder: Path, runs: ListOf[Shown]) -> dict[str, Any]:
     }
 
 
-def figures_of(folder: Path, runs: ListOf[Shown], rate: float) -> list[tuple[list[Path], str, str]]:
-    """Edges met and camera positions over time, with their titles and captions."""
+def figures_of(folder: Path, runs: ListOf[Shown], rate: float) -> list[FigureOnPage]:
+    """Write the figures of edges met and of camera positions over time, at one rate (Hz)."""
     sequence, suffix = runs[0].run.sequence, f"{runs[0].score.sequence}_{rate:g}hz"
     met = new_figure(2.0, wide=False)
     panel = met.subplots()
@@ -196,9 +196,11 @@ def figures_of(folder: Path, runs: ListOf[Shown], rate: float) -> list[tuple[lis
     panels[-1].set_xlabel("time (s)")
     way.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     drawn = save_figure(way, folder / "figures" / f"way_{suffix}", ["run", "time_s", "x_m", "y_m", "z_m"], rows)
+    share = "Share of the visible model edges on an edge of the image; gaps: no pose."
+    places = "In the model's frame; where trackers agree, chance is unlikely."
     return [
-        (saved, f"Edges met, {rate:g} Hz", "Share of the visible model edges on an edge of the image; gaps: no pose."),
-        (drawn, f"Camera positions, {rate:g} Hz", "In the model's frame; where trackers agree, chance is unlikely."),
+        on_page(folder, saved, f"Edges met, {rate:g} Hz", share),
+        on_page(folder, drawn, f"Camera positions, {rate:g} Hz", places),
     ]
 
 

@@ -33,6 +33,7 @@ from uavbench.reports.figures import time as figures_time
 from uavbench.reports.page.failures import own_runs
 from uavbench.reports.page.overlay_animation import scrubbed, write_frames
 from uavbench.reports.page.pages import (
+    NamedTable,
     ReportNotes,
     SequenceOnPage,
     Undrawn,
@@ -44,12 +45,12 @@ from uavbench.reports.progress import OnStep, Steps
 from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
 from uavbench.reports.restarts import COLUMNS as RESTARTS
 from uavbench.reports.restarts import RestartedRun, open_restarts, with_restarts
-from uavbench.reports.scoring.runs import ScoredRun, open_runs
+from uavbench.reports.scoring.runs import ReportEntry, ScoredRun, open_runs
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import house_style
 from uavbench.reports.tables.columns import DETAILS
-from uavbench.reports.tables.summary_table import Table, summary_table
+from uavbench.reports.tables.summary_table import summary_table
 from uavbench.reports.tables.writers import write_summary, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -57,16 +58,6 @@ from uavbench.trajectories.files.writing import in_parts, write_text
 
 PAGES = 3
 """Sequences that get a page unasked."""
-
-
-@dataclass(frozen=True)
-class ReportEntry:
-    """One scored run: its sequence's folder, its results' folder, its score.json; or why there is no such result."""
-
-    sequence: Path
-    results: Path
-    score: Path
-    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -100,7 +91,7 @@ def write_report(
     if not inputs.entries:
         raise UserError("a report needs at least one scored run")
     title = inputs.title
-    runs = open_runs([(e.sequence, e.results, e.score, e.why) for e in inputs.entries])
+    runs = open_runs(inputs.entries)
     groups = {
         name: [r for r in runs if r.sequence.name == name] for name in dict.fromkeys(r.sequence.name for r in runs)
     }
@@ -135,16 +126,16 @@ def write_report(
 
 def write_all_tables(
     folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun], absent: tuple[str, ...]
-) -> list[tuple[str, Table]]:
-    """Write the tables in three forms; their names and what they hold."""
+) -> list[NamedTable]:
+    """Write the tables as Markdown, CSV and LaTeX, and return them."""
     frame = score_frame(run.score.to_json() for run in runs)
     summary, more = summary_table(frame), summary_table(frame, DETAILS)
     write_summary(replace(summary, absent=absent), folder / "tables" / "summary")
     write_tables(more, folder / "tables" / "details")
-    tables = [("summary", replace(summary, absent=absent)), ("details", more)]
+    tables = [NamedTable("summary", replace(summary, absent=absent)), NamedTable("details", more)]
     if restarted:
-        tables.append(("protocols", summary_table(with_restarts(frame, restarted), RESTARTS)))
-        write_tables(tables[-1][1], folder / "tables" / "protocols")
+        tables.append(NamedTable("protocols", summary_table(with_restarts(frame, restarted), RESTARTS)))
+        write_tables(tables[-1].table, folder / "tables" / "protocols")
     return tables
 
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn
 from uavbench.reports.metrics.frame_errors import frame_errors
-from uavbench.reports.protocols.restarting import Restarted, accuracy, expected_error
+from uavbench.reports.protocols.restarting import Restarted, RestartedOn, accuracy, expected_error
 from uavbench.reports.style import GROUND_TRUTH, line, marker, panel_letter
 from uavbench.reports.tables.columns import Column
 from uavbench.scenes.dataset.sequence import Sequence
@@ -113,7 +113,7 @@ def draw_error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, i
     rows: list[list[object]] = []
     fastest_hz = max(run.rate_hz for run in anchored)
     for name, rate_hz in {run.name: run.rate_hz for run in anchored}.items():
-        group = [(run.restarted, run.sequence) for run in anchored if run.name == name]
+        group = [RestartedOn(run.restarted, run.sequence) for run in anchored if run.name == name]
         slower = rate_hz < fastest_hz
         style = line(colours.get(name, 0), slower=slower)
         if slower:

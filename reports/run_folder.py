@@ -44,11 +44,11 @@ def load_runs(folder: str | Path) -> "list[ScoredRun]":
     >>> run.name, list(run.frames())[:3]
     ('far@15hz', ['frame', 'stamp_ns', 'time_s'])
     """
-    from uavbench.reports.scoring.runs import open_runs
+    from uavbench.reports.scoring.runs import ReportEntry, open_runs
 
     files = _score_files(Path(folder))
     sequences = Path(folder) / "sequences"
-    return open_runs([(sequences / file.parents[1].name, file.parent, file, "") for file in files])
+    return open_runs([ReportEntry(sequences / file.parents[1].name, file.parent, file) for file in files])
 
 
 def _missing(folder: Path, scores: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -77,7 +77,7 @@ def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, 
 
 
 def find_corners(image: NDArray[np.uint8], board: tuple[int, int]) -> Array | None:
-    """Inner corners (k, 2) px, row by row, to a few hundredths of a pixel; None when the board is not all there."""
+    """Inner corners (k, 2) px, row by row, to a few hundredths of a pixel; None when part of the board is missing."""
     grey = image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, corners = cv2.findChessboardCornersSB(grey, board, None, flags)
@@ -93,7 +93,7 @@ def find_corners(image: NDArray[np.uint8], board: tuple[int, int]) -> Array | No
 
 
 def write_coverage(calibration: Calibration, path: Path) -> None:
-    """Picture of where corners were seen: cells without any are red, corners coloured by their picture."""
+    """Write a coverage picture: cells without corners are red, corners coloured by their picture."""
     camera = calibration.camera
     picture = np.full((camera.height, camera.width, 3), 40, dtype=np.uint8)
     rows, columns = CELLS

@@ -78,7 +78,7 @@ class Camera:
 
     @property
     def coefficients(self) -> Array:
-        """Distortion as OpenCV takes it, (k,); zeros (4,) for `none`."""
+        """Distortion coefficients (k,) in OpenCV's order; zeros (4,) for `none`."""
         return np.array(self.distortion or (0.0, 0.0, 0.0, 0.0))
 
     @property
@@ -113,14 +113,14 @@ class Camera:
         return np.column_stack([xy, np.ones(len(xy))])
 
     def save(self, path: Path, *, sealed: bool = False) -> None:
-        """Write `camera.toml`; sealed as `new_file` has it."""
+        """Write `camera.toml`; sealed: see `new_file`."""
         lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
         lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
         write_text(path, "\n".join(lines) + "\n", sealed=sealed)
 
     @classmethod
     def load(cls, path: Path, inside: Path | None = None) -> "Camera":
-        """Read `camera.toml`, of the folder `inside` where one is named; UserError naming file and key."""
+        """Read `camera.toml`, which must lie in the folder `inside` if given; UserError naming file and key."""
         values = read_toml(path, inside=inside, hint=" (camera.toml holds width, height, fx, fy, cx, cy)")
         fields = list(cls.__dataclass_fields__)
         unknown = sorted(set(values) - set(fields))

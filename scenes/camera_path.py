@@ -1,4 +1,4 @@
-"""Where a camera is at any time of a flight."""
+"""Pose of a camera at any time of a flight."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -15,7 +15,7 @@ class Motion(Protocol):
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """Stamps of all rows, those not flown yet included."""
+        """Stamps of all rows, including those not flown yet."""
         ...
 
     def __len__(self) -> int:
@@ -28,7 +28,7 @@ class Motion(Protocol):
 
 
 def camera_path(flight: Motion, cam_from_body: Pose) -> Callable[[int], Pose]:
-    """cam_from_world at any time: constant twist between the rows of a flight, and beyond its ends."""
+    """`cam_from_world` at any time (ns), interpolated with constant twist between rows and extrapolated at the ends."""
     stamps = flight.stamps_ns
 
     @lru_cache(maxsize=8)

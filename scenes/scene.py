@@ -6,7 +6,7 @@ from itertools import chain
 import numpy as np
 
 from uavbench.scenes.clutter.registry import ON_GROUND
-from uavbench.scenes.primitives.meshes import joined, merged
+from uavbench.scenes.primitives.meshes import TriangleMesh, joined, merged
 from uavbench.scenes.renderables import BuiltClutter, BuiltSite, BuiltStructure, Light, Mover, Part, Texture, plain
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
 from uavbench.scenes.rendering.renderer import Renderer
@@ -68,7 +68,7 @@ def build_scene(spec: SequenceSpec) -> Scene:
     hiding = [p for p in solid if not p.cutout]
     if site is not None and site.shades:
         hiding += [_near(part, bounds) for part in site.parts if not part.cutout and part.ripples is None]
-    occluder = ObstacleMesh(*joined((p.vertices, p.triangles) for p in hiding))
+    occluder = ObstacleMesh(*joined(TriangleMesh(p.vertices, p.triangles) for p in hiding))
     reach = min(0.6 * float(np.linalg.norm(bounds[1] - bounds[0])), 3.0)
     still = [p for p in environment.parts if not 1 < p.instance < 10]
     shaded = merged((*built.parts, *still, *(p for p in solid if p.instance >= 10)))

@@ -1,4 +1,4 @@
-"""When the cameras of a vehicle expose, and which stamps their frames carry."""
+"""Exposure times of a vehicle's cameras, and the stamps of their frames."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -12,12 +12,12 @@ from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.sensors.sensor import stamps_between
 
 MOST_JITTER = 0.4
-"""Of the time between two frames: no frame comes before the one before it."""
+"""Share of the frame period; below one half, so that frames stay in order."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Exposures:
-    """When the frames of a camera are exposed, times_ns (n,) of the flight's record, and the stamps_ns (n,) they carry.
+    """Exposure times_ns (n,) of a camera's frames on the clock of the flight's record, and their stamps_ns (n,).
 
     Both mean the middle of the exposure; they differ by the offset of the camera's clock from that of the record.
     """
@@ -32,7 +32,7 @@ class CameraClock:
 
     even: frames are exposed every 1 / rate, to the nanosecond, and the flight is interpolated to them; without it at
     the control step, of 2 ms, that is nearest. jitter_ms: standard deviation of the exposures about even times, at most
-    MOST_JITTER of a period; stamps tell it. timeshift_cam_imu_s, by Kalibr's name and definition t_imu = t_cam + shift:
+    MOST_JITTER of a period, included in the stamps. timeshift_cam_imu_s, as in Kalibr (t_imu = t_cam + shift):
     the clock's offset from that of the IMU, the other sensors and the flight's record. Stamps never fall below 0: with
     a positive shift the first frame is exposed at the time shift and stamped 0, with a negative one it is exposed at 0.
     """
@@ -47,7 +47,7 @@ class CameraClock:
         return round(1e9 * self.timeshift_cam_imu_s)
 
     def exposures(self, flight: Flight, rate_hz: float, rng: np.random.Generator, offset_s: float = 0.0) -> Exposures:
-        """Exposures of a camera at rate_hz that is offset_s later than the main one; the same rng for all cameras.
+        """Exposures of a camera at rate_hz, offset_s after those of the main one; pass the same rng for all cameras.
 
         UserError for a rate that the flight's record cannot serve, and where no frame is left.
         """

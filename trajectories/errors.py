@@ -1,29 +1,29 @@
-"""UserError, the exception for users' mistakes; escaping of untrusted text; messages for errors of the disk."""
+"""UserError, the exception for users' mistakes; escaping of untrusted text; messages for disk errors."""
 
 import errno
 import re
 
 _NAMES = "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENAMETOOLONG EISDIR ENOTDIR ELOOP EEXIST"
 DISK_ERRORS = frozenset(number for number, name in errno.errorcode.items() if name in _NAMES.split())
-"""Of a disk that is full, read-only or not this user's, and of a name that it cannot have."""
+"""Errors of a full or read-only disk, of missing permissions, and of invalid names."""
 UNSEEN = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )
-"""What commands a terminal or turns the direction of writing: C0 and C1 but tab and line feed, and marks of Unicode."""
+"""Control characters C0 and C1 except tab and line feed, and Unicode's bidirectional marks."""
 
 
 def plain(text: str) -> str:
-    """Text whose control characters are written out, ESC as x1b behind a backslash: safe on a terminal and a page."""
+    """Text with escaped control characters (ESC as a backslash and x1b), safe on a terminal and on a page."""
     return UNSEEN.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def one_line(text: str) -> str:
-    """Plain text without line breaks and tabs."""
+    """Escaped text on one line, without tabs."""
     return " ".join(plain(text).split())
 
 
 class Terminated(SystemExit):
-    """The process was terminated by a signal; unlike a SystemExit raised by a plug-in, this is no fault."""
+    """The process was terminated by a signal; a SystemExit raised by a plug-in is a fault, this is none."""
 
 
 class UserError(Exception):
@@ -46,7 +46,7 @@ def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
 
 
 def disk_error_message(error: OSError) -> str:
-    """Message for an error of the disk: the file, what is wrong, what to do."""
+    """Message for a disk error: the file, what is wrong, what to do."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     advice = "free space, or name another place" if full else "name another place"
     return f"{error.filename or 'the disk'}: {error.strerror or error}; {advice}"

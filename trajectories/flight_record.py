@@ -60,7 +60,7 @@ class Flight:
 
     @classmethod
     def of_rows(cls, stamps_ns: NDArray[np.int64], rows: Array) -> "Flight":
-        """Flight of rows (n, 30) of a record that still grows: views of it, not copied and not checked."""
+        """Flight of rows (n, 30) of a record in progress, as unchecked views without a copy."""
         flight = object.__new__(cls)
         object.__setattr__(flight, "stamps_ns", stamps_ns)
         for name, columns in RECORD.items():
@@ -82,7 +82,7 @@ class Flight:
     def frame_rows(self, rate_hz: float) -> NDArray[np.int64]:
         """Rows nearest to the times of a camera at rate_hz, the first at 0; a frame's stamp is its row's own stamp.
 
-        Pose and stamp of a frame so never disagree; a frame is early or late by at most half a row.
+        So pose and stamp of a frame agree exactly; a frame is early or late by at most half a row.
         ValueError when the camera is faster than the record.
         """
         if len(self) == 1:

@@ -1,7 +1,7 @@
-"""Signals that come at a moment from which nothing can be raised are raised again a moment later.
+"""Re-raises signal exceptions that were lost in a C callback.
 
-A handler that raises inside a callback of C (ctypes, a finalizer) is not heard: Python prints the exception and
-goes on.
+An exception that a signal handler raises inside a callback from C (ctypes, a finalizer) is not propagated: Python
+prints it and continues.
 """
 
 import signal
@@ -18,7 +18,7 @@ RETRY_S = 0.02
 
 
 def raise_lost_signals_again() -> None:
-    """Have KeyboardInterrupt and Terminated raised again where they were lost, in the main thread from now on."""
+    """Install the hook that raises lost KeyboardInterrupt and Terminated again in the main thread."""
     lost: list[BaseException] = []
 
     def raise_again(*_: Any) -> None:
@@ -38,7 +38,7 @@ def raise_lost_signals_again() -> None:
 
 @contextmanager
 def lost_signals_raised_again() -> Iterator[None]:
-    """The same within a context; nothing where this is not the main thread."""
+    """The same within a context; no effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""The obstacle mesh that a flight keeps clear of and inspects, and the floor at z = 0."""
+"""The obstacle mesh that a flight inspects without touching it, and the floor at z = 0."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ from uavbench.trajectories.pose import Array, read_only
 Indices = NDArray[np.int64]
 
 UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
-"""Ray direction that meets no edge of an axis-aligned mesh head-on."""
+"""Ray direction that is not parallel to the edges of an axis-aligned mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class ObstacleMesh:
     """Triangle mesh in the world frame, metres, z up, floor at z = 0; arrays are read-only.
 
     vertices (n, 3); triangles (m, 3) rows of vertices, counter-clockwise from outside. ValueError for a mesh without
-    triangles, an index out of range or a vertex that is not finite. surroundings: all that light meets where more is
-    known than this mesh, the structure as built and what stands around it.
+    triangles, an index out of range or a vertex that is not finite. surroundings: what ranging sensors see, where that
+    is more than this mesh: the structure as built and everything around it.
     """
 
     vertices: Array
@@ -45,7 +45,7 @@ class ObstacleMesh:
 
     @property
     def surfaces(self) -> Surfaces:
-        """All that light meets: the surroundings, where they are known, else this mesh and the floor at z = 0."""
+        """What ranging sensors see: the surroundings where they are known, otherwise this mesh and the floor."""
         return (
             self.surroundings
             if self.surroundings is not None

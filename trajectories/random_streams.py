@@ -6,16 +6,16 @@ import hmac
 import numpy as np
 
 OPEN_SEED_BITS = 63
-"""Of the seeds that a suite's file may name; a longer one is the secret of a challenge."""
+"""Bits of the seeds that a suite's file may name; a longer seed is the secret of a challenge."""
 
 
 def stream(seed: int, *names: str | int) -> np.random.Generator:
     """Generator of the stream called `names` under `seed` (an integer >= 0; 0 is a seed like any other).
 
     The names enter numpy's SeedSequence as its spawn key, so two streams are independent
-    and a stream depends on nothing but the seed and its own name. SeedSequence can be inverted: who knew the state of
-    one stream could work out the others'. Under a seed of more than OPEN_SEED_BITS each stream so begins at an HMAC
-    (RFC 2104) of its name, which nobody can invert.
+    and a stream depends on nothing but the seed and its own name. SeedSequence can be inverted: the state of one stream
+    reveals those of the others. Therefore, under a seed of more than OPEN_SEED_BITS, each stream is seeded by an HMAC
+    (RFC 2104) of its name.
     """
     if seed.bit_length() > OPEN_SEED_BITS:
         key = seed.to_bytes((seed.bit_length() + 7) // 8, "big")

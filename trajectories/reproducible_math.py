@@ -1,8 +1,8 @@
-"""Mathematics with the same bits on every processor, for all that a flight's record is made of.
+"""Functions with bit-identical results on every processor, used for everything in a flight's record.
 
-NumPy picks its code for sin, exp and their like, and its BLAS for products, inverses and norms, by what the processor
-has (AVX-512, FMA), and the last bits differ between these codes. Here functions are the C library's, one number at a
-time, and sums run in one order.
+NumPy dispatches sin, exp and the like, and its BLAS products, inverses and norms, by the processor's instruction set
+(AVX-512, FMA), with differences in the last bits. Here functions are those of the C library, called per element, and
+sums have a fixed order.
 """
 
 import math

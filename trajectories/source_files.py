@@ -1,4 +1,4 @@
-"""Source files of a module: its own and those of everything it imports, as far as they may be edited."""
+"""Source files that a module depends on: its own and those of everything it imports, except installed libraries."""
 
 import ast
 import hashlib
@@ -14,31 +14,31 @@ from pathlib import Path
 OURS = (Path(__file__).parents[1],)
 INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 LIBRARIES = ("site-packages", "dist-packages")
-"""Folders of libraries, of this environment or of another one that is on the path."""
+"""Names of library folders, in this environment or in another one on the path."""
 
 Find = Callable[[str], Path | None]
-"""From the name of a module to the file of its source, None where that is nobody's to edit or not there."""
+"""Maps the name of a module to its source file; None for installed, built-in and missing modules."""
 
 
 @dataclass(frozen=True)
 class MadeOf:
-    """Files that somebody may edit, and the first names of all other modules that they import."""
+    """Editable source files, and the top-level names of all other modules that they import."""
 
     files: frozenset[Path]
     others: frozenset[str]
 
 
 def sources(module: str) -> frozenset[Path]:
-    """Files of a module and of all that it imports, but for those of the interpreter and of installed libraries."""
+    """Files of a module and of all that it imports, except the interpreter's and installed libraries."""
     return made_of([module]).files
 
 
 def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | None = None) -> MadeOf:
-    """Source files of modules, and of scripts by their file.
+    """Source files of modules and of scripts, with everything that they import.
 
-    Imports are read from the source, those within functions too; a module that cannot be found is left out. Imports
-    for type checkers alone never run; but with a `__getattr__` they name what a package gives on demand, and count
-    where the package itself is imported, not where it only runs before a module in it.
+    Imports are parsed from the source, including those within functions; modules that cannot be found are skipped.
+    Imports under TYPE_CHECKING are ignored, except in a package with `__getattr__`, where they name its lazy
+    attributes: these count where the package itself is imported, not where a module of it is.
     """
     find = find or source_file
     found = set(scripts)
@@ -61,7 +61,7 @@ def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | N
 
 
 def digest(files: Iterable[Path]) -> str:
-    """sha256 over files: their names, those of their folders, and their content, wherever the tree stands."""
+    """sha256 over the names and contents of files and the names of their folders, not over the tree's location."""
     each = sorted(("/".join(path.parts[-2:]), _content(path)) for path in files)
     return hashlib.sha256(repr(each).encode()).hexdigest()
 
@@ -72,13 +72,13 @@ def file_digest(path: Path) -> str:
 
 
 def stamp(path: Path) -> tuple[int, ...]:
-    """Numbers that change with a file: its times, size and place on the disk."""
+    """Stamp that changes with a file: its times, size and inode."""
     about = path.stat()
     return about.st_mtime_ns, about.st_ctime_ns, about.st_size, about.st_ino, about.st_dev
 
 
 def source_file(name: str) -> Path | None:
-    """Source file of a module that is ours or the user's; None when it is installed, built in, or not to be found.
+    """Source file of a module of ours or the user's; None when it is installed, built in, or missing.
 
     Nothing is imported to find it.
     """
@@ -92,7 +92,7 @@ def source_file(name: str) -> Path | None:
 
 
 def among(folders: Iterable[Path]) -> Find:
-    """Finds modules by their place in folders, as an interpreter with these on its path does."""
+    """Finder of modules in folders, as by an interpreter with these on its path."""
     roots = tuple(folders)
 
     def find(name: str) -> Path | None:
@@ -105,28 +105,28 @@ def among(folders: Iterable[Path]) -> Find:
 
 @cache
 def editable(path: Path) -> bool:
-    """Whether a file is ours or the user's, and not one of the interpreter or of an installed library."""
+    """Whether a file belongs neither to the interpreter nor to an installed library."""
     folders = path.resolve().parents
     return is_ours(path) or not any(folder in INSTALLED or folder.name in LIBRARIES for folder in folders)
 
 
 def imports(path: Path, name: str, *, on_demand: bool = True) -> tuple[str, ...]:
-    """Names of all modules that the source file of the module `name` imports, or may, also on demand or not."""
+    """Names of all modules that the source file of the module `name` may import; on_demand: lazy ones too."""
     return _imports(path, stamp(path), name, on_demand)
 
 
 def texts(path: Path) -> frozenset[str]:
-    """All texts that stand in a source file; `*` is what an f-string puts in."""
+    """All string literals of a source file; `*` stands for each value of an f-string."""
     return _texts(path, stamp(path))
 
 
 def is_ours(path: Path) -> bool:
-    """Whether a file is one of this project's packages."""
+    """Whether a file belongs to this project's packages."""
     return any(ours in path.parents for ours in OURS)
 
 
 def parsed(path: Path) -> ast.Module:
-    """Syntax tree of a source file; an empty one where it is not readable as Python."""
+    """Syntax tree of a source file; empty where it cannot be parsed."""
     try:
         return ast.parse(path.read_bytes())
     except (OSError, SyntaxError, ValueError):
@@ -134,7 +134,7 @@ def parsed(path: Path) -> ast.Module:
 
 
 def parents(name: str) -> Iterator[str]:
-    """Packages that a module lies in: they run before it."""
+    """Parent packages of a module, which are imported before it."""
     while "." in name:
         name = name.rpartition(".")[0]
         yield name
@@ -195,7 +195,7 @@ def _digest(path: Path, _: tuple[int, ...]) -> str:
 
 
 def _statements(body: Iterable[ast.AST], typing: bool) -> Iterator[ast.AST]:
-    """All statements, those within others too; those for type checkers alone only where asked for."""
+    """All statements, nested ones included; those under TYPE_CHECKING only where `typing` is set."""
     for node in body:
         yield node
         for field in ("body", "handlers", "cases", "orelse", "finalbody"):

@@ -5,6 +5,7 @@ import stat
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,19 +41,26 @@ class Frames:
         return (TrackResult(status="lost"),) * len(self.stamps_ns)
 
 
-def read_submitted(path: Path, where: str, frames: Frames) -> tuple[Rows, list[Fault]]:
+class SubmittedPoses(NamedTuple):
+    """Result of each frame, in the order of the frames, and what was wrong with the file."""
+
+    rows: Rows
+    faults: list[Fault]
+
+
+def read_submitted(path: Path, where: str, frames: Frames) -> SubmittedPoses:
     """Result of each frame in a file of a submission, called `where` in its faults."""
     try:
         if path.parent.is_symlink() or not stat.S_ISREG(os.lstat(path).st_mode):
             raise UserError("is a link, behind a link, or no regular file")
         return (_of_tum if path.suffix == ".tum" else _of_csv)(path, where, frames)
     except UserError as error:
-        return frames.lost, [Fault("unreadable", where, str(error).removeprefix(f"{path}: "))]
+        return SubmittedPoses(frames.lost, [Fault("unreadable", where, str(error).removeprefix(f"{path}: "))])
     except OSError as error:
-        return frames.lost, [Fault("unreadable", where, error.strerror or str(error))]
+        return SubmittedPoses(frames.lost, [Fault("unreadable", where, error.strerror or str(error))])
 
 
-def _of_csv(path: Path, where: str, frames: Frames) -> tuple[Rows, list[Fault]]:
+def _of_csv(path: Path, where: str, frames: Frames) -> SubmittedPoses:
     rows, found = read_estimates(path, frames.stamps_ns.tolist())
     counts = Counter(fault.name for fault in found)
     first = {fault.name: fault for fault in reversed(found)}
@@ -60,10 +68,10 @@ def _of_csv(path: Path, where: str, frames: Frames) -> tuple[Rows, list[Fault]]:
         Fault("bad-rows", where, f"{count} {name}, the first at {first[name].where}: {first[name].what}")
         for name, count in sorted(counts.items())
     ]
-    return tuple(rows), faults
+    return SubmittedPoses(tuple(rows), faults)
 
 
-def _of_tum(path: Path, where: str, frames: Frames) -> tuple[Rows, list[Fault]]:
+def _of_tum(path: Path, where: str, frames: Frames) -> SubmittedPoses:
     size = path.stat().st_size
     if size > LARGEST_TUM_BYTES:
         raise UserError(f"has {size:,} bytes; a trajectory of one sequence has at most {LARGEST_TUM_BYTES:,}")
@@ -74,9 +82,8 @@ def _of_tum(path: Path, where: str, frames: Frames) -> tuple[Rows, list[Fault]]:
     nearest = _nearest(trajectory.stamps_ns, frames.stamps_ns)
     if (nearest < 0).all():
         ms = MOST_STAMP_DIFFERENCE_NS / 1e6
-        return frames.lost, [
-            Fault("no-frame", where, f"no frame is within {ms:g} ms of one of its {len(trajectory)} poses")
-        ]
+        what = f"no frame is within {ms:g} ms of one of its {len(trajectory)} poses"
+        return SubmittedPoses(frames.lost, [Fault("no-frame", where, what)])
     mount = frames.cam_from_body if frame == "world_from_body" else Pose.identity()
     rows = tuple(
         TrackResult(status="ok", cam_from_world=mount @ trajectory.pose(row).inverse())
@@ -86,7 +93,7 @@ def _of_tum(path: Path, where: str, frames: Frames) -> tuple[Rows, list[Fault]]:
     )
     missing = int((nearest < 0).sum())
     named = [Fault("bad-rows", where, f"{missing} of {len(nearest)} frames have no pose")] if missing else []
-    return rows, named
+    return SubmittedPoses(rows, named)
 
 
 def _nearest(given_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -9,6 +9,7 @@ from uavbench.bench.closed_loop.ending import Ending
 from uavbench.bench.closed_loop.estimators import Believed
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.spec import Pilot
+from uavbench.bench.closed_loop.tracking import TimedFault
 from uavbench.reports.closed_loop.flown import Flown, FlownPath
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.spec import SequenceSpec
@@ -43,7 +44,7 @@ class Notes:
     def __init__(self, spec: SequenceSpec, pilot: Pilot, open_loop: OpenLoop) -> None:
         self._spec, self._pilot, self._open_loop = spec, pilot, open_loop
         self.ending: Ending | None = None
-        self.faults: list[tuple[int, str]] = []
+        self.faults: list[TimedFault] = []
         self._rows: list[Array] = []
         self._claimed: dict[int, Array] = {}
         self._stamps: list[int] = []
@@ -111,7 +112,7 @@ class Notes:
             "start": {"kind": type(pilot.start).__name__, "parameters": parameters(pilot.start)},
             "loop": pilot.described_loop(),
         }
-        errors = [f"t = {stamp / 1e9:.3f} s: {what}" for stamp, what in self.faults]
+        errors = [f"t = {fault.stamp_ns / 1e9:.3f} s: {fault.what}" for fault in self.faults]
         record = record_of(
             pilot.tracker, inputs, spec.mount.cam_from_body, rate_hz=pilot.rate_hz, seed=spec.seed, errors=errors
         )

@@ -135,7 +135,7 @@ class Loop:
         self.due.append((max(answer_ns, self.simulation.step * STEP_NS), stamp_ns, result))
         self.notes.frame(frame, stamp_ns, result, true_pose, self.due[-1][0])
         if len(tracker.faults) > told and self.pilot.loop.on_fault == "end":
-            self.notes.ending = Ending("stopped", f"the tracker failed: {tracker.faults[-1][1]}", stamp_ns)
+            self.notes.ending = Ending("stopped", f"the tracker failed: {tracker.faults[-1].what}", stamp_ns)
 
     def take_off(self, first: Image) -> TrackerInFlight:
         """Start tracker and filter at the first frame."""

@@ -1,6 +1,7 @@
 """The tracker in flight: whatever it does wrong costs frames, is told with its time, and never stops the vehicle."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from uavbench.bench.closed_loop.trackers import GroundTruth
 from uavbench.bench.external.program import StreamRun
@@ -13,6 +14,13 @@ from uavbench.trajectories.pose import Pose
 LOST = TrackResult(status="lost")
 
 
+class TimedFault(NamedTuple):
+    """What a tracker did wrong on the frame of a stamp."""
+
+    stamp_ns: int
+    what: str
+
+
 class TrackerInFlight:
     """A run of a tracker; `faults` are what it did wrong, by the stamp of the frame.
 
@@ -23,7 +31,7 @@ class TrackerInFlight:
     def __init__(self, run: "Run | GroundTruth") -> None:
         self._run = run
         self.has_ended = False
-        self.faults: list[tuple[int, str]] = []
+        self.faults: list[TimedFault] = []
 
     def track(
         self,
@@ -40,7 +48,7 @@ class TrackerInFlight:
             return LOST
         result, error = track_frame(Watched(self._run, self), image, stamp_ns, samples, expected)
         if error:
-            self.faults.append((stamp_ns, error))
+            self.faults.append(TimedFault(stamp_ns, error))
         return result
 
 

@@ -20,7 +20,7 @@ from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import refuse_seen, usable
 from uavbench.bench.external.job_folder import job_folder, keep, sample_lines, write_frames, write_job, write_sensors
 from uavbench.bench.external.process import Process
-from uavbench.bench.external.rows import ROW_FAULTS, Fault, TrackerFault, read_estimates, read_row
+from uavbench.bench.external.rows import ROW_FAULTS, Estimates, Fault, TrackerFault, read_estimates, read_row
 from uavbench.bench.inputs.command_files import command_files, run_files
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples
@@ -235,7 +235,7 @@ def track_external(
 
 def _by_folder(
     tracker: External, sequence: Sequence, frames: list[int], guard: Guard, on_frame: OnFrame | None
-) -> tuple[list[TrackResult], list[Fault]]:
+) -> Estimates:
     """All frames at once; no latency of a frame can be known."""
     write_frames(guard.folder, sequence, frames)
     faults: list[Fault] = []
@@ -245,12 +245,13 @@ def _by_folder(
     if on_frame is not None:
         for frame, row in zip(frames, rows, strict=True):
             on_frame(frame, row)
-    return rows, faults + [fault for fault in in_file if not faults or fault.name not in ("no-output", "missing")]
+    more = [fault for fault in in_file if not faults or fault.name not in ("no-output", "missing")]
+    return Estimates(rows, faults + more)
 
 
 def _by_stream(
     tracker: External, sequence: Sequence, frames: list[int], guard: Guard, feed: Feed, on_frame: OnFrame | None
-) -> tuple[list[TrackResult], list[Fault]]:
+) -> Estimates:
     """A frame at a time; after a fault of the protocol the rest is lost."""
     rows: list[TrackResult] = []
     faults: list[Fault] = []
@@ -271,7 +272,7 @@ def _by_stream(
                 on_frame(frame, rows[-1])
         run.close()
     rows += [TrackResult(status="lost")] * (len(frames) - len(rows))
-    return rows, faults
+    return Estimates(rows, faults)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -78,7 +78,21 @@ class TrackerFault(UserError):
         return type(self), (self.fault.name, self.fault.where, self.fault.what)
 
 
-def read_row(text: str, where: str) -> tuple[int, TrackResult]:
+class EstimateRow(NamedTuple):
+    """Result of the frame that a row names by its stamp."""
+
+    stamp_ns: int
+    result: TrackResult
+
+
+class Estimates(NamedTuple):
+    """Result of each frame, in the order of the frames, and what was wrong with the rows."""
+
+    results: list[TrackResult]
+    faults: list[Fault]
+
+
+def read_row(text: str, where: str) -> EstimateRow:
     """Stamp and result of one row; TrackerFault when it is malformed, not finite or no pose."""
     cells = [cell.strip() for cell in text.strip().split(",")]
     try:
@@ -94,7 +108,7 @@ def read_row(text: str, where: str) -> tuple[int, TrackResult]:
     if status != "ok":
         if any(values):
             raise TrackerFault("malformed", where, f"a frame that is {status} has no pose, but numbers follow")
-        return stamp_ns, TrackResult(status=status)
+        return EstimateRow(stamp_ns, TrackResult(status=status))
     while len(values) > len(POSE_COLUMNS) and not any(values[len(POSE_COLUMNS) :]):
         values = values[: len(POSE_COLUMNS)]
     if len(values) not in (7, 28):
@@ -110,10 +124,11 @@ def read_row(text: str, where: str) -> tuple[int, TrackResult]:
     if not abs(float(np.linalg.norm(numbers[3:7])) - 1) < 1e-3:
         raise TrackerFault("bad-rotation", where, f"the quaternion has norm {np.linalg.norm(numbers[3:7]):.6g}, not 1")
     pose = Pose.from_quaternion(numbers[3:7], numbers[:3])
-    return stamp_ns, TrackResult(status="ok", cam_from_world=pose, covariance=_covariance(numbers[7:], where))
+    result = TrackResult(status="ok", cam_from_world=pose, covariance=_covariance(numbers[7:], where))
+    return EstimateRow(stamp_ns, result)
 
 
-def read_estimates(path: Path, stamps_ns: Sequence[int]) -> tuple[list[TrackResult], list[Fault]]:
+def read_estimates(path: Path, stamps_ns: Sequence[int]) -> Estimates:
     """Result of each frame and all faults of an `estimates.csv`; a frame whose row is absent or faulty is lost.
 
     Of two rows for one frame the first counts.
@@ -121,18 +136,19 @@ def read_estimates(path: Path, stamps_ns: Sequence[int]) -> tuple[list[TrackResu
     limit = FileLimit("file of estimates", MOST_ROW_BYTES * (len(stamps_ns) + 2), "write one row for each frame")
     try:
         if path.is_symlink() or not path.exists():
-            return _lost(stamps_ns), [Fault("no-output", path.name, "there is no such file")]
+            return Estimates(_lost(stamps_ns), [Fault("no-output", path.name, "there is no such file")])
         with opened(path, limit, inside=path.parent) as handle:
             return _read(path, io.TextIOWrapper(handle, encoding="utf-8"), stamps_ns)
     except (OSError, UnicodeDecodeError, UserError) as error:
         reason = str(error).removeprefix(f"{path}: ")
-        return _lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {reason}")]
+        return Estimates(_lost(stamps_ns), [Fault("malformed", path.name, f"not readable as UTF-8 text: {reason}")])
 
 
-def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> tuple[list[TrackResult], list[Fault]]:
+def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> Estimates:
     header = lines.readline(MOST_ROW_BYTES)
     if [cell.strip() for cell in header.split(",")] not in HEADERS:
-        return _lost(stamps_ns), [Fault("malformed", path.name, f"the first line must be {','.join(POSE_HEADER)}")]
+        fault = Fault("malformed", path.name, f"the first line must be {','.join(POSE_HEADER)}")
+        return Estimates(_lost(stamps_ns), [fault])
     row_of = {stamp: row for row, stamp in enumerate(stamps_ns)}
     results: dict[int, TrackResult] = {}
     named: set[int] = set()
@@ -169,7 +185,7 @@ def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> tupl
     more += len(missing[room:])
     if more:
         faults.append(Fault("too-many", path.name, f"there are {more:,} faults more"))
-    return [results.get(row, TrackResult(status="lost")) for row in range(len(stamps_ns))], faults
+    return Estimates([results.get(row, TrackResult(status="lost")) for row in range(len(stamps_ns))], faults)
 
 
 def _rows(lines: io.TextIOWrapper) -> Iterator[str]:

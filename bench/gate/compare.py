@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -96,10 +96,15 @@ Times = dict[tuple[str, str, str, int, str], list[list[float]]]
 """(label, run, sequence, seed, side) -> per repeat the time of each frame in ms."""
 
 
-def run_in_turn(
-    sides: dict[str, Side], suite: Suite, flown: Path, out: Path, repeats: int
-) -> tuple[Times, dict[str, str]]:
-    """Times of all runs, and why the base could not run a tracker; the results are in the folders of both sides.
+class TimedRuns(NamedTuple):
+    """Times of all runs, and, by label, why the base could not run a tracker."""
+
+    times: Times
+    unknown: dict[str, str]
+
+
+def run_in_turn(sides: dict[str, Side], suite: Suite, flown: Path, out: Path, repeats: int) -> TimedRuns:
+    """Run all trackers of both sides in turn; their results are in the folders of both sides.
 
     flown: the file of the suite whose sequences and `start` these are.
     """
@@ -123,7 +128,7 @@ def run_in_turn(
                     else:
                         key = (label, run, spec.name, spec.seed, side)
                         times.setdefault(key, []).append([np.nan if t is None else t for t in answer["total_ms"]])
-    return times, unknown
+    return TimedRuns(times, unknown)
 
 
 @dataclass(frozen=True)

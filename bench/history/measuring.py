@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -133,10 +133,17 @@ def measuring(bad: str, what: What, out: Path, workers: int) -> Iterator[Measuri
     yield code or Measuring(suite, file, out, label, rate_hz, what.metric, start)
 
 
-def chosen(suite: Suite, tracker: str) -> tuple[str, float]:
-    """Label and rate of a tracker of the suite; UserError when it has none of the name, or several."""
-    runs = {f"{label}@{rate:g}hz": (label, rate) for label in suite.trackers for rate in suite.rates_hz}
-    fitting = [run for run, (label, _) in runs.items() if tracker in ("", label, run)]
+class TrackerAtRate(NamedTuple):
+    """A tracker of a suite at one of its rates."""
+
+    label: str
+    rate_hz: float
+
+
+def chosen(suite: Suite, tracker: str) -> TrackerAtRate:
+    """The tracker of the suite that is named, at its rate; UserError when there is none of the name, or several."""
+    runs = {f"{label}@{rate:g}hz": TrackerAtRate(label, rate) for label in suite.trackers for rate in suite.rates_hz}
+    fitting = [run for run, each in runs.items() if tracker in ("", each.label, run)]
     if not fitting:
         raise unknown_name("tracker", tracker, [*runs])
     if len(fitting) > 1:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -115,8 +116,16 @@ def entry_of(side: Side, where: Where, details: dict[str, str]) -> Commit:
     )  # fmt: skip
 
 
-def described(where: Where) -> tuple[str, str, str]:
-    """Hash, time and subject of the commit that a line is of; UserError where changes are in none."""
+class DescribedCommit(NamedTuple):
+    """A commit as a history describes it; time: of the commit, ISO 8601."""
+
+    commit: str
+    time: str
+    subject: str
+
+
+def described(where: Where) -> DescribedCommit:
+    """The commit that a line is of; UserError when the working tree has uncommitted changes."""
     if not where.commit and (changed := list(_changed(where.file))):
         raise UserError(
             f"the working tree has changes that are in no commit: {changed[0]}; commit them, or say with --commit "
@@ -125,7 +134,7 @@ def described(where: Where) -> tuple[str, str, str]:
     ref = where.commit or "HEAD"
     shown = git("show", "--no-patch", "--format=%H%x00%cI%x00%s", "--end-of-options", f"{ref}^{{commit}}")
     commit, time, subject = shown.decode(errors="replace").rstrip("\n").split("\0")
-    return commit, time, subject
+    return DescribedCommit(commit, time, subject)
 
 
 def _changed(file: Path) -> Iterator[str]:

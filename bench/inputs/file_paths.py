@@ -7,7 +7,7 @@ that an external tracker starts (`command`) may be anywhere: they run with all t
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 FREE = "UAVBENCH_DATA"
 MOST_TOLD = 3
@@ -19,13 +19,20 @@ def names_a_file(key: str) -> bool:
     return key in {"file", "path"} or key.endswith(("_file", "_path"))
 
 
-def located(config: Any, folder: Path, at: str = "") -> tuple[Any, list[str]]:
-    """The config with relative file names taken from its folder, and a line for each that leads out of it."""
+class Located(NamedTuple):
+    """A config whose relative file names start at its folder, and a line for each that leads out of it."""
+
+    config: Any
+    outside: list[str]
+
+
+def located(config: Any, folder: Path, at: str = "") -> Located:
+    """The config with relative file names taken from its folder; `at` is the path of its key, for the lines."""
     if isinstance(config, list):
         pairs = [located(item, folder, f"{at}[{i}]") for i, item in enumerate(config)]
-        return [item for item, _ in pairs], [line for _, lines in pairs for line in lines]
+        return Located([item for item, _ in pairs], [line for _, lines in pairs for line in lines])
     if not isinstance(config, dict):
-        return config, []
+        return Located(config, [])
     found: dict[str, Any] = {}
     outside: list[str] = []
     for key, value in config.items():
@@ -40,7 +47,7 @@ def located(config: Any, folder: Path, at: str = "") -> tuple[Any, list[str]]:
         else:
             found[key], lines = located(value, folder, path)
         outside += lines
-    return found, outside
+    return Located(found, outside)
 
 
 def _beside(word: Any, folder: Path) -> Any:

@@ -2,19 +2,17 @@
 
 import json
 from collections.abc import Iterator
-from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import load_suite, suite_model
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.external.program import isolated_trackers
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
-from uavbench.bench.runner.executors import dask_pool, local_pool
+from uavbench.bench.runner.executors import Pool, dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights
@@ -104,7 +102,7 @@ def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:
     outcome.fresh = [job for job in outcome.fresh if job.name not in outcome.failed]
 
 
-def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[tuple[Executor, Any]]:
+def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[Pool]:
     return dask_pool(where.dask, where.workers, folder) if where.dask else local_pool(where.workers)
 
 

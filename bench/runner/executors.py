@@ -9,7 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from uavbench.bench.inputs.content_hash import code_hash
 from uavbench.bench.runner.graph import start_worker
@@ -145,12 +145,19 @@ class SpawnPool(Executor):
             task.future.set_result(future.result())
 
 
+class Pool(NamedTuple):
+    """An executor, and the queue on which its workers report progress; None where they report none."""
+
+    executor: Executor
+    progress: Any
+
+
 @contextmanager
-def local_pool(workers: int) -> Iterator[tuple[Executor, Any]]:
+def local_pool(workers: int) -> Iterator[Pool]:
     """Pool of spawned processes and the queue on which they report progress; no process outlives it."""
     pool = SpawnPool(workers)
     try:
-        yield pool, pool.progress
+        yield Pool(pool, pool.progress)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         for child in multiprocessing.active_children():
@@ -164,7 +171,7 @@ def local_pool(workers: int) -> Iterator[tuple[Executor, Any]]:
 
 
 @contextmanager
-def dask_pool(address: str, workers: int, folder: Path) -> Iterator[tuple[Executor, Any]]:
+def dask_pool(address: str, workers: int, folder: Path) -> Iterator[Pool]:
     """Executor of a Dask cluster at `tcp://HOST:PORT`, or of a `local` one of this many workers.
 
     UserError when Dask is not installed, the scheduler does not answer, or a worker has several threads, does not see
@@ -184,7 +191,7 @@ def dask_pool(address: str, workers: int, folder: Path) -> Iterator[tuple[Execut
         raise UserError(f"--dask {address}: {error}; is `dask scheduler` running there?") from None
     try:
         _check_workers(client, folder)
-        yield client.get_executor(pure=False, retries=2), None
+        yield Pool(client.get_executor(pure=False, retries=2), None)
     finally:
         client.close()
         if cluster is not None:

@@ -10,7 +10,7 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 from tqdm import tqdm
@@ -115,17 +115,24 @@ def fresh_jobs(jobs: list[Job]) -> list[Job]:
     return list(fresh.values())
 
 
+class JobCost(NamedTuple):
+    """Wall time of a job in s, and the peak memory of its worker in MB."""
+
+    seconds: float
+    peak_mb: float
+
+
 def run_job(
     name: str, work: Work, content_hash: str, marker: Path, root: Path | None = None, lists: str = ""
-) -> tuple[float, float]:
-    """Do one job in a worker; seconds it took and the worker's peak memory in MB.
+) -> JobCost:
+    """Do one job in a worker; what it cost.
 
     A job that is done already is left alone: a cluster may ask again when the worker that did it was lost.
     """
     begin = time.perf_counter()
     place = Place(root or marker.parent, marker, lists)
     if _is_done(place, content_hash):
-        return 0.0, 0.0
+        return JobCost(0.0, 0.0)
 
     def on_step(done: int, total: int) -> None:
         if _progress is not None:
@@ -144,7 +151,7 @@ def run_job(
         raise
     except BaseException as error:  # a plug-in may be anyone's, and end as it likes
         raise JobFaultError(_fault(error)) from error
-    return time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return JobCost(time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 
 def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outcome:
@@ -163,7 +170,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     for job in todo:
         for need in job.needs:
             dependents.setdefault(id(need), []).append(job)
-    running: dict[Future[tuple[float, float]], Job] = {}
+    running: dict[Future[JobCost], Job] = {}
     settled: queue.SimpleQueue[Future[tuple[float, float]]] = queue.SimpleQueue()
     peaks: dict[str, float] = {}
 

@@ -31,6 +31,7 @@ from uavbench.bench.runner.tasks import (
     ReportFlights,
     Restart,
     Score,
+    ScoredFolders,
     ScoreFlight,
     Spec,
     Track,
@@ -153,7 +154,7 @@ def _score_job(track: Job, folder: Path) -> Job:
 def _report_job(
     suite: Suite, scores: list[Job], restarts: list[Job], away: Mapping[str, str], folder: Path, figures: Figures
 ) -> Job:
-    scored = tuple((job.work.sequence, job.work.results, "") for job in scores if isinstance(job.work, Score))
+    scored = tuple(ScoredFolders(job.work.sequence, job.work.results) for job in scores if isinstance(job.work, Score))
     needs = (*scores, *restarts)
     work = Report(suite.title, folder, scored, tuple(job.marker.parent for job in restarts), tuple(away.items()))
     work = replace(work, figures=figures, recorded=any(isinstance(spec, RecordingSpec) for spec in suite.sequences))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.config.suite import Protocol
@@ -124,13 +124,21 @@ class Score:
         scored.save(self.results / "score.json", content_hash=content_hash)
 
 
+class ScoredFolders(NamedTuple):
+    """Folders of a sequence and of results on it; `why` the results do not count, "" where they do."""
+
+    sequence: Path
+    results: Path
+    why: str = ""
+
+
 @dataclass(frozen=True)
 class Report:
     """Write the report over all scores of a suite."""
 
     title: str
     folder: Path
-    scored: tuple[tuple[Path, Path, str], ...]
+    scored: tuple[ScoredFolders, ...]
     restarts: tuple[Path, ...] = ()
     absent: tuple[tuple[str, str], ...] = ()
     recorded: bool = False
@@ -142,13 +150,11 @@ class Report:
         from uavbench.reports.recorded_report import write_recorded_report
         from uavbench.reports.report import ReportEntry, ReportInputs, write_report
 
+        entries = [ReportEntry(run.sequence, run.results, run.results / "score.json", run.why) for run in self.scored]
         if self.recorded:
             more: dict[str, Any] = {"content_hash": content_hash, "on_step": on_step}
-            write_recorded_report(self.folder, self.title, self.scored, absent=dict(self.absent), **more)
+            write_recorded_report(self.folder, self.title, entries, absent=dict(self.absent), **more)
             return
-        entries = [
-            ReportEntry(sequence, results, results / "score.json", why) for sequence, results, why in self.scored
-        ]
         inputs = ReportInputs(self.title, entries, self.restarts, dict(self.unrendered), dict(self.absent))
         write_report(self.folder, inputs, figures=self.figures, content_hash=content_hash, on_step=on_step)
 
@@ -160,7 +166,8 @@ class Report:
             if why := failed.get(f"render {sequence.name}"):
                 unrendered[sequence.name] = why
             else:
-                scored.append((sequence, results, failed.get(f"track {run}") or failed.get(f"score {run}", "")))
+                why = failed.get(f"track {run}") or failed.get(f"score {run}", "")
+                scored.append(ScoredFolders(sequence, results, why))
         restarts = tuple(path for path in self.restarts if " ".join(["track", *path.parts[-3:]]) not in failed)
         kept = replace(self, scored=tuple(scored), restarts=restarts, unrendered=tuple(unrendered.items()))
         return kept if scored else None

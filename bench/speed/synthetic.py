@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -146,16 +146,30 @@ def _sample(tex: NDArray[np.float32], uv: Array) -> Any:
     return cv2.remap(tex, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR).reshape(-1, 3)[:n]
 
 
-def pose_error(estimate: Pose, ground_truth: Pose) -> tuple[float, float]:
-    """Distance of the camera centres in m, angle in rad."""
+class PoseError(NamedTuple):
+    """Distance of two camera centres in m, angle between two cameras in rad."""
+
+    distance_m: float
+    angle_rad: float
+
+
+def pose_error(estimate: Pose, ground_truth: Pose) -> PoseError:
+    """Error of an estimated `cam_from_world`."""
     difference = estimate @ ground_truth.inverse()
     centre = np.linalg.norm(estimate.inverse().translation - ground_truth.inverse().translation)
-    return float(centre), float(np.linalg.norm(difference.log()[3:]))
+    return PoseError(float(centre), float(np.linalg.norm(difference.log()[3:])))
 
 
-def flown(frames: int, seed: int) -> tuple[list[Pose], list[NDArray[np.uint8]]]:
-    """Poses and noisy frames of a flight around a box at 15 Hz."""
+class SyntheticFlight(NamedTuple):
+    """`cam_from_world` of each frame, and the BGR frames (h, w, 3)."""
+
+    poses: list[Pose]
+    images: list[NDArray[np.uint8]]
+
+
+def flown(frames: int, seed: int) -> SyntheticFlight:
+    """A flight around a box at 15 Hz, its frames with noise."""
     poses = orbit(frames, seed=seed)
     scene = Scene([box_corners()], seed=seed)
     rng = np.random.default_rng(seed)
-    return poses, [scene.render(pose, noise_rng=rng) for pose in poses]
+    return SyntheticFlight(poses, [scene.render(pose, noise_rng=rng) for pose in poses])

@@ -9,7 +9,7 @@ import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.said import say
@@ -54,8 +54,15 @@ def speed(only: str, save: Path | None) -> int:
     return 0 if met and done.code == 0 else 1
 
 
-def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) -> tuple[list[str], bool]:
+class SpeedTable(NamedTuple):
     """Lines of the table, and whether no goal is missed."""
+
+    lines: list[str]
+    all_met: bool
+
+
+def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) -> SpeedTable:
+    """The table of pytest-benchmark's results, `goals` by the name of the benchmark."""
     lines = [f"{'benchmark':<62} {'least':>11} {'median':>11}  {'goal':<50} verdict"]
     all_met = True
     for one in sorted(benchmarks, key=lambda b: str(b["name"])):
@@ -64,7 +71,7 @@ def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) ->
         all_met &= verdict is not Verdict.MISSED
         times = f"{seconds(stats['min']):>11} {seconds(stats['median']):>11}"
         lines.append(f"{one['name']:<62} {times}  {text:<50} {verdict}")
-    return lines, all_met
+    return SpeedTable(lines, all_met)
 
 
 class Verdict(StrEnum):
@@ -76,17 +83,25 @@ class Verdict(StrEnum):
     NONE = ""
 
 
-def against(least_s: float, extra: dict[str, Any], goal: dict[str, Any]) -> tuple[str, Verdict]:
-    """The goal in words, and what the measurement says of it."""
+class Judged(NamedTuple):
+    """A goal in words, and the verdict of a measurement on it."""
+
+    goal: str
+    verdict: Verdict
+
+
+def against(least_s: float, extra: dict[str, Any], goal: dict[str, Any]) -> Judged:
+    """Verdict on a benchmark's least time in s, or on a figure in its `extra`, against a goal of goals.toml."""
     if "absent" in extra:
-        return f"absent: {extra['absent']}", Verdict.NONE
+        return Judged(f"absent: {extra['absent']}", Verdict.NONE)
     if "at_most_s" in goal:
-        return f"at most {seconds(goal['at_most_s'])}", Verdict.MET if least_s <= goal["at_most_s"] else Verdict.MISSED
+        verdict = Verdict.MET if least_s <= goal["at_most_s"] else Verdict.MISSED
+        return Judged(f"at most {seconds(goal['at_most_s'])}", verdict)
     if "figure" in goal:
         found = Interval.of(extra.get(goal["figure"], float("nan")))
         sort, limit = ("at least", goal["at_least"]) if "at_least" in goal else ("at most", goal["at_most"])
-        return f"{goal['figure']} {found}, {sort} {limit:g}", found.held_against(sort, limit)
-    return ", ".join(f"{name} {Interval.of(value)}" for name, value in extra.items()), Verdict.NONE
+        return Judged(f"{goal['figure']} {found}, {sort} {limit:g}", found.held_against(sort, limit))
+    return Judged(", ".join(f"{name} {Interval.of(value)}" for name, value in extra.items()), Verdict.NONE)
 
 
 @dataclass(frozen=True)

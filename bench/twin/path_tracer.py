@@ -11,6 +11,7 @@ from uavbench.bench.external.guard import Guard
 from uavbench.bench.twin.blender import Blender, OpenScene, opened
 from uavbench.bench.twin.scene_files import blender_camera, blender_pose, write_scene
 from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.scene import Scene
 from uavbench.trajectories.pose import Array, Pose
@@ -52,10 +53,8 @@ class PathTracer:
         light = self._opened.light(request, camera.width, camera.height)
         return np.asarray(np.rint(255 * np.sqrt(np.clip(light, 0, 1))), dtype=np.uint8)
 
-    def geometry(
-        self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Depth and instances (h, w), as `Renderer.geometry`: they are the same in the twin."""
+    def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
+        """Depth and instances (h, w) as `Renderer.geometry` has them, which a twin shares."""
         return self._drawn.geometry(cam_from_world, camera, time_s)
 
     def nearest_m(self, eye: Array) -> float:

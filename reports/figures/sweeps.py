@@ -8,7 +8,7 @@ from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -77,8 +77,15 @@ def _percent_or_cm(run: ScoredRun, what: Literal["ate", "success"]) -> float | N
     return None if error is None else 100 * error.rmse
 
 
-def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Every plain value of a config with the path of its key."""
+class Leaf(NamedTuple):
+    """A plain value of a config, and the dotted path of its key."""
+
+    path: str
+    value: Any
+
+
+def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
+    """Every plain value of a config, in the order of its keys."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from leaves(item, f"{path}.{key}" if path else str(key))
@@ -86,4 +93,4 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         for k, item in enumerate(value):
             yield from leaves(item, f"{path}[{k}]")
     else:
-        yield path, value
+        yield Leaf(path, value)

@@ -5,7 +5,7 @@ Everything is drawn on the image without its lens distortion, where trackers wor
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -21,6 +21,13 @@ Image = NDArray[np.uint8]
 GREEN, WHITE, ORANGE, MAGENTA = (60, 220, 70), (255, 255, 255), (20, 140, 255), (220, 60, 230)
 HUES = ((40, 60, 235), (30, 160, 30), (220, 90, 20), (20, 140, 240), (190, 40, 170), (150, 150, 0))
 SHIFT = 4
+
+
+class SegmentPicture(NamedTuple):
+    """The image in grey with its LSD segments, each in its own colour, and their number."""
+
+    image: Image
+    count: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +49,13 @@ class View:
             return np.zeros((0, 2, 2))
         return seen_edges_px(self.structure, self.camera, cam_from_world)
 
-    def segments(self) -> tuple[Image, int]:
-        """The image in grey with its LSD segments, each in its own colour, and their number."""
+    def segments(self) -> SegmentPicture:
+        """The LSD segments of at least MIN_SEGMENT_PX."""
         found = detect_segments(grey(self.image), MIN_SEGMENT_PX)
         canvas = np.ascontiguousarray(np.repeat((255 - (255 - grey(self.image)) // 2)[..., None], 3, axis=2))
         for i, segment in enumerate(found):
             draw(canvas, segment.reshape(1, 2, 2), HUES[i % len(HUES)], 2)
-        return canvas, len(found)
+        return SegmentPicture(canvas, len(found))
 
     def model_on_edges(self, cam_from_world: Pose | None) -> Image:
         """Detected edge pixels in white on black, the model's visible edges in green."""

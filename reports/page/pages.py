@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -67,11 +67,18 @@ class ReportNotes:
     undrawn: Undrawn
 
 
+class NamedTable(NamedTuple):
+    """A table of the folder `tables`, and the name of its files without suffix."""
+
+    name: str
+    table: Table
+
+
 def write_index(
     folder: Path,
     notes: ReportNotes,
     runs: ListOf[ScoredRun],
-    tables: ListOf[tuple[str, Table]],
+    tables: ListOf[NamedTable],
     figures: ListOf[FigureOnPage],
     sequences: ListOf[SequenceOnPage],
 ) -> Path:
@@ -79,7 +86,7 @@ def write_index(
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
     names = list(dict.fromkeys(run.sequence.name for run in runs))
-    summary = tables[0][1]
+    summary = tables[0].table
     text = environment().get_template("page_index.html").render(
         title=notes.title,
         css=asset("page.css"),
@@ -93,8 +100,8 @@ def write_index(
         absent=notes.absent,
         undrawn=notes.undrawn,
         summary=_shown("summary", "Scores", summary.select(TWO_COLUMNS), runs),
-        details=_themes([table for _, table in tables], runs),
-        table_files=[f"tables/{name}{end}" for name, _ in tables for end in TABLE_FILES[name == "summary"]],
+        details=_themes([each.table for each in tables], runs),
+        table_files=[f"tables/{t.name}{end}" for t in tables for end in TABLE_FILES[t.name == "summary"]],
         failures=failed_trackers(runs, {s.name: s.page for s in sequences}),
         figures=[f.sized(folder) for f in figures],
         record=json.dumps(runs[0].score.record, indent=1) if runs else "",

@@ -91,10 +91,17 @@ class ExpectedError(NamedTuple):
     failed_share: Array
 
 
-def expected_error(runs: ListOf[tuple[Restarted, Sequence]]) -> ExpectedError:
-    """Time since the last given pose (k,) in s, the median error so long after it (k,) in m, the share failed (k,).
+class RestartedOn(NamedTuple):
+    """A run that was given true poses on the way, and its sequence."""
 
-    Over all runs of one tracker at one rate; the median is infinite where more than half of the frames have no pose.
+    restarted: Restarted
+    sequence: Sequence
+
+
+def expected_error(runs: ListOf[RestartedOn]) -> ExpectedError:
+    """Error against the time since the last given pose, over all runs of one tracker at one rate.
+
+    The median is infinite where more than half of the frames have no pose.
     """
     since, metres, failed = [], [], []
     for restarted, sequence in runs:

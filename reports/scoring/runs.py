@@ -1,5 +1,6 @@
 """The runs that a report is about, opened for reading."""
 
+from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -81,24 +82,34 @@ def counts(results: Results, name: str) -> Array:
     return np.array([np.nan if v is None else float(v) for v in values])
 
 
-def open_runs(entries: list[tuple[Path, Path, Path, str]]) -> list[ScoredRun]:
-    """Runs of (sequence folder, results folder, score.json, why); a sequence is opened once, a tracker has one colour.
+@dataclass(frozen=True)
+class ReportEntry:
+    """One scored run: the folders of its sequence and of its results, its score.json; `why` there is no such result."""
 
-    Where there is no results folder, or `why` tells why what it holds does not count, the run is missing: it is scored
-    as one that located no frame.
+    sequence: Path
+    results: Path
+    score: Path
+    why: str = ""
+
+
+def open_runs(entries: ListOf[ReportEntry]) -> list[ScoredRun]:
+    """Runs of a report's entries; each sequence is opened once, each tracker has one colour.
+
+    A run whose results folder is missing, or whose entry says why its results do not count, is scored as one that
+    located no frame. UserError naming the file that is wrong.
     """
     sequences: dict[Path, Sequence] = {}
     labels: dict[str, int] = {}
     runs = []
-    for sequence_folder, results_folder, score_file, why in entries:
-        if sequence_folder not in sequences:
-            sequences[sequence_folder] = Sequence.load(sequence_folder)
-        sequence = sequences[sequence_folder]
-        if results_folder.exists() and not why:
-            results, found = sound(Results.load(results_folder))[0], Score.load(score_file)
-            _belongs(found, sequence, results, score_file)
+    for entry in entries:
+        if entry.sequence not in sequences:
+            sequences[entry.sequence] = Sequence.load(entry.sequence)
+        sequence = sequences[entry.sequence]
+        if entry.results.exists() and not entry.why:
+            results, found = sound(Results.load(entry.results))[0], Score.load(entry.score)
+            _belongs(found, sequence, results, entry.score)
         else:
-            results = missing_results(sequence, results_folder, why)
+            results = missing_results(sequence, entry.results, entry.why)
             found = score(sequence, results)
         index = labels.setdefault(found.label, len(labels))
         runs.append(ScoredRun(sequence, results, found, index))

@@ -1,4 +1,4 @@
-"""Flying clutter: birds on wide circles that glide and climb in turn."""
+"""Flying clutter: birds that circle, rise and sink."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -41,7 +41,7 @@ class Birds:
 
 @dataclass(frozen=True, eq=False)
 class Circling:
-    """A circle flown at one speed (negative: clockwise), banked into the turn, rising and sinking with period_s."""
+    """A circle at constant speed (negative: clockwise), banked into the turn, rising and sinking with period_s."""
 
     centre: Array
     radius_m: float

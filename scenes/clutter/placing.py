@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from uavbench.trajectories.pose import Array
 
 Free = Callable[[Array], NDArray[np.bool_]]
-"""Whether things may stand at places (n, 2): on level ground, neither in water nor on a road."""
+"""Predicate on places (n, 2): whether clutter may stand there, on level ground, not in water or on a road."""
 
 
 def anywhere(places: Array) -> NDArray[np.bool_]:

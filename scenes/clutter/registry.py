@@ -6,7 +6,7 @@ from uavbench.scenes.clutter.people import People
 from uavbench.scenes.clutter.trees import Trees
 
 ON_GROUND = (Lookalikes, Trees, People)
-"""Kinds that are told where the ground is free."""
+"""Kinds whose `build` takes the predicate of free ground."""
 CLUTTER: dict[str, type] = {
     "lookalikes": Lookalikes,
     "trees": Trees,

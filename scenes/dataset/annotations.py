@@ -1,4 +1,4 @@
-"""Ground truth of each frame beside its pose: depth, instances, visible edges of the model, poses of its rows."""
+"""Annotations of a frame: depth, instance mask, visible edges of the model, and poses of its rows."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,27 +20,27 @@ from uavbench.trajectories.pose import Array, Pose
 
 STEP_PX = 2.0
 NEAR_M = 0.02
-"""Nearer parts of an edge are not looked for."""
+"""Near plane, metres: nearer parts of an edge are ignored."""
 SIDE_PX = 2.5
-"""How far to either side of an edge its contrast is taken."""
+"""Distance to either side of an edge at which its contrast is measured, px."""
 
 
 def write_depth(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
-    """`depth/NNNNNN.png`, 16 bits, DEPTH_M_PER_UNIT metres a unit, along the optical axis, at the frame's stamp."""
+    """Write `depth/NNNNNN.png`: along the optical axis at the frame's stamp, 16 bits of DEPTH_M_PER_UNIT metres."""
     units = np.rint(_as_camera(source, view.depth) / DEPTH_M_PER_UNIT)
     units[units > 65535] = 0
     _write(folder / "depth" / f"{frame:06d}.png", units.astype(np.uint16))
 
 
 def write_mask(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
-    """`mask/NNNNNN.png`: 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 all else."""
+    """Write `mask/NNNNNN.png`: 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 everything else."""
     _write(folder / "mask" / f"{frame:06d}.png", _as_camera(source, view.instances))
 
 
 def write_edges(
     folder: Path, frame: int, source: CameraSimulator, view: View, structure: Structure, image: NDArray[np.uint8]
 ) -> None:
-    """`edges/NNNNNN.csv`: each visible part of each edge: its ends, its share of the edge, its contrast."""
+    """Write `edges/NNNNNN.csv`: each visible part of each edge, with its ends, share of the edge, and contrast."""
     rows = visible_edges(structure, source, view, image)
     lines = [",".join(EDGE_COLUMNS)]
     lines += [f"{int(r[0])}," + ",".join(f"{value:.4f}" for value in r[1:]) for r in rows.tolist()]
@@ -52,9 +52,9 @@ def write_edges(
 def visible_edges(structure: Structure, source: CameraSimulator, view: View, image: NDArray[np.uint8]) -> Array:
     """Visible parts (n, 7) of the model's edges in a view, columns as EDGE_COLUMNS.
 
-    A part is visible where no surface lies before it in the depth of the view (within 1 %, one pixel around) and
-    it is inside the image. visible_share is its share of the whole edge, in metres; contrast the mean
-    difference of grey codes SIDE_PX to its left and right.
+    A part is visible where it is inside the image and no surface in the depth image of the view occludes it (within
+    1 %, one pixel around). visible_share is its share of the edge's length in metres; contrast the mean difference of
+    grey levels SIDE_PX to its left and right.
     """
     pinhole = source.pinhole
     ends = view.cam_from_world.transform(structure.edge_segments.reshape(-1, 3)).reshape(-1, 2, 3)
@@ -79,7 +79,7 @@ class EdgeSamples(NamedTuple):
 
 
 def _samples(ends: Array, pinhole: Camera) -> EdgeSamples:
-    """Edge, place along it (0..1) and point (n, 3) of samples STEP_PX apart in the image, of what may be seen there."""
+    """Samples STEP_PX apart in the image on the parts of edges (n, 2, 3) inside the view frustum."""
     begin, end = _within(ends, pinhole)
     kept = np.flatnonzero(begin < end)
     from_end = [ends[kept, 0] + t[kept, None] * (ends[kept, 1] - ends[kept, 0]) for t in (begin, end)]
@@ -95,16 +95,16 @@ def _samples(ends: Array, pinhole: Camera) -> EdgeSamples:
 
 
 class SharesInView(NamedTuple):
-    """Shares (n,) of edges at which they enter and leave what the camera sees."""
+    """Parameters (n,) along edges, 0..1, at which they enter and leave the view frustum."""
 
     begin: Array
     end: Array
 
 
 def _within(ends: Array, pinhole: Camera) -> SharesInView:
-    """Share of each edge (n, 2, 3) at which it enters and leaves what the camera sees (Liang & Barsky 1984).
+    """Clip edges (n, 2, 3) in the camera frame against the view frustum (Liang & Barsky 1984).
 
-    Trackers clip by planes of the view (`geometry_kernels.clip_segment`); these sums are in the bytes of edges/*.csv.
+    Trackers clip by other code (`geometry_kernels.clip_segment`), whose rounding would change the bytes of edges/*.csv.
     """
     x, y, z = (ends[..., k] for k in range(3))
     u, v = x * pinhole.fx + z * pinhole.cx, y * pinhole.fy + z * pinhole.cy
@@ -125,7 +125,7 @@ def _projected(points: Array, pinhole: Camera) -> Array:
 
 
 def _contrast(pixels: Array, which: NDArray[np.int64], seen: NDArray[np.bool_], image: NDArray[np.uint8]) -> Array:
-    """Difference (n,) of grey codes across the edge at each sample, 0 where it is not seen."""
+    """Difference (n,) of grey levels across the edge at each sample, 0 where it is not visible."""
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.float32)
     along = np.zeros_like(pixels)
     same = which[1:] == which[:-1]
@@ -145,7 +145,7 @@ def _contrast(pixels: Array, which: NDArray[np.int64], seen: NDArray[np.bool_], 
 def _stretches(
     which: NDArray[np.int64], share: Array, pixels: Array, seen: NDArray[np.bool_], contrast: Array
 ) -> Array:
-    """Runs of at least two seen samples of one edge, as rows of EDGE_COLUMNS."""
+    """Runs of at least two visible samples of one edge, as rows of EDGE_COLUMNS."""
     joined = seen[1:] & seen[:-1] & (which[1:] == which[:-1])
     starts = np.flatnonzero(joined & ~np.concatenate([[False], joined[:-1]]))
     stops = np.flatnonzero(joined & ~np.concatenate([joined[1:], [False]])) + 1
@@ -171,7 +171,7 @@ def row_poses(source: CameraSimulator, world_from_body: Callable[[int], Pose], s
 
 
 def edges_file(sequence: Sequence, frame: int) -> Path:
-    """Where `write_edges` writes the edges of a frame."""
+    """File of a frame's edges, as `write_edges` wrote it."""
     return sequence.folder / "edges" / f"{frame:06d}.csv"
 
 
@@ -188,7 +188,7 @@ def load_edges(sequence: Sequence, frame: int) -> Array:
 
 
 def _as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
-    """An image of the pinhole as the camera sees it, nearest pixel."""
+    """An image of the pinhole resampled to the camera behind its lens, nearest pixel."""
     if source.lens is None:
         return image
     column, row = (np.rint(source.lens[..., k]).astype(int) for k in (0, 1))

@@ -1,8 +1,8 @@
-"""The body as trackers are given it: the camera's mount, the sensors, and their samples.
+"""The body as trackers receive it: the camera's mount, the sensors, and their samples.
 
-Everything that any tracker gets of a sequence beside images, camera, structure and initial pose comes from here. It is
-a list of what may be known: of a sensor's file the columns that its class names in `measured`, of its parameters those
-in a data sheet or calibration. True values in the same files, such as the biases of an IMU, are on no list.
+Everything that a tracker receives of a sequence beside images, camera, structure and initial pose comes from here,
+by a whitelist: of a sensor's file the columns that its class names in `measured`, of its parameters those in a data
+sheet or calibration. True values in the same files, such as the biases of an IMU, are never passed on.
 """
 
 import re
@@ -25,11 +25,11 @@ from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.registry import SENSORS
 
 OF_THE_SCENE = frozenset({"reflectance"})
-"""Parameters of a sensor's model that no data sheet has: they are the scene's."""
+"""Parameters of a sensor's model that belong to the scene and are in no data sheet."""
 CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init) - OF_THE_SCENE  # type: ignore[arg-type]
-"""Parameters that may be known of a sensor: rates, noise, ranges and places, as the sensors here have them."""
+"""Parameters of a sensor that trackers may know: rates, noise, ranges and positions on the body."""
 RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses"})
-"""Names of tables that are no sensors."""
+"""Names of CSV files of a sequence other than readings."""
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 
 
@@ -83,7 +83,7 @@ class Samples:
 
 
 class Feed:
-    """The samples of a sequence in the order of time: each is handed out once, and none before its time."""
+    """The samples of a sequence in the order of time; each is handed out once, and not before its stamp."""
 
     def __init__(self, sequence: Sequence) -> None:
         self.body = body_of(sequence)
@@ -91,14 +91,14 @@ class Feed:
         self._given_ns: int | None = None
 
     def upto(self, stamp_ns: int) -> Mapping[str, Samples]:
-        """By sensor, the samples later than those handed out before, up to and with a stamp."""
+        """By sensor, the samples not handed out before, up to and including a stamp (ns)."""
         new = {name: samples.between(self._given_ns, stamp_ns) for name, samples in self._samples.items()}
         self._given_ns = stamp_ns
         return MappingProxyType(new)
 
 
 def body_of(sequence: Sequence) -> Body:
-    """The body of a sequence, with the sensors that it has a file of; UserError naming the file that is wrong."""
+    """The body of a sequence, with the sensors that it has files of; UserError naming the file that is wrong."""
     return Body(sequence.cam_from_body, MappingProxyType(dict(_sensors(sequence))))
 
 
@@ -145,5 +145,5 @@ def _columns(folder: Path, path: Path) -> tuple[str, ...]:
 
 
 def _kind_by_name(path: Path) -> str:
-    """Kind of a sensor whose file is called as `sensors.registry.measure` does: `imu`, `imu-2`."""
+    """Kind of a sensor by the name of its file, as `sensors.registry.named` gives it: `imu`, `imu-2`."""
     return path.stem if path.stem in SENSORS else re.sub(r"-[0-9]+$", "", path.stem)

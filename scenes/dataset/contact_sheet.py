@@ -1,4 +1,4 @@
-"""One picture of a whole sequence, and frames with the true model drawn on them."""
+"""A contact sheet of a sequence, and frames with the model drawn at the true pose."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ WHITE = (255, 255, 255)
 NEAR_M = 0.05
 LEGEND_PX = 28
 PIECES = 33
-"""Points that an edge is drawn through: a lens bends it."""
+"""Points of the polyline by which an edge is drawn, since a lens bends it."""
 
 
 def contact_sheet(sequence: Sequence, columns: int = 4, rows: int = 3, width_px: int = 400) -> NDArray[np.uint8]:

@@ -1,17 +1,16 @@
-"""The limit of every tracker: the Cramer-Rao bound of the camera's pose from one image, frame by frame.
+"""Cramer-Rao bound of the camera's pose from one image, frame by frame.
 
-The light of pixel i is y_i = f_i(xi) + n_i, with n_i independent, normal, and of variance s_i^2 by the photon-transfer
-curve of the sensor and the steps of its codes. For the twist xi of `cam_from_world_true = exp(xi) cam_from_world` an
+The irradiance of pixel i is y_i = f_i(xi) + n_i, with n_i independent, normal, and of variance s_i^2 by the sensor's
+photon-transfer curve and quantization. For the twist xi of `cam_from_world_true = exp(xi) cam_from_world` an
 unbiased estimate from this image alone has a covariance of at least (J^T S^-1 J)^-1, J = df/dxi (Kay 1993, eq. 3.31
 without the term of the variance's own change). J is taken by central differences of noise-free renders, along six
-directions in which what is seen moves equally far and in ways that differ: along the axes of the twist what aliases
-passes for information on what hardly moves the image, as a turn that makes up for a shift.
+independent directions in which the image moves equally far: along the axes of the twist, aliasing would pass for
+information on directions that hardly move the image, such as a rotation that compensates a translation.
 
-Only pixels that show the structure or its outline count: the rest of the world is in nobody's model. All that the
-structure shows counts, texture and shading too, as if its look were known: so a tracker of edges stays above the
-bound, and one that uses several frames may go below it. What a link does to the images is left out, and so is the
-aliasing of the image itself: J is that of the light that falls on a pixel, from renders FINER times as fine where
-no lens blurs them.
+Only pixels that show the structure or its outline count, since the rest of the world is not in the model. Texture and
+shading of the structure count as if its appearance were known: so a tracker of edges stays above the bound, and one
+that uses several frames may go below it. Effects of the link are left out, and so is the aliasing of the image: J is
+that of the irradiance on a pixel, from renders with FINER times the resolution where no lens blurs them.
 
     crlb.csv    frame, and the covariance's upper triangle by rows, translation first
 """
@@ -38,23 +37,23 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, Pose
 
 FINER = 2
-"""Rendered pixels along a pixel's side: the steps in which samples see an edge move would pass for information."""
+"""Rendered pixels along a pixel's side; coarser sampling would alias edges, which would pass for information."""
 STEP_PX = 0.15
-"""Half a difference: root mean square of the motion of what is seen, px. It understates a step edge by 1/10."""
+"""Step of the central differences: rms image motion of the structure, px. It understates a step edge by 1/10."""
 MOST_PX = 10.0
-"""Motion by each component of a twist alone, px: what they make up for is linear only so far."""
+"""Largest image motion by a single component of a twist, px, within which components cancel linearly."""
 FLOW_EVERY = 4
-"""Pixels from one whose motion is looked at to the next."""
+"""Spacing of the pixels whose motion is evaluated."""
 OUTLINE_PX = 2
-"""The pixels around the structure that its outline reaches."""
+"""Margin around the structure's pixels that belongs to its outline, px."""
 SINGULAR = 1e-12
-"""Smallest over largest eigenvalue below which an image is taken to fix no pose."""
+"""Ratio of smallest to largest eigenvalue of the information below which the pose counts as unobservable."""
 LIGHT_STEP = np.gradient(LIGHT.astype(np.float64))
-"""Light between one code of a finished image and the next."""
+"""Quantization step of a finished image, as irradiance."""
 
 
 class FrameBounds:
-    """Works out the bound of any frame of a sequence from renders of its own, while its context lasts."""
+    """Computes the bound of any frame of a sequence from renders of its own; a context manager that owns a renderer."""
 
     def __init__(
         self,
@@ -78,7 +77,7 @@ class FrameBounds:
         self._renderer.close()
 
     def covariance(self, image: NDArray[np.uint8], stamp_ns: int) -> Array | None:
-        """Bound (6, 6) of the frame delivered as image at a stamp, m and rad; None where it fixes no pose."""
+        """Bound (6, 6) of a frame by its image and stamp, m and rad; None where the pose is unobservable."""
         clean = self._light(np.zeros(6), stamp_ns)
         source = self._source(np.zeros(6))
         view = source.render(stamp_ns)
@@ -94,13 +93,13 @@ class FrameBounds:
         return None if along is None else np.asarray(steps.T @ along @ steps)
 
     def _light(self, twist: Array, stamp_ns: int) -> Radiance:
-        """Light of each pixel of the camera, moved by a twist."""
+        """Irradiance of each pixel of the camera moved by a twist."""
         light = self._source(twist).image(stamp_ns)
         assert light is not None
         return _averaged(light, self._times)
 
     def _source(self, twist: Array) -> CameraSimulator:
-        """The light that falls on the sensor of a camera moved by a twist; a source of its own, as each keeps views."""
+        """Simulator of the camera moved by a twist; one for each twist, since simulators cache views."""
         moved = Pose.exp(twist)
         source = ideal_camera(
             self._renderer,
@@ -125,9 +124,9 @@ def finer(camera: Camera, times: int) -> Camera:
 
 
 def directions(view: View, pinhole: Camera, rms_px: float) -> Array | None:
-    """Six twists (6, 6), by rows, that move what is seen of the structure by rms_px each, in ways that differ.
+    """Six independent twists (6, 6), by rows, each of which moves the visible structure by rms_px in the image.
 
-    One that would need shifts and turns of more than MOST_PX moves it by less. None where no direction is observable.
+    A twist that would exceed MOST_PX in one component is shorter. None where no direction is observable.
     """
     row, column = (FLOW_EVERY * k for k in np.nonzero(view.instances[::FLOW_EVERY, ::FLOW_EVERY] == 1))
     if len(row) < 6:
@@ -203,7 +202,7 @@ def _averaged(fine: NDArray[np.float32], times: int) -> NDArray[np.float32]:
 
 
 def _gain(clean: Radiance, image: NDArray[np.uint8]) -> np.float32:
-    """Exposure of a delivered image: its light over that of the scene, by least squares where it does not saturate."""
+    """Exposure gain of a delivered image against the scene's irradiance, by least squares over unsaturated pixels."""
     light = decode(image)
     good = light < LIGHT[250]
     return np.float32(np.dot(light[good], clean[good]) / max(float(np.dot(clean[good], clean[good])), 1e-12))

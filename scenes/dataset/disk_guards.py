@@ -1,4 +1,4 @@
-"""Guards of a dataset's folder: errors of the disk, and names that lead out of it, turned into a UserError."""
+"""Guards of a dataset's folder: disk errors, and names that lead out of it, become a UserError."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from uavbench.trajectories.errors import UserError
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Turn an error of the disk while writing `folder` (full, read-only, not allowed) into a UserError."""
+    """Turn a disk error while writing `folder` (full, read-only, no permission) into a UserError."""
     try:
         yield
     except OSError as error:

@@ -26,7 +26,7 @@ BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
 
 
 def read_ground_truth(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:
-    """groundtruth.csv (n, 18) in the order of GROUND_TRUTH_COLUMNS; UserError where its stamps (n,) are others."""
+    """groundtruth.csv (n, 18) in the order of GROUND_TRUTH_COLUMNS; UserError unless it has these stamps (n,)."""
     path = folder / "groundtruth.csv"
     table = read_numbers(path, GROUND_TRUTH_COLUMNS)
     if not (np.abs(table[:, 2:]) <= LARGEST_COORDINATE_M).all():

@@ -51,9 +51,9 @@ EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "co
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """A sequence folder opened for reading; images are read when asked for.
+    """A sequence folder opened for reading; images are read on access.
 
-    vehicle: folder of what belongs to no camera (readings, flight.csv), where it is not the camera's own.
+    vehicle: folder of the files that belong to no camera (readings, flight.csv), where it is not this one.
     """
 
     folder: Path
@@ -80,7 +80,7 @@ class Sequence:
         return Frame(self, range(len(self))[frame])
 
     def __iter__(self) -> Iterator["Frame"]:
-        """The frames in order, each read when it is asked for."""
+        """The frames in order, each read on access."""
         return (Frame(self, frame) for frame in range(len(self)))
 
     @property
@@ -95,7 +95,7 @@ class Sequence:
 
     @cached_property
     def cameras(self) -> Mapping[str, "Sequence"]:
-        """The cameras beside the main one, by name: each as a sequence of its own images, annotations and poses."""
+        """The further cameras by name, each as a sequence of its own images, annotations and poses."""
         table = self.info.get("cameras", {})
         if not (isinstance(table, dict) and all(isinstance(about, dict) for about in table.values())):
             raise UserError(f"{self.folder / 'sequence.json'}: `cameras` is no table of tables; render it again")
@@ -116,7 +116,7 @@ class Sequence:
 
     @property
     def timeshift_cam_imu_ns(self) -> int:
-        """What is added to stamps of frames for those of sensors and flight: t_imu = t_cam + shift, as in Kalibr."""
+        """Offset in ns from stamps of frames to those of sensors and flight: t_imu = t_cam + shift, as in Kalibr."""
         return int(self.info.get("timeshift_cam_imu_ns", 0))
 
     @property
@@ -126,9 +126,9 @@ class Sequence:
 
     @property
     def images_hash(self) -> str:
-        """Hash of the images as they are, as the manifest has them; "" without one.
+        """Hash of the image files by the manifest; "" without one.
 
-        The same config gives others where the GL driver or the CPU is another one.
+        The same config may give other images with another GL driver or CPU.
         """
         path = self.folder / "manifest.json"
         named = read_json(path).get("sha256", {}) if path.is_file() else {}
@@ -142,7 +142,7 @@ class Sequence:
         return self.info[key]
 
     def _pose(self, key: str) -> Pose:
-        """Pose of a key of `sequence.json`; UserError where it is missing or none."""
+        """Pose of a key of `sequence.json`; UserError where it is missing or no pose."""
         try:
             return Pose.from_matrix(self._said(key))
         except (ValueError, TypeError, OverflowError) as error:
@@ -153,7 +153,7 @@ class Sequence:
         return read_image(self.folder / self.files[frame], self.camera, inside=self.folder)
 
     def image_bytes(self, frame: int) -> bytes:
-        """File of a frame's image as it is; UserError when it is missing, or leads out of the folder."""
+        """Content of a frame's image file; UserError when it is missing, or leads out of the folder."""
         return read_bytes(self.folder / self.files[frame], IMAGE, inside=self.folder)
 
     @property
@@ -194,7 +194,7 @@ class Sequence:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame of a sequence with its ground truth; everything is read when asked for, UserError when it is not there.
+    """A frame of a sequence with its ground truth; everything is read on access, UserError when it is missing.
 
     number: counted from 0. Poses are `target_from_source`, lengths in metres, the world the structure's frame.
     """
@@ -251,13 +251,13 @@ class Frame:
 
     @property
     def occlusion(self) -> NDArray[np.uint8] | None:
-        """Of what each pixel (h, w) shows, in the next frame: 0 seen, 1 hidden, 2 out of the image, 3 not known."""
+        """Of each pixel's surface point (h, w), in the next frame: 0 seen, 1 hidden, 2 out of the image, 3 unknown."""
         path = self._file("occlusion", "png")
         return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
 
     @property
     def normals(self) -> Array | None:
-        """Unit normals (h, w, 3) of what is seen, in the camera's frame, NaN where nothing is; None without."""
+        """Unit normals (h, w, 3) of the surface in the camera's frame, NaN where there is none; None without."""
         path = self._file("normals", "png")
         return None if path is None else read_normals(path, self.sequence.folder)
 

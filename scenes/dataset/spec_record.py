@@ -1,4 +1,4 @@
-"""A spec as its TOML table would say it, for the record of a dataset."""
+"""A spec as the JSON value of its TOML table, for the record of a dataset."""
 
 from dataclasses import fields, is_dataclass
 from functools import cache

@@ -13,7 +13,7 @@ from uavbench.trajectories.files.writing import write_text
 
 
 def save_structure(structure: Structure, folder: Path) -> None:
-    """Write `model.obj` and `edges.csv`; numbers are written so that they read back exactly."""
+    """Write `model.obj` and `edges.csv`, with numbers that read back exactly."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in structure.vertices.tolist()]
     for face in range(len(structure.face_normals)):
         lines.append(f"g face_{face}")

@@ -1,7 +1,7 @@
 """Effects of the shutter: motion blur and rolling shutter."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 import cv2
 import numpy as np
@@ -73,14 +73,21 @@ class RollingShutter:
         return replace(source, expose=expose, image=lambda t: expose(t, t), row_delay_ns=delay_ns)
 
 
-def row_knots(height: int) -> tuple[list[int], Array]:
-    """Rows whose poses are worked out, and the weights (h, knots) that give every row's by linear interpolation.
+class RowKnots(NamedTuple):
+    """Rows whose poses are computed, and the weights (h, knots) of each in every row's pose."""
+
+    rows: list[int]
+    weights: Array
+
+
+def row_knots(height: int) -> RowKnots:
+    """Knots for the linear interpolation of the poses of all rows of an image.
 
     Knots are at most 1/16 of the readout apart: at 10 rad/s^2 and 20 ms the error is below 1e-5 rad, 0.005 px.
     """
     knots = np.unique(np.rint(np.linspace(0, height - 1, 17)).astype(int)).tolist()
     share = np.array([np.interp(np.arange(height), knots, np.eye(len(knots))[k]) for k in range(len(knots))]).T
-    return knots, share
+    return RowKnots(knots, share)
 
 
 def moved_rows(source: CameraSimulator, view: View, rows: Array) -> Map:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,11 +152,19 @@ def _write_ground_truth(folder: Path, sequence: Sequence, imu: str | None) -> No
     write_text(folder / "sensor.yaml", text + _t_bs(Pose.identity()))
 
 
-def true_states(sequence: Sequence, columns: int) -> tuple[NDArray[np.int64], Array]:
-    """Stamps (n,) by the flight's clock of the images of all cameras, and columns 2 to `columns` of groundtruth.csv."""
+class TrueStates(NamedTuple):
+    """True states (n, k) of the body at stamps_ns (n,) of the flight's clock."""
+
+    stamps_ns: NDArray[np.int64]
+    values: Array
+
+
+def true_states(sequence: Sequence, columns: int) -> TrueStates:
+    """States at the images of all cameras: columns 2 to `columns` of groundtruth.csv."""
     each = [sequence, *sequence.cameras.values()]
     stamps = [camera.stamps_ns + sequence.timeshift_cam_imu_ns for camera in each]
-    return np.concatenate(stamps), np.concatenate([camera.ground_truth_table[:, 2:columns] for camera in each])
+    values = np.concatenate([camera.ground_truth_table[:, 2:columns] for camera in each])
+    return TrueStates(np.concatenate(stamps), values)
 
 
 def _biases(readings: Path, stamps_ns: np.ndarray) -> Array:

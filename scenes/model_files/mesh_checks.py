@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
@@ -45,8 +46,15 @@ def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: boo
         raise UserError(f"{path}: the mesh is inside out (its faces look inwards); set flip = true or turn its normals")
 
 
-def closedness(vertices: Array, triangles: np.ndarray) -> tuple[int, float]:
-    """Number of directed edges without their opposite after merging equal vertices, and the enclosed volume (m3)."""
+class Closedness(NamedTuple):
+    """Directed edges without their opposite, 0 for a closed mesh, and the signed volume, negative when inside out."""
+
+    open_edges: int
+    volume_m3: float
+
+
+def closedness(vertices: Array, triangles: np.ndarray) -> Closedness:
+    """Open edges and volume of a mesh (n, 3) in metres, (m, 3), after merging equal vertices."""
     scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
     _, same = np.unique(np.round(vertices / (1e-7 * scale)), axis=0, return_inverse=True)
     corners = same.reshape(-1)[triangles].astype(np.int64)
@@ -58,7 +66,8 @@ def closedness(vertices: Array, triangles: np.ndarray) -> tuple[int, float]:
     _, which = np.unique(key, return_inverse=True)
     balance = np.bincount(which.reshape(-1), weights=sign)
     a, b, c = (vertices[triangles[:, k]] - vertices[0] for k in range(3))
-    return int(np.abs(balance).astype(np.int64).astype(bool).sum()), float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    open_edges = int(np.abs(balance).astype(np.int64).astype(bool).sum())
+    return Closedness(open_edges, float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6))
 
 
 def check_file(path: Path, data: bytes) -> None:

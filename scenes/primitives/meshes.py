@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,21 +18,36 @@ BOX_TRIANGLES: Indices = np.array(
 )  # fmt: skip
 
 
-def box(low: Array | Iterable[float], high: Array | Iterable[float]) -> tuple[Array, Indices]:
-    """Vertices (8, 3) and triangles (12, 3) of an axis-aligned box."""
+class TriangleMesh(NamedTuple):
+    """Vertices (n, 3) in metres, and triangles (m, 3), counter-clockwise from outside."""
+
+    vertices: Array
+    triangles: Indices
+
+
+class Grid(NamedTuple):
+    """A mesh on a parallelogram: vertices (n, 3) in metres, triangles (m, 3) facing u x v, (u, v) in 0..1 (n, 2)."""
+
+    vertices: Array
+    triangles: Indices
+    uv: Array
+
+
+def box(low: Array | Iterable[float], high: Array | Iterable[float]) -> TriangleMesh:
+    """Axis-aligned box between its lowest and highest corner (3,), metres."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    return np.array([[x, y, z] for z in (z0, z1) for x, y in corners]), BOX_TRIANGLES.copy()
+    return TriangleMesh(np.array([[x, y, z] for z in (z0, z1) for x, y in corners]), BOX_TRIANGLES.copy())
 
 
-def joined(meshes: Iterable[tuple[Array, Indices]]) -> tuple[Array, Indices]:
+def joined(meshes: Iterable[TriangleMesh]) -> TriangleMesh:
     """One mesh of several."""
     vertices, triangles, count = [], [], 0
     for points, corners in meshes:
         vertices.append(points)
         triangles.append(corners + count)
         count += len(points)
-    return np.concatenate(vertices), np.concatenate(triangles)
+    return TriangleMesh(np.concatenate(vertices), np.concatenate(triangles))
 
 
 def panel(
@@ -39,15 +55,15 @@ def panel(
     along_u: Array | Iterable[float],
     along_v: Array | Iterable[float],
     step_m: float,
-) -> tuple[Array, Indices, Array]:
-    """Grid on a parallelogram: vertices, triangles facing u x v, and (u, v) in 0..1 (n, 2)."""
+) -> Grid:
+    """Grid on the parallelogram of two sides (3,) from an origin (3,), its lines at most step_m apart."""
     o, u, v = (np.array(list(x), dtype=np.float64) for x in (origin, along_u, along_v))
     nu = max(1, int(np.ceil(np.linalg.norm(u) / step_m)))
     nv = max(1, int(np.ceil(np.linalg.norm(v) / step_m)))
     return grid(o, u, v, np.linspace(0, 1, nu + 1), np.linspace(0, 1, nv + 1))
 
 
-def grid(origin: Array, u: Array, v: Array, us: Array, vs: Array) -> tuple[Array, Indices, Array]:
+def grid(origin: Array, u: Array, v: Array, us: Array, vs: Array) -> Grid:
     """Like `panel`, with the grid lines at the given shares of u and v."""
     s, t = np.meshgrid(us, vs)
     uv = np.column_stack([s.ravel(), t.ravel()])
@@ -56,7 +72,7 @@ def grid(origin: Array, u: Array, v: Array, us: Array, vs: Array) -> tuple[Array
     triangles = np.concatenate(
         [np.column_stack([corner, corner + 1, corner + w + 1]), np.column_stack([corner, corner + w + 1, corner + w])]
     )
-    return origin + uv[:, :1] * u + uv[:, 1:] * v, triangles, uv
+    return Grid(origin + uv[:, :1] * u + uv[:, 1:] * v, triangles, uv)
 
 
 def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
@@ -72,7 +88,7 @@ def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
 def merge(parts: Iterable[Part]) -> Part:
     """One part of several that share texture and material; all or none of them have uv, normals and tint."""
     several = list(parts)
-    vertices, triangles = joined((p.vertices, p.triangles) for p in several)
+    vertices, triangles = joined(TriangleMesh(p.vertices, p.triangles) for p in several)
 
     def stacked(name: str) -> Array | None:
         arrays = [getattr(p, name) for p in several]

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -41,6 +41,13 @@ class View:
     cam_from_world: Pose
 
 
+class Geometry(NamedTuple):
+    """What each pixel shows: depth (h, w) along the optical axis, metres, 0 where nothing; instances (h, w)."""
+
+    depth_m: NDArray[np.float32]
+    instances: NDArray[np.uint8]
+
+
 class SceneRenderer(Protocol):
     """What draws a scene: `Renderer`, or another one beside it."""
 
@@ -48,10 +55,8 @@ class SceneRenderer(Protocol):
         """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera."""
         ...
 
-    def geometry(
-        self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Depth (h, w) along the optical axis, metres, 0 where there is nothing; instances (h, w)."""
+    def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
+        """Depth and instances (h, w) at pixel centres of a pinhole camera."""
         ...
 
     def nearest_m(self, eye: Array) -> float:
@@ -197,14 +202,24 @@ def sample(image: NDArray[Any], place: Map) -> NDArray[Any]:
     return np.asarray(cv2.remap(image, place, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-def render_camera(camera: Camera, margin_px: int = 0) -> tuple[Camera, Map | None]:
+class RenderCamera(NamedTuple):
+    """The pinhole camera that is rendered, and the place (h, w, 2) in it of each pixel of the camera behind a lens.
+
+    lens: None where the two cameras are the same.
+    """
+
+    pinhole: Camera
+    lens: Map | None
+
+
+def render_camera(camera: Camera, margin_px: int = 0) -> RenderCamera:
     """Pinhole camera that sees all that a camera does, with a margin, and the place in it of each of its pixels.
 
     Its focal lengths are the camera's own, so that the middle of the image keeps its sharpness. UserError when a
     pixel looks so far aside that no pinhole of sensible size can see it.
     """
     if camera.distortion_model == "none" and margin_px == 0:
-        return camera, None
+        return RenderCamera(camera, None)
     pixels = pixel_grid(camera.width, camera.height).reshape(-1, 2).astype(np.float64)
     place = camera.undistort(pixels)
     low, high = np.floor(place.min(axis=0)) - 2 - margin_px, np.ceil(place.max(axis=0)) + 3 + margin_px
@@ -226,4 +241,4 @@ def render_camera(camera: Camera, margin_px: int = 0) -> tuple[Camera, Map | Non
     width, height = (int(n) for n in high - low)
     pinhole = Camera(width, height, camera.fx, camera.fy, camera.cx - low[0], camera.cy - low[1])
     shifted: Array = place - low
-    return pinhole, shifted.reshape(camera.height, camera.width, 2).astype(np.float32)
+    return RenderCamera(pinhole, shifted.reshape(camera.height, camera.width, 2).astype(np.float32))

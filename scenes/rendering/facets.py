@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,13 @@ class Planes:
         return share
 
 
+class DrawnPart(NamedTuple):
+    """A part that is drawn, and its motion, None where it stands still."""
+
+    part: Part
+    mover: Mover | None
+
+
 @dataclass(frozen=True, eq=False)
 class Facets:
     """Triangles of all drawn meshes, one after the other.
@@ -61,8 +69,8 @@ class Facets:
     has_sky: bool
 
     @classmethod
-    def of(cls, drawn: Sequence[tuple[Part, Mover | None]], *, has_sky: bool) -> "Facets":
-        """Facets of parts in the order in which they are drawn, each with its motion or None."""
+    def of(cls, drawn: Sequence[DrawnPart], *, has_sky: bool) -> "Facets":
+        """Facets of parts in the order in which they are drawn."""
         counts = np.array([len(part.triangles) for part, _ in drawn], dtype=np.int64)
         first = np.cumsum(counts) - counts
         corners = [part.vertices[part.triangles] for part, _ in drawn]

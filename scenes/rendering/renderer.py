@@ -18,7 +18,8 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.renderables import Light, Mover, Part, Texture
 from uavbench.scenes.rendering import context as gl
 from uavbench.scenes.rendering import shaders
-from uavbench.scenes.rendering.facets import NONE, Facets
+from uavbench.scenes.rendering.camera_simulator import Geometry
+from uavbench.scenes.rendering.facets import NONE, DrawnPart, Facets
 from uavbench.scenes.rendering.gpu import Mesh, Program, Target, upload
 from uavbench.scenes.rendering.mirror import Mirror
 from uavbench.scenes.rendering.shadows import ShadowMap, split_by_lamp
@@ -146,10 +147,8 @@ class Renderer:
             GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
             GL.glDepthFunc(GL.GL_LESS)
 
-    def geometry(
-        self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Depth (h, w) along the optical axis at pixel centres, metres, 0 where there is nothing; instances (h, w)."""
+    def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
+        """Depth and instances (h, w) at pixel centres of a pinhole camera of this renderer's size."""
 
         def values(number: int, mesh: Mesh, program: Program) -> None:
             program.vector("depth_row", cam_from_world.matrix[2])
@@ -157,7 +156,7 @@ class Renderer:
 
         both = self._two_numbers(self._geometry, cam_from_world, camera, time_s, values)
         depth, instances = cv2.split(both)
-        return np.asarray(depth, dtype=np.float32), instances.astype(np.uint8)
+        return Geometry(np.asarray(depth, dtype=np.float32), instances.astype(np.uint8))
 
     def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int64]:
         """Rows (h, w) of `facets` seen at pixel centres: NONE where there is nothing, or only sky."""
@@ -172,7 +171,8 @@ class Renderer:
     @cached_property
     def facets(self) -> Facets:
         """Every triangle that is drawn."""
-        return Facets.of([(mesh.part, mover) for mesh, mover in self._meshes], has_sky=self._sky is not None)
+        drawn = [DrawnPart(mesh.part, mover) for mesh, mover in self._meshes]
+        return Facets.of(drawn, has_sky=self._sky is not None)
 
     @cached_property
     def _facet_programs(self) -> tuple[Program, Program]:

@@ -1,7 +1,7 @@
 """Shadow mapping of the lamp: faces turned to it, and the depth map seen from it."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,20 +12,27 @@ from uavbench.trajectories.pose import Array
 SHADOW_SIZE = 2048
 
 
-def split_by_lamp(part: Part, light: Light) -> list[tuple[Part, bool]]:
-    """The faces that turn to the lamp, marked True, and those that do not, whose light needs less work.
+class HalfPart(NamedTuple):
+    """Faces of a part, and whether they may face the lamp."""
+
+    part: Part
+    lit: bool
+
+
+def split_by_lamp(part: Part, light: Light) -> list[HalfPart]:
+    """The faces turned to the lamp and those turned away, which are cheaper to shade.
 
     A part seen from both sides is not split, nor any where no shadow map is drawn.
     """
     if not light.shadow_map or part.two_sided:
-        return [(part, True)]
+        return [HalfPart(part, True)]
     a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
     to_lamp = np.array(light.to_lamp)
     turned = np.cross(b - a, c - a) @ to_lamp > 0
     if part.normals is not None:
         turned |= (part.normals @ to_lamp > 0)[part.triangles].any(axis=1)
-    halves = [(replace(part, triangles=part.triangles[turned == lit]), lit) for lit in (True, False)]
-    return [(half, lit) for half, lit in halves if len(half.triangles)]
+    halves = [HalfPart(replace(part, triangles=part.triangles[turned == lit]), lit) for lit in (True, False)]
+    return [half for half in halves if len(half.part.triangles)]
 
 
 class ShadowMap:

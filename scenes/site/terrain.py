@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.primitives.meshes import grid
+from uavbench.scenes.primitives.meshes import TriangleMesh, grid
 from uavbench.scenes.renderables import Roadway
-from uavbench.scenes.structure import Indices
 from uavbench.trajectories.pose import Array
 
 BANK_SLOPE = 2.0
@@ -101,8 +100,8 @@ class Terrain:
         free = np.abs(self.height(points)) < 1e-6
         return free if self.course is None else free & (self.course.across(points) > self.course.half_m + SHOULDER_M)
 
-    def mesh(self) -> tuple[Array, Indices]:
-        """Vertices (n, 3) and triangles (m, 3): a grid with a line wherever the slope changes, and beside feet."""
+    def mesh(self) -> TriangleMesh:
+        """The ground as a grid with a line wherever the slope changes, and beside feet."""
         xs, ys = self._lines(0, self._breaks_x()), self._lines(1, self._breaks_y())
         one = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
         vertices, triangles, _ = grid(np.zeros(3), *one, xs, ys)
@@ -110,7 +109,7 @@ class Terrain:
             fade = np.clip(1 - (np.abs(vertices[:, 0] - self.course.centre_m) - self.course.half_m) / 60.0, 0.0, 1.0)
             vertices[:, 0] += fade * self.course.aside(vertices[:, 1])
         vertices[:, 2] = self.height(vertices[:, :2])
-        return vertices, triangles
+        return TriangleMesh(vertices, triangles)
 
     def _breaks_x(self) -> list[float]:
         out: list[float] = []

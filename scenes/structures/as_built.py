@@ -1,7 +1,7 @@
 """Deviations of the rendered, as-built structure from the as-designed model that trackers get."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
@@ -10,6 +10,13 @@ from uavbench.scenes.renderables import Part
 from uavbench.trajectories.pose import Array
 
 Record = dict[str, float | str]
+
+
+class AsBuilt(NamedTuple):
+    """The parts as built, and what was changed by name: factors, metres, displaced and missing pieces."""
+
+    parts: tuple[Part, ...]
+    record: Record
 
 
 @dataclass(frozen=True)
@@ -28,10 +35,8 @@ class Deviation:
     missing_share: Annotated[float, Interval(ge=0, le=1)] = 0.0
     bend_m: Annotated[float, Interval(ge=-10, le=10)] = 0.0
 
-    def apply(
-        self, parts: tuple[Part, ...], bounds: Array, rng: np.random.Generator
-    ) -> tuple[tuple[Part, ...], Record]:
-        """The parts as built, and what was changed: factors, metres, and the names of pieces."""
+    def apply(self, parts: tuple[Part, ...], bounds: Array, rng: np.random.Generator) -> AsBuilt:
+        """Deviate the parts of a structure within bounds (2, 3) in metres."""
         record: Record = {}
         draws = rng.random((len(parts), 2))
         shifts = self.displaced_m * rng.standard_normal((len(parts), 3))
@@ -55,7 +60,7 @@ class Deviation:
         if self.bend_m != 0:
             record["bend_m"] = self.bend_m
             out = [replace(part, vertices=_bent(part.vertices, bounds, self.bend_m)) for part in out]
-        return tuple(out), record
+        return AsBuilt(tuple(out), record)
 
 
 def _bent(vertices: Array, bounds: Array, bend_m: float) -> Array:

@@ -9,6 +9,7 @@ import pytest
 from tests.reports.drawn import RATE_HZ, results_of, true_rows
 from uavbench.reports.protocols.restarting import (
     Restarted,
+    RestartedOn,
     accuracy,
     expected_error,
     replay_in_real_time,
@@ -74,7 +75,7 @@ def test_no_failure_no_reset(sequence: Sequence) -> None:
 
 def test_expected_error_grows_from_zero_after_an_anchor(sequence: Sequence) -> None:
     run = run_from_anchors(Hold(), sequence, rate_hz=RATE_HZ, seed=0, every_s=1.0)
-    since, median, lost = expected_error([(run, sequence), (run, sequence)])
+    since, median, lost = expected_error([RestartedOn(run, sequence)] * 2)
     assert len(since) == 15
     assert median[0] == pytest.approx(0, abs=1e-12)
     assert (np.diff(median) > 0).all()

@@ -6,14 +6,13 @@ from pathlib import Path
 import pytest
 
 from uavbench.reports.page.rerun_export import write_rrd
-from uavbench.reports.report import ReportEntry
-from uavbench.reports.scoring.runs import open_runs
+from uavbench.reports.scoring.runs import ReportEntry, open_runs
 from uavbench.trajectories.errors import UserError
 
 
 def test_a_recording_or_a_clear_error(entries: list[ReportEntry], tmp_path: Path) -> None:
     entry = entries[2]
-    run = open_runs([(entry.sequence, entry.results, entry.score, "")])[0]
+    run = open_runs([ReportEntry(entry.sequence, entry.results, entry.score)])[0]
     path = tmp_path / "run.rrd"
     if importlib.util.find_spec("rerun") is None:
         with pytest.raises(UserError, match=r"pip install 'uavbench\[rerun\]'"):

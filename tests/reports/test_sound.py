@@ -8,7 +8,7 @@ import pytest
 
 from uavbench.bench.trial.check import TRIAL
 from uavbench.reports.figures import distributions as figures_statistics
-from uavbench.reports.scoring.runs import open_runs
+from uavbench.reports.scoring.runs import ReportEntry, open_runs
 from uavbench.reports.scoring.score import Score, score
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import TrackResult
@@ -114,7 +114,7 @@ def test_the_report_draws_what_is_sound(sequence, good, tmp_path):
     bad = replace(bad, rows=tuple(rows))
     bad.save(tmp_path / "run")
     score(sequence, bad).save(tmp_path / "run" / "score.json")
-    runs = open_runs([(TRIAL, tmp_path / "run", tmp_path / "run" / "score.json", "")])
+    runs = open_runs([ReportEntry(TRIAL, tmp_path / "run", tmp_path / "run" / "score.json")])
     assert not runs[0].errors.ok[BAD + 1]
     figures_statistics.nees_over_time(runs, tmp_path / "nees")
 

@@ -1,4 +1,4 @@
-"""The library rosbags, where it is installed, held to the sizes that a bag claims, and to plain YAML."""
+"""The optional library rosbags, with decompression limited to the declared sizes and YAML without aliases."""
 
 import importlib
 from functools import cache
@@ -8,11 +8,11 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import BAG_METADATA, MOST_CHUNK_BYTES
 
 DISTRIBUTION = "ROS2_HUMBLE"
-"""Whose definitions of messages are taken: the oldest that is maintained; later ones have the same fields."""
+"""ROS 2 distribution of the message definitions: the oldest one maintained; later ones have the same fields."""
 
 
 def rosbags(module: str) -> Any:
-    """A module of rosbags; UserError saying how to install it."""
+    """A module of rosbags; UserError with the install command where it is missing."""
     try:
         return importlib.import_module(f"rosbags.{module}")
     except ImportError:
@@ -21,17 +21,17 @@ def rosbags(module: str) -> Any:
 
 @cache
 def typestore() -> Any:
-    """Definitions of ROS 2 messages, by which they become bytes and again messages."""
+    """Type store that serializes and deserializes ROS 2 messages."""
     types = rosbags("typesys")
     return types.get_typestore(types.Stores[DISTRIBUTION])
 
 
 @cache
 def reader() -> Any:
-    """The class that reads a bag; no chunk of an MCAP file is inflated beyond what it claims, and no file as a whole.
+    """The reader class of rosbags, hardened: MCAP chunks are decompressed up to their declared size, files never.
 
-    rosbags itself inflates a chunk as a whole before it compares sizes, and a compressed file onto the disk before
-    anything of it is known; and it follows aliases in YAML, by which a small text can become any size.
+    rosbags itself decompresses a whole chunk before it compares sizes, and a compressed file to disk before it is
+    checked; and it expands YAML aliases, with which a small text can grow without bound.
     """
     storage, folder, metadata = (rosbags(f"rosbag2.{name}") for name in ("storage_mcap", "reader", "metadata"))
     storage.DECOMPRESSORS.update({"": _stored, "zstd": _zstd, "lz4": _lz4})
@@ -41,7 +41,7 @@ def reader() -> Any:
 
 
 class _NoFile:
-    """In place of a decompressor of files and messages: neither is read."""
+    """Stands in for the decompressor of compressed files and messages, which are refused."""
 
     @staticmethod
     def open(*_: Any) -> Any:

@@ -1,6 +1,6 @@
-"""Trajectories in bags: odometry, stamped poses and transforms, and a path through the tree of /tf.
+"""Trajectories in bags: odometry, stamped poses and transforms, and chains of frames in the tree of /tf.
 
-A topic of poses is `/odom`; of transforms `/tf:world.base_link`, the pose of base_link in world, as evo writes it.
+A pose topic is named as `/odom`, a transform as in evo: `/tf:world.base_link` is the pose of base_link in world.
 """
 
 from collections.abc import Iterator
@@ -24,21 +24,21 @@ POSE = "geometry_msgs/msg/PoseStamped"
 COVARIANT_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 COVARIANT = (ODOMETRY, COVARIANT_POSE)
 POSES = (ODOMETRY, POSE, COVARIANT_POSE, TRANSFORM)
-"""Types of messages that hold a pose."""
+"""Message types that hold a pose."""
 WORLD = ("world", "map")
-"""Names of the frame that stands still (REP-105), which is the world."""
+"""Names of the fixed frame (REP-105), which is taken as the world."""
 BODY = ("base_link", "body")
 OPTICAL = ("_optical_frame", "_optical")
-"""How names of camera frames with x right, y down and z forward end (REP-103)."""
+"""Suffix of camera frames with x right, y down and z forward (REP-103)."""
 UNSAID = "?"
-"""In place of a frame that a message does not name."""
+"""Stands for a frame that a message does not name."""
 
 
 @dataclass(frozen=True, eq=False)
 class BagPoses:
-    """Trajectory of a topic, and what it is, `world_from_body`; ? stands for what its messages do not say.
+    """Trajectory of a topic and its frames, such as `world_from_body`; ? where the messages name none.
 
-    covariances: those that its messages claim, None where they claim none.
+    covariances: those that the messages claim, None where they claim none.
     """
 
     trajectory: Trajectory
@@ -62,9 +62,9 @@ class _Rows:
 
 
 def read_poses(source: BagTopic) -> BagPoses:
-    """Trajectory of a topic of a bag, of the only one with poses where none is named.
+    """Trajectory of a topic of a bag; where no topic is named, of the only one with poses.
 
-    Stamps are those of the headers, in their order. UserError naming the bag, the topic or the message that is wrong.
+    Stamps are those of the message headers, sorted. UserError naming the bag, topic or message that is wrong.
     """
     with opened_bag(source.bag) as bag:
         topic, _, ends = (source.topic or _only(bag)).partition(":")
@@ -113,7 +113,7 @@ def _of_topic(bag: Bag, topic: str) -> _Rows:
 
 
 def _through_tree(bag: Bag, source: BagTopic, parent: str, child: str) -> Trajectory:
-    """Poses of a frame in one of those above it, through one transform that moves and any that do not."""
+    """Poses of a frame in one of its ancestors, through at most one transform that changes with time."""
     topic = source.topic.partition(":")[0]
     tree = _tree(bag, topic)
     known = f"the bag's transforms: {', '.join(sorted(f'{rows.parent}.{rows.child}' for rows in tree.values()))}"
@@ -146,7 +146,7 @@ def _product(still: list[Trajectory]) -> Pose:
 
 
 def _tree(bag: Bag, topic: str) -> dict[str, _Rows]:
-    """Transforms of a topic and of the static ones beside it, by the frame that they place."""
+    """Transforms of a topic and of /tf_static, by their child frame."""
     tree: dict[str, _Rows] = {}
     static = f"{topic.removesuffix('_static')}_static"
     for name in dict.fromkeys((topic, static)):
@@ -176,7 +176,7 @@ def _trajectory(source: BagTopic, rows: _Rows) -> Trajectory:
 
 
 def _covariant(source: BagTopic, rows: _Rows) -> CovariantTrajectory:
-    """Trajectory in the order of the headers' stamps, repeated rows taken once; UserError naming what is wrong."""
+    """Trajectory sorted by header stamps, without repeated rows; UserError naming the first bad message."""
     table = np.array(rows.poses, dtype=np.float64).reshape(-1, 7)
     stamps = np.array(rows.stamps_ns, dtype=np.int64)
     order = np.argsort(stamps, kind="stable")

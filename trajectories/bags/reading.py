@@ -1,4 +1,4 @@
-"""Guarded reading of ROS 2 bags: files are checked before they are opened, and every fault of one has a name."""
+"""Guarded reading of ROS 2 bags: files are checked before they are opened, and every error names its cause."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from uavbench.trajectories.files.limits import BAG, BAG_METADATA, IMAGE, MOST_ME
 from uavbench.trajectories.files.reading import opened
 
 METADATA = "metadata.yaml"
-"""What makes a folder a rosbag2 bag."""
+"""File that makes a folder a rosbag2 bag."""
 STORAGES = (".mcap", ".db3")
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 COMPRESSED = (".zst", ".zstd", ".gz", ".lz4", ".bz2")
@@ -24,7 +24,7 @@ NS = 10**9
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A bag and the name of a topic in it, "" where none is named; written `FILE:/topic`."""
+    """A bag and the name of a topic in it, "" where none is given; written `FILE:/topic`."""
 
     bag: Path
     topic: str = ""
@@ -43,7 +43,7 @@ class Topic:
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """A bag that is open: its topics by name, and their messages in the order in which they were recorded."""
+    """An open bag: its topics by name, and their messages in the order of recording."""
 
     path: Path
     topics: dict[str, Topic]
@@ -109,7 +109,7 @@ def bag_topic(given: Path) -> BagTopic | None:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a file is called as bags are, or a folder holds a metadata.yaml."""
+    """Whether a file has a bag's suffix, or a folder holds a metadata.yaml."""
     suffixes = path.suffixes[-2:]
     if path.is_dir():
         return (path / METADATA).is_file()
@@ -117,7 +117,7 @@ def is_bag(path: Path) -> bool:
 
 
 def _file_in(path: Path) -> Path:
-    """The one file of a bag that lies in a folder without metadata.yaml, as in an export; else the path itself."""
+    """The only bag file in a folder without metadata.yaml, as in an export; otherwise the path itself."""
     if not path.is_dir() or is_bag(path):
         return path
     files = [file for file in path.iterdir() if is_bag(file)]
@@ -126,7 +126,7 @@ def _file_in(path: Path) -> Path:
 
 @contextmanager
 def opened_bag(path: Path) -> Iterator[Bag]:
-    """A bag, open for reading; UserError naming the file when it is none, truncated, too large, or compressed."""
+    """An open bag; UserError naming the file when it is no bag, truncated, too large, or compressed."""
     _check_files(path)
     bag = reader()(path)
     try:
@@ -166,7 +166,7 @@ def _topics(path: Path, bag: Any) -> dict[str, Topic]:
 
 
 def _check_files(path: Path) -> None:
-    """UserError unless every file of a bag is a regular one, in its folder, and not too large."""
+    """UserError unless every file of a bag is a regular file in its folder and not too large."""
     if path.suffix == ".bag":
         raise UserError(f"{path}: is a bag of ROS 1; convert it: rosbags-convert --src {path} --dst {path.stem}")
     if path.suffix in COMPRESSED:

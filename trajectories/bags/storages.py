@@ -1,4 +1,4 @@
-"""What a bag's storage may be: tables without anything that is worked out, and chunks that do not fill the memory."""
+"""Checks of a bag's storage: SQLite tables without computed content, MCAP chunks that fit into memory."""
 
 import sqlite3
 from contextlib import closing
@@ -10,14 +10,14 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MOST_CHUNK_BYTES
 
 SQLITE = b"SQLite format 3\0"
-"""How a database begins."""
+"""Magic bytes of an SQLite database."""
 OF_A_URI = "?#%"
-"""Characters of a name that the library would take for something else: it puts the name into a URI as it is."""
+"""Characters that rosbags does not escape when it puts a file name into a URI."""
 UNTRUSTED = "which a recording has not; it is not to be trusted"
 
 
 def check_database(path: Path) -> None:
-    """UserError unless a database holds plain tables: a view or a generated column can have any size, or no end."""
+    """UserError unless a database holds plain tables: views and generated columns can be of any size."""
     if found := [letter for letter in OF_A_URI if letter in str(path)]:
         raise UserError(f"{path}: a name with {found[0]!r} cannot be opened; rename the file or its folder")
     try:
@@ -33,7 +33,7 @@ def check_database(path: Path) -> None:
 
 
 def check_chunks(path: Path, bag: Any) -> None:
-    """UserError when an open MCAP file lists a chunk twice, or chunks of one time that fill the memory together."""
+    """UserError when an open MCAP file lists a chunk twice, or simultaneous chunks that exceed MOST_CHUNK_BYTES."""
     for storage in getattr(bag.storage, "storages", [bag.storage]):
         chunks = getattr(storage, "chunks", [])
         if len({chunk.chunk_start_offset for chunk in chunks}) < len(chunks):

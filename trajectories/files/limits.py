@@ -34,23 +34,23 @@ VIDEO = FileLimit("video", 65_536 * MB, "cut the video into shorter ones")
 BAG = FileLimit("bag", 65_536 * MB, "cut the bag into shorter ones")
 """Read message by message, as a video; `ros2 bag record` splits at a size that its user gives."""
 ANY = FileLimit("file", 1_048_576 * MB, "is it the file that was meant?")
-"""Of which only a digest is taken."""
+"""Files of which only a digest is taken."""
 
 MOST_PIXELS = 160_000_000
-"""Of one image, and of all textures of a model together: the largest aerial cameras have 151 million."""
+"""Pixels of one image, or of all textures of a model: the largest aerial cameras have 151 million."""
 BAG_METADATA = FileLimit("bag's metadata file", 1 * MB, "is it the file that was meant?")
 """A hundred topics in a thousand files are 300 kB, and YAML is read slowly."""
 MOST_CHUNK_BYTES = 1024 * MB
-"""Of the compressed chunks of an MCAP file that are of one time, inflated: writers close one after 1 to 16 MB."""
+"""Decompressed size of simultaneous chunks of an MCAP file: writers close a chunk after 1 to 16 MB."""
 MOST_MESSAGE_BYTES = 16 * MB
-"""Of a message that is no image: 200,000 transforms, or a point cloud of a lidar's turn."""
+"""A message other than an image: 200,000 transforms, or the point cloud of one lidar turn."""
 MOST_POSES = 8_000_000
-"""Of one trajectory: eleven hours at 200 Hz, half a gigabyte as arrays."""
+"""Poses of one trajectory: eleven hours at 200 Hz, half a gigabyte as arrays."""
 MOST_ROWS = 2_000_000
-"""Of one table: two and a half hours of a 200 Hz IMU."""
+"""Rows of one table: two and a half hours of a 200 Hz IMU."""
 LONGEST_LINE = 16_384
 """Bytes of one line of numbers: an EuRoC row has 17 numbers, a claimed covariance 28, none of more than 32 bytes."""
 MOST_NESTING = 64
-"""Tables within tables of a TOML or JSON file: the deepest of ours has 8."""
+"""Nesting depth of a TOML or JSON file: the deepest of ours has 8."""
 LARGEST_COORDINATE_M = 1e12
-"""Of a position, metres: beyond it float64 does not resolve 0.1 mm; the way to the sun and back is 3e11 m."""
+"""Largest coordinate in metres; beyond it float64 does not resolve 0.1 mm."""

@@ -1,6 +1,6 @@
-"""The list of a folder that uavbench made: its files by name, with digests, in a sealed JSON file of it, its marker.
+"""File lists of folders that uavbench made: names and digests in a sealed JSON file of the folder, its marker.
 
-A name alone proves nothing: a marker may have been copied to another folder, and a file edited since.
+The presence of a marker proves nothing: it may have been copied to another folder, and a file edited since.
 """
 
 import hashlib
@@ -15,21 +15,21 @@ from typing import Any
 from uavbench.trajectories.files.seals import is_sealed, seal
 
 KEYS = ("files", "sha256", "before")
-"""Of a marker, tables of digests by name: of its own list, of a manifest, and of what a new list takes the place of."""
+"""Keys of a marker that hold digests by name: its own list, a manifest, and the list that it replaces."""
 SEALED = "sealed"
-"""In place of the digest of a file that proves itself: its bytes may differ from run to run, those of a list do not."""
+"""Stands for the digest of a file with a seal of its own, whose bytes may differ from run to run."""
 
 
 @dataclass(frozen=True)
 class Listed:
-    """What a marker whose seal holds says: the digests that a file may have, and targets of links, by their names."""
+    """Content of a marker with a valid seal: by name, the digests that a file may have, and the targets of links."""
 
     files: Mapping[str, frozenset[str]] = field(default_factory=dict)
     links: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, marker: Path) -> "Listed":
-        """The list of a marker; an empty one where its seal does not hold."""
+        """The list of a marker; empty where its seal is invalid."""
         if not is_sealed(marker):
             return cls()
         about = json.loads(marker.read_text(encoding="utf-8"))
@@ -39,7 +39,7 @@ class Listed:
         return cls(files, about.get("links", {}))
 
     def holds(self, folder: Path, name: str) -> bool:
-        """Whether what stands under a name in the folder is what was written there."""
+        """Whether the file of a name in the folder is unchanged since it was written."""
         path = folder / name
         try:
             if path.is_symlink():
@@ -52,7 +52,7 @@ class Listed:
 
 
 def mark(folder: Path, marker: str) -> None:
-    """List the files of a folder that uavbench made in its `marker`, and seal that."""
+    """List the files of a folder in its `marker`, and seal it."""
     path = folder / marker
     about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     names = [name for name in tree(folder) if name != marker]
@@ -67,7 +67,7 @@ def mark(folder: Path, marker: str) -> None:
 
 
 def tree(folder: Path, under: str = "") -> Iterator[str]:
-    """Names of all in a folder and below that is no folder, links not followed, in order."""
+    """Relative names of everything but folders in a folder and below, sorted; links are not followed."""
     with scandir(folder) as entries:
         here = sorted(entries, key=lambda entry: entry.name)
     for entry in here:

@@ -19,24 +19,24 @@ COMMENTS = {
     ".html": (b"<!-- ", b" -->\n"),
     ".pdf": (b"% ", b"\n"),
 }
-"""What opens and closes a comment, by the suffix of a file's name."""
+"""Opening and closing of a comment, by file suffix."""
 TABLE = ".csv"
-"""Suffix of tables, which other readers may want without comments: sealed as `.txt` is, where that is asked for."""
+"""Suffix of tables, which other readers may want without comments: sealed like `.txt`, on request only."""
 IEND = bytes.fromhex("0000000049454e44ae426082")
 """The last chunk of every PNG file."""
 TAIL_BYTES = 300
-"""More than a seal with all that may follow it."""
+"""Bytes at the end of a file in which a seal is looked for."""
 PATTERN = re.compile(SEAL + rb"([0-9a-f]{64})(.*)", re.DOTALL)
 
 
 def seal_table(path: Path) -> None:
-    """Put a seal into a comment at the end of a CSV file, whose bytes are not the same on every run."""
+    """Append a seal to a CSV file whose bytes differ from run to run."""
     opening, closing = COMMENTS[".txt"]
     _close(path, path.read_bytes() + opening, closing)
 
 
 def seal(path: Path, beside: Path | None = None) -> None:
-    """Put a seal at the end of a file, of a file beside it too; one in a format without comments is left as it is."""
+    """Append a seal to a file, and to a file beside it; formats without comments are left as they are."""
     data = path.read_bytes()
     about = b"" if beside is None else _beside(beside)
     if path.suffix == ".json" and data.endswith(b"\n}\n"):
@@ -53,7 +53,7 @@ def seal(path: Path, beside: Path | None = None) -> None:
 
 
 def is_sealed(path: Path) -> bool:
-    """Whether this is a regular file, no link, whose seal holds; nothing of a file without one is read but its end."""
+    """Whether this is a regular file, no link, with a valid seal; of a file without one only the end is read."""
     try:
         if path.is_symlink() or not path.is_file():
             return False
@@ -70,7 +70,7 @@ def is_sealed(path: Path) -> bool:
 
 
 def is_sealed_with(path: Path, beside: Path) -> bool:
-    """Whether a file's seal holds, and `beside` is the file that stood beside it then."""
+    """Whether a file's seal is valid, and covers the content of `beside`."""
     try:
         return is_sealed(path) and not beside.is_symlink() and _beside(beside) + SEAL in path.read_bytes()
     except OSError:
@@ -86,7 +86,7 @@ def _close(path: Path, before: bytes, closing: bytes) -> None:
 
 
 def _closes(suffix: str, after: bytes) -> bool:
-    """Whether what follows a seal is only what closes its comment."""
+    """Whether only the closing of the comment follows a seal."""
     if suffix == ".png":
         return len(after) == 4 + len(IEND) and after.endswith(IEND)
     known = COMMENTS | {TABLE: COMMENTS[".txt"]}

@@ -1,8 +1,8 @@
 """Temporary names with an owner, and the removal of what a killed process left under them.
 
-Before `.NAME-uavbench-TOKEN` is made there is `.NAME-uavbench-TOKEN.owner`: a symbolic link to nowhere, whose text
-names the token and the process. It is made in one step, so what stands under a token is always its owner's; and it
-goes last. Only what is named by the token of a dead process is ever removed.
+Before `.NAME-uavbench-TOKEN` there is `.NAME-uavbench-TOKEN.owner`: a dangling symbolic link whose text names the
+token and the process. Links are created atomically, so whatever carries a token belongs to its owner; the link is
+removed last. Only names with the token of a dead process are ever removed.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ LONGEST_OWNER = 200
 
 @dataclass(frozen=True)
 class Temporary:
-    """Names beside a path that belong to this process: for what is made, and for what it replaces."""
+    """Temporary names beside a path that belong to this process: for the new content, and for what it replaces."""
 
     made: Path
     replaced: Path
@@ -38,7 +38,7 @@ class Temporary:
 
 @contextmanager
 def temporary(path: Path) -> Iterator[Temporary]:
-    """Temporary names beside `path`; at the end nothing is left under them."""
+    """Temporary names beside `path`, removed on exit."""
     token = secrets.token_hex(16)
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
     owner = path.with_name(f"{stem}.owner")
@@ -63,10 +63,9 @@ def is_temporary(name: str) -> bool:
 
 
 def remove_leftovers(folder: Path, *, alone: bool) -> None:
-    """Remove what dead processes left in a folder, not in folders below.
+    """Remove temporary files of dead processes from a folder, not from its subfolders.
 
-    alone: no other process works there, so that owners on other machines are dead too. Others may do the same at the
-    same time.
+    alone: no other process works there, so that owners on other machines are dead too. Safe to run concurrently.
     """
     try:
         names = os.listdir(folder)  # noqa: PTH208 - a folder of thousands of names
@@ -83,7 +82,7 @@ def remove_leftovers(folder: Path, *, alone: bool) -> None:
 
 
 def _is_dead(owner: Path, token: str, alone: bool) -> bool:
-    """Whether this is an owner of ours whose process is no more."""
+    """Whether this owner link names a process that has ended."""
     try:
         text = str(owner.readlink()) if owner.is_symlink() else owner.read_bytes()[:LONGEST_OWNER].decode("ascii")
         ours, machine, pid, start, named = text.split(" ")
@@ -95,7 +94,7 @@ def _is_dead(owner: Path, token: str, alone: bool) -> bool:
 
 
 def _start(pid: int) -> str:
-    """Start time of a process in the kernel's ticks, as its number may be used again; "" for a dead one."""
+    """Start time of a process in kernel ticks, since its number may be reused; "" for a dead one."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:
@@ -135,7 +134,7 @@ def _remove(path: Path) -> bool:
 
 
 def _make_writable(remove: object, name: str, error: object) -> None:
-    """Once more what a program's own permissions forbade; what another process has removed meanwhile is well."""
+    """Retry a removal with write permission; what another process has removed meanwhile is no error."""
     with contextlib.suppress(OSError):
         Path(name).parent.chmod(0o700)
         if Path(name).is_dir() and not Path(name).is_symlink():

@@ -1,7 +1,7 @@
-"""Atomic writing of files and folders, which overwrites nothing but what uavbench wrote itself.
+"""Atomic writing of files and folders, which overwrites nothing but output of uavbench.
 
-What proves that it did: a seal at the end of a file (`seals`), the digest of a file in the sealed list of its folder
-(`listed`), or a job's own record of what it wrote (`owning`).
+Proof of origin is a seal at the end of a file (`seals`), the digest of a file in the sealed list of its folder
+(`listed`), or a job's record of what it wrote (`owning`).
 """
 
 import errno
@@ -24,15 +24,15 @@ P = ParamSpec("P")
 _owned: ContextVar[frozenset[Path]] = ContextVar("owned", default=frozenset())
 _written: ContextVar[set[Path] | None] = ContextVar("written", default=None)
 _unfinished: set[Path] = set()
-"""Folders that this process is making: what is written in them needs no care of its own."""
+"""Temporary folders of this process; files in them need no temporary name of their own."""
 
 
 @contextmanager
 def new_file(path: Path, *, sealed: bool = False, beside: Path | None = None) -> Iterator[Path]:
     """Temporary path beside `path`; renamed to it on success, removed on any error.
 
-    sealed: it gets a seal, and may be written anew, as may `beside`, which has none of its own. UserError when `path`
-    is something that uavbench did not write.
+    sealed: append a seal, with which the file may be overwritten later, as may `beside`, which carries none. UserError
+    when `path` exists and was not written by uavbench.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if not _unfinished.isdisjoint(path.parents):
@@ -58,10 +58,10 @@ def new_file(path: Path, *, sealed: bool = False, beside: Path | None = None) ->
 
 @contextmanager
 def new_folder(path: Path, marker: str = "") -> Iterator[Path]:
-    """Temporary folder beside `path`; takes the place of `path` on success, removed on any error.
+    """Temporary folder beside `path`; replaces `path` on success, removed on any error.
 
-    marker: JSON file of the folder that lists its files; without one it is never made anew. UserError when `path`
-    holds what uavbench did not write, or not as it wrote it.
+    marker: JSON file of the folder that lists its files; without one an existing folder is never replaced. UserError
+    when `path` holds a file that uavbench did not write, or that was edited since.
     """
     refuse_foreign(path, marker)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -89,10 +89,10 @@ def new_folder(path: Path, marker: str = "") -> Iterator[Path]:
 
 @contextmanager
 def new_parts(folder: Path, marker: str) -> Iterator[Path]:
-    """Temporary folder in `folder`; on success its files take their places in `folder`, and those of last time go.
+    """Temporary folder in `folder`; on success its files move to `folder`, and those of the previous run are removed.
 
-    marker: JSON file that lists them; while they are being placed it carries no content hash. Nothing is touched, and
-    a UserError names it, when something that uavbench did not write is in the way.
+    marker: JSON file that lists them; while they are moved it carries no content hash. UserError, before anything is
+    changed, naming a file in the way that uavbench did not write.
     """
     _refuse_no_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ def new_parts(folder: Path, marker: str) -> Iterator[Path]:
 def in_parts(
     marker: str,
 ) -> Callable[[Callable[Concatenate[Path, P], Path]], Callable[Concatenate[Path, P], Path]]:
-    """Make a function that writes into a folder, and returns a path in it, write it by `new_parts`."""
+    """Decorator of a function that writes into a folder and returns a path in it: it writes through `new_parts`."""
 
     def decorate(write: Callable[Concatenate[Path, P], Path]) -> Callable[Concatenate[Path, P], Path]:
         @wraps(write)
@@ -166,7 +166,7 @@ def refuse_foreign_file(path: Path) -> None:
 
 @contextmanager
 def owning(paths: Iterable[Path]) -> Iterator[None]:
-    """Let what is written inside take the place of these files too, known to be ours in another way."""
+    """Allow writes in this context to overwrite these files, which are known to be ours by other means."""
     token = _owned.set(_owned.get() | {path.absolute() for path in paths})
     try:
         yield
@@ -176,7 +176,7 @@ def owning(paths: Iterable[Path]) -> Iterator[None]:
 
 @contextmanager
 def noting() -> Iterator[set[Path]]:
-    """Set of the files that are written inside, as they come to stand under their names."""
+    """Set of the files written in this context, filled as they are renamed."""
     written: set[Path] = set()
     token = _written.set(written)
     try:
@@ -245,7 +245,7 @@ def _refuse_foreign_place(folder: Path, name: str) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Have the disk hold what is written, where the file system can say; a link is but a name."""
+    """Flush a file or folder to disk, where the file system supports it; links are skipped."""
     if path.is_symlink():
         return
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)

@@ -1,4 +1,4 @@
-"""A tree of bounding boxes over the triangles of a mesh."""
+"""Bounding-volume hierarchy of axis-aligned boxes over the triangles of a mesh."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from uavbench.trajectories.pose import Array
 LEAF = 4
 """Triangles in a leaf of the tree."""
 MAX_DEPTH = 64
-"""Entries that a search's stack holds; a balanced tree of 2^60 leaves fits."""
+"""Size of the traversal stack; enough for a balanced tree of 2^60 leaves."""
 
 
 class Tree(NamedTuple):

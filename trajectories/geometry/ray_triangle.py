@@ -1,4 +1,4 @@
-"""A ray against one triangle, for all kernels that go through triangles in their own way."""
+"""Ray-triangle intersection, shared by all kernels."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Rays against a triangle mesh: how far to the first triangle, which one, and how often through its surface."""
+"""Ray casting against a triangle mesh: first hits, occlusion, and signed surface crossings."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -49,7 +49,7 @@ def rays_blocked(tree: Tree, origins: Array, directions: Array, within: float) -
 
 
 def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.int64]:
-    """Times (k,) that a ray from each origin (k, 3) leaves the mesh, less the times it enters."""
+    """Number (k,) of exits minus entries of a ray from each origin (k, 3) along a direction (3,)."""
     out = np.empty(len(origins), dtype=np.int64)
     _crossings(tree, origins, direction, out)
     return out

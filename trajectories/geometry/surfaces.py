@@ -1,4 +1,4 @@
-"""What the light of a ranging sensor meets first: how far away, and how squarely."""
+"""First surface hit by the rays of a ranging sensor: distance and angle of incidence."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,13 +13,13 @@ from uavbench.trajectories.pose import Array
 
 @dataclass(frozen=True, eq=False)
 class Struck:
-    """What k rays meet first: distances_m (k,), inf where nothing, and cosines (k,) of their incidence, 0 to 1."""
+    """First hits of k rays: distances_m (k,), inf where there is none, and cosines (k,) of the incidence, 0 to 1."""
 
     distances_m: Array
     cosines: Array
 
     def or_nearer(self, other: "Struck") -> "Struck":
-        """Of two answers to the same rays the nearer one each."""
+        """The nearer hit of each ray."""
         nearer = other.distances_m < self.distances_m
         return Struck(
             np.where(nearer, other.distances_m, self.distances_m), np.where(nearer, other.cosines, self.cosines)
@@ -27,10 +27,10 @@ class Struck:
 
 
 class Surfaces(Protocol):
-    """All that light meets in a scene, some of which may move."""
+    """Everything in a scene that reflects light, static or moving."""
 
     def strike(self, origins_m: Array, directions: Array, times_ns: NDArray[np.int64]) -> Struck:
-        """What rays (k) from origins (k, 3) along unit directions (k, 3) meet, each at its time of the flight."""
+        """First hits of rays from origins (k, 3) along unit directions (k, 3), each at its time of the flight."""
         ...
 
 
@@ -42,7 +42,7 @@ class MeshOnFloor:
     tree: Tree
 
     def strike(self, origins_m: Array, directions: Array, times_ns: NDArray[np.int64]) -> Struck:
-        """What rays meet first."""
+        """First hits of rays from origins (k, 3) along unit directions (k, 3); the mesh stands still."""
         down = np.maximum(-directions[:, 2], 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             to_floor = np.where(down > 0, origins_m[:, 2] / down, np.inf)
@@ -51,7 +51,7 @@ class MeshOnFloor:
 
 
 def strike_mesh(corners_m: Array, tree: Tree, origins_m: Array, directions: Array) -> Struck:
-    """What rays meet of triangles (m, 3, 3) whose tree this is."""
+    """First hits of rays on triangles (m, 3, 3), of which `tree` is the hierarchy."""
     hits = first_hits(tree, np.ascontiguousarray(origins_m), np.ascontiguousarray(directions))
     return Struck(hits.distances, incidence(corners_m[hits.rows], directions))
 

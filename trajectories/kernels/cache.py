@@ -1,8 +1,8 @@
 """Cache of compiled kernels between processes, and its keys.
 
-numba's own cache looks for a change in the file of a kernel alone. What a kernel calls and the constants that it reads
-may stand in other files, so here kernels lie in a folder named by the hash of all of them, of the compiler and the CPU;
-and each has a file of its own, so that processes that compile at once cannot mix theirs up.
+numba's own cache is invalidated by changes of the kernel's file alone, though the functions it calls and its constants
+may be in other files. Here the folder's name is the hash of all of these, of the compiler and of the CPU; and each
+kernel has its own file, so that concurrent processes do not overwrite each other's.
 """
 
 import contextlib
@@ -34,18 +34,18 @@ MARKER = ".uavbench-kernels"
 """Marker file of a kernel cache folder."""
 KEY = re.compile(r"[0-9a-f]{32}")
 KEPT_DAYS = 30.0
-"""Kernels that no process has asked for in so long are removed: longer than a holiday, and little on a disk."""
+"""Kernels unused for this long are removed."""
 NOT_IN_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 """numba's settings that do not change the code of a kernel."""
 _imported: dict[Path, tuple[int, ...]] = {}
-"""Source files of imported modules, each with its stamp of then."""
+"""Source files of imported modules, with their stamps at import."""
 
 
 class KernelCache(NullCache):
-    """Compiled forms of one kernel in a folder; a file that cannot be read or written costs time and nothing else.
+    """Compiled versions of one kernel in a folder; unreadable or unwritable files only cost a compilation.
 
-    place finds the folder, None where there is none, when the first form is asked for: most processes that import a
-    kernel never call it.
+    place: finds the folder, None where there is none; called with the first request, because most processes that
+    import a kernel never call it.
     """
 
     def __init__(self, name: str, place: Callable[[], Path | None]) -> None:
@@ -53,7 +53,7 @@ class KernelCache(NullCache):
 
     @cached_property
     def folder(self) -> Path | None:
-        """The folder; None when nothing can be kept."""
+        """The folder; None where nothing can be cached."""
         return self._place()
 
     @property
@@ -62,7 +62,7 @@ class KernelCache(NullCache):
         return None if self.folder is None else str(self.folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The kernel compiled for a signature; None when it is not there or its file is broken."""
+        """The kernel compiled for a signature; None when it is not cached or its file is broken."""
         try:
             found = self._file(sig, target_context.codegen()).read_bytes()
             target_context.refresh()
@@ -73,7 +73,7 @@ class KernelCache(NullCache):
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled kernel; a disk that is full or write-protected is no reason to stop."""
+        """Cache a compiled kernel; a full or read-only disk is ignored."""
         if data.library.has_dynamic_globals or any(not lifted.can_cache for lifted in data.lifted):
             return
         with contextlib.suppress(OSError):
@@ -90,9 +90,9 @@ class KernelCache(NullCache):
 
 
 def cache_of(function: Callable[..., Any], inner: bool = False) -> NullCache:
-    """Cache of a kernel, which Python cannot call when it is an inner one.
+    """Cache of a kernel; an inner kernel cannot be called from Python.
 
-    One that keeps nothing where there is no source to know it by, or no place to keep it.
+    Nothing is cached where the kernel has no source file, or no folder is writable.
     """
     if function.__closure__:
         return NullCache()
@@ -104,9 +104,9 @@ def cache_of(function: Callable[..., Any], inner: bool = False) -> NullCache:
 
 @cache
 def note_imported(_: str) -> None:
-    """Keep the stamps of the source files of all modules, as they are now that a module with kernels is imported.
+    """Note the stamps of all modules' source files when a module with kernels is imported.
 
-    A kernel's code is that of its import, its key that of its first use: a file edited between is told by its stamp.
+    A kernel's code dates from its import, its key from its first use; stamps reveal a file that was edited in between.
     """
     for module in list(sys.modules.values()):
         file = getattr(module, "__file__", None)
@@ -117,7 +117,7 @@ def note_imported(_: str) -> None:
 
 @cache
 def folder_of_module(module: str) -> Path | None:
-    """Folder of a module's kernels; None where there is no place, or where no source says what they are made of."""
+    """Folder of a module's kernels; None where no folder is writable, or the module has no source file."""
     try:
         files = sources(module)
         edited = any(stamp(path) != _imported.get(path, stamp(path)) for path in files)
@@ -144,7 +144,7 @@ def key_of(module: str) -> str:
 
 @cache
 def folder_of(key: str) -> Path | None:
-    """Folder of a key, where it is already or else can be made; None when that is nowhere."""
+    """Folder of a key, existing or created; None where it cannot be created."""
     for home in homes():
         marker = home / key / MARKER
         with contextlib.suppress(OSError):
@@ -159,7 +159,7 @@ def folder_of(key: str) -> Path | None:
 
 
 def homes() -> Iterator[Path]:
-    """Where kernels may be kept, best first: where numba's setting says, the user's cache, a temporary folder."""
+    """Candidate folders, best first: numba's setting, the user's cache, a temporary folder."""
     if os.environ.get("NUMBA_CACHE_DIR"):
         yield Path(os.environ["NUMBA_CACHE_DIR"]).absolute() / "uavbench-kernels"
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))  # noqa: PTH111, raises nothing
@@ -174,7 +174,7 @@ def homes() -> Iterator[Path]:
 
 
 def remove_old(home: Path) -> None:
-    """Remove cache folders of ours that have not been used for long; everything else stays."""
+    """Remove our cache folders that have not been used for long."""
     oldest = time.time() - KEPT_DAYS * 86400.0
     for folder in home.iterdir():
         if not KEY.fullmatch(folder.name) or folder.is_symlink():

@@ -22,7 +22,7 @@ KERNELS: list["Kernel"] = []
 
 
 class Kernel(CPUDispatcher):
-    """A kernel that is compiled for the types of its declared arguments alone, whoever calls it first."""
+    """A kernel that is compiled for its declared argument types only, whatever the first call passes."""
 
     targetctx: Any
     _cache: Any
@@ -45,7 +45,7 @@ class Kernel(CPUDispatcher):
         return code.entry_point
 
     def load(self) -> bool:
-        """Whether the kernel is there: loaded from the disk now, or compiled before."""
+        """Whether the kernel is available: loaded from the cache now, or compiled before."""
         kept = [] if self.overloads else [self._cache.load_overload(types, self.targetctx) for types in self.declared]
         if kept and all(kept):
             for code in kept:
@@ -55,7 +55,7 @@ class Kernel(CPUDispatcher):
         return bool(self.overloads)
 
     def add_overload(self, code: Any) -> None:
-        """Have compiled code called by kernels, and by Python unless it is that of an inner kernel."""
+        """Register compiled code for calls from kernels and, unless it is an inner kernel, from Python."""
         if self.inner:
             self.overloads[tuple(code.signature.args)] = code
         else:
@@ -63,14 +63,14 @@ class Kernel(CPUDispatcher):
 
     @cached_property
     def for_python(self) -> Any:
-        """The kernel itself, or what an inner one would be if it were none: for tests and notebooks."""
+        """The kernel itself, or an inner one compiled so that Python can call it: for tests and notebooks."""
         return Kernel(self.py_func, self.declared, inner=False) if self.inner else self
 
     def _take_no_more(self) -> None:
         self.disable_compile(self.inner is False)
 
     def _compile_for_args(self, *args: Any, **kwargs: Any) -> Any:
-        """Called by numba for a call that no machine code is there for."""
+        """Called by numba for a call with types that were not compiled."""
         kernel = self.for_python
         kernel.compile(None)
         return kernel  # is called with the same arguments, which now fit or are refused
@@ -85,12 +85,12 @@ def compiled(arguments: str, *, inner: bool = False, **tuples: Any) -> Callable[
 
 
 def compiled(arguments: Any, *, inner: bool = False, **tuples: Any) -> Any:
-    """Have a function compiled by numba for `arguments`, with the named tuples among them: see `argument_types`.
+    """Decorator that compiles a function with numba for declared `arguments`: see `argument_types`.
 
-    It is compiled by `warm_up.prepare`, or when it is called first, and kept on disk for the next process. Sums keep
-    their order, so a kernel's result is always the same. `inner` is a kernel that other kernels call and Python does
-    not, which takes less time to compile; a call from Python compiles it once more. Without arguments, `@compiled`, a
-    function that only kernels call is compiled for what each of them calls it with.
+    tuples: the named tuples among the arguments. Compiled by `warm_up.prepare` or on the first call, and cached. Sums
+    keep their order, so results are reproducible. `inner`: called by other kernels only, which compiles faster; a
+    call from Python compiles it once more. Plain `@compiled` is for a function that only kernels call, compiled for
+    the types of each caller.
     """
     if not isinstance(arguments, str):
         kernel = cast(Any, numba).jit(**OPTIONS, pipeline_class=KernelCompiler)(arguments)

@@ -1,6 +1,6 @@
-"""Compiles kernels before they are needed, in two processes, and reports it, since it takes seconds.
+"""Ahead-of-use compilation of kernels in two processes, with a progress report.
 
-Each kernel is compiled once on a machine, and kept (`kernel_cache`); then a process only loads what it needs.
+Each kernel is compiled once per machine and cached (`cache`); later processes load it.
 """
 
 import contextlib
@@ -26,9 +26,9 @@ from uavbench.trajectories.kernels.compiled import KERNELS, Kernel
 from uavbench.trajectories.source_files import sources
 
 NUMBER = np.dtype(np.uint16)
-"""How a number stands in a queue."""
+"""Binary format of a number in the queue."""
 LOCK = ".compiling"
-"""File beside the kernels, by which processes of one user take turns."""
+"""Lock file beside the kernels that serializes the processes of one user."""
 PR_SET_PDEATHSIG = 1
 """Of linux/prctl.h."""
 
@@ -60,16 +60,16 @@ def kernels_of(modules: Iterable[str]) -> list[Kernel]:
 
 
 def in_order(kernels: list[Kernel]) -> list[Kernel]:
-    """Kernels, those that call no others first, and of equal depth the largest first.
+    """Kernels by call depth, leaves first, and by size within a depth, the largest first.
 
-    So two processes that take them in this order seldom need what the other one is about to compile, and end together.
+    In this order two processes seldom wait for each other, and end at about the same time.
     """
     return sorted(kernels, key=lambda kernel: (_depth(kernel), -len(kernel.py_func.__code__.co_code)))
 
 
 @cache
 def _depth(kernel: Any) -> int:
-    """How many kernels deep a kernel calls others."""
+    """Depth of a kernel's call graph."""
     function = kernel.py_func
     named = (function.__globals__.get(name) for name in function.__code__.co_names)
     return 1 + max((_depth(value) for value in named if isinstance(value, CPUDispatcher)), default=0)
@@ -77,7 +77,7 @@ def _depth(kernel: Any) -> int:
 
 @contextlib.contextmanager
 def _told(kernels: list[Kernel]) -> Iterator[Callable[[], None]]:
-    """Tell of what is there by now when called: with a bar on a terminal, and else with one line."""
+    """Report progress when called: a bar on a terminal, otherwise one line."""
     about = "compiling kernels, once after an installation"
     if not sys.stderr.isatty():
         print(f"{about}: {len(kernels)} of them, some 15 to 40 s", file=sys.stderr, flush=True)
@@ -93,7 +93,7 @@ def _told(kernels: list[Kernel]) -> Iterator[Callable[[], None]]:
 
 @contextlib.contextmanager
 def queue_of(count: int) -> Iterator[int]:
-    """A pipe with the numbers below count, to be read by any number of processes: each number is read once."""
+    """Pipe with the numbers below count, shared by any number of processes; each number is read once."""
     out, into = os.pipe()
     try:
         os.write(into, np.arange(count, dtype=NUMBER).tobytes())
@@ -111,7 +111,7 @@ def taken(queue: int) -> Iterator[int]:
 
 @contextlib.contextmanager
 def _alone() -> Iterator[None]:
-    """Hold the lock of those who compile for this user, where a lock can be had."""
+    """Hold the compilation lock of this user, where the file system has locks."""
     with contextlib.ExitStack() as stack:
         handle = next(_locks(), None)
         if handle is not None:
@@ -126,7 +126,7 @@ def _alone() -> Iterator[None]:
 
 
 def _locks() -> Iterator[int]:
-    """Handles of the lock where kernels may be kept, the best place first."""
+    """Handles of the lock file in each candidate folder, best first."""
     for home in homes():
         with contextlib.suppress(OSError):
             home.mkdir(parents=True, exist_ok=True)
@@ -135,7 +135,7 @@ def _locks() -> Iterator[int]:
 
 @contextlib.contextmanager
 def _help(kernels: list[Kernel], queue: int) -> Iterator[None]:
-    """Have another process take from the queue too, and wait for its last kernel."""
+    """Let another process take kernels from the queue too, and wait for its last one."""
     if len(os.sched_getaffinity(0)) < 2:
         yield
         return
@@ -158,7 +158,7 @@ def _help(kernels: list[Kernel], queue: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _no_collection() -> Iterator[None]:
-    """Without garbage collection, which takes an eighth of the time while numba builds its trees."""
+    """Disable garbage collection, an eighth of numba's compilation time."""
     collects = gc.isenabled()
     gc.disable()
     try:

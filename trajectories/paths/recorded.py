@@ -20,7 +20,7 @@ from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 LONGEST_GAP_S = 1.0
 """Longest time between two recorded poses that is still bridged."""
 FRAMES = {"body": "world_from_body", "camera": "world_from_cam"}
-"""What a file may say that it holds, by `frame`."""
+"""Declared frames that a file may have, by `frame`."""
 
 
 @dataclass(frozen=True)

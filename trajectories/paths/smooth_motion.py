@@ -5,6 +5,8 @@ the speed limit holds; after the first window of length speed / acceleration the
 shorter windows after it make jerk and snap finite (Biagiotti & Melchiorri 2012, FIR filters for trajectory planning).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from uavbench.trajectories.paths.timing import check_flight_time
@@ -15,6 +17,13 @@ SHORTER_WINDOWS = (0.5, 0.25, 0.125)
 """Lengths of the later windows over that of the first."""
 
 
+class PlacesAndYaws(NamedTuple):
+    """Positions (n, 3) in metres and unwrapped yaws (n,) in rad, one for each control step."""
+
+    positions_m: Array
+    yaws_rad: Array
+
+
 def progress(total: float, speed: float, acceleration: float) -> Array:
     """Distance covered (n,), metres, from 0 to `total`, at rest at both ends."""
     return _smoothed(_ramp(np.array([[0.0], [total]]), np.array([abs(total) / speed]), 0), speed, acceleration)[:, 0]
@@ -22,8 +31,11 @@ def progress(total: float, speed: float, acceleration: float) -> Array:
 
 def stop_and_go(
     points: Array, yaws_rad: Array, speed: float, acceleration: float, yaw_rate_rad_s: float, dwell_s: float = 0.0
-) -> tuple[Array, Array]:
-    """Positions (n, 3) and yaws (n,) through points (k, 3), at rest at each of them, straight between them."""
+) -> PlacesAndYaws:
+    """Straight lines through points (k, 3) in metres with yaws (k,), at rest for dwell_s at each of them.
+
+    Limits: speed in m/s, acceleration in m/s^2, yaw rate in rad/s. UserError for a flight that is too long.
+    """
     return _through(
         points, yaws_rad, speed, acceleration, yaw_rate_rad_s, int(_windows(speed, acceleration).sum()), dwell_s
     )
@@ -31,23 +43,23 @@ def stop_and_go(
 
 def fly_through(
     points: Array, yaws_rad: Array, speed: float, acceleration: float, yaw_rate_rad_s: float
-) -> tuple[Array, Array]:
-    """Positions (n, 3) and yaws (n,) past points (k, 3) without stopping: corners are cut.
+) -> PlacesAndYaws:
+    """A motion past points (k, 3) in metres with yaws (k,) without stopping, which cuts the corners.
 
-    The first window is twice as long, for a corner may turn the velocity around.
+    The first window is twice as long, because the velocity may reverse at a corner. Limits and errors as `stop_and_go`.
     """
     return _through(points, yaws_rad, speed, acceleration / 2, yaw_rate_rad_s, 0, 0.0)
 
 
 def _through(
     points: Array, yaws: Array, speed: float, acceleration: float, yaw_rate: float, rest: int, dwell_s: float
-) -> tuple[Array, Array]:
+) -> PlacesAndYaws:
     table = np.column_stack([points, np.unwrap(yaws)])
     moved = np.linalg.norm(np.diff(points, axis=0), axis=1)
     turned = np.abs(np.diff(table[:, 3]))
     seconds = np.maximum(moved / speed, turned / yaw_rate)
     smooth = _smoothed(_ramp(table, seconds, rest + round(dwell_s / STEP_S)), speed, acceleration)
-    return smooth[:, :3], smooth[:, 3]
+    return PlacesAndYaws(smooth[:, :3], smooth[:, 3])
 
 
 def _ramp(table: Array, seconds: Array, rest: int) -> Array:

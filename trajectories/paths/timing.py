@@ -10,13 +10,13 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 FASTER = 1.05
-"""Factor between the speeds that are tried."""
+"""Ratio of successive speeds in the search for the fastest plan."""
 LONGEST_FLIGHT_S = 10_000.0
-"""Of one flight: a 200 Hz IMU then has as many rows as are read of a table (`files.limits.MOST_ROWS`)."""
+"""Longest flight, in which a 200 Hz IMU has as many rows as a table may have (`files.limits.MOST_ROWS`)."""
 
 
 def check_flight_time(seconds: float) -> None:
-    """UserError for a flight that is too long, before its steps take memory."""
+    """UserError for a flight that is too long, before memory is allocated for its steps."""
     if not seconds <= LONGEST_FLIGHT_S:
         raise UserError(f"the flight would take {seconds:.4g} s; one has at most {LONGEST_FLIGHT_S:,.0f}, cut it up")
 

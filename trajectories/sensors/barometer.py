@@ -1,4 +1,4 @@
-"""A barometer of the kind that small vehicles carry."""
+"""A barometer as on small vehicles."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Barometer:
-    """Air pressure with white noise and a slow drift, and the height that the standard atmosphere makes of it.
+    """Air pressure with white noise and a slow drift, and the height above the floor by the standard atmosphere.
 
     noise_pa is the standard deviation of a reading, 1 Pa as in PX4's simulated barometer (sitl_gazebo, about 8 cm of
     height). The drift is a first-order process of drift_pa and drift_s, for what doors, warmth and weather do; there is

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
 
 SATELLITES = PLANES * PER_PLANE
+
+
+class SatelliteView(NamedTuple):
+    """Unit vectors (n, 24, 3) to the satellites in the world, and which of them (n, 24) are in view."""
+
+    directions: Array
+    in_view: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -83,14 +90,12 @@ class Gnss:
                 values[i, 5:8] = speeds[i] + exact.product(solve, dopplers[i, seen[i]])[:3]
         return values
 
-    def view(
-        self, places_m: Array, stamps_ns: NDArray[np.int64], obstacles: "ObstacleMesh"
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Directions (n, 24, 3) to the satellites in the world, and which of them (n, 24) are in view from places."""
+    def view(self, places_m: Array, stamps_ns: NDArray[np.int64], obstacles: "ObstacleMesh") -> SatelliteView:
+        """The satellites from places (n, 3) in the world, metres, at stamps (n,)."""
         east_north_up = sky(self.epoch_s + stamps_ns / 1e9, self.latitude_deg)
         c, s = math.cos(math.radians(self.north_deg)), math.sin(math.radians(self.north_deg))
         sight = exact.product(east_north_up, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
         seen = sight[..., 2] > math.sin(math.radians(self.mask_deg))
         fix, satellite = np.nonzero(seen)
         seen[fix, satellite] = np.isinf(obstacles.ray(places_m[fix], sight[fix, satellite]))
-        return sight, seen
+        return SatelliteView(sight, seen)

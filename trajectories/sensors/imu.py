@@ -1,7 +1,7 @@
-"""Inertial measurement units in the form that Kalibr and EuRoC describe them."""
+"""Inertial measurement units with the noise model of Kalibr and EuRoC."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -88,8 +88,15 @@ class ImuBmi088(Imu):
     accel_range_m_s2: Annotated[float, Gt(0)] = 235.0
 
 
-def inertial_ground_truth(flight: Flight, offset_m: Array) -> tuple[Array, Array]:
-    """Angular velocity (n, 3) and specific force (n, 3) in the body's axes at a place of the body.
+class InertialGroundTruth(NamedTuple):
+    """Angular velocities (n, 3) in rad/s and specific forces (n, 3) in m/s^2, in the body's axes."""
+
+    rates_rad_s: Array
+    forces_m_s2: Array
+
+
+def inertial_ground_truth(flight: Flight, offset_m: Array) -> InertialGroundTruth:
+    """What an ideal IMU at offset_m (3,) on the body measures at each row of a flight.
 
     f = R' (a - g) + alpha x r + omega x (omega x r).
     """
@@ -98,5 +105,6 @@ def inertial_ground_truth(flight: Flight, offset_m: Array) -> tuple[Array, Array
     gravity = np.array([0.0, 0.0, -GRAVITY_M_S2])
     force = np.einsum("nji,nj->ni", R, flight.accelerations_m_s2 - gravity)
     if not offset_m.any():
-        return omega, force
-    return omega, force + np.cross(alpha, offset_m) + np.cross(omega, np.cross(omega, offset_m))
+        return InertialGroundTruth(omega, force)
+    force = force + np.cross(alpha, offset_m) + np.cross(omega, np.cross(omega, offset_m))
+    return InertialGroundTruth(omega, force)

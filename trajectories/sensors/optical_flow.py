@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -82,10 +82,17 @@ class FlowReader:
         return np.column_stack([counts, ranged])
 
 
-def flow_ground_truth(flight: Flight, obstacles: "ObstacleMesh") -> tuple[Array, Array]:
-    """Flow rate (n, 2), rad/s, of what lies beneath along the body's -z, and the distance (n,) to it, metres.
+class FlowGroundTruth(NamedTuple):
+    """Flow rates (n, 2) in rad/s of the surface along the body's -z, and distances (n,) to it in metres."""
 
-    What lies beneath is the structure or the floor at z = 0, whichever comes first; inf when the body is upside down.
+    rates_rad_s: Array
+    distances_m: Array
+
+
+def flow_ground_truth(flight: Flight, obstacles: "ObstacleMesh") -> FlowGroundTruth:
+    """Flow and distance at each row of a flight.
+
+    The surface is the structure or the floor at z = 0, whichever is nearer; inf when the body is upside down.
     """
     R = rotation_from_quaternion(flight.quaternions_wxyz)
     down = -R[:, :, 2]
@@ -95,4 +102,4 @@ def flow_ground_truth(flight: Flight, obstacles: "ObstacleMesh") -> tuple[Array,
     v = np.einsum("nji,nj->ni", R, flight.velocities_m_s)
     w = flight.angular_velocities_rad_s
     flow = np.column_stack([v[:, 0] / distance - w[:, 1], v[:, 1] / distance + w[:, 0]])
-    return flow, distance
+    return FlowGroundTruth(flow, distance)

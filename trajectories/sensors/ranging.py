@@ -1,4 +1,4 @@
-"""What laser range finders and lidars share: where they sit, what their light meets, and the errors of a range."""
+"""Common base of laser range finders and lidars: mounting, ray casting, and range errors."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
@@ -24,18 +24,18 @@ BLOCK = 65_536
 
 @dataclass(frozen=True)
 class LaserRanging:
-    """A laser that measures the distance to the first surface along a ray without width.
+    """A laser that measures the distance to the first surface along an infinitely thin ray.
 
     The sensor's axes are the body's (x forward, y left, z up), turned by yaw_deg (positive to the left), then pitch_deg
     (positive up: -90 looks down), then roll_deg; it sits at offset_m on the body.
 
-    A range r comes back where enough light does. By the lidar equation for a matt surface wider than the beam (Wagner
-    et al. 2006, ISPRS J. 60; Hoefle & Pfeifer 2007, ISPRS J. 62) that is as reflectance cos(incidence) / r^2, and the
-    least that is seen is that of the data sheet's target, of rated_reflectance met squarely at greatest_range_m: so
-    r <= greatest_range_m sqrt(reflectance cos(incidence) / rated_reflectance), and between least_range_m and
-    greatest_range_m in any case. Every surface has the same reflectance at the laser's wavelength; 0.3 is assumed, that
-    of grey things. The error of a range is normal, of deviation noise_m, and far_noise_m from far_m on; readings come
-    in steps of resolution_m (0: none).
+    A range r is measured where enough light returns. By the lidar equation for a Lambertian surface wider than the beam
+    (Wagner et al. 2006, ISPRS J. 60; Hoefle & Pfeifer 2007, ISPRS J. 62) the returned power is proportional to
+    reflectance cos(incidence) / r^2, and the least that is detected is that of the data sheet's target, of
+    rated_reflectance at normal incidence at greatest_range_m: so r <= greatest_range_m sqrt(reflectance
+    cos(incidence) / rated_reflectance), and r always lies between least_range_m and greatest_range_m. All surfaces have
+    the same reflectance at the laser's wavelength; 0.3, a medium grey, is assumed. Range errors are normal with the
+    standard deviation noise_m, far_noise_m from far_m on; readings come in steps of resolution_m (0: continuous).
     """
 
     rate_hz: Annotated[float, Gt(0), Le(500)] = 50.0
@@ -66,7 +66,7 @@ class LaserRanging:
         return exact.product(exact.product(turns[0], turns[1]), turns[2])
 
     def check(self, flight: Flight, obstacles: "ObstacleMesh") -> None:
-        """UserError where the sensor is inside the structure or under the floor, or its rate is none for the flight."""
+        """UserError when the sensor is inside the structure or under the floor, or its rate does not fit the flight."""
         flown_s = float(flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9
         if len(flight) > 1 and self.rate_hz * flown_s < 1:
             raise UserError(
@@ -91,7 +91,7 @@ class LaserRanging:
         return np.asarray(sampled(flight, flight.positions_m, stamps_ns) + turned)
 
     def world_from_body(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
-        """Rotations (n, 3, 3) at stamps, between rows by quaternions as they lie between those of the rows."""
+        """Rotations (n, 3, 3) of the body at stamps (n,), between rows by linear interpolation of quaternions."""
         q = sampled(flight, same_sign(flight.quaternions_wxyz), stamps_ns)
         return rotation_from_quaternion(q / exact.length(q)[:, None])
 
@@ -100,7 +100,7 @@ class LaserRanging:
     ) -> Array:
         """Ranges read and true ranges (n, 2 rings) along unit ways (n, rings, 3) of the sensor at stamps (n,), metres.
 
-        noise (n, rings) is standard normal. NaN: nothing came back, and of the true ones: there is nothing.
+        noise (n, rings) is standard normal. NaN where no light returned; in the true ranges, where nothing is hit.
         """
         rings = ways.shape[1]
         out = np.empty((len(stamps_ns), 2 * rings))
@@ -129,7 +129,7 @@ class LaserRanging:
 
 
 def same_sign(quaternions_wxyz: Array) -> Array:
-    """Quaternions (n, 4) of the same rotations, none on the other side of the one before it."""
+    """Quaternions (n, 4) of the same rotations with signs such that successive ones have a positive dot product."""
     turns = np.einsum("ij,ij->i", quaternions_wxyz[1:], quaternions_wxyz[:-1]) < 0
     sign = np.concatenate([[1.0], np.where(np.cumsum(turns) % 2 == 1, -1.0, 1.0)])
     return np.asarray(quaternions_wxyz * sign[:, None])

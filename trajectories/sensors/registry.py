@@ -60,7 +60,7 @@ def _measured(name: str, sensor: SensorSpec, flight: Flight, obstacles: "Obstacl
 
 
 def _check_rows(sensor: SensorSpec, flight: Flight) -> None:
-    """UserError for more readings than are read of a table again, before they take memory."""
+    """UserError for more readings than a table may have, before memory is allocated."""
     rate_hz = float(getattr(sensor, "rate_hz", 0.0))
     rows = rate_hz * float(flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9
     if rows > MOST_ROWS:

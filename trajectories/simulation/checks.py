@@ -14,13 +14,13 @@ from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S, Quadro
 STRIDE = 10
 """Steps between two places at which a plan is checked: 20 ms."""
 THRUST_SHARE = 0.9
-"""Share of the greatest thrust that a plan may need; the rest is for control."""
+"""Share of the maximum thrust that a plan may need; the rest is reserved for control."""
 
 
 def check_plan(
     plan: Planned, vehicle: Quadrotor, obstacles: ObstacleMesh, mean_wind_m_s: Array, clearance_m: float
 ) -> None:
-    """UserError when a plan comes too close to anything, or asks for more thrust than there is."""
+    """UserError when a plan violates the clearance, or needs more thrust than the vehicle has."""
     places = plan.table[::STRIDE, 0:3]
     room = obstacles.clearance(places) - vehicle.radius_m
     worst = int(np.argmin(room))
@@ -56,7 +56,7 @@ def needed_thrusts(plan: Planned, vehicle: Quadrotor, mean_wind_m_s: Array) -> A
 
 
 def crash_step(record: Array, vehicle: Quadrotor, obstacles: ObstacleMesh) -> int | None:
-    """First row of a record at which the vehicle touches floor or structure, or is nowhere; None: it never does."""
+    """First row of a record at which the vehicle touches floor or structure, or is not finite; None for no crash."""
     places = record[:, RECORD["positions_m"]]
     found = np.asarray(np.isfinite(record).all(axis=1) & (np.abs(places) < 1e6).all(axis=1))
     touching = ~found
@@ -81,7 +81,7 @@ def check_camera(positions_m: Array, quaternions_wxyz: Array, mount: Mount, obst
 
 
 def check_saturation(record: Array, vehicle: Quadrotor, share: float) -> None:
-    """UserError when some motor's command is at a limit for more than this share of the time."""
+    """UserError when a motor is saturated for more than this share of the time."""
     commands = record[:, RECORD["thrust_commands_n"]]
     full = ((commands >= vehicle.max_thrust_n) | (commands <= vehicle.min_thrust_n)).any(axis=1).mean()
     if not full <= share:

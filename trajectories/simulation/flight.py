@@ -49,8 +49,8 @@ class FlightSpec:
 def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> Flight:
     """Fly a path and return its true record; the same arguments give the same bytes.
 
-    The record begins settled: the vehicle has flown for some seconds before row 0. UserError for a path that leaves
-    no room or needs more thrust than there is, a crash, motors at their limits, or a camera inside the structure.
+    The record begins after a warm-up of some seconds. UserError for a path without clearance or beyond the available
+    thrust, a crash, saturated motors, or a camera inside the structure.
     """
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     with _told_with_path(spec):
@@ -68,7 +68,7 @@ def fly_through(simulation: Simulation, spec: FlightSpec, mount: Mount, obstacle
 
 @contextmanager
 def _told_with_path(spec: FlightSpec) -> Iterator[None]:
-    """Name the path in a user's mistake."""
+    """Prefix a UserError with the name of the path."""
     try:
         yield
     except UserError as error:
@@ -103,9 +103,10 @@ def begin(
     seed: int,
     guide: Callable[[Guidance], Guidance] | None = None,
 ) -> Simulation:
-    """A flight at its start, to be flown step by step; where given, it follows guide(the path's guidance).
+    """A flight at its start, to be advanced step by step.
 
-    UserError for a path that leaves no room or needs more thrust than there is, and for a recorded motion.
+    guide: wraps the guidance of the path. UserError for a path without clearance or beyond the available thrust, and
+    for a recorded motion.
     """
     guidance = spec.path.plan(obstacles, mount, stream(seed, "path"))
     if isinstance(guidance, Replay):

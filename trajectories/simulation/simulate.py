@@ -81,7 +81,7 @@ class Simulation:
         self._rows = self._winds = np.zeros((0, 3))
 
     def warm_up(self) -> None:
-        """Fly on the true state up to the first row of the record, and look at that one."""
+        """Fly on the true state up to the first row of the record, and fill that row."""
         while self.step < 0:
             self.observe()
             self.command(self.qpos, self.qvel)
@@ -103,7 +103,7 @@ class Simulation:
         _observe(self._plant, self._winds[at], self.qpos, self.qvel, self._actuation.thrusts, self._push, self._row)
 
     def command(self, qpos: Array, qvel: Array) -> None:
-        """Thrusts of guidance and controller for a believed state, in the form of the true one."""
+        """Set the thrusts that guidance and controller command for an estimated state, given as qpos and qvel."""
         at = (self.step + self._guidance.warm_up) % BLOCK
         if at == 0:
             believed = VehicleState(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos))
@@ -113,7 +113,7 @@ class Simulation:
         _command(self._plant, self._gains, self._rows[at], qpos, qvel, self._actuation, self._row)
 
     def advance(self) -> None:
-        """Move on by one step."""
+        """Integrate one control step."""
         self._advance(self._model, self._data)
         self.step += 1
 
@@ -158,7 +158,7 @@ def _observe(plant: Plant, wind: Array, qpos: Array, qvel: Array, act: Array, pu
 def _command(
     plant: Plant, gains: Gains, reference: Array, qpos: Array, qvel: Array, actuation: Actuation, record: Array
 ) -> None:
-    """Commands of one step for a believed state; the rotors' speeds are measured ones."""
+    """Commands of one step for an estimated state; rotor speeds are taken as measured."""
     speed_sum = rotor_speed_sum(plant, actuation.thrusts)
     velocity, omega = vector(qvel[0:3]), vector(qvel[3:6])
     state = BodyState(vector(qpos[0:3]), velocity, rotation(qpos[3:7]), omega, speed_sum)

@@ -17,9 +17,9 @@ from uavbench.trajectories.simulation.flight import FlightSpec, path_name
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 NEARLY_STILL = 0.1
-"""Share of the highest speed below which a vehicle is called nearly still."""
+"""Share of the highest speed below which a vehicle counts as nearly still."""
 REACHED = 0.99
-"""Share of the speed asked for from which it counts as reached."""
+"""Share of the requested speed from which it counts as reached."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class FlightSummary:
         return {key: round(value, 6) if isinstance(value, float) else value for key, value in asdict(self).items()}
 
     def shortfall(self) -> str:
-        """Requests that are not reached, "" where nothing is."""
+        """Requests that the flight does not reach, in words; "" when it reaches all."""
         asked, planned = self.speed_asked_m_s, self.speed_planned_m_s
         if asked is None or planned is None or planned >= REACHED * asked:
             return ""

@@ -4,13 +4,14 @@ tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark)
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
 kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
 
-What moves is said by a comment `# frame: world_from_body` at the top of a file, or by such words in its name.
+The frames are declared by a comment `# frame: world_from_body` at the top of a file, or by such words in its name.
 """
 
 import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,15 +42,22 @@ FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILIN
 FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
 
 
-def read_trajectory(path: Path, format: str | None = None) -> tuple[Trajectory, str]:
-    """Trajectory of a file and the name of its format, guessed from its first line unless given.
+class TrajectoryFile(NamedTuple):
+    """Content of a trajectory file, and the name of its format."""
+
+    trajectory: Trajectory
+    format: str
+
+
+def read_trajectory(path: Path, format: str | None = None) -> TrajectoryFile:
+    """Trajectory of a file, whose format is guessed from its first lines unless given.
 
     UserError naming the file, the line and what is wrong with it.
     """
     name = format or guess_format(path)
     if name not in READERS:
         raise unknown_name("trajectory format", name, list(READERS))
-    return READERS[name](path), name
+    return TrajectoryFile(READERS[name](path), name)
 
 
 def guess_format(path: Path) -> str:
@@ -75,7 +83,7 @@ def guess_format(path: Path) -> str:
 def declared_frame(path: Path) -> str | None:
     """Frame that a trajectory file declares, such as `world_from_body`, in its first comments or its name.
 
-    None where it says nothing; UserError where comment and name differ.
+    None where it declares none; UserError where comment and name differ.
     """
     said = FRAME_COMMENT.findall(comments(path))
     named = FRAME_NAME.findall(path.name)

@@ -1,6 +1,6 @@
-"""Files of lines of numbers, read block by block: quickly where a block is plain, line by line where it is not.
+"""Text files of numbers, read block by block: by a fast parser where a block is plain, else line by line.
 
-Both ways give the same numbers to the last digit; only the slow one has errors, and it names the line.
+Both parsers give identical numbers; only the slow one reports errors, with the number of the line.
 """
 
 import csv
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,20 +23,20 @@ from uavbench.trajectories.files.reading import opened
 from uavbench.trajectories.pose import Array
 
 FIRST_BYTES, BLOCK_BYTES = 1 << 16, 1 << 23
-"""A file's head may have comments, which make its block a slow one; the other blocks fill a cache."""
+"""Comments at the head of a file make its first block a slow one, so it is small; the others fit into a cache."""
 PLAIN = b"0123456789+-.eE \t,\n"
-"""All that a plain block consists of."""
+"""Bytes that a plain block consists of."""
 GZIP = b"\x1f\x8b"
-"""How a file begins that gzip has compressed."""
+"""Magic bytes of a gzip file."""
 STAMP_CHARACTERS = 24
 """A plain stamp has at most 19 digits and a point."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How many values a line has, or how many are read of it and `more` may follow.
+    """Number of values on a line; with `more`, further ones may follow and are ignored.
 
-    The first is a time stamp in units of unit_ns (1 or 10^9) nanoseconds; 0: it is none.
+    The first value is a time stamp in units of unit_ns (1 or 10^9) nanoseconds; unit_ns 0: there is no stamp.
     """
 
     values: int
@@ -43,12 +44,12 @@ class Layout:
     unit_ns: int = 0
 
     def fits(self, values: int) -> bool:
-        """Whether a line may have so many values."""
+        """Whether a line with this many values has the layout."""
         return values >= self.values if self.more else values == self.values
 
     @property
     def decimals(self) -> int:
-        """Digits after the point that a stamp has."""
+        """Decimals of a stamp."""
         return len(str(self.unit_ns)) - 1
 
 
@@ -62,7 +63,7 @@ class NumberLines:
 
 
 def read_lines(path: Path, layout: Layout) -> NumberLines:
-    """All lines of numbers of a file; UserError naming the first line that is wrong, or that there is none."""
+    """All lines of numbers of a file; UserError naming the first line that is wrong, and for a file without any."""
     parts: list[NumberLines] = []
     rows = 0
     for first, block in _blocks(path):
@@ -80,16 +81,23 @@ def read_lines(path: Path, layout: Layout) -> NumberLines:
     )
 
 
-def first_lines(path: Path, count: int) -> list[tuple[int, str]]:
-    """Number and text of the first lines of numbers, at most so many; UserError when there is none."""
-    lines = (line for first, block in _blocks(path) for line in _filled(path, block, first))
+class NumberedLine(NamedTuple):
+    """Text of a line, and its number in the file, counted from 1."""
+
+    number: int
+    text: str
+
+
+def first_lines(path: Path, count: int) -> list[NumberedLine]:
+    """The first lines of numbers, at most `count`; UserError when there is none."""
+    lines = (NumberedLine(*line) for first, block in _blocks(path) for line in _filled(path, block, first))
     if found := list(islice(lines, count)):
         return found
     raise UserError(f"{path}: holds no pose")
 
 
 def comments(path: Path) -> str:
-    """The lines before the first one of numbers, as far as they lie in the first block."""
+    """The lines before the first line of numbers, up to the end of the first block."""
     for _, block in _blocks(path):
         found = re.match(rb"(?:[ \t]*(?:#[^\n]*)?\n)*", block)
         return found[0].decode("utf-8", errors="replace") if found else ""
@@ -154,9 +162,9 @@ def _plain(block: bytes, number: int, layout: Layout) -> NumberLines | None:
 
 
 def _plain_stamps(text: NDArray[np.uint8], decimals: int) -> NDArray[np.int64] | None:
-    """Stamps (n,) at the beginning of each line, in units of the last of these decimals; None where one is not plain.
+    """Stamps (n,) at the beginning of each line, in units of the last decimal; None where one is not plain.
 
-    Plain are digits, and a point with at most that many decimals behind it: nothing to round, nothing that overflows.
+    A plain stamp has only digits and at most `decimals` of them behind a point, so that it is exact.
     """
     ends = np.flatnonzero(text == ord("\n"))
     starts = np.concatenate([[0], ends[:-1] + 1])
@@ -198,7 +206,7 @@ def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLin
 
 
 def _filled(path: Path, block: bytes, number: int) -> Iterator[tuple[int, str]]:
-    """Numbered lines of a block that are neither blank nor a comment; UserError for one that is no text, or endless."""
+    """Numbered lines of a block that are neither blank nor a comment; UserError for one that is no text or too long."""
     try:
         text = block.decode("utf-8")
     except UnicodeDecodeError as error:

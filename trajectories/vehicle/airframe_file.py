@@ -59,7 +59,7 @@ def _from_xml(text: str, mount: Mount) -> str:
 
 
 def _refuse_growth(root: ElementTree.Element) -> None:
-    """UserError for what makes a model larger than its text, or nests it too deep for those who walk through it."""
+    """UserError for elements that expand a model beyond its text, and for nesting too deep to be parsed safely."""
     level = [root]
     for _ in range(MOST_NESTING):
         for node in level:

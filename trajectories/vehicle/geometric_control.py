@@ -32,7 +32,7 @@ from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S
 from uavbench.trajectories.vehicle.rigid_body import Plant, drag_force
 
 REFERENCE_COLUMNS = 17
-"""What to be at, at one step: position 0:3, velocity 3:6 and acceleration 6:9 in the world; yaw 9; angular velocity
+"""Reference of one step: position 0:3, velocity 3:6 and acceleration 6:9 in the world; yaw 9; angular velocity
 10:13 and acceleration 13:16 in the reference's own body axes; rate of the specific thrust 16 (m/s^3)."""
 
 
@@ -97,8 +97,7 @@ def thrust_commands(
 ) -> None:
     """Fill `command` (4,) with thrusts of the rotors, N, within their limits; move `integral` (3,), m/s^2, on.
 
-    The drag that the reference's own motion makes is fed forward, and so is the thrust that the motors' lag would
-    swallow.
+    The drag of the reference motion is fed forward, and the thrust is corrected for the motors' lag.
     """
     R, omega = state.R, state.omega
     x_d, v_d, a_d = vector(reference[0:3]), vector(reference[3:6]), vector(reference[6:9])

@@ -1,4 +1,4 @@
-"""The simulated quadrotor: a MuJoCo model and the numbers that control and aerodynamics need of it.
+"""The simulated quadrotor: a MuJoCo model, and its parameters for control and aerodynamics.
 
 Only MuJoCo's physics is used, never its renderer: with MUJOCO_GL=egl in the environment its import loads OpenGL
 and crashes beside the renderer of the images, so the variable is set to `disable` for that import.

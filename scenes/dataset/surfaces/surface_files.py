@@ -14,11 +14,11 @@ from uavbench.scenes.image_files import load_image
 from uavbench.trajectories.pose import Array
 
 FLOW_UNITS_PER_PX, FLOW_ZERO = 64.0, 32768.0
-"""Of the 16-bit flow files (KITTI 2015 devkit, readme.txt): they hold flow within 512 px to 1/64 px."""
+"""Units per px of the 16-bit flow files (KITTI 2015 devkit, readme.txt): they hold flow within 512 px to 1/64 px."""
 LARGEST_FLOW_PX = 511.0
-"""That they hold."""
+"""Largest flow that they hold."""
 NORMAL_UNITS = 65535.0
-"""Of a normal's component from -1 to 1: 16 bits, rounded to 1.5e-5, 0.001 degrees."""
+"""Units of a normal's component from -1 to 1: 16 bits, rounded to 1.5e-5, 0.001 degrees."""
 SEEN, HIDDEN, OUTSIDE, UNKNOWN = 0, 1, 2, 3
 """Values of the occlusion files."""
 

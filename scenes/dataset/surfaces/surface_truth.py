@@ -1,9 +1,9 @@
 """Ground truth of the surfaces in a frame: optical flow to the next frame, what it hides, and normals.
 
-Every pixel is traced to the triangle that it shows, whose plane is met in float64, so flow and normals are
-exact up to the rounding of their files. Flow is the motion of the point that the centre of a pixel shows, from
-one frame to the next: on what moves by itself (people, birds) that of the rigid part it belongs to, on the
-sky that of the turning camera alone. The triangle's own normal counts, not the one that smooth shading draws.
+Every pixel is traced to the triangle that it shows, and the ray is intersected with its plane in float64, so flow and
+normals are exact up to the rounding of their files. Flow is the motion of the surface point at a pixel's centre from
+one frame to the next: on moving objects (people, birds) that of their rigid part, on the sky that of the camera's
+rotation alone. Normals are those of the triangles, not the interpolated ones of smooth shading.
 """
 
 from dataclasses import dataclass
@@ -30,14 +30,14 @@ from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.trajectories.pose import Array, Pose
 
 CORNERS = [(0, 0), (1, 0), (0, 1), (1, 1)]
-"""Steps to the four pixels around a place between them."""
+"""Offsets to the four pixels around a sub-pixel position."""
 SQUARE = [*CORNERS, *((x, y) for x in range(-1, 3) for y in range(-1, 3) if (x, y) not in CORNERS)]
 RING = [(0, 0), *((x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if (x, y) != (0, 0))]
-"""Steps to pixels around, the likely ones first; the others are for rays that meet the facet of none of these."""
+"""Offsets to neighbouring pixels whose facets are tried, the likely ones first."""
 BEFORE = 1e-3
-"""A surface nearer by this share of the distance hides what is behind it."""
+"""Relative depth difference from which a nearer surface hides a point."""
 LENS_ROUND_TRIP_PX = 0.01
-"""Beyond it a distortion folds over, and a point has no one place in the image."""
+"""Round-trip error in px beyond which the distortion folds over, so that a point has no unique pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class SurfaceTruth:
         return np.asarray(points[:, :2] / points[:, 2:] * [pinhole.fx, pinhole.fy] + [pinhole.cx, pinhole.cy])
 
     def _met_again(self, points: Array, pixels: Array) -> NDArray[np.bool_]:
-        """Whether the ray of a pixel (k, 2) leads back to the point (k, 3): not where a distortion folds over."""
+        """Whether the ray of a pixel (k, 2) leads back to its point (k, 3); not where the distortion folds over."""
         camera = self._source.camera
         if camera.distortion_model == "none":
             return np.asarray(np.isfinite(pixels).all(axis=1))

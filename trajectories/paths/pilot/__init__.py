@@ -1,4 +1,4 @@
-"""A human pilot: what he wants to see, and the gamepad in his hands.
+"""A simulated human pilot: decisions with delay and imprecision, and a gamepad.
 
 In: obstacles and the true state. Out: stick input turned into references by the assist mode. Imports references; no
 other path.

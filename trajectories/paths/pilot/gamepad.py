@@ -21,10 +21,10 @@ YAW_BANDWIDTH_RAD_S = 8.0
 
 @dataclass(frozen=True)
 class Gamepad:
-    """A game pad flown in velocity assist mode: forward, left and up speed and yaw rate, one stick axis each.
+    """A gamepad in velocity assist mode: forward, left and up speed and yaw rate, one stick axis each.
 
-    Inside dead_zone an axis counts as centred; beyond it expo bends the rest of its way: e x^3 + (1 - e) x.
-    thumb_rate_1_s is how fast a thumb moves, in full deflections per second. Full deflection gives top_speed_m_s,
+    Inside dead_zone an axis counts as centred; beyond it the response is exponential: e x^3 + (1 - e) x with e = expo.
+    thumb_rate_1_s is the rate limit of a thumb, in full deflections per second. Full deflection gives top_speed_m_s,
     top_climb_m_s or top_yaw_rate_deg_s.
     """
 
@@ -82,7 +82,7 @@ class Wander:
 
 
 class Assist:
-    """Velocity assist: holds position and heading, not quite, and moves them by the stick input."""
+    """Velocity assist: holds position and heading with an error, and moves them by the stick input."""
 
     def __init__(self, position_m: Array, yaw_rad: float, wander: Wander, steps: int) -> None:
         # position 0:3, velocity 3:6, acceleration 6:9, yaw 9, yaw rate 10, yaw acceleration 11

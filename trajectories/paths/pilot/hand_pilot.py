@@ -1,4 +1,4 @@
-"""The path `hand-pilot`: a human flies around a structure with a game pad and keeps the camera on it."""
+"""The path `hand-pilot`: a simulated pilot flies around a structure with a gamepad and keeps the camera on it."""
 
 import math
 from collections import deque
@@ -22,22 +22,22 @@ WARM_UP_S = 4.0
 DECISION_S = (0.25, 0.50)
 """Time between two decisions of the pilot: humans correct intermittently, 2 to 4 times a second (Craik 1947)."""
 NOTICED = np.array([0.03, 0.0, 0.02, np.radians(2.5)])
-"""Error of range (m), none, height (m) and heading (rad) below which the pilot lets go."""
+"""Dead band of the pilot: errors of range (m), none, height (m) and heading (rad) that are not corrected."""
 EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
-"""Speed that the pilot asks for per error."""
+"""Gain of the pilot: commanded speed per error, 1/s."""
 CLUMSINESS = 0.10
 """Standard deviation of a stick deflection over the one meant; chosen by eye."""
 
 
 @dataclass(frozen=True)
 class HandPilot:
-    """A simulated pilot flies around the structure and corrects what he sees, with delay and imprecision.
+    """A simulated pilot flies around the structure and corrects errors with delay and imprecision.
 
-    He keeps the distance to the structure's centre (horizontally) in range_m and the height in height_m, wandering
-    slowly within both, and circles at about speed_m_s from the bearing start_deg (seen from the structure,
-    counter-clockwise from x). Height gives way so that the whole structure stays within view_half_angle_deg above
-    and below the camera's axis. reaction_s is the delay between what happens and what he sees of it. wander_m and
-    wander_deg are the standard deviations by which the vehicle's hold of place and heading, by a flow deck, errs.
+    The horizontal distance to the structure's centre stays in range_m and the height in height_m, both varying slowly;
+    the flight circles at about speed_m_s from the bearing start_deg (seen from the structure, counter-clockwise from
+    x). The height is limited such that the whole structure stays within view_half_angle_deg above and below the
+    camera's axis. reaction_s is the pilot's delay. wander_m and wander_deg are the standard deviations of the vehicle's
+    position and heading hold, as by a flow deck.
     """
 
     duration_s: Annotated[float, Gt(0)] = 40.0
@@ -59,7 +59,7 @@ class HandPilot:
 
 @dataclass(frozen=True)
 class Stage:
-    """Where the pilot may be: around a centre (x, y), and how high at each distance."""
+    """The region that the pilot flies in: around a centre (x, y), with a range of heights at each distance."""
 
     centre: tuple[float, float]
     low_m: float
