@@ -14,7 +14,7 @@ from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
 
 KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
-"""Kinds of images, as Pillow names them; PPM stands for PGM and PBM too."""
+"""Accepted image formats by Pillow's names; PPM includes PGM and PBM."""
 TEXTURES = (*KINDS, "TGA")
 VIDEOS = {
     "MP4 or MOV": (4, b"ftyp"),
@@ -48,7 +48,7 @@ def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[n
 
 
 def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[int, int]:
-    """Width and height that an image's header tells; UserError when it has none or it is more than MOST_PIXELS."""
+    """Width and height by an image's header; UserError when it has none, or more than MOST_PIXELS pixels."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -1,4 +1,4 @@
-"""The images of a sequence as an export shows them: as they are, or with the lens's distortion taken out."""
+"""The images of a sequence as an export shows them: distorted as recorded, or undistorted."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.pose import Array
 
 OUTSIDE = -1e4
-"""Place of a pixel that the lens does not see."""
+"""Sampling position of a pixel that the lens does not see."""
 ROUND_TRIP_PX = 0.1
-"""Beyond it the distortion folds over, and a pixel has no one place in the distorted image."""
+"""Round-trip error in px beyond which the distortion folds over, so that a pixel has no unique source."""
 
 
 @dataclass(frozen=True, eq=False)
