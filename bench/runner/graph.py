@@ -171,7 +171,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
         for need in job.needs:
             dependents.setdefault(id(need), []).append(job)
     running: dict[Future[JobCost], Job] = {}
-    settled: queue.SimpleQueue[Future[tuple[float, float]]] = queue.SimpleQueue()
+    settled: queue.SimpleQueue[Future[JobCost]] = queue.SimpleQueue()
     peaks: dict[str, float] = {}
 
     def start(job: Job) -> None:
@@ -225,7 +225,7 @@ def _is_done(place: Place, content_hash: str) -> bool:
     return carried_hash(place.marker) == content_hash and place.is_whole(content_hash)
 
 
-def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, peaks: dict[str, float]) -> None:
+def _settle(job: Job, future: Future[JobCost], outcome: Outcome, peaks: dict[str, float]) -> None:
     try:
         seconds, peaks[job.name] = future.result()
     except UserError as error:

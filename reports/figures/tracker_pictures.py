@@ -27,7 +27,7 @@ class SegmentPicture(NamedTuple):
     """The image in grey with its LSD segments, each in its own colour, and their number."""
 
     image: Image
-    count: int
+    found: int
 
 
 @dataclass(frozen=True, eq=False)
