@@ -39,7 +39,7 @@ def pack(suite_name: str, where: Packing) -> int:
     """Render the missing sequences of a suite under a secret and write its package; exit codes as `bring_up_to`.
 
     UserError for a suite that cannot be a challenge, nested folders, a weak secret, and flights that can be guessed
-    from it.
+    from the suite's file.
     """
     suite = load_suite(suite_file(suite_name))
     specs = _rendered(suite)

@@ -26,7 +26,7 @@ from uavbench.trajectories.files.reading import read_toml
 
 Protocol = Literal["reset", "anchors"]
 MOST_SEEDS = 10_000
-"""Of one suite: each is a flight of its own of every sequence."""
+"""Most seeds of one suite; each makes a flight of every sequence."""
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
 
@@ -179,7 +179,7 @@ def plugins_named(data: dict[str, Any], path: Path) -> Extra:
 
 
 def _repeated(data: dict[str, Any]) -> list[str]:
-    """A line for each seed, rate or protocol that is there already, or whose results would lie in one folder."""
+    """A line for each seed, rate or protocol that is repeated, or whose results would share a folder."""
     lines = []
     for key in ("seeds", "rates_hz", "protocols"):
         first: dict[str, int] = {}
@@ -194,7 +194,7 @@ def _repeated(data: dict[str, Any]) -> list[str]:
 
 
 def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:
-    """A line for each rate that means the same frames of a sequence as one before it."""
+    """A line for each rate that selects the same frames of a sequence as an earlier one."""
     strides = [round(min(spec.rate_hz / rate, 1e9)) for rate in rates_hz]
     return [
         f"rates_hz[{i}]: {rate:g} Hz is every {stride}. frame of sequence {spec.name} ({spec.rate_hz:g} Hz), "
@@ -205,7 +205,7 @@ def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> l
 
 
 def _same_flights(specs: Sequence[SequenceSpec | RecordingSpec]) -> list[str]:
-    """A line for each sequence that is another one under a second name: its runs would count twice."""
+    """A line for each sequence that equals an earlier one except for its name, whose runs would count twice."""
     unnamed = [replace(spec, name="") for spec in specs]
     names = [spec.name.removesuffix(f"-s{spec.seed}") for spec in specs]
     table = "recordings" if any(isinstance(spec, RecordingSpec) for spec in specs) else "sequences"
@@ -217,7 +217,7 @@ def _same_flights(specs: Sequence[SequenceSpec | RecordingSpec]) -> list[str]:
 
 
 def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Sequence[str] = ()) -> Any:
-    """The config as its model; UserError with a line for each mistake, and for those that are known already."""
+    """The config as its model; UserError with a line for each mistake, including those in `more`."""
     config, mistakes = located(data, path.parent)
     mistakes += more
     try:
