@@ -238,11 +238,11 @@ def _parent(pid: int) -> int:
 
 
 def used_memory_mb(limit_mb: int) -> float:
-    """Memory of all processes started from here, MB, if it is more than the limit; 0 if it is not.
+    """Total memory of all descendants in MB if it exceeds the limit, else 0.
 
-    Resident memory first, which counts pages that are shared once for each; where that is too much, the proportional
-    share of each process, which costs the kernel more to tell. Shares add up only while nobody comes or goes: those
-    who stay share what a process has left.
+    Resident memory first, which counts shared pages once per process; where that exceeds the limit, the proportional
+    set size, which is slower to read. Proportional sizes add up only while no process starts or ends: the pages of one
+    that ends are divided among those that remain.
     """
     used = 0.0
     for _ in range(LOOKS):
