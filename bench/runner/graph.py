@@ -1,4 +1,4 @@
-"""Run a graph of jobs on an executor: what is fresh is left alone, what fails does not stop the rest."""
+"""Run a graph of jobs on an executor: fresh jobs are skipped, failed ones do not stop independent jobs."""
 
 import queue
 import resource
@@ -25,7 +25,7 @@ OnStep = Callable[[int, int], None]
 
 
 NOT_DONE = "not done, because this failed: "
-"""Beginning of why a job failed that was not tried."""
+"""Prefix of the reason of a job that was not run."""
 
 
 class Work(Protocol):

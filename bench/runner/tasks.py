@@ -21,7 +21,7 @@ from uavbench.trajectories.trajectory import Trajectory
 
 Spec = SequenceSpec | RecordingSpec
 Figures = Literal["page", "all"]
-"""Which figures a report draws, as in uavbench.reports.drawings; here again, because that one needs matplotlib."""
+"""Figures of a report, as in uavbench.reports.drawings; repeated here, because that module needs matplotlib."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ class Report:
         write_report(self.folder, inputs, figures=self.figures, content_hash=content_hash, on_step=on_step)
 
     def without(self, failed: Mapping[str, str]) -> "Report | None":
-        """The report that shows what failed as failed; None where no sequence is left."""
+        """The report with failed runs marked as failed; None where no sequence is left."""
         unrendered, scored = {}, []
         for sequence, results, _ in self.scored:
             run = f"{sequence.name} {results.name}"
