@@ -148,7 +148,8 @@ class Report:
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write index.html, figures, tables and scores.json."""
         from uavbench.reports.recorded_report import write_recorded_report
-        from uavbench.reports.report import ReportEntry, ReportInputs, write_report
+        from uavbench.reports.report import ReportInputs, write_report
+        from uavbench.reports.scoring.runs import ReportEntry
 
         entries = [ReportEntry(run.sequence, run.results, run.results / "score.json", run.why) for run in self.scored]
         if self.recorded:
