@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import read_depth
-from uavbench.scenes.dataset.sequence import Sequence, image_of
-from uavbench.scenes.image_files import load_image
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.image_files import image_of, load_image
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.pose import Array
