@@ -7,9 +7,10 @@ import numpy as np
 
 from uavbench.bench.closed_loop.sensing import Reading
 from uavbench.bench.closed_loop.spec import CAMERA, FilterSpec
+from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.fusion.measurements import Height, Measurement, OpticalFlow, Position
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
-from uavbench.tracker.fusion.vehicle_filter import VehicleFilter, Verdict
+from uavbench.tracker.fusion.vehicle_filter import VehicleFilter
 from uavbench.tracker.protocol import Prediction, TrackResult
 from uavbench.trajectories.pose import Array, Pose, rotation_exp
 from uavbench.trajectories.sensors.barometer import EXPONENT, LAPSE_K_M, TEMPERATURE_K, Barometer

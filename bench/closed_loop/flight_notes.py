@@ -14,7 +14,7 @@ from uavbench.reports.closed_loop.flown import Flown, FlownPath
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.fusion.vehicle_filter import Verdict
+from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import parameters, record_of
