@@ -1,4 +1,4 @@
-"""What commands say: text that commands no terminal, whoever wrote the names in it."""
+"""Output of commands, with control characters escaped."""
 
 import click
 

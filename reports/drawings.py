@@ -1,4 +1,4 @@
-"""The figures of a report: what each shows, how it is drawn, and whether it is drawn unasked."""
+"""The figures of a report: title, drawing function, and whether each is drawn by default."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -11,14 +11,14 @@ from uavbench.reports.progress import Steps
 Figures = Literal["page", "all"]
 """Which figures a report draws: those of its first page, or every one."""
 WEIGHT = 8
-"""A figure takes as long as this many frames of an overlay."""
+"""Cost of a figure in frames of an overlay, for the progress bar."""
 
 
 @dataclass(frozen=True)
 class Drawing:
     """A figure that can be drawn: file name without its suffix, title, caption, and what writes its files to a stem.
 
-    always: it is drawn unasked.
+    always: it is drawn by default.
     """
 
     name: str

@@ -8,7 +8,7 @@ OnStep = Callable[[int, int], None]
 
 
 class Steps:
-    """Progress in frames of an overlay, or what takes as long; counted from several threads."""
+    """Thread-safe progress of a report, in units of one overlay frame."""
 
     def __init__(self, on_step: OnStep | None, total: int) -> None:
         self._on_step = on_step
@@ -18,7 +18,7 @@ class Steps:
         self._lock = Lock()
 
     def __call__(self, weight: int = 1) -> None:
-        """Tell that so much more is done; CancelledError once it was stopped."""
+        """Add done work; CancelledError after `stop`."""
         if self._stopped:
             raise CancelledError
         with self._lock:

@@ -1,7 +1,7 @@
 """Scores of runs on recordings of real images: without ground truth no error can be known, and none is shown.
 
-What is known of a run: which frames have a pose, what they took, and how much of the model's visible edges meets an
-edge of the image. The last tells a tracker that has gone astray from one that follows; it is no measure of accuracy.
+Known of a run are the frames with a pose, their times, and the share of the model's visible edges that coincide with an
+image edge. The last distinguishes a lost tracker from one that follows; it is no measure of accuracy.
 """
 
 import json
@@ -33,7 +33,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, Pose
 
 MEETS_PX = 2.0
-"""An edge of the image so near to the model's counts as met."""
+"""Distance in px within which an image edge counts as met by a model edge."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -57,7 +57,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import in_parts, write_text
 
 PAGES = 3
-"""Sequences that get a page unasked."""
+"""Number of sequences that get a page by default."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def write_all_tables(
 
 
 def looked_at(groups: Mapping[str, list[ScoredRun]]) -> dict[str, list[ScoredRun]]:
-    """The sequences that get a page unasked: the first, and those in which a tracker did worst, PAGES in all."""
+    """The sequences that get a page by default: the first, and those with the lowest success, PAGES in all."""
     first, *others = groups
     worst = sorted(others, key=lambda name: min(run.score.tracking.success for run in own_runs(groups[name])))
     return {name: groups[name] for name in (first, *worst[: PAGES - 1])}
@@ -164,7 +164,7 @@ def write_scores(folder: Path, inputs: ReportInputs, scores: ListOf[Score]) -> N
 
 @contextmanager
 def beside(work: Callable[[], object], steps: Steps) -> Iterator[None]:
-    """Do `work` on a thread while the body runs: images are read and written by libraries that leave Python to it.
+    """Do `work` on a thread while the body runs; image libraries release the interpreter lock.
 
     An error of the body ends the work at its next step.
     """

@@ -1,4 +1,4 @@
-"""One look for every figure: exact IEEE widths, embedded TrueType fonts, the same bytes on every run."""
+"""Style of all figures: exact IEEE widths, embedded TrueType fonts, the same bytes on every run."""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""The frames of one camera along a flight, written one after the other: images, stamps, ground truth, annotations."""
+"""Writes the frames of one camera along a flight: images, stamps, ground truth, annotations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from uavbench.trajectories.sensors.sensor import sampled
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filming:
-    """A camera in flight: its simulator and mount, the structure that it sees, and what is worked out of its frames."""
+    """A camera in flight: its simulator and mount, the structure in view, and the ground truth derived from frames."""
 
     source: CameraSimulator
     cam_from_body: Pose

@@ -45,7 +45,7 @@ __all__ = ["Motion", "camera_path", "check_first_view", "generate", "with_effect
 
 LEAST_SHARE_IN_VIEW = 0.005
 LEAST_ABOVE_GROUND_M = 0.1
-"""Of a camera over the ground of a site: nearer things are cut off (the renderer's nearest plane is at 0.05 m)."""
+"""Least height of a camera above the ground of a site, metres; the renderer's near plane is at 0.05 m."""
 
 
 def generate(
@@ -92,7 +92,7 @@ def folder_of(folder: Path, camera: BodyCamera) -> Path:
 
 
 def exposures_of(spec: SequenceSpec, camera: BodyCamera, flight: Flight) -> Exposures:
-    """When the frames of a camera are exposed; UserError for a rate or an offset that the flight cannot serve."""
+    """Exposures of a camera along a flight; UserError for a rate or an offset that the flight cannot provide."""
     try:
         return spec.clock.exposures(flight, spec.rate_hz, stream(spec.seed, "clock"), camera.offset_s)
     except UserError as error:
@@ -100,7 +100,7 @@ def exposures_of(spec: SequenceSpec, camera: BodyCamera, flight: Flight) -> Expo
 
 
 def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, flight: Flight) -> None:
-    """UserError when a camera beside the main one gets into the structure or under the floor."""
+    """UserError when a further camera enters the structure or goes below the floor."""
     try:
         check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount, scene.obstacles)
     except UserError as error:
@@ -108,7 +108,7 @@ def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, f
 
 
 def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, flight: Flight) -> None:
-    """UserError when a camera gets into the ground of a site that was shaped to the structure."""
+    """UserError when a camera enters the ground of a site that was shaped to the structure."""
     if site is None:
         return
     offset_m = camera.mount.cam_from_body.inverse().translation

@@ -1,6 +1,6 @@
 """Hidden-line removal for drawings: the parts of a structure's edges that none of its own faces hides.
 
-Every edge is probed along its length; where a probe is seen and its neighbour is not, the border is found by bisection.
+Visibility is sampled along every edge; between a visible and a hidden sample the transition is found by bisection.
 """
 
 from functools import lru_cache
@@ -14,11 +14,11 @@ from uavbench.trajectories.geometry.rays import ray_distances
 from uavbench.trajectories.pose import Array
 
 PROBES = 25
-"""Probes along an edge: what hides less than 4 % of it may be missed."""
+"""Samples along an edge: an occluder of less than 4 % of its length may be missed."""
 BISECTIONS = 6
-"""A border is known to 1/64 of the step between two probes: 1/4 px on an edge of 400 px."""
+"""Bisections: a transition is known to 1/64 of the step between two samples, 1/4 px on an edge of 400 px."""
 MARGIN = 1e-3
-"""A face nearer to the probe than this part of its distance does not hide it: its own faces, and those that meet it."""
+"""Relative distance within which a face does not hide a sample: the edge's own faces, and those that meet it."""
 
 
 def seen_parts(structure: Structure, eye_m: Array, segments_m: Array) -> Array:

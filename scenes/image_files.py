@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from uavbench.scenes.camera import Camera
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
 
 KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
-"""Kinds of images, as Pillow names them; PPM stands for PGM and PBM too."""
+"""Accepted image formats by Pillow's names; PPM includes PGM and PBM."""
 TEXTURES = (*KINDS, "TGA")
 VIDEOS = {
     "MP4 or MOV": (4, b"ftyp"),
@@ -48,7 +49,7 @@ def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[n
 
 
 def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[int, int]:
-    """Width and height that an image's header tells; UserError when it has none or it is more than MOST_PIXELS."""
+    """Width and height by an image's header; UserError when it has none, or more than MOST_PIXELS pixels."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -83,3 +84,21 @@ def open_video(path: Path) -> cv2.VideoCapture:
 
 def _too_many(size: str) -> str:
     return f"the image has {size} pixels; at most {MOST_PIXELS:,} are read; {IMAGE.remedy}"
+
+
+def read_image(path: Path, camera: Camera, inside: Path | None = None) -> NDArray[np.uint8]:
+    """BGR image (h, w, 3); UserError naming the file when it cannot be read or is not of the camera's size."""
+    return image_of(path, reading.read_bytes(path, IMAGE, inside=inside), camera)
+
+
+def image_of(path: Path, data: bytes, camera: Camera) -> NDArray[np.uint8]:
+    """BGR image (h, w, 3) of a file's content; UserError as `read_image`."""
+    if path.suffix == ".png" and not data.endswith(b"IEND\xaeB`\x82"):
+        raise UserError(f"{path}: the image is truncated; render or copy it again")
+    width, height = size_px(path, data)
+    if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF data may turn it
+        image = decoded(path, data)
+        height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise UserError(f"{path}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px")
+    return image

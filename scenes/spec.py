@@ -23,7 +23,7 @@ from uavbench.trajectories.simulation.flight import FlightSpec
 
 
 class StructureSpec(Protocol):
-    """A structure: parameters, and a verb that builds it."""
+    """A structure: parameters, and a method that builds it."""
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
         """The structure standing on z = 0, same rng, same structure."""

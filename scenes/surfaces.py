@@ -1,4 +1,4 @@
-"""Everything that is drawn, as ranging sensors meet it: still parts, moving ones, and holes in their textures."""
+"""Rendered surfaces for ranging sensors: static and moving parts, with the holes of their textures."""
 
 from collections.abc import Iterable
 from functools import cached_property
@@ -14,9 +14,9 @@ from uavbench.trajectories.geometry.surfaces import Struck, barycentric, inciden
 from uavbench.trajectories.pose import Array
 
 MOST_HOLES = 64
-"""Holes that one ray may go through."""
+"""Most holes that one ray may pass."""
 STEP_BEHIND_M = 1e-6
-"""Beyond a hole's surface a ray goes on."""
+"""Offset behind a hole's surface at which a ray continues, metres."""
 COARSE_NS = 50_000_000
 """Interval at which moving parts are tested for being near a ray at all: 50 ms."""
 
@@ -28,7 +28,7 @@ class SceneSurfaces:
         self._parts, self._movers = tuple(part for part in parts if len(part.triangles)), movers
 
     def strike(self, origins_m: Array, directions: Array, times_ns: NDArray[np.int64]) -> Struck:
-        """What rays (k) from origins (k, 3) along unit directions (k, 3) meet, each at its time of the flight."""
+        """First hits of rays from origins (k, 3) along unit directions (k, 3), each at its time of the flight."""
         struck = self._still(origins_m, directions)
         if not len(origins_m):
             return struck

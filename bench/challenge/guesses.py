@@ -1,6 +1,6 @@
-"""What anybody who has the suite's file can guess of a flight: the same path flown under other seeds.
+"""How well a flight can be guessed from the suite's file alone, by flying the same path under other seeds.
 
-A path without chance, such as an orbit of given radius, stands in the file: no secret hides it.
+A deterministic path, such as an orbit of given radius, is told by the file: no secret seed hides it.
 """
 
 from collections.abc import Iterator
@@ -18,11 +18,11 @@ from uavbench.trajectories.trajectory import Trajectory
 
 GUESSED_SEEDS = range(3)
 MOST_POINTS_GUESSED = 10.0
-"""Of 100: a tracker that locates every frame within 10 cm has 15."""
+"""Largest score of a guess, of 100 points; a tracker that locates every frame within 10 cm has 15."""
 
 
 def points_guessed(spec: SequenceSpec, truth: Trajectory) -> float:
-    """Score points that the best guess has more than one who repeats the initial pose; 0 where none has more.
+    """Advantage in score points of the best guess over repeating the initial pose; at least 0.
 
     truth is `world_from_body` at each frame.
     A guess is a flight under one of GUESSED_SEEDS, as it is or moved so that it begins at the true first pose.
@@ -50,7 +50,7 @@ def _errors(spec: SequenceSpec, truth: Trajectory, seed: int) -> Iterator[Array]
 
 
 def refuse_guessed(spec: SequenceSpec, truth: Trajectory) -> None:
-    """UserError when a flight is told by the suite's file: its guess has more than MOST_POINTS_GUESSED."""
+    """UserError when a flight can be guessed from the suite's file with more than MOST_POINTS_GUESSED points."""
     points = points_guessed(spec, truth)
     if points > MOST_POINTS_GUESSED:
         raise UserError(

@@ -1,4 +1,4 @@
-"""The organizer's half of a challenge: which sequence is which, beside the secret and the ground truth."""
+"""The organizer's record of a challenge: the mapping of public to true sequence names."""
 
 import json
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ SECRET = "secret.toml"
 
 @dataclass(frozen=True)
 class Hidden:
-    """A sequence of the suite: its name, and which flight it is a seed of, by a name that tells nothing."""
+    """A sequence of the suite: its name, and an anonymous name of the flight that it is a seed of."""
 
     name: str
     flight: str
@@ -27,9 +27,9 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Challenge:
-    """A challenge: its identifier, the rate of its frames, and what its sequences are called by participants.
+    """A challenge: its identifier, its frame rate, and its sequences by their public names.
 
-    The identifier comes from the secret and the suite's sequences: packages of the same challenge have the same.
+    The identifier is derived from the secret and the suite's sequences, so packages of one challenge share it.
     """
 
     challenge: str
@@ -38,7 +38,7 @@ class Challenge:
 
     @classmethod
     def of(cls, suite: Suite, secret: Secret) -> "Challenge":
-        """The challenge of a suite, its sequences in an order that the secret alone tells."""
+        """The challenge of a suite, its sequences in an order derived from the secret."""
         names = sorted((spec.name for spec in suite.sequences), key=lambda name: secret.derived("order", name))
         flight_of = {spec.name: spec.name.removesuffix(f"-s{spec.seed}") for spec in suite.sequences}
         flights = list(dict.fromkeys(flight_of[name] for name in names))
@@ -52,7 +52,7 @@ class Challenge:
         return cls(secret.identifier(what), rate_hz, hidden)
 
     def save(self, folder: Path) -> None:
-        """Write it into the organizer's folder; UserError where that belongs to another challenge."""
+        """Write the record into the organizer's folder; UserError where that belongs to another challenge."""
         path = folder / CHALLENGE
         if path.exists() and self.load(folder).challenge != self.challenge:
             raise UserError(
@@ -63,7 +63,7 @@ class Challenge:
 
     @classmethod
     def load(cls, folder: Path) -> "Challenge":
-        """Read it from the organizer's folder; UserError when that is none."""
+        """Read the record from the organizer's folder; UserError where there is none."""
         path = folder / CHALLENGE
         about = read_json(path, hint="; give the folder that `uavbench pack` called the organizer's")
         about.pop("made_by", None)

@@ -36,10 +36,10 @@ class Packing:
 
 
 def pack(suite_name: str, where: Packing) -> int:
-    """Render what is missing of a suite under a secret and write its package; the exit code, as `bring_up_to`'s.
+    """Render the missing sequences of a suite under a secret and write its package; exit codes as `bring_up_to`.
 
-    UserError for a suite that cannot be a challenge, folders that lie in each other, a secret that can be guessed, and
-    flights that the suite's file tells.
+    UserError for a suite that cannot be a challenge, nested folders, a weak secret, and flights that can be guessed
+    from the suite's file.
     """
     suite = load_suite(suite_file(suite_name))
     specs = _rendered(suite)
@@ -70,7 +70,7 @@ def pack(suite_name: str, where: Packing) -> int:
 
 
 def _rendered(suite: Suite) -> list[SequenceSpec]:
-    """The sequences of a suite; UserError when there is no truth to keep, or none that a package could hold."""
+    """The sequences of a suite; UserError for recordings, which have no ground truth, and for closed-loop suites."""
     if suite.loops:
         raise UserError(f"suite {suite.name} is flown in closed loop: a package holds images that are there already")
     specs = [spec for spec in suite.sequences if isinstance(spec, SequenceSpec)]
@@ -80,7 +80,7 @@ def _rendered(suite: Suite) -> list[SequenceSpec]:
 
 
 def _refuse_together(out: Path, truth: Path, secret: Path) -> None:
-    """UserError when what is secret lies in the package, or the package beside what is secret."""
+    """UserError when the folders of participants and organizer contain each other, or the package the secret."""
     if out == truth or out.is_relative_to(truth) or truth.is_relative_to(out):
         raise UserError(f"--out {out} and --truth {truth} lie in each other; participants get all of --out")
     if secret.is_relative_to(out):

@@ -1,10 +1,10 @@
-"""The package that participants get: what a tracker may know of each sequence, and nothing else.
+"""The package for participants: what a tracker may know of each sequence, and nothing else.
 
     package.json        the challenge, the rate, its sequences, its files
     README.md           what is in it, and how results come back
     sequence-01/        as the job folder of an external tracker (`uavbench.bench.external.job_folder`), without a seed
 
-Images are encoded anew, so that they hold pixels alone; all files have the same time.
+Images are encoded again, without metadata, and all files get the same modification time.
 """
 
 import json
@@ -26,7 +26,7 @@ from uavbench.trajectories.files.writing import new_folder, tree, write_text
 
 PACKAGE = "package.json"
 NO_TIME_S = 946_684_800
-"""Time of every file of a package: 2000-01-01, which all archive formats can hold."""
+"""Modification time of every file of a package: 2000-01-01, which all archive formats can represent."""
 README = """# A challenge in model-based localization
 
 Each folder `sequence-NN` holds one flight around a structure whose model is known. Wanted is the pose of the camera

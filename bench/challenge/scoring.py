@@ -21,8 +21,8 @@ from uavbench.trajectories.pose import Array
 def score_submission(truth: Path, folder: Path) -> SubmissionScore:
     """Score of the submission in a folder; truth is the organizer's folder.
 
-    What is missing or wrong counts as failed, and is told in the score's faults. UserError when the folder is no
-    submission, or the organizer's folder is not whole.
+    Missing or wrong content counts as failed and is listed in the score's faults. UserError when the folder is no
+    submission, or the organizer's folder is incomplete.
     """
     challenge = Challenge.load(truth)
     sequences = {name: Sequence.load(truth / "sequences" / kept.name) for name, kept in challenge.sequences.items()}

@@ -1,6 +1,6 @@
-"""The secret of a challenge: 256 random bits, from which the seeds of its sequences are derived and cannot be guessed.
+"""The secret of a challenge: 256 random bits from which the seeds of its sequences are derived.
 
-A suite's seeds are small and stand in its file: whoever has uavbench and the file could render them all, and compare.
+A suite's own seeds are small numbers in its file, with which participants could render the ground truth.
 """
 
 import hmac
@@ -26,20 +26,20 @@ class Secret:
     key: bytes
 
     def derived(self, *names: str) -> bytes:
-        """The 32 bytes of a name, of which neither the key nor those of another name can be found."""
+        """32 bytes derived from a name, which reveal neither the key nor those of another name."""
         return hmac.digest(self.key, "\0".join(names).encode(), "sha256")
 
     def seed(self, sequence: str) -> int:
-        """Seed of a sequence: 256 bits, the first of them set, so that it is longer than any that a suite names."""
+        """Seed of a sequence: 256 bits, the first of them set, so that it is longer than any seed of a suite."""
         return int.from_bytes(self.derived("seed", sequence), "big") | 1 << (8 * SECRET_BYTES - 1)
 
     def identifier(self, what: str) -> str:
-        """Name (16 digits) of what it stands for, which may be published."""
+        """Public identifier (16 hexadecimal digits) of something."""
         return self.derived("identifier", what).hex()[:16]
 
 
 def read_or_make(path: Path) -> Secret:
-    """Secret of a file, made with a random one where there is none; UserError for one that could be guessed."""
+    """Secret of a file, which is created with a random one if missing; UserError for a weak secret."""
     if not os.path.lexists(path):
         _make(path)
     given = read_toml(path).get("secret")

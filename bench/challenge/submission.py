@@ -21,7 +21,7 @@ from uavbench.trajectories.files.reading import read_toml
 ABOUT = "submission.toml"
 MOST_RUNS = 5
 MOST_NAMED = 20
-"""Files of a run that are none of a submission and are named; the rest is counted."""
+"""Foreign files of a run that are named in faults; the rest is counted."""
 LONGEST_NAME = 80
 FORMS = ("{}.csv", "{}.tum", "{}/estimates.csv", "{}/estimate_world_from_cam.tum")
 """Names of the file of a sequence."""
@@ -34,7 +34,7 @@ FAULTS = {
     "no-frame": "the sequence counts as failed; repeat the stamps of frames.csv",
     "bad-rows": "their frames count as failed",
 }
-"""Name of each fault of a submission -> what it means and what to do."""
+"""Name of each fault of a submission -> its consequence and remedy."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The poses in one file of a submission, frame by frame: what is wrong with it is named, and its frames are lost."""
+"""Poses in one file of a submission, frame by frame; wrong content becomes named faults and lost frames."""
 
 import os
 import stat
@@ -19,11 +19,11 @@ from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory_files.formats import declared_frame, read_trajectory
 
 LARGEST_TUM_BYTES = 64 * MB
-"""An hour of poses at 100 Hz, 128 bytes each, has 46 million."""
+"""Largest TUM file; an hour of poses at 100 Hz, 128 bytes each, has 46 million bytes."""
 MOST_STAMP_DIFFERENCE_NS = 10_000_000
-"""Between a pose of a TUM file and its frame, as evo has it by default; less than half of the least interval."""
+"""Largest difference between the stamps of a TUM pose and its frame, evo's default; less than half a frame interval."""
 FRAMES = ("world_from_cam", "world_from_body")
-"""What a TUM file may hold; the first one where it says nothing."""
+"""Frames of the poses that a TUM file may declare; the first one is the default."""
 
 Rows = tuple[TrackResult, ...]
 
@@ -49,7 +49,7 @@ class SubmittedPoses(NamedTuple):
 
 
 def read_submitted(path: Path, where: str, frames: Frames) -> SubmittedPoses:
-    """Result of each frame in a file of a submission, called `where` in its faults."""
+    """Results in a file of a submission, which faults call `where`; nothing is raised."""
     try:
         if path.parent.is_symlink() or not stat.S_ISREG(os.lstat(path).st_mode):
             raise UserError("is a link, behind a link, or no regular file")
@@ -97,7 +97,7 @@ def _of_tum(path: Path, where: str, frames: Frames) -> SubmittedPoses:
 
 
 def _nearest(given_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row (n,) of the given stamp nearest to each wanted one, -1 where none is near enough to be its alone."""
+    """Row (n,) of the given stamp nearest to each wanted one, -1 where none is within the tolerance."""
     after = np.searchsorted(given_ns, wanted_ns).clip(0, len(given_ns) - 1)
     before = (after - 1).clip(0)
     rows = np.where(abs(given_ns[before] - wanted_ns) <= abs(given_ns[after] - wanted_ns), before, after)

@@ -1,4 +1,4 @@
-"""The closed loop: a vehicle that flies on what its camera says, frame by frame, in lockstep with the simulation.
+"""The closed loop: a vehicle that flies on its tracker's poses, in lockstep with the simulation.
 
 In: a sequence's spec, a tracker and the table `[loop]` of a suite. Out: a flown flight, written by
 `uavbench.reports.closed_loop`. Imports external programs' faults, the tracker's filter, rendering and simulation;

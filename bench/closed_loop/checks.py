@@ -1,4 +1,4 @@
-"""What a loop must have before it starts: a sensor that can hold the vehicle."""
+"""Checks of a loop before it starts: sensors that make position and velocity observable."""
 
 from collections.abc import Collection
 

@@ -1,4 +1,4 @@
-"""When a flight is over: it touched something, toppled, strayed, or came to its end."""
+"""End of a flight: collision, excessive tilt, deviation from the path, or completion."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -17,7 +17,7 @@ FlightStatus = Literal["completed", "crashed", "strayed", "timed out", "stopped"
 
 @dataclass(frozen=True)
 class Ending:
-    """How a flight ended, why in words, and at which time."""
+    """Status of a flight at its end, the reason in words, and the stamp."""
 
     status: FlightStatus
     why: str
@@ -26,14 +26,14 @@ class Ending:
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """What ends a flight of a vehicle of radius_m among obstacles."""
+    """Detects the end of a flight of a vehicle of radius_m among obstacles."""
 
     crash: CrashSpec
     radius_m: float
     obstacles: ObstacleMesh
 
     def ending(self, record: Array, reference: Array, first: int) -> Ending | None:
-        """The first of these rows (n, 30), which begin at row `first` of a flight, at which it is over."""
+        """Ending within rows (n, 30) of a record that begin at row `first`; None while the flight goes on."""
         places = record[:, RECORD["positions_m"]]
         known = np.isfinite(record).all(axis=1)
         if not known.all():

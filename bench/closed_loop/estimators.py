@@ -1,4 +1,4 @@
-"""What guidance and controller believe: the filter's estimate, the poses as they are, or, as the bound, the truth."""
+"""State estimators for guidance and control: the filter, the tracker's raw poses, or, as a bound, the ground truth."""
 
 from dataclasses import replace
 from typing import NamedTuple, Protocol
@@ -7,9 +7,10 @@ import numpy as np
 
 from uavbench.bench.closed_loop.sensing import Reading
 from uavbench.bench.closed_loop.spec import CAMERA, FilterSpec
+from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.fusion.measurements import Height, Measurement, OpticalFlow, Position
 from uavbench.tracker.fusion.state import Estimate, FusionConfig
-from uavbench.tracker.fusion.vehicle_filter import VehicleFilter, Verdict
+from uavbench.tracker.fusion.vehicle_filter import VehicleFilter
 from uavbench.tracker.protocol import Prediction, TrackResult
 from uavbench.trajectories.pose import Array, Pose, rotation_exp
 from uavbench.trajectories.sensors.barometer import EXPONENT, LAPSE_K_M, TEMPERATURE_K, Barometer
@@ -19,13 +20,13 @@ from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.vehicle.quadrotor import physics
 
 CLIMB_M_S = 0.5
-"""Climbing speed that the range may change with while flow is gathered, between two readings of a flow deck."""
+"""Climb rate assumed for the change of range between two readings of a flow deck, m/s."""
 ROUNDING_VARIANCE = 1.0 / 6.0
 """Variance of the difference of two rounded numbers, each off by a uniform error of one."""
 KNOWN_STATES = 9
-"""Position, velocity and attitude: the first states of the filter's error, and those whose truth is known."""
+"""Position, velocity and attitude: the first states of the filter's error, for which ground truth exists."""
 LEAST_BIAS_M_S2, LEAST_BIAS_RAD_S = 0.02, 0.002
-"""Least standard deviations of the IMU's biases at the start, after a calibration at rest."""
+"""Lower limits of the initial standard deviations of the IMU's biases, as after a calibration at rest."""
 
 
 class Believed(NamedTuple):
@@ -65,7 +66,7 @@ class Estimator(Protocol):
 
 
 class TrueState:
-    """The estimate is the ground truth, whatever is measured."""
+    """The estimate is the ground truth; measurements are ignored."""
 
     verdicts: list[Verdict] = []  # noqa: RUF012
 
@@ -86,10 +87,10 @@ class TrueState:
 
 
 class CameraAlone:
-    """The latest pose, carried on by the velocity between the last two and turned by the gyroscope's readings.
+    """The latest pose, extrapolated by the velocity between the last two and by the gyroscope.
 
-    No reading is weighed, refused or smoothed, and no sensor but the IMU of that name is taken; what is out of order is
-    left out.
+    Measurements are neither weighted nor gated nor smoothed; of the sensors only the named IMU is used. Late answers
+    are ignored.
     """
 
     verdicts: list[Verdict] = []  # noqa: RUF012
@@ -104,13 +105,13 @@ class CameraAlone:
         self._readings: list[Reading] = []
 
     def sense(self, reading: Reading) -> None:
-        """Turn by a reading of the gyroscope."""
+        """Integrate a reading of the gyroscope."""
         if reading.name == self._imu:
             self._readings.append(reading)
             self._turn(reading)
 
     def answer(self, stamp_ns: int, result: TrackResult) -> None:
-        """Take a pose as it is."""
+        """Adopt a pose unchanged."""
         if result.cam_from_world is None or stamp_ns < self._stamp_ns:
             return
         pose = result.cam_from_world.inverse() @ self._cam_from_body
@@ -123,7 +124,7 @@ class CameraAlone:
             self._turn(reading)
 
     def state_at(self, stamp_ns: int) -> Believed:
-        """Where the vehicle is if it kept its velocity and its rates."""
+        """State extrapolated with constant velocity and rates."""
         since_s = (stamp_ns - self._stamp_ns) * 1e-9
         quaternion = np.empty(4)
         self._to_quaternion(quaternion, self._after(stamp_ns).ravel())
@@ -131,10 +132,10 @@ class CameraAlone:
         return Believed(np.concatenate([place_m, quaternion]), np.concatenate([self._velocity_m_s, self._rates]))
 
     def covariance(self, stamp_ns: int) -> None:
-        """None: nothing is known of its errors."""
+        """None: no covariance is estimated."""
 
     def expected(self, stamp_ns: int) -> None:
-        """None: all that is known are the tracker's own poses."""
+        """None: there is no prediction but the tracker's own poses."""
 
     def _turn(self, reading: Reading) -> None:
         """Turn from the reading before to this one."""
@@ -195,7 +196,7 @@ class Filtered:
         return self._filter.covariance(stamp_ns)[:KNOWN_STATES, :KNOWN_STATES]
 
     def expected(self, stamp_ns: int) -> Prediction | None:
-        """The filter's prediction of the camera; None where it knows no number."""
+        """The filter's prediction of the camera's pose; None where it is not finite."""
         pose, covariance = self._filter.predict_camera(stamp_ns)
         known = np.isfinite(pose.matrix).all() and np.isfinite(covariance).all()
         return Prediction(pose, covariance) if known else None
@@ -224,7 +225,7 @@ def fusion_config(spec: FilterSpec, imu: Imu) -> FusionConfig:
 
 
 def measurement_of(reading: Reading) -> Measurement | None:
-    """A reading as the filter takes it; None where there is none in it, and for a sensor that it knows nothing of."""
+    """A reading as a measurement of the filter; None for an empty reading, and for unsupported sensors."""
     sensor, values = reading.sensor, reading.values
     if not np.isfinite(values).all():
         return None

@@ -1,4 +1,4 @@
-"""The camera in flight: frames of the scene from a vehicle whose way is not known yet."""
+"""The camera in flight: renders frames while the vehicle's trajectory is still being simulated."""
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -18,7 +18,7 @@ from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 
 class WayFlown:
-    """True `world_from_body` of a flight that goes on: the rows up to the present one."""
+    """True `world_from_body` of a flight in progress, up to its present row."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -34,7 +34,7 @@ class WayFlown:
 
 
 class DrawnScene(Protocol):
-    """What is around the camera: a `Scene`, or one that another renderer draws."""
+    """A scene with a renderer: a `Scene`, or one with another renderer."""
 
     def renderer(self, width: int, height: int) -> AbstractContextManager[SceneRenderer]:
         """A renderer of the scene, closed when done."""
@@ -43,7 +43,7 @@ class DrawnScene(Protocol):
 
 @contextmanager
 def eye(spec: SequenceSpec, scene: DrawnScene, way: Motion) -> Iterator[CameraSimulator]:
-    """The camera on its way, with every effect of the spec."""
+    """The camera along a motion, with every effect of the spec."""
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     with scene.renderer(pinhole.width, pinhole.height) as renderer:

@@ -1,4 +1,4 @@
-"""What is noted of a flight while it goes on, and the flight as it is kept."""
+"""Log of a flight in progress, and the files that are made of it."""
 
 from collections.abc import Sequence as ListOf
 from typing import Any
@@ -14,7 +14,7 @@ from uavbench.reports.closed_loop.flown import Flown, FlownPath
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.fusion.vehicle_filter import Verdict
+from uavbench.tracker.fusion.events import Verdict
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import parameters, record_of
@@ -39,7 +39,7 @@ def nees(path: FlownPath, rows: list[int], covariances: Array) -> Array:
 
 
 class Notes:
-    """Notes of one flight; `ending` is None while it goes on."""
+    """Log of one flight; `ending` is None while it goes on."""
 
     def __init__(self, spec: SequenceSpec, pilot: Pilot, open_loop: OpenLoop) -> None:
         self._spec, self._pilot, self._open_loop = spec, pilot, open_loop
@@ -52,7 +52,7 @@ class Notes:
         self._true_world_from_body: list[Pose] = []
 
     def row(self, simulation: Simulation, believed: Believed | None, covariance: Array | None, has_fix: bool) -> None:
-        """Note where the vehicle is, where it is believed to be, and where it should be."""
+        """Log true, estimated and planned state of the present step."""
         state, planned = simulation.record[simulation.step], simulation.reference[simulation.step]
         true_q, true_p, true_v = (state[RECORD[k]] for k in ("quaternions_wxyz", "positions_m", "velocities_m_s"))
         estimate = np.full(14, np.nan)
@@ -65,14 +65,14 @@ class Notes:
         self._stamps.append(simulation.step * STEP_NS)
 
     def frame(self, frame: int, stamp_ns: int, result: TrackResult, true_pose: Pose, answered_ns: int) -> None:
-        """Note a frame, what the tracker said of it, and when that reached the filter."""
+        """Log a frame, the tracker's result, and when it reached the filter."""
         self._frames.append((frame, stamp_ns, result, answered_ns))
         self._true_world_from_body.append(true_pose.inverse() @ self._spec.mount.cam_from_body)
 
     def flown(
         self, simulation: Simulation, radius_m: float, structure: Structure, camera: Camera, verdicts: ListOf[Verdict]
     ) -> Flown:
-        """The flight as it is kept."""
+        """The flight as it is written to disk."""
         stamps = [stamp for _, stamp, _, _ in self._frames]
         results = Results(
             self._record(simulation, radius_m),
@@ -92,7 +92,7 @@ class Notes:
         )
 
     def _path(self) -> FlownPath:
-        """The rows, with what was claimed of the estimates among them."""
+        """The logged rows, with the claimed standard deviations and NEES of the estimates."""
         path = FlownPath(np.array(self._stamps, dtype=np.int64), np.array(self._rows))
         rows = list(self._claimed)
         if rows:

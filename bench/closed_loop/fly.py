@@ -33,10 +33,10 @@ OnStep = Callable[[int, int], None]
 
 
 def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flown:
-    """Fly a sequence on what its camera says; the same arguments give the same flight where no latency is measured.
+    """Fly a sequence on its tracker's poses; deterministic unless the latency is measured.
 
     The vehicle is flown on its true state until its first frame is exposed, then on the estimate alone. on_step(steps
-    done, all steps) tells progress. UserError before the start for a loop that cannot hold the vehicle, for a flight
+    done, all steps) reports progress. UserError before the start for a loop without sufficient sensors, for a flight
     that fails even on its true state, and for a tracker that cannot be started.
     """
     prepare(__name__)
@@ -92,7 +92,7 @@ class Loop:
         self.true_cam_from_world: Pose | None = None
 
     def step(self) -> None:
-        """Where the vehicle is, what is measured and seen of it, what is estimated, and the thrusts that follow."""
+        """One control step: observe, sense, track, estimate, command, integrate."""
         simulation = self.simulation
         simulation.observe()
         now_ns = simulation.step * STEP_NS
@@ -105,7 +105,7 @@ class Loop:
             self.look_for_the_end()
 
     def sense(self) -> None:
-        """Give the filter what the body's sensors measured."""
+        """Pass the readings of the body's sensors to the estimator."""
         for reading in self.sensors.read(self.simulation.record, self.simulation.step):
             if self.estimator is None:
                 self.early.append(reading)
@@ -163,14 +163,14 @@ class Loop:
         return self.tracker
 
     def deliver(self, now_ns: int) -> None:
-        """Give the filter the answers whose time has come."""
+        """Pass the answers that are due to the estimator."""
         for answer in [answer for answer in self.due if answer[0] <= now_ns]:
             self.due.remove(answer)
             assert self.estimator is not None
             self.estimator.answer(answer[1], answer[2])
 
     def command(self, now_ns: int) -> None:
-        """Have guidance and controller act on what is estimated."""
+        """Let guidance and controller act on the estimated state."""
         simulation = self.simulation
         estimator = self.estimator
         estimated = estimator.state_at(now_ns) if estimator is not None else None

@@ -1,4 +1,4 @@
-"""The same flight on its true state: what it is asked to do, and how far from that it comes by itself."""
+"""The same flight on its true state: its plan, and its path error without estimation errors."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""The body's sensors in flight: each reading is made when its time has come, with the noise of its own stream."""
+"""The body's sensors in flight: each reading is simulated at its time, with noise from its own random stream."""
 
 from dataclasses import dataclass, fields
 from types import MappingProxyType

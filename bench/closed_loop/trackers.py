@@ -1,4 +1,4 @@
-"""Trackers that make sense in flight only: the bounds between which all others lie."""
+"""Trackers for closed-loop flights only: upper and lower bound of all others."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -15,13 +15,13 @@ from uavbench.trajectories.pose import Pose
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """The true pose of the camera at every frame, with the standard deviations that it claims."""
+    """The true pose of the camera at every frame, with claimed standard deviations as its parameters."""
 
     sigma_m: Annotated[float, Gt(0)] = 0.001
     sigma_deg: Annotated[float, Gt(0)] = 0.05
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """UserError: nobody but the loop knows the truth."""
+        """UserError: the ground truth is known in closed loop only."""
         raise UserError("the tracker `truth` is for flights only: `uavbench fly`")
 
     def answer(self, true_cam_from_world: Pose) -> TrackResult:
@@ -32,7 +32,7 @@ class GroundTruth:
 
 @dataclass(frozen=True)
 class Blind:
-    """Never a pose: the vehicle flies on its other sensors alone, which is the floor of every comparison."""
+    """Never a pose: the vehicle flies on its other sensors alone, the lower bound of every comparison."""
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
         """Begin a run."""

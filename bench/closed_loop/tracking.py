@@ -1,4 +1,4 @@
-"""The tracker in flight: whatever it does wrong costs frames, is told with its time, and never stops the vehicle."""
+"""The tracker in flight: its faults lose frames and are logged with their stamps, but never stop the vehicle."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -24,8 +24,8 @@ class TimedFault(NamedTuple):
 class TrackerInFlight:
     """A run of a tracker; `faults` are what it did wrong, by the stamp of the frame.
 
-    What a program says beyond its answers is forgotten; one that is out of step, so that its answers could belong to
-    any frame, is not asked again.
+    Surplus output of a program is discarded; one that is out of step, so that its answers cannot be assigned to frames,
+    is not asked again.
     """
 
     def __init__(self, run: "Run | GroundTruth") -> None:

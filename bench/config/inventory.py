@@ -1,7 +1,7 @@
 """Every plug-in that a suite can name: `uavbench list`.
 
-Plug-ins are read from the source, as the literal dicts at the foot of their modules name them: to import them all would
-load the renderer, the flight simulator and the trackers to print a page.
+Plug-ins are parsed from the literal dicts of the registries: importing them would load the renderer, the flight
+simulator and the trackers to print a page.
 """
 
 import ast

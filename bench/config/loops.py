@@ -1,4 +1,4 @@
-"""The tables `[loop]` and `[loops.NAME]` of a suite: what they share, and what is wrong with them."""
+"""The tables `[loop]` and `[loops.NAME]` of a suite: shared keys, and validation against the sequences."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from uavbench.trajectories.errors import UserError
 
 
 def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
-    """The tables of a file, each of `[loops.NAME]` with every key of `[loop]` that it does not have itself."""
+    """The tables of a file, with the keys of `[loop]` as defaults of each `[loops.NAME]`."""
     shared, loops = data.get("loop", {}), data.get("loops")
     if not isinstance(loops, dict) or not isinstance(shared, dict):
         return data
@@ -19,14 +19,14 @@ def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_shared(shared: Any, own: Any) -> Any:
-    """A value with what another says and it does not; a table takes nothing from one of another kind."""
+    """A value with missing keys taken from a shared one; a table takes nothing from one of another `kind`."""
     if not (isinstance(shared, dict) and isinstance(own, dict)) or own.get("kind") not in (None, shared.get("kind")):
         return own
     return {**shared, **{key: _with_shared(shared.get(key), value) for key, value in own.items()}}
 
 
 def without_loop(suite: str) -> UserError:
-    """The mistake of a suite that is to be flown and does not say how."""
+    """Error for a suite without `[loop]` that is to be flown."""
     return UserError(
         f"suite {suite} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
         "fly-box, fly-bridge or fly-facade"
@@ -34,7 +34,7 @@ def without_loop(suite: str) -> UserError:
 
 
 def loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
-    """A line for each way in which a loop cannot fly a sequence."""
+    """A line for each reason why a loop cannot fly its sequences."""
     mistakes: list[str] = []
     key = f"loops.{name}" if name else "loop"
     for spec in sequences:

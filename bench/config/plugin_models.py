@@ -67,8 +67,8 @@ def model_of(
 def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
     """Dataclass instance of a checked model; a ValueError of its own is added to `errors` under its key path.
 
-    `given` are the fields that the config does not give. A user's own plug-in may be given `input_files`, further files
-    whose change makes its results stale; it carries them whether it has such a field or not.
+    `given`: fields that the config does not set. A user's own plug-in may be given `input_files`, further files whose
+    change makes its results stale; they are attached even where it has no such field.
     """
     if isinstance(model, tuple | list):
         return tuple(build(item, f"{at}[{i}]", errors) for i, item in enumerate(model))
@@ -96,7 +96,7 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
 
 
 def _carry(made: Any, files: tuple[str, ...], at: str, errors: list[str]) -> None:
-    """Give a plug-in the names of its input files, though it has no field for them."""
+    """Attach the names of input files to a plug-in without a field for them."""
     try:
         object.__setattr__(made, INPUT_FILES, files)
     except AttributeError:  # a class with slots

@@ -1,4 +1,4 @@
-"""Every plug-in point: the protocol, its registry, and the verb that a plug-in must have."""
+"""Every plug-in point: the protocol, its registry, and the method that a plug-in must have."""
 
 from typing import Any
 
@@ -34,4 +34,4 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     Tracker: ({**TRACKERS, **THIRD_PARTY, **FLIGHT_TRACKERS, "external": External}, "start"),
     LatencySpec: (LATENCIES, "delay_ns"),
 }
-"""Protocol -> (name -> class, verb)."""
+"""Protocol -> (name -> class, method)."""

@@ -1,4 +1,4 @@
-"""A part of a suite: every N-th sequence, from the i-th on, for machines that share nothing but a folder."""
+"""A shard of a suite: every N-th sequence from the i-th on, for machines that share nothing but a folder."""
 
 from dataclasses import dataclass, replace
 

@@ -1,12 +1,11 @@
 """A suite: one TOML file in, checked specs out; all its mistakes are reported at once."""
 
-import difflib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 
@@ -14,6 +13,7 @@ from uavbench.bench.closed_loop.spec import LoopSpec
 from uavbench.bench.config.loops import loop_mistakes, with_shared_loop
 from uavbench.bench.config.plugin_models import STRICT, Extra, build, choice, model_of, own_plugins
 from uavbench.bench.config.plugins import PLUGINS
+from uavbench.bench.config.validation_errors import explain
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import located
 from uavbench.scenes.spec import SequenceSpec
@@ -26,7 +26,7 @@ from uavbench.trajectories.files.reading import read_toml
 
 Protocol = Literal["reset", "anchors"]
 MOST_SEEDS = 10_000
-"""Of one suite: each is a flight of its own of every sequence."""
+"""Most seeds of one suite; each makes a flight of every sequence."""
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
 
@@ -179,7 +179,7 @@ def plugins_named(data: dict[str, Any], path: Path) -> Extra:
 
 
 def _repeated(data: dict[str, Any]) -> list[str]:
-    """A line for each seed, rate or protocol that is there already, or whose results would lie in one folder."""
+    """A line for each seed, rate or protocol that is repeated, or whose results would share a folder."""
     lines = []
     for key in ("seeds", "rates_hz", "protocols"):
         first: dict[str, int] = {}
@@ -194,7 +194,7 @@ def _repeated(data: dict[str, Any]) -> list[str]:
 
 
 def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:
-    """A line for each rate that means the same frames of a sequence as one before it."""
+    """A line for each rate that selects the same frames of a sequence as an earlier one."""
     strides = [round(min(spec.rate_hz / rate, 1e9)) for rate in rates_hz]
     return [
         f"rates_hz[{i}]: {rate:g} Hz is every {stride}. frame of sequence {spec.name} ({spec.rate_hz:g} Hz), "
@@ -205,7 +205,7 @@ def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> l
 
 
 def _same_flights(specs: Sequence[SequenceSpec | RecordingSpec]) -> list[str]:
-    """A line for each sequence that is another one under a second name: its runs would count twice."""
+    """A line for each sequence that equals an earlier one except for its name, whose runs would count twice."""
     unnamed = [replace(spec, name="") for spec in specs]
     names = [spec.name.removesuffix(f"-s{spec.seed}") for spec in specs]
     table = "recordings" if any(isinstance(spec, RecordingSpec) for spec in specs) else "sequences"
@@ -217,13 +217,13 @@ def _same_flights(specs: Sequence[SequenceSpec | RecordingSpec]) -> list[str]:
 
 
 def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Sequence[str] = ()) -> Any:
-    """The config as its model; UserError with a line for each mistake, and for those that are known already."""
+    """The config as its model; UserError with a line for each mistake, including those in `more`."""
     config, mistakes = located(data, path.parent)
     mistakes += more
     try:
         checked = model.model_validate_json(json.dumps(config, default=str))
     except ValidationError as error:
-        mistakes += [_explain(model, e) for e in error.errors()]
+        mistakes += [explain(model, e) for e in error.errors()]
     if mistakes:
         raise UserError(_message(path, mistakes))
     return checked
@@ -232,83 +232,3 @@ def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Seque
 def _message(path: Path, messages: list[str]) -> str:
     count = f"{len(messages)} mistakes" if len(messages) > 1 else "1 mistake"
     return f"{path}: {count}\n" + "\n".join(f"  {message}" for message in messages)
-
-
-def _explain(model: type[BaseModel], error: Any) -> str:
-    """One line of a validation error: key path, what is wrong, and the nearest valid name."""
-    keys, tables = zip(*_walk(model, error["loc"]), strict=True) if error["loc"] else ((), ())
-    path = _path(keys)
-    context = error.get("ctx", {})
-    match error["type"]:
-        case "extra_forbidden":
-            valid = [name for name in tables[-1].model_fields if name != "kind"] if tables[-1] else []
-            if elsewhere := _elsewhere(keys, tables):
-                return f"{path}: unknown key here; did you mean {elsewhere!r}?"
-            return f"{path}: unknown key{_nearest(str(keys[-1]), valid)}"
-        case "union_tag_invalid":
-            valid = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
-            return f"{path}.kind: unknown kind {context['tag']!r}{_nearest(context['tag'], valid)}"
-        case "union_tag_not_found":
-            return f"{path}: `kind` is missing"
-        case "missing" if keys[-1] == "kind":
-            return f"{path.removesuffix('.kind')}: `kind` is missing"
-        case "missing":
-            return f"{path}: this key is missing"
-        case _:
-            got = error["input"]
-            shown = f", got {got!r}" if not isinstance(got, dict | list) else ""
-            return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{shown}"
-
-
-def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
-    """Path of a misplaced key in one of the tables around it, or in a table beside it; "" where there is none."""
-    name = str(keys[-1])
-    for depth in range(len(keys) - 2, -1, -1):
-        if tables[depth] is not None and name in tables[depth].model_fields:
-            return _path((*keys[:depth], name))
-    for beside, known in tables[-1].model_fields.items() if tables[-1] else ():
-        inner, more = _bare(known.annotation), [name]
-        if get_origin(inner) is dict:
-            inner, more = _bare(get_args(inner)[-1]), ["NAME", name]
-        if isinstance(inner, type) and issubclass(inner, BaseModel) and name in inner.model_fields:
-            return _path((*keys[:-1], beside, *more))
-    return ""
-
-
-def _path(keys: tuple[Any, ...]) -> str:
-    """Dotted path of keys in a config; None is a step that has no key."""
-    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
-
-
-def _nearest(name: str, valid: list[str]) -> str:
-    near = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"{hint} (valid: {', '.join(valid)})"
-
-
-def _walk(model: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | int | None, type[BaseModel] | None]]:
-    """Each step of an error's location as (key, model that the key is looked up in); a union's tag has no key."""
-    here: Any = model
-    for step in location:
-        here = _bare(here)
-        if isinstance(here, type) and issubclass(here, BaseModel):
-            yield step, here
-            field = here.model_fields.get(str(step))
-            here = field.annotation if field else None
-        elif get_origin(here) in (list, tuple, dict):
-            yield step, None
-            here = get_args(here)[-1 if get_origin(here) is dict else 0]
-        else:
-            members = [m for m in get_args(here) if isinstance(m, type) and issubclass(m, BaseModel)]
-            tagged = [
-                m for m in members if "kind" in m.model_fields and step in get_args(m.model_fields["kind"].annotation)
-            ]
-            yield (None if tagged else step), None
-            here = tagged[0] if tagged else None
-
-
-def _bare(annotation: Any) -> Any:
-    """The annotation without Annotated."""
-    while hasattr(annotation, "__metadata__"):
-        annotation = annotation.__origin__
-    return annotation

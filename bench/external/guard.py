@@ -1,7 +1,7 @@
-"""A temporary folder and the processes at work in it, both gone when we are, however we end.
+"""A temporary folder and the processes in it, both of which are removed when this process ends, even by kill -9.
 
-A process of its own, the guard, owns them (`guard_process`): it is the reaper of all that its program starts, so
-daemons that leave the session are found too, and a socket tells it when this process ends, even by kill -9.
+They are owned by a guard process (`guard_process`), which is the subreaper of everything that its program starts, so
+that daemons in other sessions are found too; a socket that closes tells it that this process has ended.
 """
 
 import array
@@ -21,21 +21,21 @@ from typing import Any, TextIO
 
 SCRIPT = Path(__file__).parent / "guard_process.py"
 START_S, END_S = 60.0, 20.0
-"""Longest that a guard may take to begin and to end; it takes some hundredths of a second."""
+"""Timeout for the start and the end of a guard, s; it takes some hundredths of a second."""
 WAIT_S = 3600.0
-"""Between two looks at a program that may take as long as it likes."""
+"""Polling interval for a program without timeout, s."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a program ended: its exit code, minus the signal if by one, and the memory in MB it was ended for, else 0."""
+    """Exit code of a program, negative for a signal, and the memory in MB for which it was killed, else 0."""
 
     code: int
     used_mb: float = 0.0
 
 
 class Guard:
-    """A context with a new, empty `folder`; leaving it ends what was started and removes the folder.
+    """Context manager with a new, empty `folder`; on exit it ends its program and removes the folder.
 
     OSError when there is no room for a folder.
     """
@@ -78,7 +78,7 @@ class Guard:
         """Start the one program of this guard, in its folder or in cwd; 0 MB is no limit.
 
         files are its standard input, output and error. memory_mb limits the address space of each of its processes and
-        the memory of all together, file_mb the size of a file. What cannot be started ends with the code 127.
+        their total memory, file_mb the size of a file. A command that cannot be started ends with the code 127.
         """
         asked = {"command": list(command), "environment": dict(environment), "cwd": str(cwd or self.folder)}
         line = json.dumps({**asked, "memory_mb": memory_mb, "file_mb": file_mb}).encode() + b"\n"
@@ -89,7 +89,7 @@ class Guard:
             self._socket.sendall(line[sent:])
 
     def wait(self, timeout_s: float) -> Ended | None:
-        """How the program ended, None if it has not within this time."""
+        """Result of the program, None when it has not ended within this time."""
         if self._ended is None and (said := self._said(timeout_s)) is not None:
             self._ended = Ended(**said)
         elif self._ended is None and self._gone:
@@ -120,7 +120,7 @@ class Guard:
         self._socket.close()
 
     def _said(self, timeout_s: float) -> dict[str, Any] | None:
-        """The guard's next message, None if none came in time."""
+        """The guard's next message, None on timeout."""
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._received:
             self._socket.settimeout(max(1e-3, deadline - time.monotonic()))
@@ -141,7 +141,7 @@ class Guard:
 
 @dataclass(frozen=True)
 class Finished:
-    """A program that ran to its end: its exit code, minus the signal if by one, and what it said."""
+    """Exit code of a program that ran to its end, negative for a signal, and its output."""
 
     code: int
     out: str
@@ -149,13 +149,13 @@ class Finished:
 
     @property
     def last(self) -> str:
-        """The last line that it said, its errors looked at first; its exit code where it said nothing."""
+        """The last line of standard error, else of standard output, else the exit code."""
         lines = (self.err.strip() or self.out.strip()).splitlines()
         return lines[-1] if lines else f"exit code {self.code}"
 
 
 def finished(guard: Guard, command: Sequence[str], environment: Mapping[str, str]) -> Finished:
-    """Run a guard's program in its folder to the end, without input; it ends with us, however we end."""
+    """Run a program of a guard in its folder to the end, without input; it never outlives this process."""
     out, err = guard.folder / "stdout.txt", guard.folder / "stderr.txt"
     with Path(os.devnull).open("rb") as nothing, out.open("wb") as said, err.open("wb") as errors:
         guard.start(command, environment, (nothing.fileno(), said.fileno(), errors.fileno()))
@@ -174,7 +174,7 @@ class Talk:
 
 @contextmanager
 def talk(command: Sequence[str], environment: Mapping[str, str], cwd: Path) -> Iterator[Talk]:
-    """A program to ask and be answered by; leaving the context, or dying in it, ends it with all it has started."""
+    """A program with pipes for requests and answers; on exit it is ended with everything that it started."""
     with Guard("uavbench-talk-") as guard, talk_in(guard, command, environment, cwd=cwd) as talking:
         yield talking
 
@@ -183,7 +183,7 @@ def talk(command: Sequence[str], environment: Mapping[str, str], cwd: Path) -> I
 def talk_in(
     guard: Guard, command: Sequence[str], environment: Mapping[str, str], *, cwd: Path | None = None, errors: int = 2
 ) -> Iterator[Talk]:
-    """The same of a guard's program; `errors` is its standard error."""
+    """The same for a program of a guard; `errors` is its standard error."""
     (their_asks, asks), (answers, their_answers) = os.pipe(), os.pipe()
     guard.start(command, environment, (their_asks, their_answers, errors), cwd=cwd)
     os.close(their_asks)

@@ -26,11 +26,11 @@ from typing import Any
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 SAMPLE_S = 0.1
-"""Time between two looks at the memory of all processes together, and at whether the owner is there."""
+"""Polling interval for the total memory of all processes, and for the owner, s."""
 LOOKS = 5
 """At the memory of processes, while some of them come or go."""
 GIVE_UP_S = 10.0
-"""A killed process that is still there after so long is in the kernel's hands."""
+"""Time to wait for killed processes, s."""
 
 
 def main() -> None:
@@ -103,7 +103,7 @@ class Guarding:
         self.received, self.files = b"", list[int]()
 
     def serve(self, folder: str) -> None:
-        """Do what the owner says until it is gone."""
+        """Serve the owner's requests until it is gone."""
         self.tell({"folder": folder})
         while not self.told.to_end and os.getppid() == self.parent:
             if self.owner.fileno() in self.told.wait(self.owner.fileno()) and not self.listen():
@@ -177,16 +177,16 @@ def limit(memory_mb: int, file_mb: int) -> None:
 
 
 def die_with(parent: int) -> None:
-    """Have the kernel kill this process when the thread that started it ends; at once where that has ended already."""
+    """Let the kernel kill this process when its parent thread ends; exit at once where that has ended already."""
     _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
 
 
 def end_descendants() -> list[tuple[int, int]]:
-    """Kill every process that this one has started, whatever session it went to; (pid, exit code) of its own children.
+    """Kill all descendants of this process, in any session; (pid, exit code) of its direct children.
 
-    They are stopped first, so that none starts another one meanwhile.
+    They are stopped first, so that none starts another one in the meantime.
     """
     ended: list[tuple[int, int]] = list(reap())
     deadline = time.monotonic() + GIVE_UP_S
@@ -238,11 +238,11 @@ def _parent(pid: int) -> int:
 
 
 def used_memory_mb(limit_mb: int) -> float:
-    """Memory of all processes started from here, MB, if it is more than the limit; 0 if it is not.
+    """Total memory of all descendants in MB if it exceeds the limit, else 0.
 
-    Resident memory first, which counts pages that are shared once for each; where that is too much, the proportional
-    share of each process, which costs the kernel more to tell. Shares add up only while nobody comes or goes: those
-    who stay share what a process has left.
+    Resident memory first, which counts shared pages once per process; where that exceeds the limit, the proportional
+    set size, which is slower to read. Proportional sizes add up only while no process starts or ends: the pages of one
+    that ends are divided among those that remain.
     """
     used = 0.0
     for _ in range(LOOKS):

@@ -1,4 +1,4 @@
-"""`--isolate`: a program in namespaces of its own, that sees the system, its own files and its job folder, and no more.
+"""`--isolate`: runs a program in namespaces where only the system, its own files and its job folder are visible.
 
 bubblewrap makes them, else `unshare` of util-linux; where neither can, the run is refused. Its processes, mounts,
 users, host name and shared memory are its own, and it has no network. Read-only: the system's programs and libraries,
@@ -18,28 +18,28 @@ from uavbench.trajectories.errors import UserError
 SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32", "/nix/store", "/gnu/store")
 ETC = ("alternatives", "fonts", "ld.so.cache", "ld.so.conf", "ld.so.conf.d", "localtime", "nsswitch.conf")
 PREFIX = ("bin", "conda-meta", "etc", "include", "lib", "lib32", "lib64", "libexec", "pyvenv.cfg", "share", "ssl")
-"""What belongs to a Python in the folder that it, a virtual environment or conda is installed in."""
+"""Parts of a Python installation, virtual environment or conda prefix that are made visible."""
 KERNEL = ("sys", "sysrq-trigger", "irq", "bus")
-"""What of /proc is the whole machine's; root may write there without any capability, so it is read-only."""
+"""Machine-wide parts of /proc, which root could write without any capability, so they are read-only."""
 SHARED_MEMORY_MB = 256
 PASSED_IN = ("PATH", "LANG", "LC_ALL", "OMP_NUM_THREADS")
-"""The only environment variables of ours that get in."""
+"""The only environment variables that are passed on."""
 WITHIN = {"HOME": "/tmp", "TMPDIR": "/tmp", "USER": "tracker", "PYTHONUNBUFFERED": "1"}
 PROBE_S = 30.0
 
 Way = Callable[[Sequence[str], Path, Sequence[Path]], list[str]]
-"""Makes the command that runs a command in a job folder, with paths that are seen."""
+"""Builds the command that runs a command in a job folder with visible paths."""
 
 
 def isolated(command: Sequence[str], folder: Path, files: Iterable[Path]) -> list[str]:
-    """The command that runs `command` isolated, with the job folder and read-only files; UserError where none can."""
+    """The command that runs `command` isolated, with its job folder and read-only files; UserError if unsupported."""
     way, program = usable(), unwrapped(command[0])
     return way([program, *command[1:]], folder, visible(program, files))
 
 
 @cache
 def unwrapped(program: str) -> str:
-    """The Python itself where the PATH leads to a script that chooses one, as those of pyenv do."""
+    """The interpreter itself where PATH leads to a shim, as those of pyenv."""
     at = shutil.which(program)
     if at is None or not Path(program).name.startswith("python") or Path(at).read_bytes()[:2] != b"#!":
         return program
@@ -51,7 +51,7 @@ def unwrapped(program: str) -> str:
 
 
 def visible(program: str, files: Iterable[Path] = ()) -> list[Path]:
-    """All that is seen beside the job folder, read-only; no path lies in another."""
+    """Paths that are visible read-only beside the job folder, none inside another."""
     found = [*map(Path, SYSTEM), *(Path("/etc", name) for name in ETC), *_prefixes(program), *files]
     if (at := shutil.which(program)) is not None:
         found.append(Path(at).absolute())
@@ -63,7 +63,7 @@ def visible(program: str, files: Iterable[Path] = ()) -> list[Path]:
 
 
 def refuse_seen(program: str, files: Iterable[Path], hidden: Path) -> None:
-    """UserError when an isolated program would see a folder that must stay hidden, or something of it."""
+    """UserError when an isolated program would see any part of a folder that must stay hidden."""
     hidden = hidden.resolve()
     for path in visible(unwrapped(program), files):
         if hidden.is_relative_to(path.resolve()) or path.resolve().is_relative_to(hidden):
@@ -74,7 +74,7 @@ def refuse_seen(program: str, files: Iterable[Path], hidden: Path) -> None:
 
 @cache
 def usable() -> Way:
-    """The tool that makes namespaces here; UserError with the message of each that fails."""
+    """The tool that can make namespaces on this machine; UserError with the message of each that fails."""
     why = []
     ways: dict[str, Way] = {"bwrap": _bubblewrap, "unshare": _unshare}
     for name, way in ways.items():
@@ -150,7 +150,7 @@ cd /job
 rmdir tmp/root
 exec setpriv --no-new-privs --bounding-set=-all --inh-caps=-all --ambient-caps=-all -- "$@"
 """
-"""What bubblewrap does, by the tools of util-linux."""
+"""The equivalent of bubblewrap with the tools of util-linux."""
 
 
 def _unshare(command: Sequence[str], folder: Path, paths: Sequence[Path]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The folder that an external tracker works in: all that a tracker may know, and never the ground truth.
+"""The folder of an external tracker's job: everything that a tracker may know, never the ground truth.
 
     job.toml       mode, rate_hz, seed
     camera.toml    width height fx fy cx cy distortion_model distortion
@@ -14,8 +14,8 @@ and, where the tracker gets all frames at once,
     frames/*.png   the images
     imu.csv ...    what each sensor measured, by its name: stamp_ns and its columns
 
-In the stream form images and samples come on standard input, each at its time. What may be known of the body and its
-sensors is in `uavbench.scenes.dataset.body`, for all trackers alike.
+In the stream form images and samples come on standard input, each at its time. What trackers may know of the body and
+its sensors is defined in `uavbench.scenes.dataset.body`.
 """
 
 import json
@@ -28,7 +28,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Samples, body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence as Frames
 from uavbench.scenes.dataset.structure_files import save_structure
-from uavbench.scenes.model_files.cao import write_cao
+from uavbench.scenes.model_files.cao_writing import write_cao
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError, plain
 from uavbench.trajectories.files.writing import new_folder, write_text
@@ -37,11 +37,11 @@ from uavbench.trajectories.pose import Pose
 KEPT_MARKER = "uavbench.json"
 """File of a kept folder that lists the others."""
 MAX_WORDS_BYTES = 1 << 24
-"""Longest of a program's outputs that is kept."""
+"""Largest output file of a program that is kept."""
 
 
 def job_folder() -> Guard:
-    """An empty folder away from the dataset, removed at the end with all that was started in it."""
+    """An empty folder away from the dataset, removed on exit with all processes in it."""
     try:
         return Guard("uavbench-job-")
     except OSError as error:
@@ -51,7 +51,7 @@ def job_folder() -> Guard:
 def write_job(
     folder: Path, structure: Structure, camera: Camera, cam_from_world: Pose, *, mode: str, rate_hz: float, seed: int
 ) -> None:
-    """Write what both forms get."""
+    """Write the files that both forms share."""
     write_text(folder / "job.toml", f'mode = "{mode}"\nrate_hz = {rate_hz!r}\nseed = {seed}\n')
     write_known(folder, structure, camera, cam_from_world)
 
@@ -98,7 +98,7 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
 
 
 def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
-    """Keep a job folder whose run went wrong, with the faults in faults.txt; links in it are not followed."""
+    """Copy the job folder of a faulty run, with the faults in faults.txt; links in it are not followed."""
     with new_folder(kept, KEPT_MARKER) as new:
         shutil.copytree(folder, new, symlinks=True, dirs_exist_ok=True, ignore=_not_worth_keeping)
         for words in (new / "stdout.txt", new / "stderr.txt"):

@@ -26,18 +26,18 @@ PASSED_ON = (
     "CUDA_VISIBLE_DEVICES",
     "OMP_NUM_THREADS",
 )
-"""The only environment variables that a program gets of ours."""
+"""The only environment variables that are passed to a program."""
 PIPE_BYTES = 1 << 20
 MAX_LINE_BYTES = 1 << 14
 MAX_FILE_MB = 1024
 GONE_S = 2.0
-"""How long a program that has closed its output may take to end."""
+"""Time in s that a program may take to end after closing its output."""
 
 
 class Process:
-    """A running program; leaving the context kills it and all it has started.
+    """A running program; on exit of the context its whole process tree is killed.
 
-    files, where it is isolated, are those that it may read beside its folder; None: it is not isolated.
+    files: what an isolated program may read beside its folder; None: it is not isolated.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Process:
                 os.close(handle)
 
     def _input(self, piped: bool) -> int:
-        """The program's standard input; our end of it is kept."""
+        """The program's end of its standard input; ours is stored."""
         if not piped:
             return os.open(os.devnull, os.O_RDONLY)
         theirs, self.stdin = os.pipe()
@@ -72,7 +72,7 @@ class Process:
         return theirs
 
     def _output(self, piped: bool) -> int:
-        """The program's standard output; our end of it is kept."""
+        """The program's end of its standard output; ours is stored."""
         if not piped:
             return _open(self._folder / "stdout.txt")
         self.stdout, theirs = os.pipe()
@@ -86,7 +86,7 @@ class Process:
         self.kill()
 
     def kill(self) -> None:
-        """End the program and all that it has started at once."""
+        """Kill the program and its descendants."""
         self.guard.end()
         self.close_input()
         if self.stdout is not None:
@@ -127,7 +127,7 @@ class Process:
                     raise self.crash(where) from None
 
     def line(self, deadline: float, where: str) -> str:
-        """The next line that the program says; TrackerFault when it is gone, silent, or says no text."""
+        """The program's next output line; TrackerFault when it has ended, times out, or prints no text."""
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
                 raise TrackerFault("malformed", where, f"a line longer than {MAX_LINE_BYTES} bytes")
@@ -147,7 +147,7 @@ class Process:
         return self._buffer.decode("utf-8", errors="replace").strip()
 
     def discard(self) -> None:
-        """Forget what the program has said beyond the lines taken."""
+        """Discard output of the program beyond the lines taken."""
         self._buffer.clear()
 
     def _read(self, timeout_s: float) -> bool:
@@ -164,7 +164,7 @@ class Process:
         return True
 
     def crash(self, where: str) -> TrackerFault:
-        """The fault of a program that is gone, with how it ended and the last it said."""
+        """The fault of a program that has ended, with its exit code and its last line of standard error."""
         ended = self.guard.wait(GONE_S)
         if ended is None:
             how = "it closed its standard output but did not end"
@@ -193,7 +193,7 @@ def _open(path: Path) -> int:
 
 
 def _ready(pipe: int) -> None:
-    """Make our end of a pipe large, and never wait on it."""
+    """Enlarge the buffer of our end of a pipe, and make it non-blocking."""
     os.set_blocking(pipe, False)
     with suppress(OSError, AttributeError):
         fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

@@ -37,9 +37,9 @@ from uavbench.trajectories.pose import Array, Pose
 OnFrame = Callable[[int, TrackResult], None]
 MAX_FAULTS_REPORTED = 20
 EXPECTED = "expected"
-"""First word of the line that says where the vehicle's filter expects the camera."""
+"""First word of the line with the filter's predicted camera pose."""
 LONGEST_S = 86_400.0
-"""A day, longer than any sequence takes; what waits for a program counts milliseconds in 31 bits, which are 24 days."""
+"""Longest timeout, a day; waiting for a program counts milliseconds in 31 bits, which are 24 days."""
 MOST_MB = 1 << 27
 """128 TiB, the address space of a process on x86-64 Linux: more is no limit."""
 
@@ -121,7 +121,7 @@ def isolated_trackers(trackers: Mapping[str, Tracker]) -> dict[str, Tracker]:
 
 
 class StreamRun:
-    """A run of a program that gets a frame at a time; `owes`: it was sent one, and its answer has not come."""
+    """A run of a program that gets a frame at a time; `owes`: its answer to the last frame is outstanding."""
 
     held: ExitStack | None = None
     owes = False
@@ -135,11 +135,11 @@ class StreamRun:
             raise TrackerFault("not-ready", "at its start", f"the first line was {word[:60]!r}")
 
     def sense(self, samples: Mapping[str, Samples]) -> None:
-        """Have what the sensors measured sent before the next frame."""
+        """Queue sensor samples to be sent before the next frame."""
         self.before += sample_lines(samples)
 
     def predict(self, cam_from_world: Pose, covariance: Array) -> None:
-        """Have the expected pose sent before the next frame."""
+        """Queue the predicted pose to be sent before the next frame."""
         numbers = [*cam_from_world.translation, *cam_from_world.quaternion_wxyz, *np.asarray(covariance)[UPPER]]
         self.expected = ",".join(repr(float(number)) for number in numbers)
 
@@ -236,7 +236,7 @@ def track_external(
 def _by_folder(
     tracker: External, sequence: Sequence, frames: list[int], guard: Guard, on_frame: OnFrame | None
 ) -> Estimates:
-    """All frames at once; no latency of a frame can be known."""
+    """All frames at once; the latency of single frames is unknown."""
     write_frames(guard.folder, sequence, frames)
     faults: list[Fault] = []
     with _named(faults), tracker.run(guard) as process:
@@ -252,7 +252,7 @@ def _by_folder(
 def _by_stream(
     tracker: External, sequence: Sequence, frames: list[int], guard: Guard, feed: Feed, on_frame: OnFrame | None
 ) -> Estimates:
-    """A frame at a time; after a fault of the protocol the rest is lost."""
+    """A frame at a time; after a protocol fault the remaining frames are lost."""
     rows: list[TrackResult] = []
     faults: list[Fault] = []
     with _named(faults), tracker.run(guard) as process:

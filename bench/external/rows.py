@@ -24,7 +24,7 @@ POSE_HEADER = ["stamp_ns", "status", *POSE_COLUMNS]
 HEADERS = [POSE_HEADER, [*POSE_HEADER, *COVARIANCE_COLUMNS]]
 STATUSES: tuple[Status, ...] = get_args(Status)
 MOST_ROW_BYTES = 4096
-"""Of one row; 30 numbers of 26 characters, the longest that are written, are 780."""
+"""Bytes of one row; 30 numbers of 26 characters, the longest that are written, are 780."""
 MOST_FAULTS = 10_000
 """Faults of one run that are named; the rest is counted."""
 
@@ -46,9 +46,9 @@ FAULTS = {
     "out-of-order": "write the rows in the order of the frames",
     "unasked": "say one line for each frame, after it has come, and nothing else on standard output",
 }
-"""Name of each fault -> what to do about it."""
+"""Name of each fault -> its remedy."""
 ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
-"""Faults that cost one frame and leave program and harness in step."""
+"""Faults that lose one frame and leave program and harness in step."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> Esti
 
 
 def _rows(lines: io.TextIOWrapper) -> Iterator[str]:
-    """Lines, and one that is too long in pieces, of which none is a good row."""
+    """Lines of a file; an overlong line comes in pieces, none of which is a valid row."""
     while line := lines.readline(MOST_ROW_BYTES):
         yield line
 

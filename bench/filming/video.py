@@ -1,7 +1,7 @@
-"""The video of a flight in closed loop: what the camera sees with what the tracker says, beside the view from outside.
+"""Video of a flight in closed loop: camera images with the tracker's overlay, beside a view from outside.
 
-The frames are rendered again, at the true poses of the flight and with every effect of its sequence: a flight keeps
-none.
+The frames are rendered again at the true poses of the flight with every effect of its sequence, because a flight
+stores no images.
 """
 
 import json

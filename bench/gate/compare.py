@@ -39,7 +39,7 @@ from uavbench.trajectories.files.writing import mark, refuse_foreign, refuse_for
 
 SIDES = ("base", "head")
 LEAST_MS = 0.05
-"""Times below this are alike: their ratio says nothing."""
+"""Times below this in ms count as equal: their ratio is noise."""
 
 
 def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
@@ -80,7 +80,7 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
 
 @contextmanager
 def reading_from(folders: str | None) -> Iterator[None]:
-    """Let suites read from these folders too, for a time."""
+    """Allow suites to read from these folders too within the context."""
     before = os.environ.get(FREE)
     if folders is not None:
         os.environ[FREE] = folders

@@ -41,14 +41,14 @@ TYPICAL = 2.0
 """How much a run counts in a typical change, in units of what must be distinguished: enough to carry any change that is
 in all runs, too little for a run that breaks by chance to hide it."""
 ROUNDS = 5
-"""Draws of the bootstrap, so that its smallest p stands a correction over many metrics."""
+"""Bootstrap replicates; enough that the smallest p survives Holm's correction over many metrics."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
     """Tolerated changes, as shares of the baseline (errors, latency) or of all frames (coverage).
 
-    resolution: a change so large must be out of the interval for a pass.
+    resolution: a pass requires that a change of this size lies outside the confidence interval.
     """
 
     error: float = 0.01
@@ -118,7 +118,7 @@ def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], ma
 
 
 def _not_judged(run: str, why: str, metric: str = "all") -> Finding:
-    """Findings that rule out a pass: something that could not be compared."""
+    """Inconclusive finding on something that could not be compared, which rules out a pass."""
     return Finding(run=run, metric=metric, unit="", verdict="inconclusive", reason=f"not judged: {why}")
 
 

@@ -51,10 +51,9 @@ FLOWN = "flown"
 class Measured:
     """Values of one run that the gate compares: its coverage, and its errors by metric, NaN where one is undefined.
 
-    Of a flight in closed loop the coverage is 1 for a success, else 0.
-
-    crash: what went wrong, "" if nothing did; frames: hash of what made the frames, images: that of the frames as they
-    are, "" if any will do; how: the parts of the score's record that must agree.
+    For a flight in closed loop the coverage is 1 for a success, else 0. crash: error message of a crash, else "";
+    frames: hash of the frames' inputs; images: hash of the image files, "" where they need not agree; how: the parts of
+    the score's record that must agree.
     """
 
     coverage: float

@@ -1,6 +1,6 @@
 """Runs trackers for `uavbench compare`, one for each line of JSON: `python -m uavbench.bench.gate.track_server`.
 
-Each version of the repository runs its own; what goes in and out must stay readable by the next.
+Each version of the repository runs its own server, so the protocol must stay compatible with later versions.
 """
 
 import json

@@ -1,7 +1,7 @@
-"""Versions of a git repository, each in a folder of its own, with what makes trackers run there.
+"""Checkouts of versions of a git repository, each in a folder of its own in which its trackers can run.
 
-What git keeps is that of the version. What it does not (environments, weights, what was built) is the working tree's,
-linked into each version's folder, and so the same for all; it is reported which that is.
+Tracked files are those of the version. Untracked ones (environments, weights, build products) are linked from the
+working tree into each checkout, so they are the same for all versions; they are reported.
 """
 
 import io
@@ -20,7 +20,7 @@ from uavbench.bench.inputs.file_paths import FREE, names_a_file
 from uavbench.trajectories.errors import UserError
 
 WORKING = "."
-"""How the working tree as it stands is named among versions."""
+"""Name of the working tree among versions."""
 OWN = Path(__file__).parents[3]
 SERVER = Path("src/uavbench/bench/gate/track_server.py")
 

@@ -1,6 +1,6 @@
-"""The worst sequences as pictures: the frame on which a run errs most, with the baseline's pose and with its own.
+"""Pictures of the worst sequences: the frame with the largest error, at the baseline's pose and at the new one.
 
-Beside `gate.md`, which shows them; so does the comment that the CI recipes write on a change under review.
+They lie beside `gate.md`, which embeds them, as does the comment of the CI recipes on a change under review.
 """
 
 import json
@@ -26,12 +26,12 @@ from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
 
 MOST = 3
-"""Sequences that are shown."""
+"""Number of sequences shown."""
 FOLDER, MARKER = "worst", "worst.json"
 WIDTH_PX, GAP_PX = 440, 4
 """Width of each of the two images, and what lies between them: together they fit into a comment on GitHub."""
 COLOURS = 128
-"""Of a picture: a third of the bytes, and every line keeps its colour."""
+"""Colours of a picture's palette: a third of the bytes, and lines keep their colours."""
 LEAST_MARGIN = 1e-3
 """Margins are taken for no less, as changes are ranked in units of them."""
 TINY = 1e-12
@@ -119,7 +119,7 @@ def _pictures(results: Path, baseline: Path, margins: Margins) -> Iterator[tuple
 
 
 def worsening(base: Measured, head: Measured, margins: Margins) -> float:
-    """By how many margins a run became worse in what became worst; infinite where it crashes or an error is gone."""
+    """Largest change for the worse of a run, in margins; infinite where it crashes or lacks a number."""
     if head.crash and not base.crash:
         return math.inf
     worst = (base.coverage - head.coverage) / max(margins.coverage, LEAST_MARGIN)

@@ -3,7 +3,7 @@
 The commits between the two are halved as `git bisect` does it, which commit being next said by git itself
 (`git rev-list --bisect-all`), so that branches and merges are followed; the working tree is not touched. Every commit's
 tracker runs from its own tree on the frames of BAD's suite. A commit is worse when its metric, the mean over the
-flights, is nearer to that of BAD than to that of GOOD. One that cannot run is skipped, and said so.
+flights, is nearer to that of BAD than to that of GOOD. One that cannot run is skipped, and reported.
 """
 
 import math

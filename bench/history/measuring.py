@@ -1,4 +1,4 @@
-"""What a bisection asks of commits: each one's tracker run on the same frames and scored by the running version."""
+"""Measurements of a bisection: each commit's tracker on the same frames, scored by the running version."""
 
 import json
 import math
@@ -27,7 +27,7 @@ from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
 
 SEVERAL = 3
-"""Exit code when skipped commits leave more than one that may have made it worse."""
+"""Exit code when skipped commits leave several suspects."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
 """`uavbench gate --record FILE`: what was measured at a commit becomes its line of a history.
 
-A history is of one suite's flights, scored in one way, in one environment, for else a step in it may be of anything.
-What differs is refused and named. An environment may be given a name: then its details may change, and are kept with
-each commit so that a reader sees which did.
+A history has one suite's flights, scored in one way in one environment; otherwise a step could have any cause.
+Differences are refused and named. With a named environment its details may change, and are recorded with each commit.
 """
 
 import fcntl
@@ -165,7 +164,7 @@ def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) 
 
 @contextmanager
 def alone(file: Path) -> Iterator[None]:
-    """No other process records into a history of this folder meanwhile: its line would be lost."""
+    """Lock against other processes that record into a history of this folder, whose lines would be lost."""
     file.parent.mkdir(parents=True, exist_ok=True)
     handle = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -1,4 +1,4 @@
-"""Content hashes: a result is fresh when the hash of all that entered it is the one it carries."""
+"""Content hashes: a result is fresh when it carries the hash of all of its inputs."""
 
 import hashlib
 import json
@@ -54,7 +54,7 @@ def canonical(value: Any) -> Any:
 
 @contextmanager
 def one_look() -> Iterator[None]:
-    """Look at each plug-in and its files once only within this, however many jobs it is in the key of."""
+    """Cache the canonical forms of plug-ins within this context, which many jobs share."""
     _looked.append({})
     try:
         yield
@@ -95,7 +95,7 @@ def file_form(path: Path) -> list[str]:
 
 @cache
 def code_hash(*packages: str) -> str:
-    """Hash of what a job does, of the sources of these packages and of the versions of the libraries under them."""
+    """Hash over the sources of these packages and the versions of the libraries that they use."""
     python = ".".join(platform.python_version_tuple()[:2])
     under = [python, file_digest(WORK), *(f"{name} {_version(name)}" for name in LIBRARIES)]
     digest = hashlib.sha256(json.dumps(under).encode())

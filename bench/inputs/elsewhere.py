@@ -11,7 +11,7 @@ from uavbench.bench.inputs.file_paths import is_file
 from uavbench.trajectories.source_files import stamp
 
 SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib64", "/etc", "/nix", "/gnu", "/dev", "/proc", "/sys")
-"""Where no program of the user's lies whose change a result would follow."""
+"""System folders, whose programs are not tracked as inputs."""
 LARGEST_PROGRAM = 1 << 28
 """Bytes of a program that are searched for the names of its libraries."""
 WORD = re.compile(r"[^\s\"'`$(){}\[\];|&<>=,:*?!#\\]+")

@@ -1,8 +1,8 @@
-"""Files that a config names: taken from the config's own folder, and none from elsewhere.
+"""Files that a config names, restricted to the config's own folder.
 
-A suite may come from anyone. It reads only what lies in its folder, links followed, or in a folder that the user names
-in the environment variable UAVBENCH_DATA (several separated by colons; workers and Slurm jobs inherit it). Programs
-that an external tracker starts (`command`) may be anywhere: they run with all the user's rights anyway.
+Suites are untrusted: they may read only files in their folder, links resolved, or in a folder listed in the
+environment variable UAVBENCH_DATA (separated by colons; inherited by workers and Slurm jobs). The `command` of an
+external tracker may be anywhere, since it runs with all the user's rights anyway.
 """
 
 import os
@@ -53,13 +53,13 @@ def located(config: Any, folder: Path, at: str = "") -> Located:
 def _beside(word: Any, folder: Path) -> Any:
     """A word of a command, or a file: the file beside the config where there is one.
 
-    A link stays one: the interpreter of a virtual environment is a link whose own place says which environment.
+    Links are not resolved: the location of a virtual environment's interpreter determines the environment.
     """
     return str(folder.resolve() / word) if isinstance(word, str) and is_file(folder / word) else word
 
 
 def _leading_out(name: str, folder: Path, at: str) -> list[str]:
-    """A line where a file is neither in the folder nor in one that the user has set free; of a folder, all in it."""
+    """A line where a file, or anything in a folder, lies neither in the config's folder nor in an allowed one."""
     free = [Path(word).resolve() for word in os.environ.get(FREE, "").split(os.pathsep) if word]
     roots = (folder.resolve(), *free)
     try:

@@ -1,4 +1,4 @@
-"""Files that sources and scripts name: data, modules, further scripts; more rather than fewer.
+"""Files that sources and scripts name: data, modules, further scripts; a superset of those used.
 
 A name counts where there is a file of it in the folder of the source, in the one above, or in a folder there that the
 source names too, so that `HERE / "data" / "weights.npy"` is found as well as `"data/weights.npy"`. In a script of
@@ -17,11 +17,11 @@ from uavbench.bench.inputs.file_paths import is_file
 from uavbench.trajectories.source_files import Find, among, is_ours, made_of, source_file, stamp, texts
 
 MOST_BYTES = 1 << 20
-"""Of a script or a table of settings whose words are looked at; what is longer is data."""
+"""Largest script or settings file that is searched for names; longer files count as data."""
 LONGEST_NAME = 255
 """Characters that the name of a file may have on Linux."""
 MOST_FOLDERS = 64
-"""In which the names of one source are looked for."""
+"""Most folders in which the names of one source are looked for."""
 WORD = re.compile(r"[\w.+@%~*-]+(?:/[\w.+@%~*-]+)*")
 """A part of a text that may be the name of a file, or a pattern of names."""
 PATTERN = re.compile(r"[^*]*\*(?!\*)[^*]*(?:\*(?!\*)[^*]*)*\.\w+")

@@ -46,7 +46,7 @@ REACH_M, REACH_RAD = 0.5, 0.5
 """How far from the believed state the setpoint of an action of 1 lies: a frame's way at some m/s, held back by nothing
 but the controller."""
 CRASH_REWARD = -1.0
-"""As much as the whole surface is worth."""
+"""Reward of a crash: minus the reward of the whole surface."""
 
 Observation = dict[str, Any]
 

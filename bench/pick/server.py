@@ -33,7 +33,7 @@ from uavbench.trajectories.pose import Array
 PAGE = Path(__file__).parent / "pick.html"
 FEWEST = 4
 MOST_BYTES = 1 << 20
-"""Of what the page sends: a pair is about 60 bytes."""
+"""Largest request body of the page; a pair is about 60 bytes."""
 SILENT_S = 20.0
 NOT_HERE = b"not here: open the address that uavbench printed, on this computer"
 

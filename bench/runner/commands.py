@@ -87,7 +87,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
 
 
 def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False, video: bool = False) -> int:
-    """Do one shard `i/n` of a suite in this process; the report is left to whoever waits for all shards."""
+    """Do one shard `i/n` of a suite in this process; the report is written after all shards."""
     return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate, video=video))
 
 

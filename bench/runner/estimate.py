@@ -29,12 +29,12 @@ def remembered(folder: Path) -> dict[str, float]:
 
 
 def kind(job: Job) -> str:
-    """Jobs of one kind take alike for their weight: the verb, and the tracker with its rate."""
+    """Kind of a job, within which time is proportional to weight: the verb, and the tracker with its rate."""
     return f"track {job.name.split()[-1]}" if job.verb == "track" else job.verb
 
 
 def dry_run(jobs: Iterable[Job], folder: Path, workers: int) -> str:
-    """Table of what is there and what is to be done, with the time it will take."""
+    """Table of fresh and pending jobs, with the estimated time."""
     jobs = list(jobs)
     fresh = {id(job) for job in fresh_jobs(jobs)}
     took = remembered(folder)

@@ -1,4 +1,4 @@
-"""Where jobs run: spawned processes here, a Dask cluster, or Slurm."""
+"""Executors of jobs: local spawned processes, or a Dask cluster."""
 
 import multiprocessing
 import threading

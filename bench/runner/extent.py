@@ -1,4 +1,4 @@
-"""Size of a suite's sequences: frames, seconds of flight, megabytes; and limits that their paths do not reach."""
+"""Size of a suite's sequences: frames, seconds of flight, megabytes; and requests that their paths do not reach."""
 
 import json
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Run a graph of jobs on an executor: what is fresh is left alone, what fails does not stop the rest."""
+"""Run a graph of jobs on an executor: fresh jobs are skipped, failed ones do not stop independent jobs."""
 
 import queue
 import resource
@@ -25,7 +25,7 @@ OnStep = Callable[[int, int], None]
 
 
 NOT_DONE = "not done, because this failed: "
-"""Beginning of why a job failed that was not tried."""
+"""Prefix of the reason of a job that was not run."""
 
 
 class Work(Protocol):
@@ -171,7 +171,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
         for need in job.needs:
             dependents.setdefault(id(need), []).append(job)
     running: dict[Future[JobCost], Job] = {}
-    settled: queue.SimpleQueue[Future[tuple[float, float]]] = queue.SimpleQueue()
+    settled: queue.SimpleQueue[Future[JobCost]] = queue.SimpleQueue()
     peaks: dict[str, float] = {}
 
     def start(job: Job) -> None:
@@ -225,7 +225,7 @@ def _is_done(place: Place, content_hash: str) -> bool:
     return carried_hash(place.marker) == content_hash and place.is_whole(content_hash)
 
 
-def _settle(job: Job, future: Future[tuple[float, float]], outcome: Outcome, peaks: dict[str, float]) -> None:
+def _settle(job: Job, future: Future[JobCost], outcome: Outcome, peaks: dict[str, float]) -> None:
     try:
         seconds, peaks[job.name] = future.result()
     except UserError as error:

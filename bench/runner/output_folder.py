@@ -80,7 +80,7 @@ def _clean(folder: Path, depth: int, alone: bool) -> None:
 
 
 def _refuse_foreign(folder: Path) -> None:
-    """UserError when the folder is none of ours; one that we made has a `suite.json` that proves it."""
+    """UserError when uavbench did not make the folder; its own have a `suite.json` with a valid seal."""
     if os.path.lexists(folder) and not folder.is_dir():
         raise UserError(f"{folder}: not a folder; name another one with --out")
     if not folder.is_dir() or is_sealed(folder / SUITE):

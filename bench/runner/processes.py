@@ -1,4 +1,4 @@
-"""The lives of this program's own processes: workers end with the main process, in order."""
+"""Lifetime of worker processes: they end with the main process, and clean up on termination."""
 
 import multiprocessing
 import os

@@ -21,7 +21,7 @@ from uavbench.trajectories.trajectory import Trajectory
 
 Spec = SequenceSpec | RecordingSpec
 Figures = Literal["page", "all"]
-"""Which figures a report draws, as in uavbench.reports.drawings; here again, because that one needs matplotlib."""
+"""Figures of a report, as in uavbench.reports.drawings; repeated here, because that module needs matplotlib."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,8 @@ class Report:
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
         """Write index.html, figures, tables and scores.json."""
         from uavbench.reports.recorded_report import write_recorded_report
-        from uavbench.reports.report import ReportEntry, ReportInputs, write_report
+        from uavbench.reports.report import ReportInputs, write_report
+        from uavbench.reports.scoring.runs import ReportEntry
 
         entries = [ReportEntry(run.sequence, run.results, run.results / "score.json", run.why) for run in self.scored]
         if self.recorded:
@@ -159,7 +160,7 @@ class Report:
         write_report(self.folder, inputs, figures=self.figures, content_hash=content_hash, on_step=on_step)
 
     def without(self, failed: Mapping[str, str]) -> "Report | None":
-        """The report that shows what failed as failed; None where no sequence is left."""
+        """The report with failed runs marked as failed; None where no sequence is left."""
         unrendered, scored = {}, []
         for sequence, results, _ in self.scored:
             run = f"{sequence.name} {results.name}"

@@ -75,7 +75,7 @@ def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) ->
 
 
 class Verdict(StrEnum):
-    """Result of a measurement against a goal; nothing where there is no goal, or what it is held against is absent."""
+    """Result of a measurement against a goal; NONE without a goal, or where the reference is absent."""
 
     MET = "met"
     MISSED = "MISSED"

@@ -13,7 +13,8 @@ from uavbench.bench.speed.rounds import absent
 from uavbench.reports.evaluation.evaluation import evaluate
 from uavbench.reports.evaluation.options import Options
 from uavbench.reports.figures.ranking import critical_difference, win_table
-from uavbench.reports.report import ReportEntry, ReportInputs, write_report
+from uavbench.reports.report import ReportInputs, write_report
+from uavbench.reports.scoring.runs import ReportEntry
 from uavbench.reports.scoring.score import score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks

@@ -1,7 +1,7 @@
 """Speed of rendering as it is asked for: final frames of 640 x 480 per second of one core, by processor time.
 
 A final frame has antialiasing, shadows and noise, and is written as PNG with its ground truth.
-The benchmark of two processes goes by the clock, so let nothing else run beside it.
+The benchmark of two processes takes wall-clock time and needs an otherwise idle machine.
 """
 
 import os

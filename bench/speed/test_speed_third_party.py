@@ -1,6 +1,6 @@
 """Time per frame of our trackers over that of ViSP, which sees the same frame right after, in the same run.
 
-Goes by the clock, since ViSP is a process of its own: both are slowed alike by what else runs on the machine.
+Wall-clock time, since ViSP is a process of its own; other load on the machine slows both alike.
 """
 
 import time

@@ -19,7 +19,7 @@ from uavbench.trajectories.pose import Pose
 
 TRIAL = Path(__file__).parent / "sequence"
 CLOSE_M, CLOSE_DEG = 0.15, 10.0
-"""Poses off by more than this, where even the initial pose repeated is closer, may be written by another convention."""
+"""Error beyond which poses are tried in other conventions, where repeating the initial pose is more accurate."""
 FAR_M, FAR_DEG = 0.6, 45.0
 """No tracker that is given the true pose of a frame may answer so far off in it; `lsd-single` is at 0.49 m, 25 deg."""
 RIGHT = "cam_from_world, metres, w first, OpenCV axes, in the world of the model"

@@ -1,4 +1,4 @@
-"""How much a ranking of trackers depends on the renderer: each on a sequence and on its twin, at the same stamps."""
+"""Ranking of trackers on a sequence and on its path-traced twin, at the same stamps."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The twin of a sequence: its truth as it is, its images drawn again by a path tracer."""
+"""The twin of a sequence: the same ground truth, with images by a path tracer."""
 
 import json
 import os
@@ -44,7 +44,7 @@ OF_A_FRAME = {"depth": "png", "mask": "png"}
 MADE_ANEW = {MARKER, "sequence.json", "frames.csv", "groundtruth.csv", "row_poses.npy", "contact_sheet.jpg", "crlb.csv"}
 """Files that are not the sequence's own; the bound of `crlb.csv` is that of the images it was worked out on."""
 SAME_M = 1e-6
-"""A flight flown again that differs by more is another one."""
+"""Largest difference in m between a flight and its repetition."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Flights of several trackers, rates and loops beside each other: how often each succeeds, and which pair differs.
+"""Comparison of closed-loop runs by tracker, rate and loop: success rates, and paired tests.
 
 Conventions: runs are compared in pairs on the same sequences and seeds. Success by McNemar's exact test on the flights
 in which one of the two succeeds and the other does not; the path error over the flights in which both succeed, by the

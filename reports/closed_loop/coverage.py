@@ -15,7 +15,7 @@ from uavbench.trajectories.random_streams import stream
 POINTS = 2000
 """Points on the surface: the share is then known to 1.1 % (standard deviation of a binomial at a half)."""
 TOUCHING_M = 1e-3
-"""A ray that ends so close to a point has met it."""
+"""Distance in metres within which a ray's hit counts as the point itself."""
 
 
 class SurfacePoints(NamedTuple):
@@ -50,7 +50,7 @@ def coverage(structure: Structure, camera: Camera, cam_from_world: Iterable[Pose
 def sees(
     camera: Camera, cam_from_world: Pose, obstacles: ObstacleMesh, points: Array, normals: Array, px_m: float
 ) -> NDArray[np.bool_]:
-    """Which points (n, 3) of a surface a camera sees, sharply enough, with nothing before them."""
+    """Which points (n, 3) of a surface a camera sees unoccluded and at px_m pixels per metre or more."""
     out = np.zeros(len(points), dtype=bool)
     in_cam = cam_from_world.transform(points)
     centre = cam_from_world.inverse().translation

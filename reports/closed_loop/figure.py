@@ -1,4 +1,4 @@
-"""A flight in closed loop over its structure: true, estimated and planned path, and what it flew on at each time."""
+"""Figure of a flight in closed loop: true, estimated and planned path, errors, innovations, and availability."""
 
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from uavbench.trajectories.pose import Array
 ESTIMATED, PLANNED, CRASH, FIX = "#2C458C", "#9EB300", "#E82267", "#9EB300"
 TRACKER = "#E82267"
 LEAST_CM = 0.01
-"""Errors below are drawn as this, on a logarithmic axis."""
+"""Lower limit of errors on the logarithmic axis."""
 
 
 def flight_in_closed_loop(flown: Flown, stem: Path) -> list[Path]:
@@ -29,7 +29,7 @@ def flight_in_closed_loop(flown: Flown, stem: Path) -> list[Path]:
 
 
 def draw_flight_in_closed_loop(flown: Flown, figure: Figure | SubFigure) -> Drawn:
-    """The flight in 3-D; over time path error and errors of filter and tracker, what was refused, and availability."""
+    """The flight in 3-D; over time, errors of path, filter and tracker, rejected innovations, and availability."""
     grid = figure.add_gridspec(3, 2, width_ratios=[1.5, 1.0], height_ratios=[1.6, 1.2, 0.7])
     solid: Any = figure.add_subplot(grid[:, 0], projection="3d")
     _draw_space(solid, flown)
@@ -87,7 +87,7 @@ def _draw_space(solid: Any, flown: Flown) -> None:
 
 
 def _within(places: Array, low: Array, high: Array) -> Array:
-    """Places (n, 3), NaN for those beyond the corners: an estimate may be anywhere."""
+    """Places (n, 3), NaN for those outside the box of the two corners."""
     inside = np.asarray(((places >= low) & (places <= high)).all(axis=1))
     return np.where(inside[:, None], places, np.nan)
 

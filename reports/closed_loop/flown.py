@@ -1,4 +1,4 @@
-"""A flight in closed loop on disk: all that its measures and figures are made of.
+"""A flight in closed loop on disk: the input of its measures and figures.
 
     record.json      what made it, how it ended and when, and what the tracker did wrong at which time
     path.csv         true state, estimated state and its standard deviations, what was planned, at 50 Hz
@@ -80,7 +80,7 @@ class Flown:
 
     @property
     def record(self) -> dict[str, Any]:
-        """What record.json says."""
+        """Content of record.json."""
         return dict(self.results.record)
 
     def save(self, folder: Path) -> None:

@@ -27,7 +27,7 @@ from uavbench.trajectories.pose import Array, Pose, rotation_exp, rotation_log
 FILTER_STATES = 9
 """Degrees of freedom of the filter's NEES: position, velocity and attitude."""
 LOOK_EVERY_S = 0.5
-"""Time between the views whose coverage is counted: a camera that inspects does not move far in between."""
+"""Time between the views that count for coverage; an inspecting camera moves little in between."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,7 +42,7 @@ ON_PAGE = (
     "flown", "success", "95 %", "crashed", "path rms (cm)", "path max (cm)", "clearance (m)", "estimate rms (cm)",
     "filter NEES", "tracker rms (cm)", "coverage (%)",
 )  # fmt: skip
-"""What the page shows of them: as many columns as its width holds."""
+"""The columns that fit on the page."""
 PAIR_HEADS = (
     "flights", "only the first succeeds", "only the second", "p", "both succeed", "path rms, first - second (cm)",
     "95 %", "p",
@@ -53,7 +53,7 @@ PAIRS_TOLD = (
 )
 MEASURES_TOLD = "Success: flown to its end without a crash and within the corridor, with its Wilson interval."
 ALPHA = 1 - CONFIDENCE
-"""Level at which a difference stands."""
+"""Significance level."""
 STATUS_CHIP = {"completed": "off-target"}
 """Look of a flight's status on the page; one that completed and is no success left its corridor."""
 
@@ -148,7 +148,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
 
 
 def worst_of(runs: ListOf[FlownRun]) -> FlownRun:
-    """The flight that went worst: one without success before one with it, then the one furthest off its path."""
+    """The worst flight: failed before successful, then by the greatest path error."""
     return max(runs, key=lambda run: (not run.score.success, run.score.path_max_m))
 
 

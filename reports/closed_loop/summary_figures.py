@@ -1,4 +1,4 @@
-"""Figures over the flights of a suite: how often each run succeeds, and what becomes of it along a swept number."""
+"""Figures over the flights of a suite: success of each run, and success and path error along a swept parameter."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
@@ -18,9 +18,9 @@ from uavbench.reports.figures.sweeps import LEAST_VALUES, leaves
 from uavbench.reports.style import colour, line, marker, panel_letter
 
 STATUS_COLOUR = {"completed": "#9EB300", "crashed": "#E82267", "strayed": "#67001C", "timed out": "#735F0C"}
-"""Of a flight that did not succeed, by how it ended; one that left its corridor ended `completed`."""
+"""Markers of failed flights by their ending; one that left its corridor ended as `completed`."""
 LEAST_CM = 0.1
-"""Path errors below are drawn as this, on a logarithmic axis."""
+"""Lower limit of path errors on the logarithmic axis."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class SweptLoops:
 
 
 def swept_loops(tables: Mapping[str, Mapping[str, Any]]) -> SweptLoops | None:
-    """What the tables `[loop]` of a suite, by name, sweep; None where they differ in anything but one number."""
+    """The parameter that the `[loop]` tables of a suite sweep; None unless they differ in exactly one number."""
     configs = {name: dict(leaves(table)) for name, table in tables.items()}
     keys = {key for config in configs.values() for key in config}
     differing = [key for key in keys if len({repr(config.get(key)) for config in configs.values()}) > 1]

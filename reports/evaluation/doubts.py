@@ -1,4 +1,4 @@
-"""What looks like a mistake of a file although it can be read: units of stamps and positions, order of quaternions."""
+"""Likely mistakes in a readable trajectory file: units of stamps and positions, order of quaternions."""
 
 from collections.abc import Iterator
 
@@ -11,21 +11,21 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
 ALIKE = 0.2
-"""How far a ratio may be from a power of ten to be taken for another unit."""
+"""Relative tolerance within which a ratio is taken for a power of ten, and so for another unit."""
 SAME_WAY = 0.9
-"""Correlation of the distances from the middle of a way above which two ways have one form."""
+"""Correlation of the distances from the centre above which two paths count as of the same shape."""
 CLOSE_RAD = np.radians(10.0)
-"""Median rotation error below which another order of the quaternion counts as right."""
+"""Median rotation error in rad below which another quaternion order counts as the right one."""
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
-"""Milli, micro and nano of a second; centimetres and millimetres."""
+"""Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
 SCALED: tuple[Alignment, ...] = ("sim3", "scale", "origin-scale")
-"""Alignments that find a scale: the estimate's is free."""
+"""Alignments that estimate the scale."""
 
 
 def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align: Alignment) -> Iterator[str]:
     """A sentence for each likely mistake in the estimate's or the reference's units, or in the order of a quaternion.
 
-    pairs: before an alignment.
+    pairs: matched poses before alignment.
     """
     ours, theirs = (float(each.stamps_ns[-1] - each.stamps_ns[0]) for each in (estimate, reference))
     if factor := _unit(ours, theirs, STAMP_FACTORS):

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 class ClaimedNees:
     """Consistency of the covariances that an estimate claims, before and after its alignment; None: no pair has one.
 
-    After it they have turned and scaled with the estimate, and the alignment is fitted to the errors.
+    The alignment rotates and scales the covariances with the estimate, and is itself fitted to the errors.
     """
 
     before: Consistency | None
@@ -39,13 +39,13 @@ class ClaimedNees:
 
     @classmethod
     def of(cls, pairs: PosePairs, claimed: PoseCovariances, found: Similarity) -> "ClaimedNees":
-        """Of pairs that are not aligned yet."""
+        """Consistency of unaligned pairs, and after the alignment found."""
         before = pose_consistency(pairs, claimed)
         moved = claimed.aligned(found.scale, found.rotation)
         return cls(before=before, after=pose_consistency(found.apply(pairs), moved))
 
     def lines(self) -> list[str]:
-        """A line for people before and one after the alignment; one where it changes nothing."""
+        """Text lines before and after the alignment; a single one where the alignment changes nothing."""
         named = {"NEES": self.before, "NEES, aligned": self.after}
         if self.before == self.after:
             del named["NEES, aligned"]
@@ -114,7 +114,7 @@ class Evaluation:
         return value
 
     def text(self) -> str:
-        """The same for people, in columns."""
+        """The evaluation as a text table."""
         record, names = self.record, ("rmse", "mean", "median", "std", "min", "max")
         lines = [
             *(

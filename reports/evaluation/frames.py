@@ -1,4 +1,4 @@
-"""Two trajectories in one frame: what their files declare, and the mount that turns body poses to camera poses."""
+"""Conversion of two trajectories to the same frame, by their declared frames and the camera's mount."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ from uavbench.trajectories.errors import UserError
 
 
 def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: Alignment) -> Found:
-    """The estimate in the frame of the reference; UserError where both say one and they differ.
+    """The estimate in the frame of the reference; UserError where both declare frames that differ.
 
-    What moves may differ where a mount is given, and what stands still where the estimate is aligned. UserError, too,
-    where a mount is given and one of them does not say what moves.
+    The moving frames may differ where a mount is given, the fixed frames where the estimate is aligned. UserError also
+    where a mount is given and one of the two does not declare its moving frame.
     """
     if mount is not None:
         _refuse_unsaid(reference, estimate)
@@ -38,7 +38,7 @@ def in_one_frame(reference: Found, estimate: Found, mount: Path | None, align: A
 
 
 def _refuse_unsaid(*files: Found) -> None:
-    """UserError naming the first file that does not say what moves: a mount would silently convert nothing."""
+    """UserError naming the first file without a declared moving frame, which a mount could not convert."""
     for found in files:
         if found.frame is None or _ends(found.frame)[1] == UNSAID:
             raise UserError(
@@ -49,6 +49,6 @@ def _refuse_unsaid(*files: Found) -> None:
 
 
 def _ends(frame: str) -> tuple[str, str]:
-    """What stands still and what moves, of `world_from_body`."""
+    """The fixed and the moving frame of a name such as `world_from_body`."""
     fixed, _, moving = frame.partition("_from_")
     return fixed, moving

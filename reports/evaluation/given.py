@@ -45,7 +45,7 @@ def found_in(given: Given, side: str, format: str | None = None) -> Found:
 
 
 def name_of(given: Given, side: str) -> str:
-    """Its name in error messages: its path, or its side."""
+    """Name in error messages: the path, or the side."""
     return str(given) if isinstance(given, str | Path) else f"the {side}"
 
 

@@ -1,4 +1,4 @@
-"""Options of an evaluation: a mode is a set of defaults that repeats what a known tool does; those given precede it."""
+"""Options of an evaluation: a mode is a set of defaults that reproduces a known tool; given options override it."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,7 +63,7 @@ class EvaluateOptions(TypedDict, total=False):
 
 
 def chosen_options(given: EvaluateOptions) -> Options:
-    """Options as given, the others of the mode; UserError for an unknown name."""
+    """The given options, completed by the defaults of the mode; UserError for an unknown name."""
     for name in given:
         if name not in EvaluateOptions.__annotations__:
             raise unknown_name("option", name, list(EvaluateOptions.__annotations__))

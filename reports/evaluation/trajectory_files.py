@@ -39,17 +39,17 @@ IN_FOLDERS = (
 BAGS = ("bag.mcap", "bag")
 """The bag of a folder that is an export to MCAP or rosbag2."""
 EXPORT = "export.json"
-"""Beside an export: what its files hold, for those formats that have no place to say it."""
+"""Description of an export, for formats that cannot declare their frames."""
 LEVELS = 4
-"""How many folders up from a file its export.json is looked for."""
+"""Parent folders of a file that are searched for export.json."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """A trajectory, where it was, its format, and its frame, None where nothing says it; stamped: not by row number.
+    """A trajectory with its file, format and declared frame, None where none is declared.
 
-    In the frame of a bag's poses, as `odom_from_body`, ? stands for what its messages do not say. covariances: those
-    that the file claims of its poses.
+    stamped: whether its stamps are times and not row numbers. frame: of a bag as in `odom_from_body`, ? for a frame
+    that the messages do not name. covariances: those that the file claims of its poses.
     """
 
     trajectory: Trajectory
@@ -60,7 +60,7 @@ class Found:
     covariances: PoseCovariances | None = None
 
     def seen_as(self, frame: str, cam_from_body: Pose) -> "Found":
-        """The same motion of the body or the camera, as `frame` says."""
+        """The same motion as poses of another moving frame, body or camera, as `frame` names it."""
         if self.frame == frame:
             return self
         right = cam_from_body if frame.endswith("_from_body") else cam_from_body.inverse()
@@ -193,7 +193,7 @@ def _with_claims_beside(found: Found) -> Found:
 
 
 def _exported_frame(file: Path) -> str | None:
-    """Frame that the export.json of the export around a file says of it."""
+    """Frame of a file's poses by the export.json of its export."""
     here = file.resolve()
     for folder in here.parents[:LEVELS]:
         if (folder / EXPORT).is_file():

@@ -28,7 +28,7 @@ def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mappi
 def draw_by_attribute(
     found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], figure: Figure | SubFigure
 ) -> Drawn:
-    """Success of each tracker in the quarters of the frames by each attribute: where and why it fails."""
+    """Success of each tracker in quartiles of each frame attribute."""
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
     rows: list[list[Any]] = []
     for letter, panel, (attribute, runs) in zip("abcdefgh", panels, found.items(), strict=False):
@@ -80,7 +80,7 @@ def error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], st
 
 
 def draw_error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], panel: Axes) -> Drawn:
-    """Distribution of the ratio of the position error to the Cramer-Rao bound of its frame (1: as good as can be)."""
+    """Distribution of the ratio of the position error to the Cramer-Rao bound of its frame (1: efficient)."""
     rows: list[list[Any]] = []
     for name, values in ratios.items():
         known = np.sort(values[np.isfinite(values)])

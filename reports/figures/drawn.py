@@ -1,4 +1,4 @@
-"""Parts of every figure: a function that draws on an Axes or a Figure, and one that writes it for the report."""
+"""Common parts of figures: the result of a drawing function, and writers of its files."""
 
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Sequence as ListOf

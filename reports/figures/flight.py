@@ -1,4 +1,4 @@
-"""The flight of a sequence over its structure: path, camera frusta, and what GNSS sees along it."""
+"""The flight of a sequence around its structure: path, camera frusta, and GNSS availability."""
 
 from functools import partial
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Figures made of pictures: LSD segments counted, model edges on detected edges, the projection on the next frame."""
+"""Figures of images: LSD segments, model edges on detected edges, projection on the next frame."""
 
 from collections.abc import Sequence as ListOf
 from pathlib import Path
@@ -15,7 +15,7 @@ PICTURES = 4
 
 
 def chosen_rows(run: ScoredRun, count: int = PICTURES) -> list[int]:
-    """Rows of the results that are spread evenly over the run, none of them the last."""
+    """Rows of the results, evenly spaced over the run, without the last."""
     return sorted({round(place) for place in np.linspace(0, max(len(run.results) - 2, 0), count).tolist()})
 
 

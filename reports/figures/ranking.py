@@ -1,4 +1,4 @@
-"""Figures of paired comparisons: mean ranks, and how often one tracker beats another."""
+"""Figures of paired comparisons: mean ranks, and win rates."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf

@@ -1,4 +1,4 @@
-"""Suites that change one thing: what it is, and how trackers do along it.
+"""Figures of a sweep: the parameter in which a suite's sequences differ, and scores along it.
 
 Conventions: the sequences of a suite are a sweep when their configs differ in one number only, seeds and names aside.
 """
@@ -20,7 +20,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.pose import Array
 
 LEAST_VALUES = 3
-"""Two sequences that differ in one number are a comparison, no curve."""
+"""Fewest values of a sweep; two are a comparison."""
 
 
 @dataclass(frozen=True)

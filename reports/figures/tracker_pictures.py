@@ -1,4 +1,4 @@
-"""Pictures of what a tracker sees: segments, model edges on detected edges, overlays.
+"""Pictures of a tracker's features: segments, model edges on detected edges, overlays.
 
 Everything is drawn on the image without its lens distortion, where trackers work.
 """
@@ -27,7 +27,7 @@ class SegmentPicture(NamedTuple):
     """The image in grey with its LSD segments, each in its own colour, and their number."""
 
     image: Image
-    count: int
+    found: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Where a metric changed along the commits: steps, and drift that no single comparison sees.
+"""Change points of a metric along the commits: steps, and drifts too slow for a comparison of two commits.
 
 ruptures proposes the commits at which the level steps (Truong, Oudre & Vayatis 2020; PELT of Killick et al. 2012). Each
 stands only when the flights bear it out (`evidence`); the least certain goes first, and what is left is judged anew.
@@ -24,7 +24,7 @@ PENALTY = 1.0
 SETTLED = 4
 """Commits that a new level must have where commits differ by chance: one that slips as a whole is no step."""
 LEAST_COMMITS = 4
-"""Below it there is no noise to measure, and no trend."""
+"""Fewest commits from which noise can be estimated and changes are tested."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ AT_MOST = 0.19
 """Limit of how far one flight counts beyond the others, in logs: twice a change of 10 %, as the gate's typical change
 has it; a run that slips by chance cannot hide, nor feign, a change of all."""
 LEAST_ERROR = 1e-12
-"""In the unit of the metric: what is below is equal, as in the gate."""
+"""Resolution in the unit of the metric: smaller values count as equal, as in the gate."""
 STEADY = 0.5
 """Of the usual spread of flights between commits: the spread of a steady one, which few commits could feign."""
 LEAST_SPREAD = 0.002

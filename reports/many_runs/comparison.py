@@ -31,7 +31,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Array) -> "Spread | None":
-        """Of the runs that have a value (n,); None where none has."""
+        """Spread of the finite values (n,) of runs; None without any."""
         known = values[np.isfinite(values)]
         if not len(known):
             return None
@@ -69,13 +69,13 @@ EXTRA = (
 
 
 ROUND_OFF = 1e-9
-"""Share of the largest error of a metric below which another is no error."""
+"""Share of the largest error of a metric below which a value counts as round-off."""
 BOLD = f"Bold: best of its column; none where it is of a tracker with less than {KEEPS_UP:.0%} of the best coverage."
-"""In the caption of a table that has bold letters."""
+"""Part of the caption of a table with bold cells."""
 
 
 def extra(run: EvaluatedRun, key: str) -> float:
-    """A number of a run that trackers are not compared by, NaN where there is none."""
+    """A number of a run that is reported but not tested, NaN where there is none."""
     if key == "coverage":
         return run.coverage
     found = run.nees and (run.nees.before if key == "nees" else run.nees.after)
@@ -111,7 +111,7 @@ def summary(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> Table:
 
 
 def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
-    """What a reader must know of the numbers."""
+    """Caption of the table: ground truth, alignment, intervals, and tests."""
     record = many.runs[0].record
     text = (
         f"Truth: {many.truth['file']}, {many.truth['poses']} poses. Alignment: {record['align']}. Errors are RMSE over "
@@ -135,14 +135,14 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
 
 
 def decimals_of(values: Array) -> int:
-    """Decimals with which the smallest of values (n,) has three digits: two at least, six at most; round-off is 0."""
+    """Decimals, 2 to 6, with which the smallest of values (n,) has three digits; values within round-off count as 0."""
     known = values[np.isfinite(values)]
     known = known[known > ROUND_OFF * known.max(initial=0.0)]
     return int(np.clip(2 - np.floor(np.log10(known.min())), 2, 6)) if len(known) else 2
 
 
 def _best(many: ManyRuns, metric: str) -> str:
-    """The tracker of the lowest mean; none with one tracker, where runs lack a value, and where it covers little."""
+    """The tracker of the lowest mean; "" with one tracker, where runs lack a value, and where its coverage is low."""
     means = {name: float(values.mean()) for name, values in many.values(metric).items()}
     if len(means) < 2 or not np.isfinite(list(means.values())).all():
         return ""

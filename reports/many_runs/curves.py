@@ -12,7 +12,7 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
 BINS = 200
-"""Over the truth's time, and over its way: as many as a figure of 3.5 in shows."""
+"""Most bins over time or distance; as many as a figure of 3.5 in resolves."""
 BAND = (0.05, 0.95)
 """Share of the runs below the lower and the upper border of a band."""
 

@@ -1,4 +1,4 @@
-"""Runs of several trackers against one truth: each evaluated, and what they have in common."""
+"""Evaluation of runs of several trackers against one ground truth."""
 
 import os
 from collections.abc import Sequence as ListOf
@@ -24,9 +24,9 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 THREADS = 4
-"""That read and evaluate files: the parser and numpy leave Python to the others."""
+"""Threads that read and evaluate files; the parser and numpy release the interpreter lock."""
 SHOWN_POSES = 2000
-"""Of a path in a figure."""
+"""Most points of a path in a figure."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +46,7 @@ class EvaluatedRun:
 
     @property
     def undetermined(self) -> str:
-        """What positions leave undetermined of its alignment; empty where nothing."""
+        """Part of the alignment that the positions leave undetermined, in words; "" where it is determined."""
         return str(self.record["alignment"].get("undetermined", ""))
 
     def value(self, metric: str) -> float:
@@ -103,7 +103,7 @@ class ManyRuns:
         return {name: np.array([run.value(metric) for run in group]) for name, group in self.groups.items()}
 
     def paired(self, metric: str) -> dict[str, Array]:
-        """The same of the runs that are paired, in one order; empty where none are, or one of them has no value."""
+        """Values of the paired runs, in the same order; empty where none are paired, or one of them has no value."""
         values = self.values(metric)
         found = {name: values[name][list(rows)] for name, rows in self.pairs.rows.items()}
         return found if all(np.isfinite(v).all() for v in found.values()) else {}
@@ -146,7 +146,7 @@ def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOpti
 
 
 def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis) -> EvaluatedRun:
-    """A run without its poses: a hundred of them would fill the memory."""
+    """A run reduced to its summaries and curves, without its poses, to save memory."""
     position_m, rotation_rad = pose_error_sizes(found.pairs)
     errors = {"position": position_m, "rotation": np.degrees(rotation_rad)}
     stamps = found.pairs.stamps_ns
@@ -179,7 +179,7 @@ def _refuse_twice(reference: Found, truth: Path, read: ListOf[Found], runs: List
 
 
 def _identity(file: Path) -> tuple[int, int] | str:
-    """What tells files apart: their place on the disk, whatever their names; for a topic of a bag, both names."""
+    """Identity of a file: device and inode, or, for a topic of a bag, path and topic."""
     try:
         found = file.stat()
     except (OSError, ValueError):

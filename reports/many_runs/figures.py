@@ -20,11 +20,11 @@ from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
 from uavbench.trajectories.pose import Array
 
 WIDE_RANGE = 20.0
-"""Largest over smallest value from which an axis is logarithmic."""
+"""Ratio of largest to smallest value from which an axis is logarithmic."""
 JITTER = 0.3
 """Half the width over which the runs of one tracker are spread out, of the distance between two trackers."""
 SHORT_NAMES = 9
-"""Characters of tracker names that stand beside each other under a panel of 1.6 in."""
+"""Total characters of tracker names that fit side by side under a panel of 1.6 in."""
 
 
 def errors_along(many: ManyRuns, stem: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Which estimate is a run of which tracker, and which runs of two trackers are the same run."""
+"""Grouping of estimates by tracker, and pairing of runs between trackers."""
 
 import os
 import re
@@ -13,9 +13,9 @@ from uavbench.trajectories.bags.reading import bag_topic
 from uavbench.trajectories.errors import UserError
 
 ALL = "estimate"
-"""The one tracker of runs that no group tells apart."""
+"""Name of the tracker where no groups are given."""
 SPOKEN = 3
-"""Files that an error names."""
+"""Number of files that an error names."""
 
 
 @dataclass(frozen=True)
@@ -148,9 +148,9 @@ def _one_of(part: str) -> str:
 
 
 def _named(members: Mapping[str, ListOf[tuple[Path, str]]]) -> list[Run]:
-    """Runs under names that differ within each group, and that groups share if there are such.
+    """Runs with names that are unique within each group and, if possible, shared between groups.
 
-    Names are what wildcards stand for, or the files' own, or their paths.
+    Names are the matches of the wildcards, or the file names, or the paths.
     """
     schemes: list[dict[str, list[str]]] = [
         {group: [part for _, part in some] for group, some in members.items()},

@@ -43,9 +43,9 @@ RUNS = (
     Column(head="NEES", key="nees", unit="6 is honest", best="", decimals=2),
     Column(head="NEES, aligned", key="nees_aligned", unit="6 is honest", best="", decimals=2),
 )
-"""Of the page's table of runs."""
+"""Columns of the page's table of runs."""
 UNSHOWN = ("runs", "RPE position sd", "RPE rotation sd")
-"""Columns of the summary for which the page has no room; its files have them."""
+"""Columns of the summary that the page omits; its files have them."""
 
 
 @in_parts(MARKER)

@@ -1,4 +1,4 @@
-"""What `uavbench evaluate` says of many runs: text, JSON, and the table of the runs."""
+"""Results of `uavbench evaluate` on many runs: text, JSON, and the table of the runs."""
 
 import textwrap
 from collections.abc import Mapping
@@ -23,11 +23,11 @@ RUN_COLUMNS = (
 
 
 WIDTH = 110
-"""Characters of a line of prose."""
+"""Line width of prose, characters."""
 
 
 class ManyResults:
-    """The numbers of many runs, worked out once."""
+    """The numbers of many runs, computed once."""
 
     def __init__(self, many: ManyRuns) -> None:
         self.many = many
@@ -66,7 +66,7 @@ class ManyResults:
         }
 
     def text(self) -> str:
-        """The same for people: mean and spread, paired tests, and a line for each run."""
+        """The results as text: mean and spread, paired tests, and a line for each run."""
         return "\n".join([*self._summary_lines(), "", *self._test_lines(), *self._run_lines()]) + "\n"
 
     def _summary_lines(self) -> list[str]:

@@ -79,7 +79,7 @@ def least_squares(p: Array, q: Array, *, with_scale: bool) -> Similarity:
 
 
 def least_squares_yaw(p: Array, q: Array) -> Similarity:
-    """Least-squares rotation about z and translation q -> p (n, 3); no rotation where they move straight up or down."""
+    """Least-squares rotation about z and translation q -> p (n, 3); no rotation for vertical motion."""
     line = vertical_fit(p, q)
     if line is None:
         return yaw_alignment(p, q)
@@ -103,7 +103,7 @@ def umeyama(p: Array, q: Array, *, with_scale: bool) -> Similarity:
 
 
 def yaw_alignment(p: Array, q: Array) -> Similarity:
-    """Least-squares rotation about z and translation, q -> p (n, 3); UserError when no yaw is better than another."""
+    """Least-squares rotation about z and translation, q -> p (n, 3); UserError when the yaw is undetermined."""
     p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
     C = (p - p_mean).T @ (q - q_mean)
     s, c = C[1, 0] - C[0, 1], C[0, 0] + C[1, 1]

@@ -1,7 +1,7 @@
 """Pose error or loss of every frame that a tracker had to locate.
 
-A frame counts whether or not the tracker answered: one that is lost, was never reached, or has a pose that is not
-finite is a frame without a pose. Poses are compared as `world_from_body`, in the structure's frame, without alignment.
+Every frame counts, whether or not the tracker answered: one that is lost, was not reached, or has a non-finite pose is
+a frame without a pose. Poses are compared as `world_from_body`, in the structure's frame, without alignment.
 """
 
 from dataclasses import dataclass, replace

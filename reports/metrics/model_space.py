@@ -23,7 +23,7 @@ from uavbench.tracker.visible_edges import pinhole
 from uavbench.trajectories.pose import Array, Pose
 
 SYMMETRY_TOLERANCE = 1e-3
-"""Share of the structure's size that a symmetry may move a vertex from its image by."""
+"""Tolerance of a symmetry: largest distance of a mapped vertex from its image, over the structure's size."""
 POINTS_PER_EDGE = 11
 NEAREST_M = 1e-3
 MAX_SYMMETRIC_VERTICES = 2000
@@ -82,7 +82,7 @@ def mssd(points: Array, ground_truth: Poses, estimate: Poses, symmetries: ListOf
 def mspd(points: Array, ground_truth: Poses, estimate: Poses, symmetries: ListOf[Pose], camera: Camera) -> Array:
     """Maximum symmetry-aware projection distance (n,) in px, at most the image's diagonal.
 
-    It is the diagonal where a point lies behind a camera: such a frame counts as wholly wrong, and is not left out.
+    It is the diagonal where a point lies behind a camera, so that such a frame is not left out.
     """
     at = _pixels(_at(points, estimate), camera)
     each = []

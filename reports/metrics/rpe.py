@@ -28,8 +28,8 @@ BLOCK = 8192
 class PairInterval:
     """The pair interval (delta) of a relative error.
 
-    `tolerance` is the share of delta that a interval may miss it by (used with all pairs, and with seconds);
-    `pairs_from` says whose path or turning is measured: the reference's (ours) or the estimate's (evo's default).
+    `tolerance`: relative deviation of an interval from delta (used with all pairs, and with seconds); `pairs_from`:
+    whose path or rotation is measured, the reference's (ours) or the estimate's (evo's default).
     """
 
     delta: float = 1.0

@@ -1,7 +1,7 @@
-"""Trajectories on a straight line: positions leave a rotation undetermined, which noise would set at random.
+"""Alignment of trajectories on a straight line, whose positions leave a rotation undetermined.
 
-Positions on a line fix the direction of the line, the place along it, and no rotation about it; positions that move
-straight up or down fix no yaw. What is undetermined is then chosen as the smallest rotation.
+Positions on a line determine its direction and the position along it, but no rotation about it; vertical motion
+determines no yaw. The smallest rotation is chosen among the equivalent ones.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from uavbench.trajectories.pose import Array
 
 DEGENERATE = 1e-12
-"""Share of the coordinates' size that is round-off; of the first singular value, that the second one is."""
+"""Relative round-off of coordinates, and of the second singular value against the first for collinear positions."""
 STRAIGHT = 0.01
 """Sideways over forward spread (rms) of positions that may lie on one line: 15 cm on a way of 50 m."""
 EXACT = 1e-6
@@ -22,7 +22,7 @@ SHARED = 0.5
 
 @dataclass(frozen=True, eq=False)
 class LineFit:
-    """The smallest rotation (3, 3) that lays the line of the estimate on that of the reference, and what it says."""
+    """The smallest rotation (3, 3) that maps the estimate's line onto the reference's, and a message about it."""
 
     rotation: Array
     said: str

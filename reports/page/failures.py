@@ -24,7 +24,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class FailedTracker:
-    """The failures of one tracker at one rate, or of all baselines; status is the worst; shown: unfolded at once."""
+    """The failures of one tracker at one rate, or of all baselines; status is the worst; shown: unfolded by default."""
 
     title: str
     status: str
@@ -34,7 +34,7 @@ class FailedTracker:
 
 
 UNFOLDED = 3
-"""A tracker's failures are shown at once when they are no more than this."""
+"""Most failures of a tracker that are unfolded by default."""
 
 
 def failed_trackers(runs: ListOf[ScoredRun], pages: Mapping[str, str]) -> list[FailedTracker]:

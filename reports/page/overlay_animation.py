@@ -1,4 +1,4 @@
-"""The overlay as a moving picture, and the frames that the page scrubs through."""
+"""The animated overlay of a sequence, and the frames of the page's scrubber."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,9 +13,9 @@ from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.trajectories.files.writing import new_file
 
 SCRUBBED_FRAMES = 200
-"""A page scrubs through this many frames of a sequence at most."""
+"""Most frames of a sequence in the scrubber."""
 MOVING_FRAMES = 100
-"""An animation shows this many at most."""
+"""Most frames of an animation."""
 JPEG_QUALITY = 82
 WEBP_QUALITY = 55
 ANIMATION_WIDTH_PX = 480

@@ -32,9 +32,9 @@ THEMES = {
         f"in real time: {what}" for what in ("within 5 cm, 5 deg", "frames missed", "age of the pose")
     ),
 }
-"""The columns of the detailed tables of the page, by title: so many beside each other as fit."""
+"""Columns of the page's detailed tables by title, as many as fit side by side."""
 MAX_EDGES = 150
-"""The page draws this many model edges per frame at most, the longest."""
+"""Most model edges that the scrubber draws per frame, the longest ones."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class SequenceOnPage:
 
 @dataclass(frozen=True)
 class Undrawn:
-    """What a report draws on demand only: so many figures, and the pages of these sequences."""
+    """Content of a report that is drawn on request only: number of figures, and sequences without a page."""
 
     figures: int
     sequences: tuple[str, ...]

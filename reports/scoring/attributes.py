@@ -1,4 +1,4 @@
-"""Why trackers fail: success by attributes of the frames that the renderer knows.
+"""Breakdown of success by attributes of the frames: speed, blur, occlusion, distance, contrast.
 
 Conventions: an attribute has one value per frame, NaN where it is unknown. A breakdown cuts the frames into parts of
 equal size by the attribute and gives success and error of each part.
@@ -23,7 +23,7 @@ from uavbench.trajectories.pose import Array
 
 PARTS = 4
 MAX_FRAMES = 200
-"""A breakdown looks at this many frames at most, evenly spread over all sequences, but FEW of each at least."""
+"""Most frames of a breakdown, evenly spread over all sequences, with at least FEW of each."""
 FEW = 4
 CONTRAST_OFFSET_PX = 4.0
 POINTS_PER_EDGE = 15

@@ -185,7 +185,7 @@ def summary(errors: Any) -> ErrorSummary | None:
 
 
 def how(sequence: Sequence, results: Results) -> dict[str, Any]:
-    """Record of how the numbers came about; scores whose records differ in it are not to be compared."""
+    """Record of how the numbers were computed; scores with different records are not comparable."""
     return {
         "compared": "world_from_body with groundtruth.csv",
         "association": "by frame; every frame at the tracker's rate is expected",

@@ -1,4 +1,4 @@
-"""A report's scores, read again from the files that it wrote."""
+"""Scores of a report, read from its files."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Figures of NEES values: their mean, the share inside, and how sharp the claimed covariances are."""
+"""Summary of NEES values: mean, share within the central 95 %, and sharpness of the claimed covariances."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,15 @@ from uavbench.trajectories.pose import Array
 DEGREES_OF_FREEDOM = 6
 CENTRAL = (0.025, 0.975)
 SINGULAR = 1e-14
-"""Least eigenvalue of a correlation matrix that is more than round-off (6 x 2^-52)."""
+"""Least eigenvalue of a correlation matrix above round-off (6 x 2^-52)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Consistency:
     """NEES of the n frames whose covariance has an inverse; in the `singular` others that claim one it is undefined.
 
-    mean (None where n is 0), and the interval in which the mean of an honest tracker lies with 95 % probability if its
-    errors are independent from frame to frame; inside: share of all n + singular frames in the central 95 % of the
+    mean (None where n is 0), and the interval in which the mean of a consistent tracker lies with 95 % probability if
+    its errors are independent from frame to frame; inside: share of all n + singular frames in the central 95 % of the
     distribution; sharpness: median standard deviation of position (m) and of rotation (deg).
     """
 

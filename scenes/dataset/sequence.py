@@ -35,7 +35,7 @@ from uavbench.scenes.dataset.ground_truth_files import read_ground_truth, read_p
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.surfaces.surface_files import read_flow, read_normals
 from uavbench.scenes.dataset.table_files import check_info, read_integers, read_json, read_numbers, read_table
-from uavbench.scenes.image_files import decoded, load_image, size_px
+from uavbench.scenes.image_files import load_image, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import IMAGE
@@ -279,24 +279,6 @@ def open_sequence(folder: str | Path) -> Sequence:
     ([True, True], True)
     """
     return Sequence.load(Path(folder))
-
-
-def read_image(path: Path, camera: Camera, inside: Path | None = None) -> NDArray[np.uint8]:
-    """BGR image (h, w, 3); UserError naming the file when it cannot be read or is not of the camera's size."""
-    return image_of(path, read_bytes(path, IMAGE, inside=inside), camera)
-
-
-def image_of(path: Path, data: bytes, camera: Camera) -> NDArray[np.uint8]:
-    """BGR image (h, w, 3) of a file's content; UserError as `read_image`."""
-    if path.suffix == ".png" and not data.endswith(b"IEND\xaeB`\x82"):
-        raise UserError(f"{path}: the image is truncated; render or copy it again")
-    width, height = size_px(path, data)
-    if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF data may turn it
-        image = decoded(path, data)
-        height, width = image.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise UserError(f"{path}: image is {width} x {height} px, the camera {camera.width} x {camera.height} px")
-    return image
 
 
 def _image_files(folder: Path) -> tuple[str, ...]:

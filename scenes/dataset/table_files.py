@@ -1,4 +1,4 @@
-"""The JSON and CSV files of a sequence, and its arrays of records, read with errors for people."""
+"""Readers of a sequence's JSON, CSV and record files, with errors that name file and line."""
 
 import csv
 import io
@@ -19,9 +19,9 @@ from uavbench.trajectories.pose import Array
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")
 LONGEST_NS = 10**18
-"""Of a delay or a shift of clocks: thirty years."""
+"""Largest delay or clock shift in ns: thirty years."""
 SHOWN = 60
-"""Characters of a wrong value that are told."""
+"""Characters of a wrong value that an error shows."""
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -21,15 +21,15 @@ from uavbench.trajectories.files.writing import write_text
 TOLERANCE_LEVELS = 3
 TOLERANCE_SHARE = 0.999
 IMAGE = re.compile(r"(cameras/[^/]+/)?frames/")
-"""What files of images begin with."""
+"""Magic bytes of image files."""
 SEALED = ("manifest.json",)
 MACHINE = ("versions",)
-"""Keys of sequence.json that tell of the machine, not of the sequence."""
+"""Keys of sequence.json that describe the machine, not the sequence."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result for one folder: how it was compared, how many files, and each problem."""
+    """Result for one folder: method of comparison, number of files, and a line for each problem."""
 
     folder: Path
     method: Literal["hash", "tolerance"]
@@ -74,8 +74,8 @@ def verify(folder: Path) -> Verdict:
 def compare(folder: Path, again: Path) -> Verdict:
     """Compare a folder with another rendering of the same config.
 
-    By hash first. Where only images differ (another Mesa or CPU), by tolerance: at most TOLERANCE_LEVELS levels on at
-    least TOLERANCE_SHARE of the pixels. Truth and sensors must be the same to the byte.
+    By hash first. Where only images differ (another Mesa or CPU), by tolerance: at most TOLERANCE_LEVELS grey levels on
+    at least TOLERANCE_SHARE of the pixels. Ground truth and sensors must be byte-identical.
     """
     first, second = _manifest(folder), _manifest(again)
     problems = [f"{name}: is in one of the two only" for name in sorted(set(first) ^ set(second))]

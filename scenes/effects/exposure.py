@@ -28,8 +28,8 @@ from uavbench.trajectories.pose import Array
 class RollingShutter:
     """Rows are exposed one after the other; the middle row's exposure is centred on the frame's stamp.
 
-    readout_ms is the time from the first row to the last. Each row is taken from one render in the middle of the
-    frame, moved to the row's own pose by its depth; where pixels mix two depths the nearer one counts.
+    readout_ms is the time from the first row to the last. Each row is warped by depth from one render at the middle of
+    the frame to the row's own pose; where pixels mix two depths the nearer one counts.
     """
 
     readout_ms: Annotated[float, Gt(0), Interval(le=200)] = 20.0
@@ -91,7 +91,7 @@ def row_knots(height: int) -> RowKnots:
 
 
 def moved_rows(source: CameraSimulator, view: View, rows: Array) -> Map:
-    """Place (h, w, 2) in the view of each pixel of the camera, whose row sees from rows[row] (3, 4) of the view."""
+    """Sampling positions (h, w, 2) in the view for each pixel; rows (h, 3, 4): row_camera_from_view of each row."""
     base = source.lens if source.lens is not None else pixel_grid(source.camera.width, source.camera.height)
     nearness = np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0)
     nearness = np.asarray(cv2.dilate(nearness, np.ones((3, 3), dtype=np.uint8)))  # mixed pixels go with the near side
@@ -109,7 +109,7 @@ class MotionBlur:
     exposure_ms: Annotated[float, Gt(0), Interval(le=1000)] = 8.0
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose images are gathered over the exposure."""
+        """CameraSimulator whose images are integrated over the exposure."""
         half_ns = round(self.exposure_ms * 5e5)
 
         def image(stamp_ns: int) -> Radiance:

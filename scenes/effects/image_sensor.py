@@ -12,7 +12,7 @@ from uavbench.scenes.rendering.pixel_kernels import add_noise
 from uavbench.scenes.rendering.radiance import Radiance
 
 QUANTILES = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
-"""Normal quantiles: 16 random bits choose one."""
+"""Quantiles of the standard normal distribution, indexed by 16 random bits."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Vignetting:
 class AutoExposure:
     """Auto exposure: the mean irradiance is controlled towards `target`, with a lag.
 
-    Each frame's exposure follows from the frames before it: it approaches its target with time constant lag_s, within
-    a factor `reach` of the scene's own light either way. The first frame has its target exposure.
+    Each frame's exposure follows from previous frames: it approaches its target with the time constant lag_s, within a
+    factor `reach` of gain 1 either way. The first frame has its target exposure.
     """
 
     target: Annotated[float, Gt(0), Interval(lt=1)] = 0.18

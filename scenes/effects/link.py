@@ -22,7 +22,7 @@ class Jpeg:
     quality: Annotated[int, Interval(ge=1, le=100)] = 75
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose images have been compressed and unpacked."""
+        """CameraSimulator whose images are compressed and decoded again."""
 
         def compressed(codes: Codes) -> Codes:
             data = cv2.imencode(".jpg", codes, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1]
@@ -50,7 +50,7 @@ class AnalogLink:
     interlaced: bool = True
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose images came over the link."""
+        """CameraSimulator whose images are transmitted over the link."""
 
         def image(stamp_ns: int) -> Radiance | None:
             before = source.image(stamp_ns - round(1e9 / 60)) if self.interlaced else None
@@ -92,7 +92,7 @@ def _band(height: int, rows: float, rng: np.random.Generator) -> slice:
 
 @dataclass(frozen=True)
 class Drops:
-    """Dropped frames, and frames delivered again in place of the next one."""
+    """Dropped frames, and duplicated frames that replace the next one."""
 
     lost: Annotated[float, Interval(ge=0, lt=1)] = 0.02
     repeated: Annotated[float, Interval(ge=0, lt=1)] = 0.02
@@ -116,7 +116,7 @@ class Drops:
 
 
 def _on_codes(source: CameraSimulator, change: Callable[[Codes], Codes]) -> CameraSimulator:
-    """CameraSimulator whose finished images are changed."""
+    """CameraSimulator whose finished 8-bit images are changed."""
 
     def image(stamp_ns: int) -> Radiance | None:
         light = source.image(stamp_ns)

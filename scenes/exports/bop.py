@@ -19,11 +19,11 @@ from uavbench.trajectories.pose import Array
 DEPTH_SCALE = 1.0
 """Millimetres per unit of a depth image: 16 bits reach to 65.5 m, as far as a sequence's own depth."""
 LARGEST = 65535
-"""Of 16 bits."""
+"""Largest 16-bit value."""
 NEAR_M = 0.01
-"""What is nearer than this is cut off a silhouette."""
+"""Near plane of silhouettes, metres."""
 CANVAS = 3
-"""Silhouettes are counted on a canvas so many times the image, as bop_toolkit's calc_gt_info does."""
+"""Size of the canvas on which silhouettes are counted, over that of the image, as in bop_toolkit's calc_gt_info."""
 LEAST_TARGET_SHARE = 0.1
 """Visible share of the object from which a frame is a target of BOP's challenges (Hodan et al. 2018)."""
 

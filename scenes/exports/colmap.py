@@ -16,7 +16,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
 
 CENTRE_PX = 0.5
-"""Of the first pixel, in COLMAP and in nerfstudio; here pixel centres lie at whole numbers."""
+"""Centre of the first pixel in COLMAP and nerfstudio; here pixel centres lie at integer coordinates."""
 AXES = "camera x right, y down, z forward; the first pixel's centre at (0.5, 0.5)"
 
 
@@ -105,7 +105,7 @@ def _image(frame: int) -> str:
 
 
 def _at_once(cameras: dict[str, Shown]) -> bool:
-    """Whether the images of all cameras of one number were exposed at the same time."""
+    """Whether images of the same number were exposed at the same time by all cameras."""
     first, *others = (each.sequence.stamps_ns for each in cameras.values())
     return all(np.array_equal(first, stamps) for stamps in others)
 

@@ -37,7 +37,7 @@ COEFFICIENTS = 4
 
 
 def holds_lens(camera: Camera) -> bool:
-    """Whether the format has a place for this lens: not for a fifth coefficient."""
+    """Whether the format can hold this lens, which has at most four coefficients there."""
     return not any(camera.distortion[COEFFICIENTS:])
 
 
@@ -91,15 +91,15 @@ def _write_camera(shown: Shown, folder: Path, on_frame: Callable[[], None]) -> N
 
 
 def yaml_number(value: float) -> str:
-    """A number as YAML 1.1 reads it back: one with an exponent has a point too."""
+    """A number that YAML 1.1 reads as a number: with a decimal point where it has an exponent."""
     text = repr(float(value))
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
 def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
-    """Parameters of each sensor of a sequence that reads rates and specific forces, by its file.
+    """Parameters of each IMU of a sequence, by the name of its file.
 
-    A file of readings that the sequence's record does not name has none that are known.
+    They are empty for a file of readings that the sequence's record does not name.
     """
     sensors = dict(tables_of(sequence))
     folder = sequence.body_folder
@@ -110,7 +110,7 @@ def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
 
 
 def body_from_imu(readings: Path, imu: dict[str, Any]) -> Pose:
-    """Where an IMU sits on the body, along its axes; UserError naming the file that says it wrongly."""
+    """Pose of an IMU on the body, whose axes it shares; UserError naming the file with a wrong offset."""
     try:
         return Pose(np.eye(3), np.array(imu.get("offset_m", (0.0, 0.0, 0.0)), dtype=np.float64))
     except (ValueError, TypeError) as error:

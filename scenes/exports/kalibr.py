@@ -13,7 +13,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
 
 MODELS = {"none": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
-"""Kalibr's names; a camera without distortion is radtan with four zeros, which every reader of these files takes."""
+"""Kalibr's model names; a camera without distortion is radtan with four zeros, which every reader accepts."""
 CHAIN = "camchain-imucam.yaml"
 
 

@@ -17,9 +17,9 @@ from uavbench.trajectories.files.writing import write_text
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Camera axes: OpenGL has y up and z backward."""
 UNITS_PER_M = 1000.0
-"""Of nerfstudio's 16-bit depth images, by default."""
+"""Units per metre of nerfstudio's 16-bit depth images, by default."""
 LARGEST = 65535
-"""Of 16 bits."""
+"""Largest 16-bit value."""
 POINTS = "sparse_pc.ply"
 AXES = "camera x right, y up, z backward; the first pixel's centre at (0.5, 0.5)"
 COEFFICIENTS = {"none": (), "radtan": ("k1", "k2", "p1", "p2", "k3"), "equidistant": ("k1", "k2", "k3", "k4")}

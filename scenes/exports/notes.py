@@ -1,4 +1,4 @@
-"""README.md and export.json: what an export holds, and what its format cannot."""
+"""README.md and export.json of an export: its content, and what its format cannot hold."""
 
 import json
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from uavbench.trajectories.files.writing import write_text
 class Held:
     """Content of an export.
 
-    files: each file or folder in words; frames: what the poses of a file are, by its path; sensors: the readings that
-    it took over; annotations: depth, mask and edges if it took them over; limits: what it had to leave out or change;
-    angular_rates: whether it took over those of the body; cameras: those beside the main one that it took over;
-    time_shift: whether it says how the camera's clock differs; camera_axes: of camera and image, in words.
+    files: description of each file or folder; frames: frames of the poses in a file, by its path; sensors, annotations
+    and cameras: the readings, annotations and further cameras that are exported; limits: what was left out or changed;
+    angular_rates: whether the body's rates are exported; time_shift: whether the offset of the camera's clock is;
+    camera_axes: convention of camera and image axes.
     """
 
     files: dict[str, str]
@@ -44,7 +44,7 @@ def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
 
 
 def tables_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
-    """Those of the body sensors whose readings are a CSV file."""
+    """Parameters of the body sensors whose readings are a CSV file, by that file."""
     return {name: about for name, about in sensors_of(sequence).items() if name.endswith(".csv")}
 
 

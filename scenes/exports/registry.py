@@ -28,14 +28,14 @@ from uavbench.trajectories.trajectory_files.formats import seconds, write_kitti,
 OnFrame = Callable[[int, int], None]
 Write = Callable[[Shown, Path, OnFrame], Held]
 TUM_UNITS_PER_M = 5000.0
-"""Of TUM's 16-bit depth images; its tools take nothing else."""
+"""Units per metre of TUM's 16-bit depth images, which its tools require."""
 LARGEST = 65535
-"""Of 16 bits."""
+"""Largest 16-bit value."""
 
 
 @dataclass(frozen=True)
 class Format:
-    """How a format is written, which distortion models it can hold, and whether it holds several cameras."""
+    """Writer of a format, whether it can hold a lens, and whether it can hold several cameras."""
 
     write: Write
     holds_lens: Callable[[Camera], bool]
@@ -133,7 +133,7 @@ def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
 
 
 def export_kitti(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
-    """`image_2/`, `times.txt`, `calib.txt` and `poses.txt`: the camera, relative to nothing (world from camera)."""
+    """`image_2/`, `times.txt`, `calib.txt` and `poses.txt` (`world_from_cam`, not relative to the first frame)."""
     sequence = shown.sequence
     (folder / "image_2").mkdir()
     write_kitti(camera_ground_truth(sequence), folder / "poses.txt")

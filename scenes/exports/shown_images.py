@@ -1,4 +1,4 @@
-"""The images of a sequence as an export shows them: as they are, or with the lens's distortion taken out."""
+"""The images of a sequence as an export shows them: distorted as recorded, or undistorted."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.annotations import read_depth
-from uavbench.scenes.dataset.sequence import Sequence, image_of
-from uavbench.scenes.image_files import load_image
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.image_files import image_of, load_image
 from uavbench.scenes.rendering.camera_simulator import Map, pixel_grid
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.pose import Array
 
 OUTSIDE = -1e4
-"""Place of a pixel that the lens does not see."""
+"""Sampling position of a pixel that the lens does not see."""
 ROUND_TRIP_PX = 0.1
-"""Beyond it the distortion folds over, and a pixel has no one place in the distorted image."""
+"""Round-trip error in px beyond which the distortion folds over, so that a pixel has no unique source."""
 
 
 @dataclass(frozen=True, eq=False)

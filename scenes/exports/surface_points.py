@@ -13,9 +13,9 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 
 POINTS = 5000
-"""Drawn on the whole surface: a frame of a box shows some 1,700 of them, about as many as COLMAP finds features."""
+"""Points on the whole surface: a frame of a box shows some 1,700 of them, about as many as COLMAP finds features."""
 NEAR_M = 0.01
-"""What is nearer to the camera than this has no place in the image."""
+"""Near plane, metres."""
 
 Rows = NDArray[np.int64]
 
@@ -87,7 +87,7 @@ class PointCloud:
         self.known = np.zeros(len(self.surface.points_m), dtype=bool)
 
     def look(self, shown: Shown, frame: int) -> None:
-        """Take in what a frame shows; frames in their order."""
+        """Add the observations of a frame; call it for the frames in order."""
         seen = self.surface.seen(shown, frame)
         self.by_frame.append(seen)
         new = ~self.known[seen.rows]
@@ -102,7 +102,7 @@ class PointCloud:
         return np.flatnonzero(self.known)
 
     def limits(self, shown: Shown) -> ListOf[str]:
-        """What a reader must know of the points."""
+        """Limitations of the points, a sentence each."""
         lines = [
             f"Points: {len(self.rows)} of {len(self.surface.points_m)} drawn on the designed model's surface, those "
             "that a frame shows, each where it projects to; they are no features that were found in the images."

@@ -1,4 +1,4 @@
-"""Building models in IFC, through IfcOpenShell (the optional extra `uavbench[ifc]`)."""
+"""Building models in IFC, read by IfcOpenShell (the optional extra `uavbench[ifc]`)."""
 
 import importlib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Compiled row filters of PNG, which leave what a pixel's neighbours do not foretell."""
+"""Compiled row filters of PNG, which predict a pixel from its neighbours and keep the residual."""
 
 from typing import Any
 

@@ -20,12 +20,12 @@ from uavbench.trajectories.pose import Array, Pose, rotation_log
 FLOW_STEP = 2
 SLICE_PX = 3.0
 STILL_PX = 0.4
-"""Motion during an exposure that leaves no trace: it widens an edge by less than 0.014 px squared."""
+"""Motion during an exposure that is negligible: it adds less than 0.014 px^2 to the variance of an edge."""
 MAX_SLICES = 64
 LARGEST_RENDER = 4.0
-"""A distorted camera may need a pinhole so many times its own size."""
+"""Largest size of the rendered pinhole over that of a distorted camera."""
 LEAST_ROUND_TRIP_PX = 0.01
-"""A pixel that is not met again by the ray that it gives has no ray."""
+"""Largest round-trip error of undistortion and distortion, beyond which a pixel has no ray."""
 SPREAD = ndtri((np.arange(4) + 0.5) / 4) / np.std(ndtri((np.arange(4) + 0.5) / 4))
 """Quantiles of a normal point spread, of unit deviation."""
 Map = NDArray[np.float32]
@@ -49,7 +49,7 @@ class Geometry(NamedTuple):
 
 
 class SceneRenderer(Protocol):
-    """What draws a scene: `Renderer`, or another one beside it."""
+    """Interface of renderers: `Renderer`, or a path tracer."""
 
     def color(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera."""
@@ -149,7 +149,7 @@ def through_lens(
 
 
 def _still(renderer: SceneRenderer, pinhole: Camera, before: Pose, after: Pose) -> bool:
-    """Whether nothing that stands still can move by as much as STILL_PX between two poses."""
+    """Whether no static surface can move by STILL_PX in the image between two poses."""
     step = after @ before.inverse()
     nearest = renderer.nearest_m(before.inverse().translation)
     widest = 1 + (max(pinhole.cx, pinhole.width - pinhole.cx) / pinhole.fx) ** 2

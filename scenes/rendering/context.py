@@ -1,4 +1,4 @@
-"""The one place that knows how to get an OpenGL context, and what pyrender and PyOpenGL need for it.
+"""Creation of the OpenGL context, with workarounds for pyrender and PyOpenGL.
 
 pyrender 0.1.45 uses `np.infty` (gone in numpy 2), pins PyOpenGL 3.1.0 (which does not know the name that
 Python 3.12 gave to ctypes' argument objects, and has no OSMesaCreateContextAttribs), and does not let OSMesa keep

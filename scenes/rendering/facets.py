@@ -1,4 +1,4 @@
-"""The planes of all triangles that are drawn, exact in float64: what a pixel shows, where that is, and how it moves."""
+"""Planes of all rendered triangles in float64, from which the surface point of a pixel and its motion are computed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,14 +30,14 @@ class Planes:
     corners_m: Array
 
     def along(self, rows: Rows, origin: Array, rays: Array) -> Array:
-        """How many times its length (k,) each ray (k, 3) from an origin goes to the plane of its facet; inf: never."""
+        """Ray parameters (k,) at which rays (k, 3) from an origin meet the planes of their facets; inf: never."""
         normals = self.normals[rows]
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (self.offsets_m[rows] - normals @ origin) / np.einsum("ij,ij->i", normals, rays)
         return np.where(share > 0, share, np.inf)
 
     def through(self, rows: Rows, origin: Array, rays: Array) -> Array:
-        """As `along`, where a ray meets its facet itself; inf where it passes beside it, or the row is NONE."""
+        """As `along`, but inf where a ray misses the facet itself, or the row is NONE."""
         share = np.full(len(rows), np.inf)
         there = np.flatnonzero(rows != NONE)
         share[there] = self.along(rows[there], origin, rays[there])
@@ -95,7 +95,7 @@ class Facets:
         return Planes(normals, np.einsum("ij,ij->i", normals, a), corners)
 
     def carried(self, rows: Rows, points_m: Array, from_s: float, to_s: float) -> Array:
-        """Points (k, 3) of the world on facets (k,) at one time, where the facets take them by another time."""
+        """Points (k, 3) of the world on facets (k,), moved with their facets from one time to another."""
         out = points_m.copy()
         for span, mover in self.movers:
             on = (rows >= span.start) & (rows < span.stop)

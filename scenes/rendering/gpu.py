@@ -34,7 +34,7 @@ class Program:
         return self._at[name]
 
     def use(self) -> None:
-        """Draw with it from now on."""
+        """Make it the current program."""
         self._gl.glUseProgram(self.id)
 
     def matrix(self, name: str, value: NDArray[np.floating[Any]]) -> None:

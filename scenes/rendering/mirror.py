@@ -1,4 +1,4 @@
-"""What level water mirrors: the scene turned over at its surface, drawn before each image at half the size."""
+"""Planar reflection in level water: the scene mirrored at its surface, rendered before each image at half the size."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from uavbench.scenes.rendering.gpu import Target
 from uavbench.trajectories.pose import Array
 
 SHARE = 2
-"""The mirrored image has so many times fewer columns and rows: ripples blur what it shows."""
+"""Reduction of the mirrored image in columns and rows; ripples blur it anyway."""
 
 
 class Mirror:
@@ -30,17 +30,17 @@ class Mirror:
         self.turned_over[2, 3] = 2 * level_m
 
     def eye(self, eye: Array) -> Array:
-        """Where the mirrored scene is seen from."""
+        """The eye point mirrored at the water's surface."""
         return np.array([eye[0], eye[1], 2 * self.level_m - eye[2]])
 
     def begin(self) -> None:
-        """Draw into the mirrored image from now on: front faces are turned over, what is under water is cut off."""
+        """Render into the mirrored image: winding is reversed, geometry under water is clipped."""
         GL = self._gl
         GL.glFrontFace(GL.GL_CW)
         GL.glEnable(GL.GL_CLIP_DISTANCE0)
 
     def end(self) -> None:
-        """Draw as before again, with the mirrored image at the third texture unit."""
+        """Restore the state, with the mirrored image at the third texture unit."""
         GL = self._gl
         GL.glFrontFace(GL.GL_CCW)
         GL.glDisable(GL.GL_CLIP_DISTANCE0)

@@ -249,7 +249,7 @@ class Renderer:
         return solid, Program(self._gl, vertex, shaders.with_switches(fragment, *switches, "CUTOUT"))
 
     def _lit_programs(self) -> list[Program]:
-        """Every program that knows the light."""
+        """Every program with light uniforms."""
         sets = [self._surface] if self._mirror is None else [self._surface, self._mirrored]
         water = [] if self._mirror is None else [*self._water]
         return [*chain.from_iterable(chain.from_iterable(each.values()) for each in sets), *water]

@@ -18,7 +18,7 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 LOW_M = 0.3
-"""What of a structure is lower than this stands on the ground."""
+"""Height below which pieces of a structure count as standing on the ground, metres."""
 RIVER_SHARE = 0.62
 """Width of a river between its banks' crests, in parts of what lies between the outermost feet."""
 LANE_M = 3.5
@@ -26,7 +26,7 @@ LANE_M = 3.5
 ROADSIDE_M = 0.8
 """From a road's edge to the nearest foot, at least."""
 PLINTH_M = 0.45
-"""By how much a footing is wider than the piers on it."""
+"""Overhang of a footing beyond the piers on it, metres."""
 CONTACT_M = (0.1, 0.4, 1.2)
 """Distances from feet at which the ground has corners that take their shade."""
 WALL_CUT_M, WALL_HIGH_M = 0.5, 1.5
@@ -39,7 +39,7 @@ TONE = 0.08
 
 @dataclass(frozen=True)
 class Site:
-    """What makes a place look lived in, each part off by default and drawn from the sequence's seed.
+    """Details of a site, each off by default and drawn from the sequence's seed.
 
     beneath: what passes under the structure along y, a river of WATER_M beneath its banks or a road with markings;
     embankments carry the structure's road to both of its ends; markings are painted on it; plants is how densely grass

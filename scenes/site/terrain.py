@@ -19,11 +19,11 @@ SHOULDER_M = 1.0
 BED_M, WATER_M = 1.6, 0.7
 """How far the bed and the water lie below the level ground."""
 GRASSED_M = 0.35
-"""How far down its bank the grass goes; below are stones."""
+"""Depth below the bank's crest down to which grass grows; below are stones."""
 SUNK_M = 0.2
 """How far the ground lies below a road that covers it."""
 APART_M = 0.09
-"""Lines of the mesh that are closer fall together."""
+"""Distance below which lines of the mesh are merged, metres."""
 STEP_M = 2.0
 FAR_M = 1080.0
 """Spacing of the mesh near the structure, and where it ends: behind the rim of hills."""

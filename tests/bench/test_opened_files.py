@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.model_files.cao import write_cao
+from uavbench.scenes.model_files.cao_writing import write_cao
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]

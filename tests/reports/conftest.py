@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.reports.drawn import make_sequence, track
-from uavbench.reports.report import ReportEntry, ReportInputs, write_report
+from uavbench.reports.report import ReportInputs, write_report
+from uavbench.reports.scoring.runs import ReportEntry
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
 

@@ -17,8 +17,8 @@ from PIL import Image
 from tests.reports.drawn import track
 from uavbench.reports.figures.space import SHARES, draw_error_against_distance
 from uavbench.reports.progress import Steps
-from uavbench.reports.report import ReportEntry, ReportInputs, beside, write_report
-from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.report import ReportInputs, beside, write_report
+from uavbench.reports.scoring.runs import ReportEntry, ScoredRun
 from uavbench.reports.scoring.score import score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import COLOURS, PNG_DPI, new_figure

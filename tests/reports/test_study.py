@@ -10,9 +10,9 @@ import pytest
 
 from tests.reports.drawn import make_sequence, results_of, true_rows
 from uavbench.reports.figures.sweeps import sweep, swept
-from uavbench.reports.report import ReportEntry, ReportInputs, write_report
+from uavbench.reports.report import ReportInputs, write_report
 from uavbench.reports.scoring.attributes import blur_px, occlusion
-from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.reports.scoring.runs import ReportEntry, ScoredRun
 from uavbench.reports.scoring.score import Score, score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import house_style

@@ -13,8 +13,8 @@ from PIL import Image
 
 from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.calibration import calibrate
-from uavbench.scenes.dataset.sequence import Sequence, read_image
-from uavbench.scenes.image_files import KINDS, load_image, open_video
+from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.image_files import KINDS, load_image, open_video, read_image
 from uavbench.scenes.model_files.mesh_file import read as read_mesh
 from uavbench.trajectories.errors import UserError
 

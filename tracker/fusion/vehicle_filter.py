@@ -1,12 +1,11 @@
 """The vehicle's filter: IMU and measurements in any order; each counts at its own stamp, however late it comes."""
 
 from bisect import bisect_left, insort
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
+from uavbench.tracker.fusion.events import Carried, Checkpoint, Key, Nominal, PredictedCamera, Sample, Verdict
 from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, update
 from uavbench.tracker.fusion.measurements import CameraPose, Measurement
 from uavbench.tracker.fusion.state import ERROR, Estimate, FusionConfig
@@ -18,71 +17,6 @@ IMU_RANK = 0
 """An IMU sample comes before the measurements of its stamp."""
 DOUBT = 2.0
 """How much the standard deviations of the pose grow at each camera pose refused while the filter is doubted."""
-
-
-class Key(NamedTuple):
-    """When an event counts, and in which order at one stamp; `arrival` decides between two alike."""
-
-    stamp_ns: int
-    rank: int
-    arrival: int
-
-
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """One IMU reading: body rate (3,) in rad/s, specific force (3,) in m/s^2."""
-
-    gyro: Array
-    accel: Array
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Outcome of a measurement.
-
-    d2: its squared normalized innovation, dof its degrees of freedom; both None where it was not compared. why: empty
-    when it was taken.
-    """
-
-    stamp_ns: int
-    kind: str
-    d2: float | None
-    dof: int | None
-    why: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Checkpoint:
-    """The filter right after an event: what it takes to go on from there."""
-
-    stamp_ns: int
-    state: Array
-    P: Array
-    sample: Sample | None
-    refused: int
-    verdict: Verdict | None
-
-
-class Nominal(NamedTuple):
-    """Nominal state (27,), and angular velocity (3,) in the body, rad/s."""
-
-    state: Array
-    angular_velocity_rad_s: Array
-
-
-class PredictedCamera(NamedTuple):
-    """Predicted `cam_from_world`, and the covariance (6, 6) of its twist."""
-
-    cam_from_world: Pose
-    covariance: Array
-
-
-class Carried(NamedTuple):
-    """State and covariance at a stamp, and the IMU reading there, None before the first one."""
-
-    state: Array
-    P: Array
-    sample: Sample | None
 
 
 class VehicleFilter:

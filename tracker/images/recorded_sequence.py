@@ -15,9 +15,9 @@ from annotated_types import Ge, Gt
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import disk_errors
-from uavbench.scenes.dataset.sequence import read_image
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.verify import write_manifest
+from uavbench.scenes.image_files import read_image
 from uavbench.scenes.model_files.referenced_files import parts_of
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, in_order, load_model

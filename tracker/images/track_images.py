@@ -12,9 +12,8 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body
-from uavbench.scenes.dataset.sequence import read_image
 from uavbench.scenes.dataset.verify import file_hash
-from uavbench.scenes.image_files import open_video
+from uavbench.scenes.image_files import open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.overlay import draw_edges

@@ -24,9 +24,9 @@ from uavbench.trajectories.files.reading import read_header
 from uavbench.trajectories.pose import Pose
 
 VERSION = 8
-"""Of rosbag2's metadata: that of ROS 2 Jazzy, which later ones read."""
+"""Version of rosbag2's metadata: that of ROS 2 Jazzy, which later distributions read."""
 FILES = {"mcap": "bag.mcap", "sqlite3": "bag/bag.db3"}
-"""Where the messages are, by the kind of storage."""
+"""File of the messages, by storage."""
 INFO = "/camera/camera_info"
 
 Images = Literal["both", "raw", "compressed"]
@@ -36,8 +36,8 @@ Images = Literal["both", "raw", "compressed"]
 class BagExport:
     """Writes a bag.
 
-    images: as `sensor_msgs/Image`, as `CompressedImage` (PNG), or both. datum: where on Earth the world's origin lies,
-    for `NavSatFix`; None: at the latitude of the receiver's sky, 0 degrees east, height 0.
+    images: as `sensor_msgs/Image`, as `CompressedImage` (PNG), or both. datum: geodetic position of the world's origin
+    for `NavSatFix`; None: the latitude of the receiver's sky, 0 degrees east, height 0.
     """
 
     storage: Literal["mcap", "sqlite3"]
@@ -72,7 +72,7 @@ class BagExport:
         )
 
     def _about(self, shown: Shown) -> dict[str, str]:
-        """What the bag's own metadata say."""
+        """Custom metadata of the bag."""
         sequence = shown.sequence
         return {"uavbench": json.dumps({"sequence": sequence.name, "content_hash": sequence.content_hash})}
 
@@ -89,7 +89,7 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What a bag of a sequence holds."""
+    """Topics of a sequence in a bag."""
 
     shown: Shown
     images: Images
@@ -108,7 +108,7 @@ class Content:
         return {name: each for name, each in tables_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])}
 
     def place(self, receiver: dict[str, Any]) -> Datum:
-        """Where on Earth the world of a receiver lies."""
+        """Geodetic position of the world's origin for a receiver."""
         return self.datum or Datum(float(receiver.get("latitude_deg", 0.0)), 0.0, 0.0)
 
     def topics(self) -> Iterator[Channel]:
@@ -159,7 +159,7 @@ class Content:
         yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
 
     def limits(self) -> Iterator[str]:
-        """What the messages have no place for, or hold in a way of their own."""
+        """What the messages cannot hold, or hold with a different meaning."""
         yield (
             "Stamps: they count from the beginning of the record, as in the sequence, and not from 1970; messages were "
             "recorded when their headers say."

@@ -1,4 +1,4 @@
-"""What a sequence holds as ROS 2 messages, each with its topic and time.
+"""Conversion of a sequence to ROS 2 messages, each with its topic and time.
 
 Frames are those of REP-103, 105 and 145: `world`, `base_link` (the body), `camera_optical_frame`, `imu_link` and
 `gnss_link`. Time is that of the sequence, in ns, in headers and as the time of recording.
@@ -30,11 +30,11 @@ FIX = ["px_m", "py_m", "pz_m"]
 MODELS = {"none": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "equidistant": ("equidistant", 4)}
 """Distortion models of CameraInfo, and how many coefficients they have: k1 k2 p1 p2 k3, or k1 k2 k3 k4."""
 NS, LAST_NS = 10**9, 2**31 * 10**9
-"""A header has whole seconds in 31 bits."""
+"""Largest time of a header, whose seconds have 31 bits."""
 DECODERS, AHEAD = 2, 4
 """Threads that decode images, and how many images are held: 4 are 2 GB of the largest cameras."""
 NO_FIX, GPS, APPROXIMATED = -1, 1, 1
-"""Of NavSatStatus and NavSatFix."""
+"""Constants of NavSatStatus and NavSatFix."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def header(stamp_ns: int, frame: str) -> Any:
 
 
 def pictures(shown: Shown) -> Iterator[Picture]:
-    """Every frame, read and decoded once; a few ahead, while those before are written."""
+    """Every frame, read and decoded once, a few frames ahead of the writer."""
     with ThreadPoolExecutor(DECODERS) as pool:
         waiting: deque[Future[Picture]] = deque()
         for frame in range(len(shown.sequence)):
@@ -188,7 +188,7 @@ def imu_readings(shown: Shown, name: str, imu: dict[str, Any], topic: str) -> It
 def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: str) -> Iterator[Stamped]:
     """Fixes of a GNSS receiver on Earth; where there is none, not-a-number and the status that says so.
 
-    Variances are a third each of PDOP^2 times that of one range, which is their sum.
+    Each variance is a third of PDOP^2 times the variance of one range.
     """
     path = shown.sequence.body_folder / name
     rows = read_table(path, [*FIX, "pdop"])

@@ -9,17 +9,17 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 SEMI_MAJOR_M = 6378137.0
-"""Of the ellipsoid of WGS 84 (NIMA TR8350.2, table 3.1)."""
+"""Semi-major axis of the WGS 84 ellipsoid, metres (NIMA TR8350.2, table 3.1)."""
 FLATTENING = 1 / 298.257223563
-"""Of the same."""
+"""Flattening of the same ellipsoid."""
 ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
 STEPS = 6
-"""Of the fixed point for the latitude; each gains a factor of 150, so the last is below 1e-12 rad."""
+"""Fixed-point iterations for the latitude; each gains a factor of 150, so the last step is below 1e-12 rad."""
 
 
 @dataclass(frozen=True)
 class Datum:
-    """Where on Earth the origin of the world lies: degrees, and metres above the ellipsoid."""
+    """Geodetic position of the world's origin: degrees, and metres above the ellipsoid."""
 
     latitude_deg: float
     longitude_deg: float

@@ -1,0 +1,87 @@
+"""Validation errors of a config in words: the path of the key, what is wrong, and the nearest valid name."""
+
+import difflib
+from collections.abc import Iterator
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel
+
+
+def explain(model: type[BaseModel], error: Any) -> str:
+    """One line for an error of pydantic in a model: key path, what is wrong, and the nearest valid name."""
+    keys, tables = zip(*_walk(model, error["loc"]), strict=True) if error["loc"] else ((), ())
+    path = _path(keys)
+    context = error.get("ctx", {})
+    match error["type"]:
+        case "extra_forbidden":
+            valid = [name for name in tables[-1].model_fields if name != "kind"] if tables[-1] else []
+            if elsewhere := _elsewhere(keys, tables):
+                return f"{path}: unknown key here; did you mean {elsewhere!r}?"
+            return f"{path}: unknown key{_nearest(str(keys[-1]), valid)}"
+        case "union_tag_invalid":
+            valid = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
+            return f"{path}.kind: unknown kind {context['tag']!r}{_nearest(context['tag'], valid)}"
+        case "union_tag_not_found":
+            return f"{path}: `kind` is missing"
+        case "missing" if keys[-1] == "kind":
+            return f"{path.removesuffix('.kind')}: `kind` is missing"
+        case "missing":
+            return f"{path}: this key is missing"
+        case _:
+            got = error["input"]
+            shown = f", got {got!r}" if not isinstance(got, dict | list) else ""
+            return f"{path}: {error['msg'][:1].lower()}{error['msg'][1:]}{shown}"
+
+
+def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
+    """Path of a misplaced key in one of the tables around it, or in a table beside it; "" where there is none."""
+    name = str(keys[-1])
+    for depth in range(len(keys) - 2, -1, -1):
+        if tables[depth] is not None and name in tables[depth].model_fields:
+            return _path((*keys[:depth], name))
+    for beside, known in tables[-1].model_fields.items() if tables[-1] else ():
+        inner, more = _bare(known.annotation), [name]
+        if get_origin(inner) is dict:
+            inner, more = _bare(get_args(inner)[-1]), ["NAME", name]
+        if isinstance(inner, type) and issubclass(inner, BaseModel) and name in inner.model_fields:
+            return _path((*keys[:-1], beside, *more))
+    return ""
+
+
+def _path(keys: tuple[Any, ...]) -> str:
+    """Dotted path of keys in a config; None is a step that has no key."""
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
+
+
+def _nearest(name: str, valid: list[str]) -> str:
+    near = difflib.get_close_matches(name, valid, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"{hint} (valid: {', '.join(valid)})"
+
+
+def _walk(model: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | int | None, type[BaseModel] | None]]:
+    """Each step of an error's location as (key, model that the key is looked up in); a union's tag has no key."""
+    here: Any = model
+    for step in location:
+        here = _bare(here)
+        if isinstance(here, type) and issubclass(here, BaseModel):
+            yield step, here
+            field = here.model_fields.get(str(step))
+            here = field.annotation if field else None
+        elif get_origin(here) in (list, tuple, dict):
+            yield step, None
+            here = get_args(here)[-1 if get_origin(here) is dict else 0]
+        else:
+            members = [m for m in get_args(here) if isinstance(m, type) and issubclass(m, BaseModel)]
+            tagged = [
+                m for m in members if "kind" in m.model_fields and step in get_args(m.model_fields["kind"].annotation)
+            ]
+            yield (None if tagged else step), None
+            here = tagged[0] if tagged else None
+
+
+def _bare(annotation: Any) -> Any:
+    """The annotation without Annotated."""
+    while hasattr(annotation, "__metadata__"):
+        annotation = annotation.__origin__
+    return annotation

@@ -1,0 +1,71 @@
+"""Events of the vehicle's filter, its state after each of them, and what became of each measurement."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from uavbench.trajectories.pose import Array, Pose
+
+
+class Key(NamedTuple):
+    """When an event counts, and in which order at one stamp; `arrival` decides between two alike."""
+
+    stamp_ns: int
+    rank: int
+    arrival: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One IMU reading: body rate (3,) in rad/s, specific force (3,) in m/s^2."""
+
+    gyro: Array
+    accel: Array
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Outcome of a measurement.
+
+    d2: its squared normalized innovation, dof its degrees of freedom; both None where it was not compared. why: empty
+    when it was taken.
+    """
+
+    stamp_ns: int
+    kind: str
+    d2: float | None
+    dof: int | None
+    why: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """State of the filter right after an event, from which it can be replayed."""
+
+    stamp_ns: int
+    state: Array
+    P: Array
+    sample: Sample | None
+    refused: int
+    verdict: Verdict | None
+
+
+class Nominal(NamedTuple):
+    """Nominal state (27,), and angular velocity (3,) in the body, rad/s."""
+
+    state: Array
+    angular_velocity_rad_s: Array
+
+
+class PredictedCamera(NamedTuple):
+    """Predicted `cam_from_world`, and the covariance (6, 6) of its twist."""
+
+    cam_from_world: Pose
+    covariance: Array
+
+
+class Carried(NamedTuple):
+    """State and covariance at a stamp, and the IMU reading there, None before the first one."""
+
+    state: Array
+    P: Array
+    sample: Sample | None
