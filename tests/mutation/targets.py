@@ -20,7 +20,9 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     "metrics": (
         _target("reports/metrics/ape.py", "reports/test_golden", "reports/test_metrics"),
         _target("reports/metrics/rpe.py", "reports/test_metrics", "reports/test_golden"),
-        _target("reports/metrics/align.py", "reports/test_metrics", "reports/test_golden"),
+        _target(
+            "reports/metrics/align.py", "reports/test_metrics", "reports/test_straight_line", "reports/test_golden"
+        ),
         _target("reports/metrics/association.py", "reports/test_association", "reports/test_golden"),
         _target("reports/uncertainty/nees.py", "reports/test_uncertainty"),
         _target("reports/uncertainty/consistency.py", "reports/test_uncertainty", "reports/test_pose_nees"),

@@ -316,7 +316,7 @@ def test_a_depth_beyond_16_bits_of_millimetres_is_none_and_never_wrapped(tmp_pat
     sequence = make_sequence(tmp_path / "sequence", 2)
     (sequence.folder / "depth").mkdir(exist_ok=True)
     units = np.full((240, 320), 30000, np.uint16)  # 60 m
-    units[:, 100:200], units[:, 200:] = 32768, 0  # 65.536 m, and none
+    units[:, 100:200], units[:, 200:] = 35000, 0  # 70 m, which would be 4.5 m, and none
     for frame in range(2):
         cv2.imwrite(str(sequence.folder / "depth" / f"{frame:06d}.png"), units)
     (sequence.folder / "sequence.json").write_text(json.dumps({**sequence.info, "depth_m_per_unit": 0.002}))
