@@ -16,6 +16,9 @@ INSTALLED = tuple(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib"
 LIBRARIES = ("site-packages", "dist-packages")
 """Names of library folders, in this environment or in another one on the path."""
 
+known_imports: dict[str, tuple[str, ...]] = {}
+"""Names that source files import, by their content, package, and whether what they give on demand counts."""
+
 Find = Callable[[str], Path | None]
 """Maps the name of a module to its source file; None for installed, built-in and missing modules."""
 
@@ -43,20 +46,19 @@ def made_of(modules: Iterable[str], scripts: Iterable[Path] = (), find: Find | N
     find = find or source_file
     found = set(scripts)
     others: set[str] = set()
-    waiting = [(name, True) for name in (*modules, *(name for path in found for name in imports(path, "__main__")))]
-    seen: set[tuple[str, bool]] = set()
+    seen = {(name, True) for name in (*modules, *(name for path in found for name in imports(path, "__main__")))}
+    waiting = list(seen)
     while waiting:
         name, asked = waiting.pop()
-        if (name, asked) in seen:
-            continue
-        seen.add((name, asked))
         path = find(name)
+        needs = {(parent, False) for parent in parents(name)}
         if path is None:
             others.add(name.partition(".")[0])
         else:
             found.add(path)
-            waiting += ((imported, True) for imported in imports(path, name, on_demand=asked))
-        waiting += ((parent, False) for parent in parents(name))
+            needs |= {(imported, True) for imported in imports(path, name, on_demand=asked)}
+        waiting += needs - seen
+        seen |= needs
     return MadeOf(frozenset(found), frozenset(others - sys.stdlib_module_names))
 
 
@@ -84,11 +86,11 @@ def source_file(name: str) -> Path | None:
     """
     top = name.partition(".")[0]
     above = getattr(sys.modules.get(top), "__file__", None)
-    if top in sys.stdlib_module_names or (above is not None and not editable(Path(above))):
+    if top in sys.stdlib_module_names or (above is not None and not _may_be_edited(above)):
         return None
     spec = None if name in sys.modules else _spec(name)
     path = getattr(sys.modules.get(name), "__file__", None) or (spec.origin if spec and spec.has_location else None)
-    return Path(path) if path is not None and path.endswith(".py") and editable(Path(path)) else None
+    return _path(path) if path is not None and path.endswith(".py") and _may_be_edited(path) else None
 
 
 def among(folders: Iterable[Path]) -> Find:
@@ -106,8 +108,7 @@ def among(folders: Iterable[Path]) -> Find:
 @cache
 def editable(path: Path) -> bool:
     """Whether a file belongs neither to the interpreter nor to an installed library."""
-    folders = path.resolve().parents
-    return is_ours(path) or not any(folder in INSTALLED or folder.name in LIBRARIES for folder in folders)
+    return is_ours(path) or not _installed((path.resolve() if path.is_symlink() else path).parent)
 
 
 def imports(path: Path, name: str, *, on_demand: bool = True) -> tuple[str, ...]:
@@ -122,14 +123,31 @@ def texts(path: Path) -> frozenset[str]:
 
 def is_ours(path: Path) -> bool:
     """Whether a file belongs to this project's packages."""
-    return any(ours in path.parents for ours in OURS)
+    return _is_ours(path.parent)
+
+
+@cache
+def _is_ours(folder: Path) -> bool:
+    return any(ours in (folder, *folder.parents) for ours in OURS)
 
 
 def parsed(path: Path) -> ast.Module:
     """Syntax tree of a source file; empty where it cannot be parsed."""
+    return _tree(content_of(path))
+
+
+def content_of(path: Path) -> bytes:
+    """Bytes of a file, none where it cannot be read."""
     try:
-        return ast.parse(path.read_bytes())
-    except (OSError, SyntaxError, ValueError):
+        return path.read_bytes()
+    except OSError:
+        return b""
+
+
+def _tree(content: bytes) -> ast.Module:
+    try:
+        return ast.parse(content)
+    except (SyntaxError, ValueError):
         return ast.Module([], [])
 
 
@@ -138,6 +156,22 @@ def parents(name: str) -> Iterator[str]:
     while "." in name:
         name = name.rpartition(".")[0]
         yield name
+
+
+@cache
+def _path(file: str) -> Path:
+    return Path(file)
+
+
+def _may_be_edited(file: str) -> bool:
+    return editable(_path(file))
+
+
+@cache
+def _installed(folder: Path) -> bool:
+    """Whether a folder is one of the interpreter's or of installed libraries, or lies in one."""
+    own = folder.resolve()
+    return any(above in INSTALLED or above.name in LIBRARIES for above in (own, *own.parents))
 
 
 def _spec(name: str) -> ModuleSpec | None:
@@ -162,8 +196,16 @@ def _spec(name: str) -> ModuleSpec | None:
 
 @lru_cache(maxsize=10_000)
 def _imports(path: Path, _: tuple[int, ...], name: str, on_demand: bool) -> tuple[str, ...]:
-    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
-    body = parsed(path).body
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    content = content_of(path)
+    key = f"{hashlib.sha256(content).hexdigest()} {package} {on_demand:d}"
+    if key not in known_imports:
+        known_imports[key] = _imports_in(_tree(content), package.split(".") if package else [], on_demand)
+    return known_imports[key]
+
+
+def _imports_in(tree: ast.Module, package: list[str], on_demand: bool) -> tuple[str, ...]:
+    body = tree.body
     gives = on_demand and any(isinstance(node, ast.FunctionDef) and node.name == "__getattr__" for node in body)
     return tuple(dict.fromkeys(_imported(_statements(body, typing=gives), package)))
 

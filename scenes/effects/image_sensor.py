@@ -1,18 +1,25 @@
 """Effects of lens and sensor: vignetting, exposure, noise and quantization."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
-from scipy.special import ndtri
+from numpy.typing import NDArray
 
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, pixel_grid
 from uavbench.scenes.rendering.pixel_kernels import add_noise
 from uavbench.scenes.rendering.radiance import Radiance
 
-QUANTILES = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
-"""Quantiles of the standard normal distribution, indexed by 16 random bits."""
+
+@cache
+def quantiles() -> NDArray[np.float32]:
+    """Quantiles (65536,) of the standard normal distribution, indexed by 16 random bits."""
+    from scipy.special import ndtri  # takes a fifth of a second, and every command loads this file
+
+    found: NDArray[np.float32] = ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
+    return found
 
 
 @dataclass(frozen=True)
@@ -89,7 +96,7 @@ class Noise:
             clean = np.ascontiguousarray(light, dtype=np.float32)
             out = np.empty_like(clean)
             floor = (self.read_noise_e / self.full_well_e) ** 2
-            add_noise(clean.reshape(-1), 1 / self.full_well_e, floor, key, QUANTILES, out.reshape(-1))
+            add_noise(clean.reshape(-1), 1 / self.full_well_e, floor, key, quantiles(), out.reshape(-1))
             return out
 
         return replace(source, image=image)

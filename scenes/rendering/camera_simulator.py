@@ -2,14 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import product
 from typing import Any, NamedTuple, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.pixel_kernels import displacement
@@ -26,8 +25,6 @@ LARGEST_RENDER = 4.0
 """Largest size of the rendered pinhole over that of a distorted camera."""
 LEAST_ROUND_TRIP_PX = 0.01
 """Largest round-trip error of undistortion and distortion, beyond which a pixel has no ray."""
-SPREAD = ndtri((np.arange(4) + 0.5) / 4) / np.std(ndtri((np.arange(4) + 0.5) / 4))
-"""Quantiles of a normal point spread, of unit deviation."""
 Map = NDArray[np.float32]
 
 
@@ -142,10 +139,20 @@ def through_lens(
     if blur_px == 0.0:
         return renderer.color(cam_from_world, pinhole, time_s)
     light = np.zeros((pinhole.height, pinhole.width, 3), dtype=np.float32)
-    for dx, dy in product(blur_px * SPREAD, repeat=2):
+    spread = normal_spread()
+    for dx, dy in product(blur_px * spread, repeat=2):
         shifted = replace(pinhole, cx=pinhole.cx + dx, cy=pinhole.cy + dy)
-        add(light_of(renderer.color(cam_from_world, shifted, time_s)), 1 / len(SPREAD) ** 2, light)
+        add(light_of(renderer.color(cam_from_world, shifted, time_s)), 1 / len(spread) ** 2, light)
     return np.asarray(np.rint(255 * np.sqrt(light)), dtype=np.uint8)
+
+
+@cache
+def normal_spread() -> Array:
+    """Quantiles (4,) of a normal point spread, of unit deviation."""
+    from scipy.special import ndtri  # takes a fifth of a second, and every command loads this file
+
+    quantiles = ndtri((np.arange(4) + 0.5) / 4)
+    return np.asarray(quantiles / np.std(quantiles))
 
 
 def _still(renderer: SceneRenderer, pinhole: Camera, before: Pose, after: Pose) -> bool:

@@ -166,7 +166,7 @@ def test_what_was_damaged_is_made_again_to_the_same_end(suite, done, tmp_path):
     image.write_bytes(image.read_bytes()[:-100])
     table = out / "results" / "box-s0" / "lsd@15hz" / "frames.csv"
     table.write_bytes(b"?" * table.stat().st_size)
-    run = uavbench("score", suite, "--out", out)
+    run = uavbench("score", suite, "--out", out, "--jobs", 1)
     assert run.returncode == 0, run.stderr
     assert "11 jobs done, 7 were fresh" in run.stderr  # a sequence with four runs and scores, and a run with its score
     assert ground_truth_and_estimates(out) == whole
@@ -186,7 +186,7 @@ def test_a_users_file_in_a_folder_of_results_is_named_and_nothing_is_done(suite,
 def test_a_model_out_of_the_first_view_is_named(tmp_path):
     path = tmp_path / "away.toml"
     path.write_text(SUITE.replace("[sequences.box]", "[sequences.box]\nmount = { yaw_deg = 180.0 }"))
-    run = uavbench("render", path, "--out", tmp_path / "out")
+    run = uavbench("render", path, "--out", tmp_path / "out", "--jobs", 1)
     assert run.returncode == 2
     assert "box-s0" in run.stderr
     assert "Traceback" not in run.stderr
@@ -202,7 +202,7 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
     text += 'quits = { kind = "external", command = ["false"] }\n'
     text += 'gone = { kind = "external", command = ["no-such-program-anywhere"] }\n'
     path.write_text(text)
-    run = uavbench("run", path, "--out", out)
+    run = uavbench("run", path, "--out", out, "--jobs", 1)
     assert run.returncode == 2
     assert f"report: {out / 'index.html'}" in run.stdout
     causes = [line.split(":")[0] for line in run.stderr.splitlines() if line.startswith("FAILED")]
@@ -232,7 +232,7 @@ def test_what_failed_is_in_the_report_and_what_did_not_is_scored(tmp_path):
 
 def test_two_runs_do_not_share_a_folder(suite, tmp_path):
     out = tmp_path / "out"
-    first = subprocess.Popen(command("render", suite, "--out", out), stderr=subprocess.DEVNULL)
+    first = subprocess.Popen(command("render", suite, "--out", out, "--jobs", 1), stderr=subprocess.DEVNULL)
     try:
         assert wait_until((out / "suite.json").exists)
         first.send_signal(signal.SIGSTOP)  # it stays at work until the second has looked

@@ -17,7 +17,7 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.gallery.page import SECTIONS
 
-pytestmark = [pytest.mark.ci, pytest.mark.slow]
+pytestmark = [pytest.mark.ci, pytest.mark.slow(seconds=120)]
 needs_browser = pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="absent: chromium")
 LARGEST_PICTURE, ALL_PICTURES = 60_000, 2_000_000
 """Bytes."""

@@ -1,5 +1,7 @@
 """Source files of modules are found without importing anything."""
 
+from uavbench.trajectories import source_files
+from uavbench.trajectories.kernels import kept_imports
 from uavbench.trajectories.source_files import source_file, sources
 
 
@@ -59,3 +61,35 @@ def test_a_tracker_is_not_made_of_what_draws_renders_or_schedules():
     names = {path.name for path in sources("uavbench.tracker.robust.tracker")}
     assert "solve_kernels.py" in names
     assert not {"render_suite.py", "figures_on_axes.py", "obstacles.py", "seen_edges.py"} & names
+
+
+def test_what_other_processes_read_of_a_file_is_taken_for_this_very_content_alone(tmp_path, monkeypatch):
+    """One process's reading serves the next; an edited file, or one that was kept broken, is read anew."""
+    places = {"kept": tmp_path / "kept"}
+    places["kept"].mkdir()
+    for name in ("first_of_test", "second_of_test"):
+        (tmp_path / f"{name}.py").write_text("VALUE = 1\n")
+    user = tmp_path / "reader_of_kept.py"
+    user.write_text("import first_of_test\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def names():
+        """As a new process finds them."""
+        monkeypatch.setattr(source_files, "known_imports", {})
+        source_files._imports.cache_clear()
+        kept_imports._recall.cache_clear()
+        with kept_imports.remembered(lambda key: places["kept"]):
+            known = len(source_files.known_imports)
+            return {path.stem for path in sources("reader_of_kept")} - {"reader_of_kept"}, known
+
+    kept = places["kept"] / kept_imports.FILE
+    assert names() == ({"first_of_test"}, 0)
+    assert names() == ({"first_of_test"}, 2)
+    user.write_text("import second_of_test\n")
+    assert names()[0] == {"second_of_test"}
+    for broken in ("{", '{"a": 1}', '{"a": [1]}', "[]", "\xff"):
+        kept.write_text(broken, encoding="latin-1")
+        assert names() == ({"second_of_test"}, 0), broken
+    assert names() == ({"second_of_test"}, 2)
+    places["kept"] = None
+    assert names() == ({"second_of_test"}, 0), "nowhere to keep them"

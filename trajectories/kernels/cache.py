@@ -15,7 +15,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,13 @@ import numba
 from llvmlite import binding as llvm
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from uavbench.trajectories.files.temporary_names import temporary
-from uavbench.trajectories.source_files import digest, editable, sources, stamp
+from uavbench.trajectories.kernels.kept_imports import FILE as IMPORTS
+from uavbench.trajectories.kernels.kept_imports import remembered
+from uavbench.trajectories.source_files import digest, editable, made_of, stamp
 
 MARKER = ".uavbench-kernels"
 """Marker file of a kernel cache folder."""
@@ -39,6 +42,8 @@ NOT_IN_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 """numba's settings that do not change the code of a kernel."""
 _imported: dict[Path, tuple[int, ...]] = {}
 """Source files of imported modules, with their stamps at import."""
+_noted: set[str | None] = set()
+"""Files of the modules that have been noted in it or passed over."""
 
 
 class KernelCache(NullCache):
@@ -65,7 +70,8 @@ class KernelCache(NullCache):
         """The kernel compiled for a signature; None when it is not cached or its file is broken."""
         try:
             found = self._file(sig, target_context.codegen()).read_bytes()
-            target_context.refresh()
+            runtime: Any = rtsys
+            runtime.initialize(target_context)  # a refresh takes a quarter of a second more
             kept_for, payload = pickle.loads(found)  # noqa: S301, ours
             rebuilt: Any = CompileResult
             return rebuilt._rebuild(target_context, *payload) if kept_for == sig else None
@@ -108,9 +114,10 @@ def note_imported(_: str) -> None:
 
     A kernel's code dates from its import, its key from its first use; stamps reveal a file that was edited in between.
     """
-    for module in list(sys.modules.values()):
-        file = getattr(module, "__file__", None)
-        if file is not None and file.endswith(".py") and (path := Path(file)) not in _imported and editable(path):
+    files = {getattr(module, "__file__", None) for module in list(sys.modules.values())} - _noted
+    _noted.update(files)
+    for file in files:
+        if isinstance(file, str) and file.endswith(".py") and editable(path := Path(file)):
             with contextlib.suppress(OSError):
                 _imported[path] = stamp(path)
 
@@ -119,20 +126,24 @@ def note_imported(_: str) -> None:
 def folder_of_module(module: str) -> Path | None:
     """Folder of a module's kernels; None where no folder is writable, or the module has no source file."""
     try:
-        files = sources(module)
+        files = sources_of([module])
         edited = any(stamp(path) != _imported.get(path, stamp(path)) for path in files)
-        return None if edited else folder_of(key_of(module))
+        return None if edited else folder_of(key_of(module, files))
     except OSError:
         return None
 
 
-@cache
-def key_of(module: str) -> str:
-    """Hash of the source of a module and of all that it imports, of numba, LLVM and Python, and of the CPU.
+def sources_of(modules: Iterable[str]) -> frozenset[Path]:
+    """Source files of modules and of all that they import, as `made_of` finds them, from what is kept of before."""
+    with remembered(folder_of):
+        return made_of(modules).files
+
+
+def key_of(module: str, files: frozenset[Path]) -> str:
+    """Hash of a module's source files, those of all that it imports among them, of numba, LLVM, Python and the CPU.
 
     OSError when a source cannot be read.
     """
-    files = sources(module)
     if not files:
         raise FileNotFoundError(f"{module} has no source file")
     settings = sorted((k, v) for k, v in os.environ.items() if k.startswith("NUMBA_") and k not in NOT_IN_CODE)
@@ -181,6 +192,6 @@ def remove_old(home: Path) -> None:
             continue
         with contextlib.suppress(OSError):  # not ours, or another process removes it too
             if (folder / MARKER).lstat().st_mtime < oldest:
-                for path in [*folder.glob("*.nbc"), folder / MARKER]:
-                    path.unlink()
+                for path in [*folder.glob("*.nbc"), folder / IMPORTS, folder / MARKER]:
+                    path.unlink(missing_ok=True)
                 folder.rmdir()

@@ -21,9 +21,8 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 from tqdm import tqdm
 
-from uavbench.trajectories.kernels.cache import homes
+from uavbench.trajectories.kernels.cache import homes, sources_of
 from uavbench.trajectories.kernels.compiled import KERNELS, Kernel
-from uavbench.trajectories.source_files import sources
 
 NUMBER = np.dtype(np.uint16)
 """Binary format of a number in the queue."""
@@ -55,7 +54,7 @@ def prepare(*modules: str) -> None:
 
 def kernels_of(modules: Iterable[str]) -> list[Kernel]:
     """Kernels in the sources of modules and of all that they import, callees first."""
-    files = {path.resolve() for module in modules for path in sources(module)}
+    files = {path.resolve() for path in sources_of(modules)}
     return [kernel for kernel in KERNELS if Path(kernel.py_func.__code__.co_filename).resolve() in files]
 
 

@@ -12,7 +12,6 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
-from scipy.special import gammainc
 
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.pose import Array, read_only
@@ -92,6 +91,8 @@ def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generat
     This is the lateral and vertical filter, as the cascade z1 = w / (1 + T s), z2 = z1 / (1 + T s) with the output
     sqrt(T) (sqrt(3) z1 + (1 - sqrt(3)) z2).
     """
+    from scipy.special import gammainc  # takes a fifth of a second, and every command loads this file
+
     x = 2 * step_s / lag_s
     # Covariance of (z1, z2) gathered in a step, times T; gammainc(k, x) is 1 when stationary, x = inf.
     q11, q12, q22 = gammainc(1, x) / 2, gammainc(2, x) / 4, gammainc(3, x) / 4

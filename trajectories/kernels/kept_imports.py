@@ -1,0 +1,61 @@
+"""Imports of source files, kept beside the kernels: to read them anew in each process takes half a second."""
+
+import contextlib
+import hashlib
+import json
+import platform
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+from uavbench.trajectories import source_files
+from uavbench.trajectories.files.temporary_names import temporary
+
+FILE = "imports.json"
+MOST_KEPT = 5000
+"""Source files whose imports are kept at most, over a megabyte; the sources of all trackers are 300."""
+
+BROKEN = (OSError, ValueError, TypeError, AttributeError, RecursionError)
+"""What a file that is absent or not as it was written raises."""
+
+
+@contextlib.contextmanager
+def remembered(place: Callable[[str], Path | None]) -> Iterator[None]:
+    """Know the imports of every source file that any process has read, and keep those that are read within this.
+
+    place gives the folder of a key, None where nothing can be kept. The imports are known by the content of a file.
+    """
+    folder = place(_key())
+    if folder is not None:
+        _recall(folder / FILE)
+    known = len(source_files.known_imports)
+    yield
+    if folder is not None and len(source_files.known_imports) > known:
+        _keep(folder / FILE)
+
+
+@cache
+def _key() -> str:
+    """Hash of how imports are read: of that source file and of Python."""
+    how = source_files.content_of(Path(source_files.__file__)) + platform.python_version().encode()
+    return hashlib.sha256(how).hexdigest()[:32]
+
+
+@cache
+def _recall(path: Path) -> None:
+    with contextlib.suppress(*BROKEN):  # the imports are read and kept anew
+        kept = {key: _names(value) for key, value in json.loads(path.read_bytes()).items()}
+        source_files.known_imports.update(kept)
+
+
+def _names(kept: object) -> tuple[str, ...]:
+    if not isinstance(kept, list) or not all(isinstance(name, str) for name in kept):
+        raise TypeError("not names of modules")
+    return tuple(kept)
+
+
+def _keep(path: Path) -> None:
+    newest = list(source_files.known_imports.items())[-MOST_KEPT:]
+    with contextlib.suppress(OSError), temporary(path) as own:
+        own.made.write_text(json.dumps(dict(newest)), encoding="utf-8")
+        own.made.replace(path)  # in a folder of ours; whichever process is last, its imports are true
