@@ -1,6 +1,6 @@
 """The figures of a report: title, drawing function, and whether each is drawn by default."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -18,7 +18,7 @@ WEIGHT = 8
 class Drawing:
     """A figure that can be drawn: file name without its suffix, title, caption, and what writes its files to a stem.
 
-    always: it is drawn by default.
+    always: it is drawn by default; late: it is drawn after the others, because its data come from work beside them.
     """
 
     name: str
@@ -26,6 +26,7 @@ class Drawing:
     caption: str
     draw: Callable[[Path], list[Path]]
     always: bool = True
+    late: bool = False
 
 
 @dataclass
@@ -37,14 +38,13 @@ class Easel:
     steps: Steps
     left_out: int = field(default=0, init=False)
 
-    def draw(self, drawings: Iterable[Drawing]) -> list[FigureOnPage]:
+    def draw(self, drawings: Sequence[Drawing]) -> list[FigureOnPage]:
         """The figures that were drawn, in order."""
-        drawn = []
-        for drawing in drawings:
-            if not drawing.always and self.figures == "page":
-                self.left_out += 1
-                continue
+        asked = [drawing for drawing in drawings if drawing.always or self.figures == "all"]
+        self.left_out += len(drawings) - len(asked)
+        drawn = {}
+        for drawing in sorted(asked, key=lambda each: each.late):
             files = drawing.draw(self.folder / "figures" / drawing.name)
-            drawn.append(on_page(self.folder, files, drawing.title, drawing.caption))
+            drawn[drawing.name] = on_page(self.folder, files, drawing.title, drawing.caption)
             self.steps(WEIGHT)
-        return drawn
+        return [drawn[drawing.name] for drawing in asked]

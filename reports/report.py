@@ -16,7 +16,7 @@ report.json                  the hash of what made this report
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from collections.abc import Sequence as ListOf
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -42,9 +42,10 @@ from uavbench.reports.page.pages import (
 )
 from uavbench.reports.page.templates import FigureOnPage
 from uavbench.reports.progress import OnStep, Steps
-from uavbench.reports.report_comparison import compare, compare_along, compare_restarts
+from uavbench.reports.report_comparison import compare, compare_along, compare_restarts, fastest
 from uavbench.reports.restarts import COLUMNS as RESTARTS
 from uavbench.reports.restarts import RestartedRun, open_restarts, with_restarts
+from uavbench.reports.scoring.attributes import contrast_at, frames_looked_at
 from uavbench.reports.scoring.runs import ReportEntry, ScoredRun, open_runs
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
@@ -104,14 +105,15 @@ def write_report(
     steps = Steps(on_step, sum(len(scrubbed(len(group[0].sequence))) for group in shown.values()) + WEIGHT * count)
     easel = Easel(folder, figures, steps)
     (folder / "figures").mkdir(parents=True, exist_ok=True)
+    contrasted = frames_looked_at(fastest(runs))
 
     def overlays() -> None:
         for group in shown.values():
-            write_overlay(folder, group, steps)
+            write_overlay(folder, group, {frame for run in group for frame in contrasted.get(id(run), ())}, steps)
 
     with beside(overlays, steps), house_style():
-        on_index = easel.draw(overall)
         drawn = {name: easel.draw(few) for name, few in of_sequence.items()}
+        on_index = easel.draw(overall)
     pages = [write_sequence(folder, title, group, drawn[name]) for name, group in shown.items()]
     on_index += drawn[first]
     tables = write_all_tables(folder, runs, restarted, tuple(inputs.absent))
@@ -178,10 +180,16 @@ def beside(work: Callable[[], object], steps: Steps) -> Iterator[None]:
         done.result()
 
 
-def write_overlay(folder: Path, runs: ListOf[ScoredRun], steps: Steps) -> None:
-    """The frames of one sequence for its page, and its overlay."""
+def write_overlay(folder: Path, runs: ListOf[ScoredRun], looked_at: Set[int], steps: Steps) -> None:
+    """The frames of one sequence for its page, and its overlay; finds the contrast of those that are looked at."""
     main = main_run(runs)
-    write_frames(main, folder / "pages" / slug_of(main.sequence), moving_of(folder, main), steps)
+
+    def on_frame(frame: int) -> None:
+        steps()
+        if frame in looked_at:
+            contrast_at(main.sequence, frame)
+
+    write_frames(main, folder / "pages" / slug_of(main.sequence), moving_of(folder, main), on_frame)
 
 
 def moving_of(folder: Path, main: ScoredRun) -> Path:

@@ -23,8 +23,8 @@ RANKED_BY = "area over the success curve"
 def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
     """Figures over all runs."""
     colours = {run.name: run.colour for run in runs}
-    fastest_hz = max(run.score.rate_hz for run in runs)
-    fast = [run for run in runs if run.score.rate_hz == fastest_hz]
+    fast = fastest(runs)
+    fastest_hz = fast[0].score.rate_hz
     made = [
         Drawing("accuracy", "Error and coverage",
                 "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and "
@@ -38,7 +38,7 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
                 partial(figures_compare.accuracy_against_latency, runs)),
         Drawing("attributes", f"Why they fail, {fastest_hz:g} Hz",
                 "Success in the quarters of the frames by what the renderer knows of them.",
-                lambda stem: figures_statistics.by_attribute(breakdowns(fast), colours, stem)),
+                lambda stem: figures_statistics.by_attribute(breakdowns(fast), colours, stem), late=True),
     ]  # fmt: skip
     for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
         made += rank([run for run in runs if run.score.rate_hz == rate], colours, rate, always=rate == fastest_hz)
@@ -47,6 +47,12 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
         caption = "Squared error over the claimed covariance; above the band it claims too much."
         made.append(Drawing("nees", "NEES", caption, partial(figures_statistics.nees_over_time, runs)))
     return made
+
+
+def fastest(runs: ListOf[ScoredRun]) -> list[ScoredRun]:
+    """The runs at the highest rate."""
+    fastest_hz = max(run.score.rate_hz for run in runs)
+    return [run for run in runs if run.score.rate_hz == fastest_hz]
 
 
 def bound(fast: ListOf[ScoredRun], colours: dict[str, int]) -> Drawing:

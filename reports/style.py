@@ -1,6 +1,7 @@
 """Style of all figures: exact IEEE widths, embedded TrueType fonts, the same bytes on every run."""
 
 import csv
+import gc
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -72,10 +73,27 @@ RC: dict[str, Any] = {
 @contextmanager
 def house_style() -> Iterator[None]:
     """Within it, figures have the style of the reports whatever the user's matplotlibrc says."""
-    with mpl.rc_context():
+    with mpl.rc_context(), _what_is_there_uncollected():
         mpl.rcdefaults()
         mpl.rcParams.update(cast(Any, RC))
         yield
+
+
+@contextmanager
+def _what_is_there_uncollected() -> Iterator[None]:
+    """Within it, the garbage collector looks at new objects alone.
+
+    A figure is thousands of objects that refer to each other: each one makes the collector go through everything that
+    was ever imported, which takes a tenth of the time of a report.
+    """
+    if gc.get_freeze_count():  # someone else's
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def new_figure(height_in: float, *, wide: bool = True) -> Figure:

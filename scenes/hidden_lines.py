@@ -36,7 +36,7 @@ def seen_parts(structure: Structure, eye_m: Array, segments_m: Array) -> Array:
     clear = seen(rows, np.tile(middles, len(segments_m))).reshape(len(segments_m), -1)
     row, left = np.nonzero(clear[:, 1:] != clear[:, :-1])
     low, high = middles[left], middles[left + 1]
-    for _ in range(BISECTIONS):
+    for _ in range(BISECTIONS if len(row) else 0):
         middle = (low + high) / 2
         like_low = seen(row, middle) == clear[row, left]
         low, high = np.where(like_low, middle, low), np.where(like_low, high, middle)

@@ -13,6 +13,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # typ
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import tracker_errors
 from uavbench.reports.figures.drawn import Drawn, save_drawn
+from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.space import limits
 from uavbench.reports.style import GROUND_TRUTH, LOSS, panel_letter
 from uavbench.trajectories.pose import Array
@@ -103,7 +104,7 @@ def _draw_errors(panel: Axes, flown: Flown, errors_cm: dict[str, Array]) -> None
     if known.any():
         values = np.maximum(100 * translation_m[known], LEAST_CM)
         panel.plot(at[known], values, color=TRACKER, ls="none", marker=".", ms=2, label="tracker")
-    panel.set_yscale("log")
+    logarithmic(panel.yaxis)
     panel.set_ylabel("error (cm)")
     panel.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.02, 0.98), handlelength=1.0, columnspacing=0.8)
 
@@ -117,7 +118,7 @@ def _draw_innovations(panel: Axes, flown: Flown) -> None:
         values[:, 1] = np.clip(values[:, 1], 1e-3, 1e4)
         panel.plot(*values[~refused].T, ls="none", marker=".", ms=2, color=ESTIMATED)
         panel.plot(*values[refused].T, ls="none", marker="o", ms=3, mfc="white", color=CRASH)
-    panel.set_yscale("log")
+    logarithmic(panel.yaxis)
     panel.axhline(1.0, color=LOSS, lw=0.8, zorder=0)
     panel.set_ylabel("innovation")
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure, SubFigure
 from uavbench.reports.closed_loop.comparison import by_run, success
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.figures.drawn import Drawn, legend_of, save_drawn
+from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.sweeps import LEAST_VALUES, leaves
 from uavbench.reports.style import colour, line, marker, panel_letter
 
@@ -69,7 +70,7 @@ def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure
     left.set_ylim(len(groups) - 0.5, -0.5)
     left.set_xlim(-3, 103)
     left.set_xlabel("success, 95 % interval (%)")
-    right.set_xscale("log")
+    logarithmic(right.xaxis)
     right.set_xlabel("greatest path error (cm)")
     panel_letter(left, "a")
     panel_letter(right, "b")
@@ -105,7 +106,7 @@ def draw_along_loops(scores: ListOf[FlightScore], found: SweptLoops, figure: Fig
     _axes(left, found.key, "success (%)", "a")
     _axes(right, found.key, "rms path error (cm)", "b")
     left.set_ylim(-3, 103)
-    right.set_yscale("log")
+    logarithmic(right.yaxis)
     figure.legend(**legend_of(left, {"ncols": 6}), loc="outside upper center")
     columns = ["run", found.key, "flights", "successes", "low", "high", "path_rms_cm"]
     return Drawn(columns=columns, rows=rows, legend=None)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
+from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.frame_errors import SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve
 from uavbench.reports.scoring.runs import ScoredRun
@@ -51,12 +52,11 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
         panel.grid(False, axis="x")
         panel.set_title(f"({letter}) {name}", loc="left", fontsize=7.5)
     for panel in panels[:2]:
-        panel.set_yscale("log")
+        logarithmic(panel.yaxis)
         low, high = panel.get_ylim()
         bottom = 10 ** np.floor(np.log10(low))
         panel.set_ylim(bottom, max(high, 10 * bottom))
-        panel.yaxis.set_minor_formatter(NullFormatter())
-        panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        plain_powers(panel.yaxis)
     panels[0].axhline(100 * SUCCESS_M, color=GROUND_TRUTH, lw=0.6, ls=":")
     panels[1].axhline(5, color=GROUND_TRUTH, lw=0.6, ls=":")
     for panel in panels[2:]:
@@ -138,7 +138,7 @@ def draw_accuracy_against_latency(runs: ListOf[ScoredRun], panel: Axes) -> Drawn
         rows.append(
             [run.name, run.sequence.name, latency.p50_ms, latency.p95_ms, latency.p99_ms, latency.max_ms, success]
         )
-    panel.set_xscale("log")
+    logarithmic(panel.xaxis)
     panel.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     panel.set_ylim(-3, 103)
     panel.set_xlabel("time per frame (ms): median, line to 95th percentile")

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
+from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.statistics.bootstrap import hierarchical_interval
@@ -68,7 +69,7 @@ def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
         t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / 1e9
         panel.plot(t, values, label=run.title, **line(run.colour, slower=run.score.rate_hz < fastest_hz))
         rows += [[run.name, s, finite(v)] for s, v in zip(t.tolist(), values.tolist(), strict=True)]
-    panel.set_yscale("log")
+    logarithmic(panel.yaxis)
     panel.set_xlabel("time (s)")
     panel.set_ylabel("NEES")
     return Drawn(columns=["run", "time_s", "nees"], rows=rows, legend={"ncols": 3})
@@ -88,7 +89,7 @@ def draw_error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int
         panel.plot(known, share, label=f"{name}: {_median(values)}", **line(colours.get(name, 0)))
         rows += [[name, ratio, s / 100] for ratio, s in zip(known.tolist(), share.tolist(), strict=True)]
     panel.axvline(1, color=GROUND_TRUTH, lw=0.7, ls=":")
-    panel.set_xscale("log")
+    logarithmic(panel.xaxis)
     panel.set_xlim(left=max(panel.get_xlim()[0], 0.02))
     panel.set_ylim(0, 102)
     panel.set_xlabel("position error / Cramer-Rao bound")
@@ -122,11 +123,11 @@ def draw_sweep(
         rows += [[name, x, f.mean, finite(f.low), finite(f.high), f.n, f.why] for x, f in zip(xs, found, strict=True)]
     values = [row[1] for row in rows]
     if values and min(values) > 0 and max(values) > 10 * min(values):
-        panel.set_xscale("log")
+        logarithmic(panel.xaxis)
     if share:
         panel.set_ylim(-3, 103)
     else:
-        panel.set_yscale("log")
+        logarithmic(panel.yaxis)
         panel.set_ylim(bottom=0.5 * min((row[2] for row in rows if row[2] > 0), default=1e-3))
     panel.set_xlabel(swept)
     panel.set_ylabel(metric)

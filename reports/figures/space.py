@@ -13,6 +13,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
 from uavbench.reports.figures.drawn import Drawn, finite, save_drawn
+from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.time import nice_log
 from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors
 from uavbench.reports.metrics.sub_trajectories import distance_along
@@ -132,7 +133,7 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
         for length, values in over[run.name].items():
             rows += [[run.name, f"over {length:.4g} m", None, value] for value in values.tolist()]
     for letter, panel in zip("ab", (left, *right), strict=False):
-        panel.set_yscale("log")
+        logarithmic(panel.yaxis)
         panel_letter(panel, letter if boxed else "")
     for panel in right:
         _draw_boxes(panel, runs, over)

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
+from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.association import NS
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import failures
@@ -110,7 +110,7 @@ def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axe
         shown: dict[str, Any] = {"marker": "o", "ms": 2.5} if len(t) < 80 else {}
         values = 100 * errors.translation_m if quantity == "position" else errors.angle_deg
         panel.plot(t, np.where(errors.ok, values, np.nan), label=run.title, **line(run.colour), **shown)
-    panel.set_yscale("log")
+    logarithmic(panel.yaxis)
     panel.axhline(100 * SUCCESS_M if quantity == "position" else SUCCESS_DEG, color=GROUND_TRUTH, lw=0.6, ls=":")
     panel.set_ylabel(f"{quantity} error ({'cm' if quantity == 'position' else 'deg'})")
     nice_log(panel)
@@ -166,8 +166,7 @@ def margin_around(panel: Axes, ground_truth: Array, estimate: Array) -> None:
 def nice_log(panel: Axes) -> None:
     """Plain numbers on a logarithmic y axis, nothing below a hundredth."""
     panel.set_ylim(bottom=max(panel.get_ylim()[0], 0.01))
-    panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    panel.yaxis.set_minor_formatter(NullFormatter())
+    plain_powers(panel.yaxis)
 
 
 def shade_loss(panel: Axes, t: Array, success: NDArray[np.bool_]) -> None:

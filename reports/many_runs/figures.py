@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator
 
 from uavbench.reports.figures.drawn import Drawn, finite, legend_of, save_drawn, save_panel
+from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.many_runs.comparison import Spread, extra
 from uavbench.reports.many_runs.curves import Band
 from uavbench.reports.many_runs.evaluate_many import METRICS, EvaluatedRun, ManyRuns
@@ -172,9 +173,8 @@ def fit_scale(panel: Axes, values: Array) -> None:
     """A y axis from zero, or a logarithmic one where values (n,) range widely."""
     known = values[np.isfinite(values) & (values > 0)]
     if len(known) and known.max() > WIDE_RANGE * known.min():
-        panel.set_yscale("log")
+        logarithmic(panel.yaxis)
         panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-        panel.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-        panel.yaxis.set_minor_formatter(NullFormatter())
+        plain_powers(panel.yaxis)
     else:
         panel.set_ylim(0, max(panel.get_ylim()[1], 1.05 * float(known.max())) if len(known) else None)

@@ -9,6 +9,7 @@ from PIL import Image as Pillow
 
 from uavbench.reports.figures.image_panels import error_text
 from uavbench.reports.figures.tracker_pictures import Image, View, draw, write_text_on
+from uavbench.reports.scoring.images import image_at
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.trajectories.files.writing import new_file
 
@@ -26,10 +27,11 @@ def scrubbed(frames: int) -> list[int]:
     return list(range(0, frames, max(1, -(-frames // SCRUBBED_FRAMES))))
 
 
-def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[[], None]) -> None:
+def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[[int], None]) -> None:
     """Write the scrubbed frames of a run's sequence as JPEG, and its overlay as an animated WebP.
 
-    Model at the latest estimate in green, ground truth in white. Each image is read once.
+    Model at the latest estimate in green, ground truth in white. Each image is read once; on_frame is told each frame
+    while `image_at` has its image.
     """
     folder.mkdir(parents=True, exist_ok=True)
     frames = scrubbed(len(run.sequence))
@@ -38,10 +40,10 @@ def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[
 
     def drawn() -> Iterator[Pillow.Image]:
         for frame in frames:
-            view = View.of(run.sequence.image(frame), run.sequence.camera, run.sequence.structure)
+            view = View.of(image_at(run.sequence, frame), run.sequence.camera, run.sequence.structure)
             with new_file(folder / f"{frame:06d}.jpg") as temporary:
                 temporary.write_bytes(cv2.imencode(".jpg", view.image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1])
-            on_frame()
+            on_frame(frame)
             if frame in animated:
                 yield Pillow.fromarray(overlay_frame(run, view, frame)[..., ::-1])
 

@@ -7,11 +7,13 @@ equal size by the attribute and gives success and error of each part.
 from collections.abc import Callable
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from uavbench.reports.metrics.quaternions import norm
+from uavbench.reports.scoring.images import image_at
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.scoring.true_edges import true_edges
 from uavbench.scenes.dataset.annotations import edges_file, load_edges
@@ -103,21 +105,24 @@ def distance_m(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 def contrast(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Mean difference (n,) of grey levels across the true visible edges, 4 px to either side, of 255."""
-    out = np.full(len(frames), np.nan)
-    for k, frame in enumerate(frames):
-        segments = true_edges(sequence, frame).segments_px
-        lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-        segments, lengths = segments[lengths > 2 * CONTRAST_OFFSET_PX], lengths[lengths > 2 * CONTRAST_OFFSET_PX]
-        if not len(segments):
-            continue
-        along = (segments[:, 1] - segments[:, 0]) / lengths[:, None]
-        normal = np.column_stack([-along[:, 1], along[:, 0]])[:, None] * CONTRAST_OFFSET_PX
-        w = np.linspace(0.1, 0.9, POINTS_PER_EDGE)[None, :, None]
-        middle = segments[:, :1] + w * (segments[:, 1:] - segments[:, :1])
-        image = np.asarray(cv2.GaussianBlur(grey(sequence.image(frame)), (3, 3), 0), dtype=np.uint8)
-        sides = [_sampled(image, to_image((middle + s * normal).reshape(-1, 2), sequence.camera)) for s in (1, -1)]
-        out[k] = float(np.abs(sides[0] - sides[1]).mean())
-    return out
+    return np.array([contrast_at(sequence, frame) for frame in frames])
+
+
+@lru_cache(maxsize=4096)  # what draws the overlay asks for it first, while it has the image
+def contrast_at(sequence: Sequence, frame: int) -> float:
+    """Contrast of one frame; NaN where no visible edge is long enough."""
+    segments = true_edges(sequence, frame).segments_px
+    lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    segments, lengths = segments[lengths > 2 * CONTRAST_OFFSET_PX], lengths[lengths > 2 * CONTRAST_OFFSET_PX]
+    if not len(segments):
+        return float("nan")
+    along = (segments[:, 1] - segments[:, 0]) / lengths[:, None]
+    normal = np.column_stack([-along[:, 1], along[:, 0]])[:, None] * CONTRAST_OFFSET_PX
+    w = np.linspace(0.1, 0.9, POINTS_PER_EDGE)[None, :, None]
+    middle = segments[:, :1] + w * (segments[:, 1:] - segments[:, :1])
+    image = np.asarray(cv2.GaussianBlur(grey(image_at(sequence, frame)), (3, 3), 0), dtype=np.uint8)
+    sides = [_sampled(image, to_image((middle + s * normal).reshape(-1, 2), sequence.camera)) for s in (1, -1)]
+    return float(np.abs(sides[0] - sides[1]).mean())
 
 
 ATTRIBUTES: dict[str, tuple[str, Callable[[Sequence, ListOf[int]], Array]]] = {
@@ -153,28 +158,29 @@ def breakdown(values: Array, success: Array, translation_m: Array, parts: int = 
 def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
     """Parts by attribute and run name, over all sequences of runs at one rate; attributes that are known only."""
     names = list(dict.fromkeys(run.name for run in runs))
-    at_most = max(FEW, MAX_FRAMES // len({id(run.sequence) for run in runs}))
+    looked_at = frames_looked_at(runs)
     found: dict[str, dict[str, list[Part]]] = {}
     for attribute, (_, function) in ATTRIBUTES.items():
         of_sequence: dict[int, Array] = {}
         for run in runs:
             if id(run.sequence) not in of_sequence:
-                of_sequence[id(run.sequence)] = function(run.sequence, looked_at(run, at_most))
+                of_sequence[id(run.sequence)] = function(run.sequence, looked_at[id(run)])
         found[attribute] = {}
         for name in names:
             group = [run for run in runs if run.name == name]
             values = np.concatenate([of_sequence[id(run.sequence)] for run in group])
-            rows = [np.searchsorted(run.errors.frames, looked_at(run, at_most)) for run in group]
+            rows = [np.searchsorted(run.errors.frames, looked_at[id(run)]) for run in group]
             success = np.concatenate([run.errors.success[k].astype(float) for run, k in zip(group, rows, strict=True)])
             metres = np.concatenate([run.errors.translation_m[k] for run, k in zip(group, rows, strict=True)])
             found[attribute][name] = breakdown(values, success, metres)
     return {attribute: of_run for attribute, of_run in found.items() if any(of_run.values())}
 
 
-def looked_at(run: ScoredRun, at_most: int) -> list[int]:
-    """Frames of a run that a breakdown looks at."""
-    frames: list[int] = run.errors.frames.tolist()
-    return frames[:: -(-len(frames) // at_most)]
+def frames_looked_at(runs: ListOf[ScoredRun]) -> dict[int, list[int]]:
+    """Frames of each run, by its id, that a breakdown of all of them looks at."""
+    at_most = max(FEW, MAX_FRAMES // len({id(run.sequence) for run in runs}))
+    frames: dict[int, list[int]] = {id(run): run.errors.frames.tolist() for run in runs}
+    return {run: of_run[:: -(-len(of_run) // at_most)] for run, of_run in frames.items()}
 
 
 def _sampled(image: Image, pixels: Array) -> Array:

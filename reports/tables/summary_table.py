@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.reports.statistics.bootstrap import Interval, compare_with, hierarchical_interval, least_units, units
 from uavbench.reports.tables.columns import COLUMNS, Column
@@ -85,7 +86,7 @@ def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> 
     frame: of scores, as `score_frame` makes it.
     """
     groups = runs_of(frame)
-    values = {run: [by_flight(rows, column.of(rows)) for column in columns] for run, rows in groups.items()}
+    values = {run: _of_columns(rows, columns) for run, rows in groups.items()}
     cells = {
         run: [_cell(v, column) for v, column in zip(of_run, columns, strict=True)] for run, of_run in values.items()
     }
@@ -149,8 +150,19 @@ def _caption(groups: Mapping[str, "DataFrame"], rows: ListOf[tuple[str, tuple[Ce
 
 def by_flight(rows: "DataFrame", values: Array) -> list[Array]:
     """Values (n,) of the rows of one tracker and rate by flight, its seeds in order; a run counts once."""
-    runs = rows[["flight", "seed"]].assign(value=values).drop_duplicates(["flight", "seed"], keep="last")
-    return [flight["value"].to_numpy() for _, flight in runs.sort_values("seed").groupby("flight")]
+    return [values[places] for places in _flights(rows)]
+
+
+def _of_columns(rows: "DataFrame", columns: tuple[Column, ...]) -> list[list[Array]]:
+    """What `by_flight` gives for each column: the rows are sorted once."""
+    flights = _flights(rows)
+    return [[values[places] for places in flights] for values in (column.of(rows) for column in columns)]
+
+
+def _flights(rows: "DataFrame") -> list[NDArray[np.int64]]:
+    """Places of the rows of one tracker and rate by flight, its seeds in order; a run counts once."""
+    runs = rows[["flight", "seed"]].reset_index(drop=True).drop_duplicates(keep="last")
+    return [flight.index.to_numpy() for _, flight in runs.sort_values("seed").groupby("flight")]
 
 
 def _cell(values: list[Array], column: Column) -> Cell:
