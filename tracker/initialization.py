@@ -98,7 +98,7 @@ class CoarseGuess:
         spread = max(self.range_part, float(np.radians(self.angle_deg)), config.relocalization.guess_sigma) / 2
         fitter = EdgeFitter(structure, camera, rng, config)
         fitter.work = Work(allowed=sys.maxsize)  # nothing flies yet
-        relocator = Relocator(fitter, camera, config.relocalization)
+        relocator = Relocator(fitter, camera)
         fit = relocator.search(Sought(image, [guess], sigmas(spread, range_m), range_m)).fit
         return fit.cam_from_world if fit.finite else guess
 

@@ -34,7 +34,7 @@ def test_a_suite_sets_one_value_and_the_rest_stays(tmp_path):
         ("motion", "memory = 2.0", r"trackers.mine.config.motion.memory: unknown key; did you mean 'memory_s'"),
         ("motion", "memory_s = 0.0", r"trackers.mine.config.motion.memory_s: input should be greater than 0, got 0"),
         ("edge", "x = 1", r"trackers.mine.config.edge: unknown key; did you mean 'edges'"),
-        ("edges.search", "candidates = 2.5", r"edges.search.candidates: input should be a valid integer"),
+        ("patches", "enough_to_predict = 2.5", r"patches.enough_to_predict: input should be a valid integer"),
         ("solver.estimator", "fine_widths_px = [2.0, -1.0]", r"fine_widths_px\[1\]: input should be greater than 0"),
     ],
 )
@@ -45,7 +45,7 @@ def test_a_mistake_in_a_value_names_its_key(tmp_path, table, line, told):
 
 def test_every_value_of_robust_is_varied_within_its_bounds(tmp_path):
     values = list(values_of(Robust()))
-    assert len({value.path for value in values}) == len(values) > 60
+    assert len({value.path for value in values}) == len(values) > 40
     for value in values:
         made = [value.scaled(factor) for factor in (0.5, 2.0)]
         assert any(m is not None for m in made), value.path

@@ -2,7 +2,7 @@
 
 import ast
 import re
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -67,6 +67,21 @@ def test_a_support_is_good_that_leads_the_least_one() -> None:
     config = RobustConfig()
     assert config.loss.min_support < config.good_support < 1.0
     assert config.good_support == config.loss.min_support + config.relocalization.lead
+
+
+def test_fewer_than_sixty_values_are_left() -> None:
+    assert len(VALUES) < 60
+
+
+def test_what_follows_from_a_value_follows_it() -> None:
+    config = RobustConfig()
+    estimator = replace(config.solver.estimator, coarse_widths_px=(10.0, 4.0), fine_widths_px=(3.0, 2.0))
+    assert (estimator.separate_px, estimator.fine_half_px) == (10.0, 4.0)
+    finer = replace(config.relocalization, search=replace(config.relocalization.search, view_step_rad=0.08))
+    assert finer.found_sigma == pytest.approx(0.5 * config.relocalization.found_sigma)
+    surer = replace(config.relocalization, lead=2.0 * config.relocalization.lead)
+    assert surer.lead_of_rivals == pytest.approx(2.0 * config.relocalization.lead_of_rivals)
+    assert surer.sigma_cost == pytest.approx(2.0 * config.relocalization.sigma_cost)
 
 
 def test_every_value_is_read_by_the_tracker() -> None:

@@ -16,14 +16,12 @@ from uavbench.tracker.geometry_kernels import (
 )
 from uavbench.tracker.protocol import ImageError
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
 from uavbench.tracker.robust.edges.weight_kernels import support
-from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.patches.patches import Texture
-from uavbench.tracker.robust.relocalization.pose_search import PoseSearch, Reach
+from uavbench.tracker.robust.relocalization.pose_search import CANDIDATES, PoseSearch, Reach
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.robust.view import View
 from uavbench.tracker.visible_edges import near_depth
@@ -139,8 +137,8 @@ def test_a_patch_that_is_missed_lowers_the_support_and_one_not_looked_for_does_n
         np.ones(10),
     )
     found, missed, untried = (np.array([1.0, 0.9]), np.ones(2)), (np.zeros(2), np.zeros(2)), (np.zeros(2), -np.ones(2))
-    values = kernel_values(CONFIG.edges.weights)
-    shares = [support(seen, points, *patches, known, values) for patches in (found, missed, untried)]
+    weak_step = CONFIG.edges.appearance.weak_step_grey
+    shares = [support(seen, points, *patches, known, weak_step) for patches in (found, missed, untried)]
     assert [edges for _, edges in shares] == pytest.approx([0.8] * 3)
     assert shares[0][0] == pytest.approx((8 + 2) / (10 + 2))
     assert shares[1][0] == pytest.approx(8 / (10 + 2))
@@ -226,8 +224,7 @@ def test_hidden_lines_are_removed():
     both = Structure.from_mesh(np.concatenate([front, back]), np.concatenate([BOX_TRIANGLES, BOX_TRIANGLES + 8]))
     m = edge_map(both)
     pose = look_at(np.array([3.0, 0.0, 0.1]), (0, 0, 0.1))
-    config = kernel_values(SamplingConfig(spacing_px=4.0, max_points=400))
-    points = sample_edges(m, View.of(CAMERA, both).at(pose), config).points
+    points = sample_edges(m, View.of(CAMERA, both).at(pose), 4.0, 400).points
     assert len(points) > 100
     assert (points[:, 0] > 0).all()
 
@@ -290,14 +287,13 @@ def test_patches_taken_at_a_pose_are_found_again_there(flight):
 
 def test_pose_search_ranks_a_near_pose_first(flight):
     poses, images = flight
-    config = CONFIG.relocalization.search
-    search = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), config)
+    search = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), CONFIG)
     guess = RigidMotion(np.array(poses[0].rotation), np.array(poses[0].translation))
     target = search.target(images[19], sigma_px=30.0)
     found = search.best_of(target, guess, search.block(-0.25, 0.0, Reach(0.12, 0.25, 0.3)), most=10**9)
     scores = [candidate.score for candidate in found.candidates]
     assert scores == sorted(scores, reverse=True)
-    assert len(scores) == config.candidates
+    assert len(scores) == CANDIDATES
     assert min(pose_error(Pose(*candidate.pose), poses[19])[0] for candidate in found.candidates) < 0.15
     refined = search.refined(target, found.candidates[0]).candidates[0]
     assert refined.score >= scores[0]

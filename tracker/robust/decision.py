@@ -38,7 +38,7 @@ class Decider:
 
     def __init__(self, fitter: EdgeFitter, camera: Camera, state: TrackState, config: RobustConfig) -> None:
         self.fitter, self.camera, self.state, self.config = fitter, camera, state, config
-        self.relocator = Relocator(fitter, camera, config.relocalization)
+        self.relocator = Relocator(fitter, camera)
         self.until_search = 0
         self.was_wrong = self.kept_initial = False
 
@@ -81,7 +81,7 @@ class Decider:
                 Texture(self.fitter.edges, self.camera, self.fitter.view, self.config),
             )
             self.fitter.texture.now_s = kept.now_s
-            narrow = sigmas(relocalization.fitted_sigma, self.state.range_m)
+            narrow = sigmas(self.config.initialization.sigma, self.state.range_m)
             alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock, relocalization.refit_half_px)
             if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + relocalization.lead):
                 return alone

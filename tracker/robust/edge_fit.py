@@ -23,7 +23,7 @@ from uavbench.tracker.robust.edges.weight_kernels import (
 )
 from uavbench.tracker.robust.kernel_config import KernelConfig
 from uavbench.tracker.robust.patches.matches import PatchMatches
-from uavbench.tracker.robust.patches.patches import Texture
+from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
 from uavbench.tracker.robust.pose_fit import (
     NO_MATCHES,
     NO_MEASUREMENTS,
@@ -45,6 +45,8 @@ from uavbench.trajectories.pose import Array, Pose
 Indices = NDArray[np.int64]
 MIN_POINTS = 6
 """With fewer control points and fewer patches nothing is fitted."""
+MOST_POINTS = 220
+"""Control points are wider apart where there would be many more: a limit of their time."""
 FIT_EVALUATIONS = 1_500
 """What fitting a control point takes, in evaluations (see `BudgetConfig`): 3 us on the same core."""
 TAKE_EVERY = 4
@@ -63,6 +65,7 @@ class EdgeFitter:
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
         self.learned, self.offset_scale, self.most_points = 0, 1.0, 0
         self.sharp = True
+        self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
         self.draws = rng.random((HYPOTHESES, EDGES_DRAWN * DRAWS_PER_EDGE))
 
@@ -103,8 +106,9 @@ class EdgeFitter:
             points = self.sample(view)
             self.texture.choose(view)
             lines = self.search_lines(points, view)
-            spacing_px = edge_spacing(lines, points.keys, weights)
-            weight = point_weights(spacing_px, points.rows, self.appearance, weights)
+            separate_px = self.config.solver.estimator.separate_px
+            spacing_px = edge_spacing(lines, points.keys, separate_px)
+            weight = point_weights(spacing_px, points.rows, self.appearance, separate_px, self.weak_step, weights)
             prior = PosePrior(inverse6(covariance), view.R, view.t)
             edges = points.rows[points.first[:-1]] // BINS
         return Problem(image, view, covariance, prior, points, lines, spacing_px, weight, edges)
@@ -120,7 +124,8 @@ class EdgeFitter:
         if not len(problem.points.points):
             return Aligned(view, matches)
         with clock.stage("search"):
-            half_px = search_range(problem.lines.jacobian, problem.covariance, most_px, self.values.search)
+            least_px = solver.estimator.fine_half_px
+            half_px = search_range(problem.lines.jacobian, problem.covariance, least_px, most_px)
             measured = self.measure(problem, problem.lines, half_px)
         with clock.stage("hypotheses"):
             prior = solver.hypotheses.prior_weight * problem.prior.information
@@ -135,7 +140,7 @@ class EdgeFitter:
     def update(self, problem: Problem, aligned: Aligned, clock: StageClock) -> Solution:
         """The estimate by a short search."""
         view = aligned.view
-        half_px = np.full(len(problem.points.points), self.config.edges.search.fine_half_px)
+        half_px = np.full(len(problem.points.points), self.config.solver.estimator.fine_half_px)
         with clock.stage("search"):
             measured = self.measure(problem, self.search_lines(problem.points, view), half_px)
         with clock.stage("update"):
@@ -164,10 +169,10 @@ class EdgeFitter:
 
     def judge(self, problem: Problem, matches: PatchMatches, found: Solution, best: Estimate) -> Fit:
         """The fit, supported by what a search found: what a fit near a pose finds does not support that pose."""
-        values, points, weighting = self.values.weights, problem.points, best.weighting
+        points, weighting = problem.points, best.weighting
         searched: Weighting = found.estimate.weighting
         share = support(
-            found.measured, searched.weight, searched.patch_weight, matches.correlation, self.appearance, values
+            found.measured, searched.weight, searched.patch_weight, matches.correlation, self.appearance, self.weak_step
         )
         n, patches = len(points.points), np.count_nonzero(weighting.patch_weight)
         return Fit(
@@ -195,9 +200,9 @@ class EdgeFitter:
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
         """Candidates on search lines no longer than half_px (n,) to either side, with variances of their points."""
-        points, initial = problem.points, self.config.edges.appearance.initial_error_px_grey
+        points = problem.points
         found = search(problem.image, lines, points.rows, self.appearance, half_px, self.values.search)
-        variance_px2 = point_variances(points, found, self.appearance, self.values.weights, initial)
+        variance_px2 = point_variances(points, found, self.appearance, self.weak_step, self.values.weights)
         return EdgeMeasurements(points, lines, found, problem.weight, variance_px2)
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
@@ -220,7 +225,7 @@ class EdgeFitter:
 
     def sample(self, view: View) -> ControlPoints:
         """Visible control points in a view."""
-        return sample_edges(self.edges, view, self.values.sampling)
+        return sample_edges(self.edges, view, float(self.config.edges.sampling.spacing_px), MOST_POINTS)
 
     def search_lines(self, points: ControlPoints, view: View) -> SearchLines:
         """Search lines of control points in a view."""
@@ -242,7 +247,7 @@ class EdgeFitter:
         self.learned += 1
         self.learn_offset_scale(used, fit.covariance)
         due = hits < patches.enough_to_predict or self.learned % TAKE_EVERY == 0
-        if due and hits < patches.max_used and fit.edge_support >= self.config.good_support:
+        if due and hits < MOST_USED and fit.edge_support >= self.config.good_support:
             if not hits:
                 self.biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)
             self.texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])

@@ -7,7 +7,6 @@ import numpy as np
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.config.edges import (
     AppearanceConfig,
-    SamplingConfig,
     SearchConfig,
     SubpixelConfig,
     WeightConfig,
@@ -28,7 +27,6 @@ class Widths(NamedTuple):
 class KernelConfig(NamedTuple):
     """The stages' values, each as `kernel_values` makes them."""
 
-    sampling: SamplingConfig
     search: SearchConfig
     appearance: AppearanceConfig
     weights: WeightConfig
@@ -41,7 +39,6 @@ class KernelConfig(NamedTuple):
         """The values of a config."""
         edges, solver, e = config.edges, config.solver, config.solver.estimator
         return cls(
-            kernel_values(edges.sampling),
             kernel_values(edges.search),
             kernel_values(edges.appearance),
             kernel_values(edges.weights),

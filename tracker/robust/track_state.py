@@ -65,8 +65,8 @@ class TrackState:
         """Whether a track goes on since chance would not find so many edges where they are predicted."""
         if self.is_first or self.is_lost or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
             return False
-        solver, half_px = self.config.solver, self.config.edges.search.fine_half_px
-        width_px = solver.estimator.fine_widths_px[-1]
+        estimator = self.config.solver.estimator
+        width_px, half_px = estimator.fine_widths_px[-1], estimator.fine_half_px
         return log10_false_alarms(fit, width_px, half_px, HYPOTHESES) < self.config.loss.log10_false_alarms
 
     def suppose(self, fit: Fit, dt_s: float, stamp_ns: int) -> None:

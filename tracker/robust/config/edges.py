@@ -5,7 +5,7 @@ from typing import Annotated
 
 from annotated_types import Interval
 
-from uavbench.tracker.robust.config.bounds import Count, Part, Positive, Weight
+from uavbench.tracker.robust.config.bounds import Part, Positive
 
 
 @dataclass(frozen=True)
@@ -14,8 +14,6 @@ class SamplingConfig:
 
     spacing_px: Positive = 6.0
     """One control point for so much of projected length. Chosen on rendered seeds, for time."""
-    max_points: Count = 220
-    """Points are wider apart where that would make many more than this. Chosen on rendered seeds, for time."""
     rounded_deg: Annotated[float, Interval(gt=0, le=90)] = 35.0
     """Faces that turn by less are parts of one rounded surface: a column of 12 sides has 30 degrees. Physical."""
 
@@ -24,10 +22,6 @@ class SamplingConfig:
 class SearchConfig:
     """Search lines across the control points, and the candidates on them."""
 
-    candidates: Count = 4
-    """Most candidates on a search line. Chosen on rendered seeds, for time."""
-    fine_half_px: Positive = 5.0
-    """Half length once the pose is nearly right, and the shortest from a prediction. Chosen on rendered seeds."""
     min_contrast_grey: Positive = 5.0
     """Weakest step of a candidate, and of a learned one that has a direction in colour. Chosen on rendered seeds."""
     learned_step_part: Part = 0.2
@@ -35,8 +29,6 @@ class SearchConfig:
     colour_sigma_grey: Positive = 14.0
     """Spread of the colour beside an edge from frame to frame; added to the learned step by which contrasts are divided
     for the rank. Chosen on rendered seeds."""
-    rank_penalty: Weight = 0.5
-    """Rank that a penalty of one costs a candidate. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
@@ -48,20 +40,17 @@ class AppearanceConfig:
     learning_rate: Part = 0.1
     """Least share of the newest frame in what is learned: colours, residuals, the usual support, the scale of the
     offsets. Chosen on rendered seeds."""
-    initial_error_px_grey: Positive = 15.0
-    """Error in px of an edge not seen yet times its step in grey levels. Chosen on rendered seeds."""
+    weak_step_grey: Positive = 15.0
+    """Step of an edge that errs by 1 px, and in inverse proportion to its step, while its errors are not learned; it
+    weighs half of one that does not err. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
 class WeightConfig:
     """Weights and variances of control points, and the weight of a patch in the support."""
 
-    separate_px: Positive = 8.0
-    """Edges farther apart do not disturb each other. Chosen on rendered seeds."""
     unknown_weight: Part = 0.25
     """Weight of an edge whose appearance is not learned. Chosen on rendered seeds."""
-    weak_step_grey: Positive = 15.0
-    """An edge with this contrast weighs half of one with much. Chosen on rendered seeds."""
     point_variance_px2: Positive = 0.08**2
     """Variance of a control point by itself. Chosen on rendered seeds."""
     silhouette_variance_px2: Positive = 0.05**2

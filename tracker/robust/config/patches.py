@@ -3,17 +3,15 @@
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Unit
+from annotated_types import Gt, Unit
 
-from uavbench.tracker.robust.config.bounds import Count, NotNegative, Number, Part, Positive
+from uavbench.tracker.robust.config.bounds import Count, NotNegative, Part, Positive
 
 
 @dataclass(frozen=True)
 class AlignmentConfig:
     """Alignment of a patch by Gauss-Newton (Baker & Matthews 2004)."""
 
-    reach_texels: Annotated[int, Ge(1)] = 6
-    """Half width of the coarse search, and farthest shift of an alignment. Chosen on rendered seeds."""
     min_correlation: Part = 0.85
     """Least correlation of a patch that counts as found. Chosen on rendered seeds."""
     min_contrast_grey: NotNegative = 3.0
@@ -32,13 +30,9 @@ class PatchesConfig:
 
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
     """Alignment in later frames."""
-    max_used: Count = 32
-    """Patches looked for in a frame; while fewer are found new ones are taken. Chosen on rendered seeds, for time."""
     enough_to_predict: Count = 8
     """With so many found at the predicted pose the edges need no wide search. Chosen on rendered seeds."""
     flat_margin_px: Positive = 3.0
     """Margin around a patch that must lie on its face. Chosen on rendered seeds."""
     min_corner_grey2: Positive = 8.0
     """Least strength of a corner, (grey levels per px)^2 (Shi & Tomasi 1994). Chosen on rendered seeds."""
-    max_misses: Number = 6
-    """A patch missed in more frames than this is dropped. Chosen on rendered seeds."""

@@ -42,7 +42,8 @@ class InitializationConfig:
     """The initial pose: kept while the image supports it, else searched."""
 
     sigma: Sigma = 0.005
-    """One standard deviation of the initial pose, in parts of the range and in rad. Chosen on rendered seeds."""
+    """One standard deviation of a pose that is known, in parts of the range and in rad: of the initial one, and of a
+    fitted one that is fitted again. Chosen on rendered seeds."""
     kept_sigma: Sigma = 0.001
     """The same in the fit that is to stay there, and once it was kept. Measured on 22 first frames: the support is 0.36
     to 0.81 at the true pose, 0.29 to 0.78 beside it by 0.3 %, 0.04 to 0.28 by 1 % and more."""

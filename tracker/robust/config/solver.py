@@ -31,6 +31,19 @@ class EstimatorConfig:
     patches_prior_part: Annotated[float, Interval(gt=0, le=1), Unit("1")] = 0.01
     """Share of all information that holds the pose of the patches alone. Chosen on rendered seeds."""
 
+    @property
+    def fine_half_px(self) -> float:
+        """Half length of search lines once the pose is nearly right, and the shortest from a prediction.
+
+        Farther candidates have no weight; a pixel more, as one may lie so far beside the steepest pixel.
+        """
+        return float(self.fine_widths_px[0]) + 1.0
+
+    @property
+    def separate_px(self) -> float:
+        """Distance from which edges do not disturb each other: the widest weight does not reach that far."""
+        return float(self.coarse_widths_px[0])
+
 
 @dataclass(frozen=True)
 class BiasConfig:

@@ -32,6 +32,8 @@ REACH = 4
 """Px beyond the search range that a profile takes in, for the filter and the colours beside a candidate."""
 MAX_HALF_PX = 48
 """Longest half length of a search line: profiles have room for it."""
+CANDIDATES = 4
+"""Most candidates on a search line: a limit of the time of hypotheses, which draw among them."""
 SIGMAS = 3.0
 """Standard deviations beyond which nothing is looked for: 99.7 % of a normal distribution lie within."""
 GREY = (0.114, 0.587, 0.299)
@@ -99,7 +101,7 @@ def search(
     learned step, in grey levels; where nothing is learned it is that of the grey image, without sign.
     """
     lines, side = at.lines, at.side
-    n, candidates = len(lines), config.candidates
+    n, candidates = len(lines), CANDIDATES
     distance = np.full((n, candidates), np.inf)
     contrast = np.zeros((n, candidates))
     colours = np.zeros((2 * (MAX_HALF_PX + REACH) + 1, 3))
@@ -159,7 +161,7 @@ def search(
                     high = 0.0
                 cost = 0.5 * (low + high) / (config.colour_sigma_grey * config.colour_sigma_grey)
                 cost = min(SIGMAS * SIGMAS, cost)
-            value = g[k] / (step + config.colour_sigma_grey) - config.rank_penalty * cost
+            value = g[k] / (step + config.colour_sigma_grey) - 0.5 * cost  # as in the exponent of a normal density
             slot = 0
             for s in range(1, candidates):
                 if rank[s] < rank[slot]:
@@ -206,18 +208,18 @@ def learn(
             appearance[r, NEGATIVE_COLOUR + c] += gain * (before - appearance[r, NEGATIVE_COLOUR + c])
             appearance[r, POSITIVE_COLOUR + c] += gain * (after - appearance[r, POSITIVE_COLOUR + c])
         if appearance[r, TIMES_SEEN] == 0.0:
-            appearance[r, MEAN_SQUARE] = first_square(math.sqrt(step), config.initial_error_px_grey)
+            appearance[r, MEAN_SQUARE] = first_square(math.sqrt(step), config.weak_step_grey)
         appearance[r, TIMES_SEEN] += 1.0
 
 
 @compiled("f0 f0", inner=True)
-def first_square(step: float, initial_error: float) -> float:
+def first_square(step: float, weak_step: float) -> float:
     """Expected mean square residual in px^2 of an edge with a step in grey levels, before any was seen."""
-    return min(1.0, 0.01 + (initial_error / max(step, 1.0)) ** 2)
+    return min(1.0, 0.01 + (weak_step / max(step, 1.0)) ** 2)
 
 
-@compiled("f2 f2 f0 search", search=SEARCH)
-def search_range(J: Array, P: Array, most: float, config: SearchConfig) -> Array:
+@compiled("f2 f2 f0 f0")
+def search_range(J: Array, P: Array, least: float, most: float) -> Array:
     """Half length (n,) of each search line: some standard deviations of the predicted point along its normal."""
     out = np.empty(len(J))
     for p in range(len(J)):
@@ -225,5 +227,5 @@ def search_range(J: Array, P: Array, most: float, config: SearchConfig) -> Array
         for i in range(6):
             for j in range(6):
                 s += J[p, i] * P[i, j] * J[p, j]
-        out[p] = min(most, max(config.fine_half_px, SIGMAS * math.sqrt(s) + 1.0))
+        out[p] = min(most, max(least, SIGMAS * math.sqrt(s) + 1.0))
     return out

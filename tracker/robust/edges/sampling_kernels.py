@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.tracker.geometry_kernels import camera_centre, clip_segment, normal_row, project
-from uavbench.tracker.robust.config.edges import SamplingConfig
 from uavbench.tracker.robust.edges.columns import (
     BESIDE,
     BOTH_FACES,
@@ -26,7 +25,6 @@ from uavbench.tracker.robust.edges.columns import (
 from uavbench.tracker.robust.edges.edge_graph import EDGE_MAP, EdgeMap
 from uavbench.tracker.robust.edges.hidden_line_kernels import hidden
 from uavbench.tracker.robust.edges.measurements import CONTROL_POINTS, ControlPoints, SearchLines
-from uavbench.tracker.robust.kernel_values import kernel_type
 from uavbench.tracker.robust.view import VIEW, View
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
@@ -39,7 +37,6 @@ SAMPLINGS = 3
 """Times that points are sampled at most, ever closer while hidden lines leave too few."""
 BINS = 8
 """Parts of an edge, each with an appearance of its own."""
-SAMPLING = kernel_type(SamplingConfig)
 
 Indices = NDArray[np.int64]
 
@@ -121,11 +118,11 @@ def by_edge(points: Array, keys: Indices) -> ControlPoints:
     return ControlPoints(points, keys, rows, first[: e + 1].copy())
 
 
-@compiled("edges view sampling", edges=EDGE_MAP, view=VIEW, sampling=SAMPLING)
-def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlPoints:
+@compiled("edges view f0 i0", edges=EDGE_MAP, view=VIEW)
+def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> ControlPoints:
     """Control points on the visible edges, hidden ones removed.
 
-    About one for `spacing_px` of projected length, wider where that would make many more than `max_points`.
+    About one for `spacing_px` of projected length, wider where that would make many more than `most`.
     """
     ends, faces, size, R, t, lens = edges.ends, edges.faces, view.size_px, view.R, view.t, view.lens
     eye, triangles, rounded = camera_centre(R, t), edges.triangles, edges.rounded
@@ -135,7 +132,6 @@ def sample_edges(edges: EdgeMap, view: View, config: SamplingConfig) -> ControlP
     total = 0.0
     for e in range(n_edges):
         total += length[e]
-    spacing_px, most = config.spacing_px, config.max_points
     spacing = max(spacing_px, total / most)
     points = np.empty((2 * most, 3))
     keys = np.empty((2 * most, 3), np.int64)

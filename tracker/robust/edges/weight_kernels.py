@@ -42,12 +42,14 @@ PARALLEL_COSINE = 0.82
 Indices = NDArray[np.int64]
 
 
-@compiled("lines i2 weights", lines=SEARCH_LINES, weights=WEIGHTS)
-def edge_spacing(at: SearchLines, keys: Indices, config: WeightConfig) -> Array:
-    """Distance in px (n,) along each normal to the nearest control point of another, nearly parallel edge."""
+@compiled("lines i2 f0", lines=SEARCH_LINES)
+def edge_spacing(at: SearchLines, keys: Indices, separate_px: float) -> Array:
+    """Distance in px (n,), at most separate_px, along each normal to the nearest control point of another edge that is
+    nearly parallel.
+    """
     lines, side = at.lines, at.side
     n = len(lines)
-    gap = np.full(n, config.separate_px)
+    gap = np.full(n, separate_px)
     for p in range(n):
         if side[p] == OUTSIDE:
             continue
@@ -55,7 +57,7 @@ def edge_spacing(at: SearchLines, keys: Indices, config: WeightConfig) -> Array:
             if keys[q, EDGE] == keys[p, EDGE] or side[q] == OUTSIDE:
                 continue
             du, dv = lines[q, U] - lines[p, U], lines[q, V] - lines[p, V]
-            if abs(du) > config.separate_px or abs(dv) > config.separate_px:
+            if abs(du) > separate_px or abs(dv) > separate_px:
                 continue
             nu, nv = lines[p, NORMAL_U], lines[p, NORMAL_V]
             if abs(nu * lines[q, NORMAL_U] + nv * lines[q, NORMAL_V]) < PARALLEL_COSINE:
@@ -66,31 +68,34 @@ def edge_spacing(at: SearchLines, keys: Indices, config: WeightConfig) -> Array:
     return gap
 
 
-@compiled("f1 i1 f2 weights", weights=WEIGHTS)
-def point_weights(spacing: Array, rows: Indices, appearance: Array, config: WeightConfig) -> Array:
+@compiled("f1 i1 f2 f0 f0 weights", weights=WEIGHTS)
+def point_weights(
+    spacing: Array, rows: Indices, appearance: Array, separate_px: float, weak_step: float, config: WeightConfig
+) -> Array:
     """Weight (n,) of each control point: less where edges are close, contrast is low or appearance is not learned yet.
 
-    spacing (n,) is the distance in px to another edge, of `edge_spacing`.
+    spacing (n,) is the distance in px to another edge, of `edge_spacing`, at most separate_px; weak_step is in grey
+    levels.
     """
     out = spacing.copy()
     for p in range(len(out)):
         r = rows[p]
-        apart = min(1.0, max(LEAST_WEIGHT, out[p] / config.separate_px))
+        apart = min(1.0, max(LEAST_WEIGHT, out[p] / separate_px))
         step = 0.0
         for c in range(3):
             step += (appearance[r, POSITIVE_COLOUR + c] - appearance[r, NEGATIVE_COLOUR + c]) ** 2
-        known = step / (step + config.weak_step_grey * config.weak_step_grey)
+        known = step / (step + weak_step * weak_step)
         out[p] = apart * (known if appearance[r, TIMES_SEEN] > 0.0 else config.unknown_weight)
     return out
 
 
-@compiled("points candidates f2 weights f0", points=CONTROL_POINTS, candidates=CANDIDATES, weights=WEIGHTS)
+@compiled("points candidates f2 f0 weights", points=CONTROL_POINTS, candidates=CANDIDATES, weights=WEIGHTS)
 def point_variances(
-    points: ControlPoints, found: Candidates, appearance: Array, config: WeightConfig, initial_error: float
+    points: ControlPoints, found: Candidates, appearance: Array, weak_step: float, config: WeightConfig
 ) -> Array:
     """Variance (n,) in px^2 of each control point by itself, beside the offset that those of its edge share.
 
-    initial_error is the error in px of an edge not seen yet times its step in grey levels.
+    weak_step is the step in grey levels of an edge that errs by 1 px while it is not learned.
     """
     own = np.empty(len(points.rows))
     for p in range(len(own)):
@@ -98,7 +103,7 @@ def point_variances(
         if row[TIMES_SEEN] > 0.0:
             own[p] = config.point_variance_px2 + row[MEAN_SQUARE]
         else:
-            error = initial_error / max(initial_error, found.contrast[p].max())
+            error = weak_step / max(weak_step, found.contrast[p].max())
             own[p] = config.point_variance_px2 + error**2
     return own
 
@@ -131,14 +136,14 @@ class Support(NamedTuple):
     edges: float
 
 
-@compiled("measured f1 f1 f1 f2 weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
+@compiled("measured f1 f1 f1 f2 f0", measured=EDGE_MEASUREMENTS)
 def support(
     measured: EdgeMeasurements,
     weights: Array,
     patch_weights: Array,
     correlation: Array,
     appearance: Array,
-    config: WeightConfig,
+    weak_step: float,
 ) -> Support:
     """Weighted share of the control points and patches that were found.
 
@@ -152,7 +157,7 @@ def support(
             have += weights[p]
         else:  # an edge not known yet that is found by a weak step may be anything
             step = measured.candidates.contrast[p].max()
-            have += weights[p] * step * step / (step * step + config.weak_step_grey * config.weak_step_grey)
+            have += weights[p] * step * step / (step * step + weak_step * weak_step)
     edges = have / max(1.0, want)
     for p in range(len(patch_weights)):
         if patch_weights[p] > 0.0:

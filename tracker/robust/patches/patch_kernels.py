@@ -32,6 +32,8 @@ MAX_STEPS, SETTLED_TEXELS = 6, 0.02
 """An alignment ends with a step below a fifth of a patch's own error, or after so many."""
 MAX_COARSE = 6
 """Patches in a frame for which a coarse search is made, at most: it samples a patch 49 times, an alignment 6 times."""
+REACH_TEXELS = 6
+"""Half width of the coarse search, in steps of two texels, and farthest shift of an alignment: a limit of its time."""
 ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
@@ -158,7 +160,7 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
     n = len(chosen)
     places = np.empty((n, 3))
     observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.full(n, config.variance_px2)
-    reach, least = config.reach_texels, config.min_contrast_grey
+    reach, least = REACH_TEXELS, config.min_contrast_grey
     now = np.empty((SIDE, SIDE))
     coarse = 0
     for k in range(n):
@@ -208,7 +210,7 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
     det = h00 * h11 - h01 * h01
     if det < 1e-6 * (h00 + h11) ** 2:
         return Shift(da, db, -1.0, 0.0)
-    reach, least = config.reach_texels, config.min_contrast_grey
+    reach, least = REACH_TEXELS, config.min_contrast_grey
     begin_a, begin_b = da, db
     for _ in range(MAX_STEPS):
         if not sample_patch(image, at, da, db, now, least):

@@ -24,8 +24,12 @@ from uavbench.trajectories.pose import Array, Pose
 
 MAX_PATCHES = 600
 """Patches that are remembered; where there is no room for new ones, three quarters are kept."""
+MOST_USED = 32
+"""Patches looked for in a frame, and taken while fewer are found: a limit of their time."""
 MOST_NEW = 6
 """Most new patches of a frame, but for the first ones: a limit of its time."""
+MAX_MISSES = 6
+"""A patch missed in more frames than this is dropped: a limit of the time spent on what is gone."""
 FIRST_SPOTS = 400
 """Places that are looked at for corners while there are no patches yet."""
 LEAST_AGE_S = 1e-3
@@ -42,7 +46,7 @@ class Texture:
 
     def __init__(self, edges: EdgeMap, camera: Camera, view: View, config: RobustConfig) -> None:
         self.config, self.alignment = config.patches, kernel_values(config.patches.alignment)
-        self.from_edges_px, self.young_s = config.edges.weights.separate_px, config.solver.bias.correlation_s
+        self.from_edges_px, self.young_s = config.solver.estimator.separate_px, config.solver.bias.correlation_s
         self.edges, self.camera, self.view = edges, camera, view
         self.count = 0
         self.patches = Patches.room_for(MAX_PATCHES)
@@ -55,7 +59,7 @@ class Texture:
 
     def choose(self, view: View) -> None:
         """Choose the patches to look for in a view: on faces turned to the camera, in the image, best known first."""
-        self.chosen = choose(self.patches, self.count, self.edges, view, self.config.max_used)
+        self.chosen = choose(self.patches, self.count, self.edges, view, MOST_USED)
 
     def align(self, image: Image, view: View) -> PatchMatches:
         """Where the chosen patches are found near a view in an image (h, w, c)."""
@@ -68,9 +72,9 @@ class Texture:
 
         weights (m,) > 0 are the patches that took part, correlation (m,) < 0 those that were not looked for.
         """
-        hits = count_hits(self.patches, chosen, weights, correlation, self.config.max_misses)
+        hits = count_hits(self.patches, chosen, weights, correlation, MAX_MISSES)
         if hits.any_lost:
-            self._keep(self.patches.missed[: self.count] <= self.config.max_misses)
+            self._keep(self.patches.missed[: self.count] <= MAX_MISSES)
         return hits.number
 
     def shift(self, twist: Array, pose: Pose) -> None:
@@ -80,13 +84,13 @@ class Texture:
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
         """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2)."""
         c = self.config
-        if self.count > MAX_PATCHES - c.max_used:
+        if self.count > MAX_PATCHES - MOST_USED:
             order = np.argsort(-self.patches.hits[: self.count], kind="stable")
             self._keep(np.argsort(order, kind="stable") < MAX_PATCHES * 3 // 4)
         spots = self._spots(pose)
         if not len(spots):
             return
-        most = min(MAX_PATCHES - self.count, 2 * c.max_used if self.count == 0 else MOST_NEW)
+        most = min(MAX_PATCHES - self.count, 2 * MOST_USED if self.count == 0 else MOST_NEW)
         edges = KeepOut(np.ascontiguousarray(edge_pixels), self.from_edges_px)
         known = KeepOut(self._known_pixels(pose), SPACING_PX)
         pixels = strong_pixels(image, spots, edges, known, c.min_corner_grey2, most)
@@ -128,7 +132,7 @@ class Texture:
         if (cam[:, 2] > self.view.near).all():
             px = self.camera.project(cam)
             low, high = np.maximum(px.min(axis=0), 0), np.minimum(px.max(axis=0), high)
-        n = FIRST_SPOTS if self.count == 0 else self.config.max_used
+        n = FIRST_SPOTS if self.count == 0 else MOST_USED
         k = np.arange(self.turn, self.turn + n)
         self.turn += n
         spread = np.column_stack([k * 0.7548776662466927 % 1.0, k * 0.5698402909980532 % 1.0])

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.protocol import Image
-from uavbench.tracker.robust.config.edges import SamplingConfig
-from uavbench.tracker.robust.config.relocalization import PoseSearchConfig
+from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edges.columns import EDGE
 from uavbench.tracker.robust.edges.edge_graph import EdgeMap
 from uavbench.tracker.robust.edges.sampling_kernels import sample_edges
-from uavbench.tracker.robust.kernel_values import kernel_values
 from uavbench.tracker.robust.relocalization.edge_pixel_kernels import edge_channels
 from uavbench.tracker.robust.relocalization.pose_search_kernels import (
     FAR,
@@ -45,6 +43,12 @@ BESIDE = 1 / 3
 """Edges are seen beside the image too, up to this part of its width: a shift may bring them in."""
 EDGE_POINTS = 140
 """Points spread over the model's edges, by which a pose is scored."""
+SPACING_PX = 1.0
+"""They lie no nearer to each other: a pixel of the small image."""
+EDGE_SIGMAS = 4.0
+"""The gradient of an edge pixel over two px exceeds the most noise of a frame by so many standard deviations."""
+CANDIDATES = 8
+"""Poses kept of each viewing direction and refined of all: a limit of their time."""
 SAMPLING_EVALUATIONS = 300 * EDGE_POINTS
 """What finding the visible edge points takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
 GOLDEN = 0.6180339887498949
@@ -100,7 +104,7 @@ class UndistortionMaps(NamedTuple):
 
 def grid(half: float, step: float) -> tuple[float, ...]:
     """Values from -half to half, no farther apart than step."""
-    n = int(np.ceil(half / step))
+    n = int(np.ceil(half / step - 1e-9))  # whole steps stay whole, however they were rounded
     return tuple(float(v) for v in np.linspace(-half, half, 2 * n + 1)) if n else (0.0,)
 
 
@@ -112,8 +116,9 @@ def whole(shifts: list[tuple[float, ...]]) -> Indices:
 class PoseSearch:
     """A structure's edges and the small camera, ready to search images."""
 
-    def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: PoseSearchConfig) -> None:
-        self.config, self.values, self.edges = config, kernel_values(config), edges
+    def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: RobustConfig) -> None:
+        self.config, self.edges, self.sigma_cost = config.relocalization.search, edges, config.relocalization.sigma_cost
+        self.least_gradient = EDGE_SIGMAS * config.preprocessing.max_noise_grey
         self.scale = max(1.0, camera.width / SMALL_WIDTH)
         self.f = np.array([camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5]) / self.scale
         self.f[2:] -= 0.5
@@ -121,7 +126,20 @@ class PoseSearch:
         self.camera = SmallCamera(self.f, np.array(self.size, dtype=np.float64), near)
         self.maps = _undistortion_maps(camera, self.f, self.size, self.scale)
         self.view = _wide_view(self.camera)
-        self.sampling = kernel_values(SamplingConfig(max_points=EDGE_POINTS, spacing_px=1.0))
+
+    @property
+    def turn_rad(self) -> float:
+        """Turn beside a pose by which better ones are looked for: half a step of viewing directions.
+
+        Measured on rendered boxes: wrong fits are mostly turned by some 0.1 rad, where their outline is the right one.
+        """
+        return 0.5 * self.config.view_step_rad
+
+    @property
+    def steps(self) -> Array:
+        """Steps (6,) of a pose's changes, as `turned_about` takes them; half a step of shifts."""
+        c = self.config
+        return np.array([c.step_part] * 4 + [c.truncation_px / self.f[0] / 2] * 2)
 
     def block(self, azimuth_rad: float, elevation_rad: float, reach: Reach) -> Block:
         """Block of a viewing direction, turned from the guess's."""
@@ -140,10 +158,10 @@ class PoseSearch:
         if self.maps is not None:
             small = cv2.remap(small, self.maps.x, self.maps.y, cv2.INTER_LINEAR)
         small = small[..., None] if small.ndim == 2 else small
-        channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.config.min_gradient_grey)
+        channels = edge_channels(np.ascontiguousarray(small, dtype=np.uint8), self.least_gradient)
         far = np.array([cv2.distanceTransform(channel, cv2.DIST_L2, 3) for channel in channels])
         distance = np.asarray(np.minimum(far / self.config.truncation_px, 1.0) * FAR, dtype=np.uint8)
-        return Target(distance, self.config.sigma_cost / sigma_px**2)
+        return Target(distance, self.sigma_cost / sigma_px**2)
 
     def best_of(self, target: Target, guess: RigidMotion, block: Block, most: int) -> Scored:
         """The best poses of a block about a guess, of as many as `most` evaluations allow."""
@@ -190,9 +208,8 @@ class PoseSearch:
 
     def refined(self, target: Target, candidate: Candidate) -> Scored:
         """A candidate at the nearest maximum of its score."""
-        c, pose, seen = self.config, candidate.pose, candidate.seen
-        steps = np.array([c.step_part] * 4 + [c.truncation_px / self.f[0] / 2] * 2)
-        found = refine_pose(seen, pose.R, pose.t, steps, self.camera, target, self.values)
+        pose, seen = candidate.pose, candidate.seen
+        found = refine_pose(seen, pose.R, pose.t, self.steps, self.camera, target)
         pose = turned_about(pose.R, pose.t, pose.R @ seen.focus + pose.t, found.change)
         refined = Candidate(found.score - candidate.cost, pose, seen, candidate.cost)
         return Scored([refined], found.evaluations, 1)
@@ -204,11 +221,11 @@ class PoseSearch:
 
     def scored(self, target: Target, pose: RigidMotion, seen: SeenEdges, changes: Array, shifts: Indices) -> Scored:
         """The best changes (k, 6) of a pose, each at the best of shifts (s, 2)."""
-        found = score_changes(seen, pose, changes, shifts, self.camera, target, self.values)
+        found = score_changes(seen, pose, changes, shifts, self.camera, target, float(self.config.clear_score))
         focus = pose.R @ seen.focus + pose.t
         changes = changes.copy()
         changes[:, 4:] += np.arctan(found.shifts / self.f[:2])
-        best = np.argsort(-found.scores, kind="stable")[: self.config.candidates]
+        best = np.argsort(-found.scores, kind="stable")[:CANDIDATES]
         best = best[found.scores[best] > 0]
         poses = (turned_about(pose.R, pose.t, focus, changes[k]) for k in best)
         cost = target.shift_cost * np.square(found.shifts).sum(axis=1)
@@ -225,7 +242,7 @@ class PoseSearch:
 
     def seen(self, pose: RigidMotion) -> SeenEdges:
         """Points on the edges that are visible at a pose in the image and beside it; any first few lie all over."""
-        points = sample_edges(self.edges, self.view.to(pose.R, pose.t), self.sampling)
+        points = sample_edges(self.edges, self.view.to(pose.R, pose.t), SPACING_PX, EDGE_POINTS)
         spread_out = np.argsort(np.arange(len(points.points)) * GOLDEN % 1.0)
         places, ends = points.points[spread_out], self.edges.ends[points.keys[spread_out, EDGE]]
         along = ends[:, 1] - ends[:, 0]

@@ -58,7 +58,7 @@ class Ranking:
         if not fit.finite:
             return
         found = self.config.found_support * float(np.log1p(fit.found))
-        score = fit.support + found - self.config.search.sigma_cost * self.chi2(fit.cam_from_world)
+        score = fit.support + found - self.config.sigma_cost * self.chi2(fit.cam_from_world)
         if score > self.score:
             self.top, self.score = fit, score
 

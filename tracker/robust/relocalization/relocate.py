@@ -13,12 +13,18 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
-from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.motion_model import sigmas
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import distinct, motion, product_of
-from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSearch, Reach, Scored, grid
+from uavbench.tracker.robust.relocalization.pose_search import (
+    CANDIDATES,
+    Candidate,
+    PoseSearch,
+    Reach,
+    Scored,
+    grid,
+)
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target, turned_about
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
 from uavbench.tracker.robust.relocalization.rivals import Rivals
@@ -28,6 +34,10 @@ from uavbench.trajectories.pose import Pose
 
 ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
 """Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
+FAR_VIEW_RAD, FAR_RANGE_PART, FAR_SHIFT_PART = 0.4, 0.25, 0.3
+"""Reach far from a guess: of azimuth, and of elevation half of it; of the range, in parts of it; of shifts, in parts of
+the image's width. A limit of the time until all places were looked at: those about one guess take up to 60,000,000
+evaluations, as many as 24 frames of the default budget have for them."""
 FAR_STEP_FACTOR = 2.0
 """Steps of roll and range are so much longer far from a guess: what they miss the pattern search moves to."""
 MOST_FITS = 64
@@ -72,20 +82,22 @@ class Attempt(NamedTuple):
 class Relocator:
     """Searches the pose of an image, and keeps the state of the search from frame to frame."""
 
-    def __init__(self, fitter: EdgeFitter, camera: Camera, config: RelocalizationConfig) -> None:
-        self.fitter, self.config = fitter, config
-        self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, config.search)
+    def __init__(self, fitter: EdgeFitter, camera: Camera) -> None:
+        self.fitter, self.config = fitter, fitter.config.relocalization
+        config = self.config
+        self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, fitter.config)
         self.rivals = Rivals(fitter, self.searcher, config)
         step = config.search
         near = Reach(config.near_part, config.near_part, config.near_shift_part)
         far_roll_rad = FAR_STEP_FACTOR * step.step_part  # one step to either side
-        far = Reach(far_roll_rad, config.far_range_part, config.far_shift_part, FAR_STEP_FACTOR)
+        far = Reach(far_roll_rad, FAR_RANGE_PART, FAR_SHIFT_PART, FAR_STEP_FACTOR)
         self.near_block = self.searcher.block(0.0, 0.0, near)
-        self.far_blocks = [self.searcher.block(*turn, far) for turn in views(config)]
+        self.far_blocks = [self.searcher.block(*turn, far) for turn in views(step.view_step_rad)]
         nearest = Reach(step.step_part, step.step_part, step.truncation_px / self.searcher.size[0])
-        turn = step.turn_rad
+        turn = self.searcher.turn_rad
         sides = (Turn(turn, 0.0), Turn(-turn, 0.0), Turn(0.0, turn), Turn(0.0, -turn))
         self.sides = [self.searcher.block(*side, nearest) for side in sides]
+        self.known_sigma = fitter.config.initialization.sigma
         self.forget()
 
     def forget(self) -> None:
@@ -176,7 +188,7 @@ class Relocator:
 
     def score(self, target: Target, guesses: list[RigidMotion], uncertain: bool) -> list[Candidate]:
         """Poses that agree best with the edge pixels, best first; half of the work is left, and two fits."""
-        config, work, reserve = self.config, self.fitter.work, 2 * self.fitter.largest_fit
+        work, reserve = self.fitter.work, 2 * self.fitter.largest_fit
         until = work.done + min(work.left // 2, work.left - reserve)
 
         def taken(scored: Scored) -> list[Candidate]:
@@ -203,9 +215,9 @@ class Relocator:
             block, guess = rounds[self.next_block]
             self.kept += taken(self.searcher.best_of(target, guess, block, until - work.done))
             self.next_block += 1
-        self.kept = sorted(self.kept, key=lambda each: -each.score)[: config.search.candidates]
+        self.kept = sorted(self.kept, key=lambda each: -each.score)[:CANDIDATES]
         best = sorted(near + self.kept, key=lambda each: -each.score)
-        for k, each in enumerate(best[: config.search.candidates]):
+        for k, each in enumerate(best[:CANDIDATES]):
             if work.left - reserve >= self.searcher.most_refining(each):
                 (best[k],) = taken(self.searcher.refined(target, each))
         return sorted(best, key=lambda each: -each.score)
@@ -220,7 +232,7 @@ class Relocator:
         best = ranking.top
         yield Attempt(pose, self.config.found_sigma, self.config.half_px, score)
         if ranking.top is not best:
-            yield Attempt(motion(ranking.top.cam_from_world), self.config.fitted_sigma, self.config.refit_half_px)
+            yield Attempt(motion(ranking.top.cam_from_world), self.known_sigma, self.config.refit_half_px)
 
     def attempts(self, candidates: list[Candidate], ranking: Ranking) -> Iterator[Attempt]:
         """Poses to fit in turn: where the best one of frames before is now; those that agree with the image nearly as
@@ -241,7 +253,7 @@ class Relocator:
                 if worse != hopeless or self.tried.holds(candidate):
                     continue
                 yield from self.found(candidate.pose, candidate.score, ranking)
-                self.near_done |= int(np.count_nonzero(self.tried.scores)) >= config.search.candidates
+                self.near_done |= int(np.count_nonzero(self.tried.scores)) >= CANDIDATES
             self.near_done = True
             while not hopeless and self.perturbations < PERTURBATIONS:
                 yield from self.perturbed(ranking.top)
@@ -253,7 +265,8 @@ class Relocator:
             return
         c, pose = self.config, motion(fit.cam_from_world)
         focus = pose.R @ fit.residuals.points.points.mean(axis=0) + pose.t
-        reach = np.repeat([c.search.turn_rad, c.perturbation_part, c.perturbation_shift_rad], 2)
+        reach = self.searcher.steps
+        reach[:2] = self.searcher.turn_rad
         change = (self.perturbations * ROBERTS % 1.0 * 2 - 1) * reach
         yield Attempt(turned_about(pose.R, pose.t, focus, change), c.found_sigma, c.refit_half_px)
 
@@ -265,8 +278,7 @@ class Turn(NamedTuple):
     elevation_rad: float
 
 
-def views(config: RelocalizationConfig) -> list[Turn]:
-    """Turns to the viewing directions far from a guess, the nearest ones first."""
-    step = config.search.view_step_rad
-    turns = map(Turn._make, product(grid(config.far_view_rad, step), grid(config.far_view_rad / 2, step)))
+def views(step: float) -> list[Turn]:
+    """Turns to the viewing directions far from a guess, no more than a step (rad) apart, the nearest ones first."""
+    turns = map(Turn._make, product(grid(FAR_VIEW_RAD, step), grid(FAR_VIEW_RAD / 2, step)))
     return sorted(turns, key=lambda turn: turn.azimuth_rad**2 + turn.elevation_rad**2)

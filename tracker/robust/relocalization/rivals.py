@@ -57,7 +57,7 @@ class Rivals:
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
         """Put first the fit of most worth; of those that are worth about as much the one nearest to the prediction."""
         worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
-        least = max(worth) - self.config.similarity.lead
+        least = max(worth) - self.config.lead_of_rivals
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
         ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
 
@@ -86,7 +86,7 @@ class Rivals:
     def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
         """Whether the best fit is worth clearly more than those that ended at other poses since the search began."""
         top, reached = ranking.top, tried.reached
-        least = ranking.worth(top.support, top.cam_from_world) - self.config.similarity.lead
+        least = ranking.worth(top.support, top.cam_from_world) - self.config.lead_of_rivals
         others = ~tried.within_reach(motion(top.cam_from_world), reached) & (tried.supports > least)
         poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
         return not any(ranking.worth(tried.supports[k], pose) > least for k, pose in poses)
