@@ -63,7 +63,8 @@ class Camera:
             )
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
         if len(self.distortion) not in counts or not np.isfinite(self.distortion).all():
-            raise ValueError(f"distortion of model {self.distortion_model} takes {counts} finite numbers")
+            numbers = " or ".join(map(str, counts))
+            raise ValueError(f"distortion of model {self.distortion_model} takes {numbers} finite numbers")
 
     @classmethod
     def from_field_of_view(cls, width: int, height: int, horizontal_deg: float) -> "Camera":

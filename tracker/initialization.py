@@ -14,7 +14,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.motion_model import sigmas
+from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.relocalization.ranking import Sought
 from uavbench.tracker.robust.relocalization.relocate import Relocator
 from uavbench.tracker.robust.work import Work
@@ -99,7 +99,7 @@ class CoarseGuess:
         fitter = EdgeFitter(structure, camera, rng, config)
         fitter.work = Work(allowed=sys.maxsize)  # nothing flies yet
         relocator = Relocator(fitter, camera)
-        fit = relocator.search(Sought(image, [guess], sigmas(spread, range_m), range_m)).fit
+        fit = relocator.search(Sought(image, [guess], isotropic_covariance(spread, range_m), range_m)).fit
         return fit.cam_from_world if fit.finite else guess
 
 

@@ -9,7 +9,7 @@ from uavbench.scenes.camera import Camera
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.edge_fit import MIN_POINTS, EdgeFitter
 from uavbench.tracker.robust.frames import Frame
-from uavbench.tracker.robust.motion_model import FAR_CHI2, sigmas
+from uavbench.tracker.robust.motion_model import FAR_CHI2, isotropic_covariance
 from uavbench.tracker.robust.patches.patches import Texture
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.ranking import Sought
@@ -81,7 +81,7 @@ class Decider:
                 Texture(self.fitter.edges, self.camera, self.fitter.view, self.config),
             )
             self.fitter.texture.now_s = kept.now_s
-            narrow = sigmas(self.config.initialization.sigma, self.state.range_m)
+            narrow = isotropic_covariance(self.config.initialization.sigma, self.state.range_m)
             alone = self.fitter.fit(frame.image, fit.cam_from_world, narrow, clock, relocalization.refit_half_px)
             if alone.finite and alone.support >= max(loss.min_support, fit.edge_support + relocalization.lead):
                 return alone
@@ -93,7 +93,7 @@ class Decider:
         initial = self.config.initialization
         half_px = self.config.relocalization.refit_half_px
         least = max(initial.min_support, fit.support - self.config.relocalization.lead)
-        narrow = sigmas(initial.kept_sigma, self.state.range_m)
+        narrow = isotropic_covariance(initial.kept_sigma, self.state.range_m)
         kept = self.fitter.fit(frame.image, self.state.motion.cam_from_world, narrow, clock, half_px)
         if not (kept.finite and kept.support >= least):
             return None
@@ -130,7 +130,7 @@ class Decider:
         """The best fit of a slice of the search around the prediction and the last pose, or the fit at hand."""
         loss, predicted, covariance = self.config.loss, frame.predicted.cam_from_world, frame.predicted.covariance
         if self.state.frames_ok < self.config.initialization.young_frames and not self.kept_initial:
-            covariance = covariance + sigmas(self.config.relocalization.guess_sigma, self.state.range_m)
+            covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
         first, slow = self.state.is_first, self.is_slow(frame)
         guesses = [predicted] if first else [predicted, self.state.motion.cam_from_world]
         if frame.step_s >= loss.slow_s:

@@ -11,7 +11,7 @@ from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.decision import Decider, Decision
 from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.frames import Frame, Frames
-from uavbench.tracker.robust.motion_model import Motion, sigmas
+from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
@@ -50,7 +50,7 @@ class RobustRun:
         cam_from_world = Pose(np.ascontiguousarray(cam_from_world.rotation), cam_from_world.translation)
         middle = structure.bounds.mean(axis=0, keepdims=True)
         range_m = float(np.linalg.norm(cam_from_world.transform(middle)))
-        motion = Motion(cam_from_world, sigmas(config.initialization.sigma, range_m))
+        motion = Motion(cam_from_world, isotropic_covariance(config.initialization.sigma, range_m))
         self.state = TrackState(config, motion, range_m)
         self.fitter = EdgeFitter(structure, camera, rng, config)
         self.frames = Frames(self.fitter, self.state, config)

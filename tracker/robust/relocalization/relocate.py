@@ -14,7 +14,7 @@ import numpy as np
 from uavbench.scenes.camera import Camera
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.motion_model import sigmas
+from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import distinct, motion, product_of
 from uavbench.tracker.robust.relocalization.pose_search import (
@@ -152,7 +152,7 @@ class Relocator:
         for attempt in attempts:
             if self.fitter.work.left < (1 + self.rivals.reserved_fits) * self.fitter.largest_fit:
                 return True
-            covariance = sigmas(attempt.sigma, sought.range_m)
+            covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
             ranking.add(fit)
             self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), fit.support)

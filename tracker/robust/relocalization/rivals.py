@@ -5,7 +5,7 @@ import numpy as np
 from uavbench.tracker.geometry_kernels import RigidMotion
 from uavbench.tracker.robust.config.relocalization import RelocalizationConfig
 from uavbench.tracker.robust.edge_fit import EdgeFitter
-from uavbench.tracker.robust.motion_model import sigmas
+from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import SAMPLING_EVALUATIONS, PoseSearch
@@ -43,7 +43,7 @@ class Rivals:
             for pose in rivals:
                 if self.fitter.work.left < self.fitter.largest_fit:
                     break
-                covariance = sigmas(self.config.found_sigma, sought.range_m)
+                covariance = isotropic_covariance(self.config.found_sigma, sought.range_m)
                 fit = self.fitter.fit(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
                 tried.add(pose, 0.0, motion(fit.cam_from_world), fit.support)
                 tried.rivals = tried.rivals.added(pose)

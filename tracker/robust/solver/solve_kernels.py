@@ -1,4 +1,7 @@
-"""Compiled update: an M-estimator over the candidates of the control points and the patches."""
+"""Compiled pose update: Gauss-Newton with Tukey's biweight over candidates of control points and patches.
+
+Poses are cam_from_world; twists are in the camera frame, translation first, in m and rad.
+"""
 
 from typing import NamedTuple
 
@@ -23,7 +26,7 @@ Indices = NDArray[np.int64]
 
 
 class PosePrior(NamedTuple):
-    """Predicted pose R (3, 3), t (3,) and its information (6, 6)."""
+    """Predicted pose R (3, 3), t (3,) in m and its information (6, 6) in m^-2 and rad^-2."""
 
     information: Array
     R: Array
@@ -33,7 +36,8 @@ class PosePrior(NamedTuple):
 class Weighting(NamedTuple):
     """Residuals and weights of the M-estimator.
 
-    residual (n,) signed, px, and weight (n,) in [0, weight before] of each control point; patch_weight (m,) in [0, 1].
+    residual (n,) signed, px, infinite for points that are skipped; weight (n,) in [0, weight of the measurement];
+    patch_weight (m,) in [0, 1].
     """
 
     residual: Array
@@ -42,8 +46,8 @@ class Weighting(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Normal equations solved: information (6, 6) of the pose, and the twists (6,) to the pose that the patches alone
-    tell and to that of all measurements.
+    """Solution of the normal equations: information (6, 6) of the pose, and the twists (6,) to the pose of the patches
+    alone and to that of all measurements.
     """
 
     information: Array
@@ -52,7 +56,7 @@ class Step(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A pose R (3, 3), t (3,), the last step to it, the sums that step was made of, and the weighting in them."""
+    """A pose R (3, 3), t (3,), the last step, and the terms of the normal equations and the weights at that step."""
 
     R: Array
     t: Array
@@ -68,7 +72,7 @@ STEP = named_tuple(Step, "f2! f1! f1!")
 
 @compiled("f2! f1! f1 f0 f0", inner=True)
 def add_row(A: Array, b: Array, row: Array, d: float, w: float) -> None:
-    """Add the equation row . x = d of weight w to the normal equations (lower half of A)."""
+    """Add the equation row (6,) . x = d of weight w to the normal equations A (6, 6), its lower half, and b (6,)."""
     for i in range(6):
         wi = w * row[i]
         b[i] += wi * d
@@ -85,23 +89,15 @@ def mirror(A: Array) -> None:
 
 
 @compiled(
-    "measured view f0 weighting sums estimator",
+    "measured view f0 weighting sums",
     inner=True,
     measured=EDGE_MEASUREMENTS,
     view=VIEW,
     weighting=WEIGHTING,
     sums=FRAME_SUMS,
-    estimator=ESTIMATOR,
 )
-def add_points(
-    measured: EdgeMeasurements,
-    view: View,
-    width_px: float,
-    weighting: Weighting,
-    sums: FrameSums,
-    config: EstimatorConfig,
-) -> None:
-    """Weigh the control points at a pose and make the sums over the edges anew, in place."""
+def add_points(measured: EdgeMeasurements, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
+    """Weigh the control points at the view's pose by the biweight of cutoff width_px, and sum them up, in place."""
     points, lines, first = measured.points.points, measured.lines.lines, measured.points.first
     distance = measured.candidates.distance
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
@@ -148,7 +144,7 @@ def add_points(
     "matches view f0 weighting sums", inner=True, matches=PATCH_MATCHES, view=VIEW, weighting=WEIGHTING, sums=FRAME_SUMS
 )
 def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: Weighting, sums: FrameSums) -> None:
-    """Weigh the patches at a pose and make the sums over them anew, in place."""
+    """Weigh the patches at the view's pose by the biweight of cutoff width_px, and sum them up, in place."""
     places, R, t, lens = matches.places, view.R, view.t, view.lens
     P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
     correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
@@ -219,7 +215,7 @@ def solve_step(
                 A[i, j] -= s[g, i] * s[g, j] * scale
                 M[i, j] -= cross[g, i] * cross[g, j] * scale
                 mixed[i, j] -= s[g, i] * cross[g, j] * scale
-    part = config.patches_prior_part  # of the rest constrains the pose that the patches alone tell
+    part = config.patches_prior_part  # a small part of the other information regularizes the pose of the patches alone
     for i in range(6):
         row[i] = q[i] + part * b[i]
         for j in range(6):
@@ -258,8 +254,8 @@ def refine(
 ) -> Estimate:
     """The pose that brings control points onto their best candidates and patches to where they were observed.
 
-    Gauss-Newton from the pose of the view on, with Tukey's weights of the widths_px one after the other, over the
-    variances of the measurements.
+    Gauss-Newton from the view's pose, one iteration for each biweight cutoff of widths_px (k,), residuals weighted by
+    their inverse variances. Where the equations are singular it ends with the step before.
     """
     n, m, edges = len(measured.weight), len(matches.places), len(measured.points.first) - 1
     R, t = view.R.copy(), view.t.copy()
@@ -271,7 +267,7 @@ def refine(
     )
     for width_px in widths_px:
         now = View(R, t, view.lens, view.size_px, view.bounds_px, view.near)
-        add_points(measured, now, width_px, weighting, sums, config)
+        add_points(measured, now, width_px, weighting, sums)
         add_patches(matches, now, width_px, weighting, sums)
         if not solve_step(sums, biases, prior, now, step, config):
             break
