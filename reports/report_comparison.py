@@ -28,7 +28,8 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
     made = [
         Drawing("accuracy", "Error and coverage",
                 "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and "
-                "that are within 5 cm and 5\N{DEGREE SIGN} (dotted). An error means little without its coverage.",
+                "that are within 5 cm and 5\N{DEGREE SIGN} (dotted): every run, and the mean over runs. An error means "
+                "little without its coverage.",
                 partial(figures_compare.accuracy_and_coverage, runs)),
         Drawing("success", "Success curves",
                 "Share of all frames within a distance of the ground truth; frames without a pose are within none.",

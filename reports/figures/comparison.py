@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
 from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
-from uavbench.reports.metrics.frame_errors import SUCCESS_M
+from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.style import GROUND_TRUTH, colour, line, marker
 
-HATCHES = ("", "////", "....", "xxxx")
+FILLS: tuple[Any, ...] = ("full", "none", "left", "bottom")
+"""Fill styles of the markers of rates, the highest first."""
 
 
 def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
@@ -26,46 +28,35 @@ def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
 
 
 def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
-    """ATE of position and rotation, coverage and success of every tracker at every rate, side by side."""
+    """ATE of position and rotation, coverage and success of every tracker at every rate: every run, and the mean."""
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
     panels = figure.subplots(1, 4)
     names = ("ATE position (cm)", "ATE rotation (deg)", "coverage (%)", "within 5 cm and 5 deg (%)")
     rows = []
-    width = 0.8 / len(rates)
     for k, label in enumerate(labels):
         for r, rate in enumerate(rates):
             group = [run for run in runs if (run.score.label, run.score.rate_hz) == (label, rate)]
-            values = [mean_of(group, index) for index in range(4)]
-            rows.append([label, rate, len(group), *values])
-            x = k + (r - (len(rates) - 1) / 2) * width
-            for panel, value in zip(panels, values, strict=True):
-                if value is None:
-                    panel.annotate(
-                        "none", (x, 0.03), xycoords=("data", "axes fraction"), rotation=90, ha="center", fontsize=6
-                    )
-                    continue
-                panel.bar(x, value, 0.9 * width, color=colour(group[0].colour), alpha=1 if r == 0 else 0.55,
-                          hatch=HATCHES[r % 4], edgecolor="white", lw=0)  # fmt: skip
+            x = k + 0.8 * ((r + 0.5) / len(rates) - 0.5)
+            means = [_draw_runs(panel, x, values_of(group, i), FILLS[r % 4], group) for i, panel in enumerate(panels)]
+            rows.append([label, rate, len(group), *means])
     for letter, panel, name in zip("abcd", panels, names, strict=True):
         panel.set_xticks(range(len(labels)), labels, rotation=35 if len(labels) > 4 else 0)
+        panel.set_xlim(-0.5, len(labels) - 0.5)
         panel.grid(False, axis="x")
         panel.set_title(f"({letter}) {name}", loc="left", fontsize=7.5)
-    for panel in panels[:2]:
+    for panel, success in zip(panels[:2], (100 * SUCCESS_M, SUCCESS_DEG), strict=True):
         logarithmic(panel.yaxis)
         low, high = panel.get_ylim()
-        bottom = 10 ** np.floor(np.log10(low))
-        panel.set_ylim(bottom, max(high, 10 * bottom))
+        panel.set_ylim(10 ** np.floor(np.log10(low)), 10 ** np.ceil(np.log10(high)))
         plain_powers(panel.yaxis)
-    panels[0].axhline(100 * SUCCESS_M, color=GROUND_TRUTH, lw=0.6, ls=":")
-    panels[1].axhline(5, color=GROUND_TRUTH, lw=0.6, ls=":")
+        panel.axhline(success, color=GROUND_TRUTH, lw=0.6, ls=":")
     for panel in panels[2:]:
-        panel.set_ylim(0, 105)
-    swatches = [
-        panels[0].bar(0, 0, color="#777777", alpha=1 if r == 0 else 0.55, hatch=HATCHES[r % 4], edgecolor="white", lw=0)
-        for r in range(len(rates))
-    ]
-    figure.legend(swatches, [f"{rate:g} Hz" for rate in rates], loc="outside lower center", ncols=4)
+        panel.set_ylim(-3, 105)
+    grey: dict[str, Any] = {"color": "#777777", "linestyle": "none"}
+    shown = [Line2D([], [], marker="o", ms=4, fillstyle=FILLS[r % 4], **grey) for r in range(len(rates))]
+    shown.append(Line2D([], [], marker=".", ms=3, alpha=0.5, mew=0, **grey))
+    figure.legend(shown, [*(f"mean at {rate:g} Hz" for rate in rates), "each run"], loc="outside lower center", ncols=5)
     columns = [
         "tracker",
         "rate_hz",
@@ -78,8 +69,20 @@ def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigu
     return Drawn(columns=columns, rows=rows, legend=None)
 
 
-def mean_of(group: ListOf[ScoredRun], index: int) -> float | None:
-    """Mean over runs of ATE position (cm), ATE rotation (deg), coverage (%) or success (%); None without a value."""
+def _draw_runs(panel: Axes, x: float, values: ListOf[float], fill: Any, group: ListOf[ScoredRun]) -> float | None:
+    """Draw the values of runs and their mean, which is returned; None without a value."""
+    if not values:
+        panel.annotate("none", (x, 0.03), xycoords=("data", "axes fraction"), rotation=90, ha="center", fontsize=6)
+        return None
+    shown, mean = marker(group[0].colour), float(np.mean(values))
+    if len(values) > 1:
+        panel.plot([x] * len(values), values, ".", color=shown["color"], ms=3, mew=0, alpha=0.5)
+    panel.plot(x, mean, fillstyle=fill, markerfacecoloralt="white", ms=4, **shown)
+    return mean
+
+
+def values_of(group: ListOf[ScoredRun], index: int) -> list[float]:
+    """ATE of position (cm), of rotation (deg), coverage (%) or success (%) of the runs that have one."""
     values = []
     for run in group:
         ate, tracking = run.score.ate["none"], run.score.tracking
@@ -89,8 +92,7 @@ def mean_of(group: ListOf[ScoredRun], index: int) -> float | None:
             100 * tracking.coverage,
             100 * tracking.success,
         ][index])  # fmt: skip
-    known = [v for v in values if v is not None]
-    return float(np.mean(known)) if known else None
+    return [value for value in values if value is not None]
 
 
 def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:

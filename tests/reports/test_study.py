@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from tests.reports.drawn import make_sequence, results_of, true_rows
+from uavbench.reports.figures.comparison import draw_accuracy_and_coverage
 from uavbench.reports.figures.sweeps import sweep, swept
 from uavbench.reports.report import ReportInputs, write_report
 from uavbench.reports.scoring.attributes import blur_px, occlusion
@@ -72,6 +74,21 @@ def test_failed_and_missing_runs_are_shown_as_failed(study: Path) -> None:
     assert float(rows["blind@15hz"]["within 5 cm, 5 deg (%)"]) == 0
     assert float(rows["absent@15hz"]["coverage (%)"]) == 0
     assert rows["absent@15hz"]["ATE position (cm)"] == ""
+
+
+def test_every_run_is_shown_beside_the_mean(tmp_path: Path) -> None:
+    runs = []
+    for seed, error_m in enumerate((0.01, 0.02, 0.06)):
+        sequence = make_sequence(tmp_path / f"{seed}", 5, name=f"arc-{seed}", seed=seed)
+        results = results_of(sequence, true_rows(sequence, error_m))
+        runs.append(ScoredRun(sequence, results, score(sequence, results), 0))
+    figure = Figure()
+    drawn = draw_accuracy_and_coverage(runs, figure)
+    each, mean, *_ = figure.axes[0].lines
+    np.testing.assert_allclose(each.get_ydata(), [1.0, 2.0, 6.0], rtol=1e-9)
+    np.testing.assert_allclose(mean.get_ydata(), [3.0], rtol=1e-9)
+    assert drawn.rows[0][2] == 3 and drawn.rows[0][3] == pytest.approx(3.0)
+    assert not any(panel.patches for panel in figure.axes)  # a bar has no honest foot on a logarithmic axis
 
 
 @pytest.mark.slow
