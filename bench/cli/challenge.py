@@ -14,12 +14,12 @@ FILE = click.Path(path_type=Path)
 
 @click.command("pack")
 @click.argument("suite")
-@click.option("--without-truth", is_flag=True, help="Keep ground truth and seeds back; a package is always made so.")
+@click.option("--without-truth", is_flag=True, help="Withhold ground truth and seeds, as every package does.")
 @click.option("--out", type=FILE, required=True, help="Folder for the participants.")
-@click.option("--truth", type=FILE, help="Folder of the organizer alone; default: out/SUITE-truth.")
-@click.option("--secret", type=FILE, help="File of the secret, made where there is none; default: in --truth.")
+@click.option("--truth", type=FILE, help="Private folder of the organizer; default: out/SUITE-truth.")
+@click.option("--secret", type=FILE, help="File of the secret, created if absent; default: in --truth.")
 @click.option(
-    "--private-suite", is_flag=True, help="No participant will see SUITE's file: its paths may be without chance."
+    "--private-suite", is_flag=True, help="No participant will see SUITE's file: its paths may be deterministic."
 )
 @jobs_option()
 def pack_command(

@@ -34,15 +34,15 @@ def verify_command(folders: tuple[Path, ...], against: Path | None) -> None:
 @click.command("export")
 @click.argument("sequence", type=FILE)
 @click.option("--format", "form", type=click.Choice(EXPORTS), required=True)
-@click.option("--out", type=FILE, required=True, help="Folder that is made.")
-@click.option("--undistort", is_flag=True, help="Take the lens's distortion out of the images.")
+@click.option("--out", type=FILE, required=True, help="Folder to create.")
+@click.option("--undistort", is_flag=True, help="Remove the lens distortion from the images.")
 @click.option("--camera", metavar="NAME", help="Export this camera alone, in place of the main one.")
 @click.option("--images", type=click.Choice(["both", "raw", "compressed"]), help="Messages of a bag; default: both.")
 @click.option("--datum", metavar="LAT,LON,HEIGHT", help="Where on Earth a bag's world lies, deg and m.")
 def export_command(
     sequence: Path, form: str, out: Path, undistort: bool, camera: str | None, images: str | None, datum: str | None
 ) -> None:
-    """Write the folder SEQUENCE in the form of another tool, and list what that format cannot hold."""
+    """Write the folder SEQUENCE in the format of another tool, and list what that format cannot represent."""
     from uavbench.scenes.dataset.sequence import Sequence
     from uavbench.scenes.exports.registry import export
     from uavbench.scenes.exports.ros.geodetic import Datum
@@ -61,8 +61,8 @@ def export_command(
 @click.command("twin")
 @click.argument("sequence", type=FILE)
 @click.option("--out", type=FILE, required=True, help="Folder of the twin.")
-@click.option("--every", type=click.IntRange(1), default=1, show_default=True, help="Every so many frames one.")
-@click.option("--samples", type=click.IntRange(1), default=64, show_default=True, help="Paths through a pixel.")
+@click.option("--every", type=click.IntRange(1), default=1, show_default=True, help="Render every N-th frame.")
+@click.option("--samples", type=click.IntRange(1), default=64, show_default=True, help="Paths per pixel.")
 @click.option("--suite", help="Then run the trackers of this suite on both, and print how they rank.")
 def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str | None) -> None:
     """Render the folder SEQUENCE again by path tracing, with Blender, into a sequence folder of its own."""
@@ -116,7 +116,7 @@ def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, mo
 @click.option("--model", type=FILE, required=True, help="Structure: .obj .stl .ply .glb .cao ...")
 @click.option("--camera", type=FILE, required=True, help="camera.toml")
 @click.option("--out", type=FILE, default=Path("init.toml"), show_default=True)
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of this computer; default: a free one.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; default: a free one.")
 @click.option("--browser/--no-browser", default=True, help="Open the page at once; default: yes.")
 def pick_command(
     images: Path | None, video: Path | None, model: Path, camera: Path, out: Path, port: int, browser: bool
@@ -154,7 +154,7 @@ MODES = ["uavbench", "evo", "tum", "kitti", "rpg"]
 @click.option("--reference-format", type=click.Choice(FORMATS), help="Default: recognized, and reported.")
 @click.option("--estimate-format", type=click.Choice(FORMATS), help="Default: recognized, and reported.")
 @click.option("--mount", type=FILE, help="Sequence folder by whose mount camera and body poses are converted.")
-@click.option("--ignore-frames", is_flag=True, help="Compare although the files call their frames differently.")
+@click.option("--ignore-frames", is_flag=True, help="Compare even where the files declare different frames.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Also draw paths and errors into a .pdf or .png file.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate_command(

@@ -29,8 +29,8 @@ def margin_options(command: Callable[..., None]) -> Any:
 
     added: Any = with_margins
     for name, default, about in (
-        ("--resolution", "10%", "A pass must exclude a change so large."),
-        ("--coverage-margin", "1%", "Tolerated loss of coverage, in shares of all frames."),
+        ("--resolution", "10%", "Smallest regression that a pass must rule out."),
+        ("--coverage-margin", "1%", "Tolerated loss of coverage, as a fraction of all frames."),
         ("--latency-margin", "5%", "Tolerated growth of latency."),
         ("--margin", "1%", "Tolerated growth of errors."),
     ):
@@ -61,15 +61,15 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
     type=click.Path(path_type=Path),
     help="Folder of a run on the same frames, or a file made by --update.",
 )
-@click.option("--update", is_flag=True, help="Make the baseline, a file, anew from RESULTS; compare nothing.")
+@click.option("--update", is_flag=True, help="Write RESULTS as the new baseline file, without comparing.")
 @click.option(
     "--record",
     "history",
     type=click.Path(path_type=Path),
-    help="History file that RESULTS are added to, a line a commit.",
+    help="History file that RESULTS are added to, one line per commit.",
 )
 @click.option("--commit", default="", metavar="REF", help="Commit of the line; default: the one checked out.")
-@click.option("--environment", default="", metavar="NAME", help="Name of the machines whose results are one history.")
+@click.option("--environment", default="", metavar="NAME", help="Name of the machines that share a history.")
 @margin_options
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of gate.json, .xml, .md; default: RESULTS/gate.")
 def gate_command(
@@ -83,7 +83,7 @@ def gate_command(
 ) -> None:
     """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive.
 
-    With --record they become a line of a history too, or alone when there is no baseline.
+    With --record RESULTS also become a line of a history; without --baseline nothing else is done.
     """
     if baseline is None and (history is None or update):
         raise click.UsageError("give --baseline to compare with, or --record to keep the results")
@@ -108,11 +108,11 @@ def gate_command(
 
 @click.command("history")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--margin", default="1%", show_default=True, callback=share, help="Smallest change that is told.")
+@click.option("--margin", default="1%", show_default=True, callback=share, help="Smallest change that is reported.")
 @click.option("--since", default="", metavar="COMMIT", help="Changes before this commit are accepted: no alarm.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the page, figures and forms.")
 def history_command(file: Path, margin: float, since: str, out: Path) -> None:
-    """Draw the trends of a history FILE with their change points: exit code 0 quiet, 1 something became worse."""
+    """Draw the trends of a history FILE with their change points: exit code 0 without an alarm, 1 with one."""
     from uavbench.reports.history.change_points import LEAST_COMMITS
     from uavbench.reports.history.history_file import read_history
     from uavbench.reports.history.page import write_trends
@@ -131,7 +131,7 @@ def history_command(file: Path, margin: float, since: str, out: Path) -> None:
 
 
 @click.command("speed")
-@click.option("--only", default="", help="Only benchmarks whose name holds this (an expression of pytest's -k).")
+@click.option("--only", default="", help="Only benchmarks whose names match this expression of pytest's -k.")
 @click.option("--save", type=click.Path(path_type=Path), help="File for pytest-benchmark's own JSON.")
 def speed_command(only: str, save: Path | None) -> None:
     """Run the benchmarks and print their times against the goals."""
@@ -171,7 +171,7 @@ def compare_command(
 def bisect_command(
     good: str, bad: str, metric: str, tracker: str, suite: str, margin: float, jobs: int, out: Path
 ) -> None:
-    """Find the commit after GOOD, up to BAD, with which a metric became worse: exit code 3 when several are left."""
+    """Find the commit after GOOD, up to BAD, that made a metric worse: exit code 0 one commit, 3 several are left."""
     from uavbench.bench.history.measuring import What, run_bisect
 
     sys.exit(run_bisect((good, bad), What(suite, metric, tracker), out, margin, jobs))
@@ -184,7 +184,7 @@ def bisect_command(
 @jobs_option()
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for everything.")
 def sensitivity_command(suite: str, tracker: str, value: tuple[str, ...], jobs: int, out: Path) -> None:
-    """Halve and double each number of a tracker's config, one at a time, and table what success and error become."""
+    """Halve and double each number of a tracker's config, one at a time, and tabulate success and error."""
     from uavbench.bench.sensitivity.study import study
 
     sys.exit(study(suite, out, tracker, value, jobs))

@@ -17,12 +17,12 @@ FILE = click.Path(path_type=Path)
 def suite_options(command: Any) -> Any:
     """Options of every command over a suite."""
     for option in (
-        click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="As submitit names them."),
+        click.option("--slurm-option", multiple=True, metavar="KEY=VALUE", help="Slurm option, named as in submitit."),
         click.option("--slurm", type=click.IntRange(0), default=0, metavar="N", help="Run as N shards on Slurm."),
         click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
-        click.option("--shard", default="", metavar="i/N", help="Every N-th sequence, from the i-th on; no report."),
+        click.option("--shard", default="", metavar="i/N", help="Every N-th sequence from the i-th on; no report."),
         click.option("--isolate", is_flag=True, help="External trackers see only their job folder; no other code."),
-        click.option("--dry-run", is_flag=True, help="Print the plan and the time it will take; do nothing."),
+        click.option("--dry-run", is_flag=True, help="Print the plan and the expected time; do nothing."),
         jobs_option(),
         click.option("--out", type=FILE, help="Folder for everything; default: out/SUITE."),
     ):
@@ -118,13 +118,13 @@ def track_real_images(kind: str, real: RealImages, out: Path | None) -> None:
 
 @click.command("tables")
 @click.argument("report", type=FILE)
-@click.option("--columns", default="", metavar="HEAD,HEAD...", help="Their heads as in tables/*.md; default: all.")
+@click.option("--columns", default="", metavar="HEAD,HEAD...", help="Column headings as in tables/*.md; default: all.")
 @click.option(
     "--width", type=click.Choice(["one", "two"]), default="two", show_default=True, help="IEEE columns (.tex)."
 )
 @click.option("--out", type=FILE, help="File .tex, .md or .csv; default: Markdown on the terminal.")
 def tables_command(report: Path, columns: str, width: str, out: Path | None) -> None:
-    """Write a table of the folder of a REPORT with columns of your choice."""
+    """Write a table of the report in the folder REPORT, with columns of your choice."""
     from uavbench.reports.tables.writers import WIDTHS, heads_of, markdown, write_table
     from uavbench.reports.tables.written_scores import table_of
 
