@@ -35,7 +35,7 @@ def box(size: Sequence[float] = (0.4, 0.3, 0.3)) -> Structure:
 
 
 def look_at(eye: Array, target: Sequence[float] | Array, roll: float = 0.0) -> Pose:
-    """cam_from_world of a camera at `eye` that looks at `target`, both (3,) in m; roll in rad about its optical axis."""
+    """cam_from_world of a camera at `eye` that looks at `target`, both (3,) in m, with a roll in rad about its axis."""
     z = np.asarray(target, float) - eye
     z /= np.linalg.norm(z)
     x = np.cross(z, [0, 0, 1.0])
@@ -66,7 +66,7 @@ def orbit(n: int, *, rate_hz: float = 15.0, range_m: float = 1.1, speed_m_s: flo
 def texture(
     rng: np.random.Generator, colour: Any, contrast: float, size: int = 512, scale: int = 8
 ) -> NDArray[np.float32]:
-    """Texture (size, size, 3) of five octaves of grey noise around a colour (b, g, r); contrast: sigma in grey levels."""
+    """Texture (size, size, 3) of five octaves of grey noise, sigma `contrast` in grey levels, around a BGR colour."""
     out = np.zeros((size, size))
     for octave in range(5):
         n = max(2, size // (scale * 2**octave) + 2)
