@@ -21,12 +21,12 @@ HATCHES = ("", "////", "....", "xxxx")
 
 
 def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_accuracy_and_coverage` as files at a stem."""
+    """Write `draw_accuracy_and_coverage` as files at a stem; their paths."""
     return save_drawn(partial(draw_accuracy_and_coverage, runs), stem, 2.1)
 
 
 def draw_accuracy_and_coverage(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
-    """ATE of position and rotation, coverage and success of every tracker at every rate, side by side."""
+    """ATE of position and rotation, coverage and success of every tracker at every rate, in four panels."""
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
     panels = figure.subplots(1, 4)
@@ -94,7 +94,7 @@ def mean_of(group: ListOf[ScoredRun], index: int) -> float | None:
 
 
 def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_success_curves` as files at a stem."""
+    """Write `draw_success_curves` as files at a stem; their paths."""
     return save_panel(partial(draw_success_curves, runs), stem, 2.6)
 
 
@@ -121,12 +121,12 @@ def draw_success_curves(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
 
 
 def accuracy_against_latency(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_accuracy_against_latency` as files at a stem."""
+    """Write `draw_accuracy_against_latency` as files at a stem; their paths."""
     return save_panel(partial(draw_accuracy_against_latency, runs), stem, 2.2)
 
 
 def draw_accuracy_against_latency(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
-    """Success against the median time of a frame, with a line to its 95th percentile."""
+    """Success against the median time per frame in ms, with a line to its 95th percentile."""
     rows = []
     for run in runs:
         latency, success = run.score.latency.get("total"), run.score.tracking.success
