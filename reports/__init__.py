@@ -1,5 +1,5 @@
 """Scores and reports: association, alignment, metrics, statistics, tables, figures and the HTML page.
 
-Rooms: metrics and statistics compute; scoring, protocols and uncertainty judge a run; evaluation and many_runs compare
-trajectory files; tables, figures and page show it. Imports tracker, scenes and trajectories.
+Packages: metrics and statistics compute; scoring, protocols and uncertainty judge a run; evaluation and many_runs
+compare trajectory files; tables, figures and page show it. Imports tracker, scenes and trajectories.
 """

@@ -1,4 +1,4 @@
-"""The report over runs on recordings: coverage, times and overlays, and no error, since there is no ground truth.
+"""The report over runs on recorded sequences: coverage, times and overlays; no errors without ground truth.
 
 index.html                   the summary, and for each sequence figures and overlays
 figures/*.pdf *.png *.csv    figures and the numbers behind them
@@ -62,12 +62,12 @@ class Shown:
 
     @property
     def title(self) -> str:
-        """Name for people."""
+        """Name in figures and pages, `lsd, 30 Hz`."""
         return f"{self.score.label}, {self.score.rate_hz:g} Hz"
 
     @property
     def slug(self) -> str:
-        """Name for files."""
+        """Sequence and run as a file name."""
         return f"{self.score.sequence}_{self.score.run}".replace("/", "-").replace(" ", "-").replace(":", "-")
 
 
@@ -146,7 +146,7 @@ def summary(runs: ListOf[Shown], absent: tuple[str, ...]) -> Table:
 
 
 def section(folder: Path, runs: ListOf[Shown]) -> dict[str, Any]:
-    """Figures and overlays of one sequence."""
+    """Write figures and overlays of one sequence; its section of the page."""
     sequence = runs[0].run.sequence
     rates = sorted({shown.score.rate_hz for shown in runs}, reverse=True)
     figures = [

@@ -40,8 +40,8 @@ MEETS_PX = 2.0
 class RecordedScore:
     """Score of one run on a recording.
 
-    frames is how many were to be located, coverage the share of them with a pose, longest_gap_s the longest time
-    without one; edges_met the mean share of the visible edges that meet an edge of the image, None without a pose.
+    frames: number of expected frames; coverage: share of them with a pose; longest_gap_s: longest time without a pose;
+    edges_met: mean share of the visible edges that coincide with an image edge, None without a pose.
     """
 
     label: str
@@ -64,7 +64,7 @@ class RecordedScore:
         return f"{self.label}@{self.rate_hz:g}hz"
 
     def save(self, path: Path, content_hash: str = "") -> None:
-        """Write `score.json`; the hash is of what made it."""
+        """Write `score.json`; content_hash: of its inputs."""
         text = json.dumps({"content_hash": content_hash, **asdict(self)}, indent=1, allow_nan=False)
         write_text(path, text + "\n", sealed=True)
 
@@ -91,7 +91,7 @@ class RecordedRun:
 
     @cached_property
     def expected(self) -> NDArray[np.int64]:
-        """Frames (n,) that a run at this rate had to locate."""
+        """Expected frames (n,) of a run at this rate."""
         every = stride(self.sequence, float(self.results.record["rate_hz"]))
         return np.arange(0, len(self.sequence), every, dtype=np.int64)
 

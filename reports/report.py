@@ -12,7 +12,7 @@ errors and the paths; the rest is drawn when it is asked for (`figures="all"`).
 scores.json                  all scores; byte for byte the same on every run of the same suite
 scores.csv                   the same as a tidy table, a row for each run
 latency.json                 the times of the same runs
-report.json                  the hash of what made this report
+report.json                  the content hash of the report
 """
 
 import json
@@ -63,10 +63,10 @@ PAGES = 3
 
 @dataclass(frozen=True)
 class ReportInputs:
-    """What a report is of.
+    """Inputs of a report.
 
-    entries: its scored runs; restarts: results folders of runs that were given true poses on the way; unrendered:
-    sequences that could not be made, and why; absent: trackers that are not on this machine, and why.
+    entries: its scored runs; restarts: results folders of runs that were restarted from true poses; unrendered:
+    sequences that could not be rendered, and why; absent: trackers that are not installed, and why.
     """
 
     title: str
@@ -181,7 +181,7 @@ def beside(work: Callable[[], object], steps: Steps) -> Iterator[None]:
 
 
 def write_overlay(folder: Path, runs: ListOf[ScoredRun], looked_at: Set[int], steps: Steps) -> None:
-    """The frames of one sequence for its page, and its overlay; finds the contrast of those that are looked at."""
+    """Write the frames of one sequence for its page, and its overlay; caches the contrast of the breakdown's frames."""
     main = main_run(runs)
 
     def on_frame(frame: int) -> None:
@@ -214,7 +214,7 @@ def write_sequence(folder: Path, title: str, runs: ListOf[ScoredRun], figures: L
 
 
 def drawings_of(runs: ListOf[ScoredRun], *, always: bool) -> list[Drawing]:
-    """Figures of one sequence; always: its flight, and errors and paths at the highest rate, are drawn unasked."""
+    """Figures of one sequence; always: draw its flight, and errors and paths at the highest rate, by default."""
     sequence, main = runs[0].sequence, main_run(runs)
     name, slug = sequence.name, slug_of(sequence)
     made = [
@@ -266,12 +266,12 @@ def pictures_of(run: ScoredRun) -> list[Drawing]:
 
 
 def slug_of(sequence: Sequence) -> str:
-    """Name of a sequence for files."""
+    """Name of a sequence as a file name."""
     return sequence.name.replace("/", "-").replace(" ", "-").replace(":", "-")
 
 
 def main_run(runs: ListOf[ScoredRun]) -> ScoredRun:
-    """The run that the pictures are of: the one with segments or inliers and most success, at the highest rate."""
+    """The run shown in pictures: the most successful one at the highest rate, with segments or inliers if any has."""
 
     def rank(run: ScoredRun) -> tuple[bool, float, bool, float]:
         found = [row.segments for row in run.results.rows]

@@ -78,7 +78,7 @@ def bound(fast: ListOf[ScoredRun], colours: dict[str, int]) -> Drawing:
 
 
 def compare_restarts(runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun]) -> list[Drawing]:
-    """The figure over all runs from anchors; none without such runs."""
+    """The figure over all runs restarted at anchors; none without such runs."""
     if not any(run.protocol == "anchors" for run in restarted):
         return []
     caption = (
@@ -122,7 +122,7 @@ def rank(runs: ListOf[ScoredRun], colours: dict[str, int], rate_hz: float, *, al
 
 
 def paired(runs: ListOf[ScoredRun]) -> dict[str, list[Array]]:
-    """Area over the success curve of each tracker, by flight and seed; empty where they cannot be compared."""
+    """Area over the success curve of each tracker, by flight and seed; empty when they cannot be compared."""
     names = list(dict.fromkeys(run.name for run in runs))
     keys = [sorted((r.score.flight, r.score.seed) for r in runs if r.name == name) for name in names]
     if len(names) < 2 or len(set(keys[0])) < 2 or any(key != keys[0] for key in keys):

@@ -37,7 +37,7 @@ COLUMNS: tuple[Column, ...] = (
 
 @dataclass(frozen=True, eq=False)
 class RestartedRun:
-    """One tracker on one sequence under such a protocol."""
+    """One tracker on one sequence under a protocol with restarts."""
 
     sequence: Sequence
     restarted: Restarted
@@ -55,11 +55,11 @@ class RestartedRun:
 
     @property
     def rate_hz(self) -> float:
-        """Rate at which it tracked."""
+        """Rate of the run in Hz."""
         return float(self.restarted.results.record["rate_hz"])
 
     def numbers(self) -> dict[str, float | None]:
-        """What its protocol adds to the score of the free run, by the keys of COLUMNS."""
+        """Measures of the protocol by the keys of COLUMNS, which extend the score of the run without restarts."""
         if self.protocol == "reset":
             between = accuracy(self.restarted, self.sequence)
             return {
@@ -74,7 +74,7 @@ class RestartedRun:
 
 
 def open_restarts(folders: ListOf[Path], sequences: ListOf[Sequence]) -> list[RestartedRun]:
-    """Runs of these folders on these sequences; UserError where they do not belong together."""
+    """Runs of these folders on these sequences; UserError when they do not belong together."""
     by_name = {sequence.name: sequence for sequence in sequences}
     runs = []
     for folder in folders:
@@ -102,7 +102,7 @@ def with_restarts(frame: "DataFrame", runs: ListOf[RestartedRun]) -> "DataFrame"
 
 
 def error_after_anchors(runs: ListOf[RestartedRun], colours: Mapping[str, int], stem: Path) -> list[Path]:
-    """Write `draw_error_after_anchors` as files at a stem."""
+    """Write `draw_error_after_anchors` as files at a stem; their paths."""
     return save_drawn(partial(draw_error_after_anchors, runs, colours), stem, 2.0)
 
 

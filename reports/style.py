@@ -22,7 +22,7 @@ NO_METADATA: dict[str, dict[str, Any]] = {
     ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
     ".png": {"Software": None},
 }
-"""Neither dates nor versions: the same figure has the same bytes."""
+"""Metadata without dates or versions, so that files are reproducible byte for byte."""
 
 GROUND_TRUTH = "#111111"
 LOSS = "#D9D9D9"
@@ -72,7 +72,7 @@ RC: dict[str, Any] = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Within it, figures have the style of the reports whatever the user's matplotlibrc says."""
+    """Context in which figures have the style of the reports, regardless of the user's matplotlibrc."""
     with mpl.rc_context(), _what_is_there_uncollected():
         mpl.rcdefaults()
         mpl.rcParams.update(cast(Any, RC))
@@ -81,10 +81,10 @@ def house_style() -> Iterator[None]:
 
 @contextmanager
 def _what_is_there_uncollected() -> Iterator[None]:
-    """Within it, the garbage collector looks at new objects alone.
+    """Context in which the garbage collector scans new objects only.
 
-    A figure is thousands of objects that refer to each other: each one makes the collector go through everything that
-    was ever imported, which takes a tenth of the time of a report.
+    A figure has thousands of objects in reference cycles, which trigger full collections over everything imported: a
+    tenth of the time of a report.
     """
     if gc.get_freeze_count():  # someone else's
         yield
@@ -104,12 +104,12 @@ def new_figure(height_in: float, *, wide: bool = True) -> Figure:
 
 
 def given_axes(axes: Axes | None) -> Axes:
-    """The Axes that was given, or that of a new figure of pyplot, which a notebook shows."""
+    """The given Axes, or that of a new pyplot figure, which a notebook shows."""
     return given_figure(None).subplots() if axes is None else axes
 
 
 def given_figure(figure: Figure | SubFigure | None) -> Figure | SubFigure:
-    """The figure that was given, or a new one of pyplot, 7.16 in wide and laid out by constraints."""
+    """The given figure, or a new pyplot figure, 7.16 in wide with constrained layout."""
     if figure is not None:
         return figure
     from matplotlib import pyplot
@@ -165,18 +165,18 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def colour(index: int) -> str:
-    """Colour of the tracker of an index."""
+    """Colour of the tracker with an index, repeating after the last."""
     return COLOURS[index % len(COLOURS)]
 
 
 def line(index: int, slower: bool = False) -> dict[str, Any]:
-    """Colour and dashes of the tracker of an index; thin and pale at a slower rate than others beside it."""
+    """Line style of the tracker with an index: colour and dashes; thin and pale for a slower rate."""
     weight = {"lw": 0.6, "alpha": 0.6} if slower else {}
     return {"color": colour(index), "linestyle": DASHES[index % len(DASHES)], **weight}
 
 
 def marker(index: int) -> dict[str, Any]:
-    """Colour and marker of the tracker of an index."""
+    """Marker style of the tracker with an index: colour and marker."""
     return {"color": colour(index), "marker": MARKERS[index % len(MARKERS)], "linestyle": "none"}
 
 

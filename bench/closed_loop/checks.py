@@ -16,7 +16,7 @@ from uavbench.trajectories.sensors.sensor import SensorSpec
 
 
 def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
-    """Names of the sensors that the filter takes of a sequence; UserError when they cannot hold the vehicle."""
+    """Names of the sequence's sensors that the filter uses; UserError when position or velocity is unobservable."""
     there = named(spec.sensors)
     wanted = (CAMERA, *there) if loop.sensors is None else loop.sensors
     for name in wanted:

@@ -37,7 +37,7 @@ class Believed(NamedTuple):
 
 
 class Estimator(Protocol):
-    """The estimate of the vehicle's state."""
+    """Estimator of the vehicle's state from readings of its sensors and the tracker's results."""
 
     def sense(self, reading: Reading) -> None:
         """Take a reading of a body sensor."""
@@ -48,15 +48,15 @@ class Estimator(Protocol):
         ...
 
     def state_at(self, stamp_ns: int) -> Believed | None:
-        """State at a time; None for the true one."""
+        """State at a time in ns; None for the true one."""
         ...
 
     def covariance(self, stamp_ns: int) -> Array | None:
-        """Covariance (9, 9) of position, velocity and attitude at a time; None where none is claimed."""
+        """Covariance (9, 9) of position (m), velocity (m/s) and attitude (rad) at a time; None when none is claimed."""
         ...
 
     def expected(self, stamp_ns: int) -> Prediction | None:
-        """Where the camera is expected at a time; None where nothing is known but the tracker's own poses."""
+        """Predicted pose of the camera at a time; None when nothing is known but the tracker's own poses."""
         ...
 
     @property
@@ -138,7 +138,7 @@ class CameraAlone:
         """None: there is no prediction but the tracker's own poses."""
 
     def _turn(self, reading: Reading) -> None:
-        """Turn from the reading before to this one."""
+        """Rotation from the previous reading to this one."""
         self._rates = reading.values[0:3]
         self._turned, self._turned_ns = self._after(reading.stamp_ns), reading.stamp_ns
 
@@ -148,7 +148,7 @@ class CameraAlone:
 
 
 class Filtered:
-    """The vehicle's filter, fed with the sensors that it is to take."""
+    """The vehicle's filter, with the sensors of the loop."""
 
     def __init__(
         self, spec: FilterSpec, sensors: tuple[str, ...], imu: Imu, cam_from_body: Pose, first_cam_from_world: Pose

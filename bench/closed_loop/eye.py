@@ -18,7 +18,7 @@ from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 
 class WayFlown:
-    """True `world_from_body` of a flight in progress, up to its present row."""
+    """True world_from_body of a flight in progress, up to its current row."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -28,7 +28,7 @@ class WayFlown:
         return self._simulation.step + 1
 
     def pose(self, row: int) -> Pose:
-        """Pose of a row that was flown."""
+        """Pose of a row that has been flown."""
         state = self._simulation.record[row]
         return Pose.from_quaternion(state[RECORD["quaternions_wxyz"]], state[RECORD["positions_m"]])
 
@@ -60,7 +60,7 @@ def frame_rows(steps: int, rate_hz: float) -> NDArray[np.int64]:
 
 
 def rows_after(spec: SequenceSpec, source: CameraSimulator) -> int:
-    """Rows that must be flown beyond a frame's stamp until all of it is exposed."""
+    """Rows that must be flown after a frame's stamp until its exposure ends."""
     exposed_ms = max((getattr(effect, "exposure_ms", 0.0) for effect in spec.effects), default=0.0)
     readout_ns = abs(source.row_delay_ns) * (source.camera.height - 1)
     return int(np.ceil((0.5e6 * exposed_ms + 0.5 * readout_ns) / STEP_NS))

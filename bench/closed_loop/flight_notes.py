@@ -1,4 +1,4 @@
-"""Log of a flight in progress, and the files that are made of it."""
+"""Log of a flight in progress, and the flight written from it."""
 
 from collections.abc import Sequence as ListOf
 from typing import Any
@@ -52,7 +52,7 @@ class Notes:
         self._true_world_from_body: list[Pose] = []
 
     def row(self, simulation: Simulation, believed: Believed | None, covariance: Array | None, has_fix: bool) -> None:
-        """Log true, estimated and planned state of the present step."""
+        """Log true, estimated and planned state of the current step."""
         state, planned = simulation.record[simulation.step], simulation.reference[simulation.step]
         true_q, true_p, true_v = (state[RECORD[k]] for k in ("quaternions_wxyz", "positions_m", "velocities_m_s"))
         estimate = np.full(14, np.nan)

@@ -56,10 +56,10 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
 
 
 class Loop:
-    """All parts of a flight at work: one `step` is one control step of the vehicle.
+    """All parts of a flight; one `step` is one control step of the vehicle.
 
-    image, samples and true_cam_from_world are of the latest frame: what it shows, what the sensors measured up to it,
-    and where the camera was.
+    image, samples, true_cam_from_world: of the latest frame: its image, the sensor readings up to it, and the true pose
+    of the camera.
     """
 
     def __init__(
@@ -163,14 +163,14 @@ class Loop:
         return self.tracker
 
     def deliver(self, now_ns: int) -> None:
-        """Pass the answers that are due to the estimator."""
+        """Pass due results of the tracker to the estimator."""
         for answer in [answer for answer in self.due if answer[0] <= now_ns]:
             self.due.remove(answer)
             assert self.estimator is not None
             self.estimator.answer(answer[1], answer[2])
 
     def command(self, now_ns: int) -> None:
-        """Let guidance and controller act on the estimated state."""
+        """Command the vehicle by guidance and controller from the estimated state."""
         simulation = self.simulation
         estimator = self.estimator
         estimated = estimator.state_at(now_ns) if estimator is not None else None
@@ -180,11 +180,11 @@ class Loop:
             self.notes.row(simulation, estimated, covariance, self.sensors.has_fix)
 
     def planned(self, rows: slice) -> Array:
-        """Rows (n, 17) of the plan that the vehicle must not stray from."""
+        """Reference rows (n, 17) that the corridor is around."""
         return self.simulation.reference[rows]
 
     def look_for_the_end(self) -> None:
-        """Note how the flight ended if it did within the last steps."""
+        """Log the ending if the flight ended within the last steps."""
         simulation, loop = self.simulation, self.pilot.loop
         first = (simulation.step - 1) // BLOCK * BLOCK
         rows = slice(first, simulation.step)

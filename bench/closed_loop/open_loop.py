@@ -23,7 +23,7 @@ class OpenLoop:
 
     @classmethod
     def of(cls, spec: SequenceSpec, obstacles: ObstacleMesh) -> "OpenLoop":
-        """The flight of a sequence; UserError where it fails, crashes or has no room."""
+        """The flight of a sequence; UserError when it fails, crashes or has no room."""
         simulation = begin(spec.flight, spec.mount, obstacles, spec.seed)
         flight = replace(spec.flight, on_crash="error")
         places = fly_through(simulation, flight, spec.mount, obstacles).positions_m

@@ -26,7 +26,7 @@ NEVER_NS = 2**63 - 1
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What one sensor measured at one time: its name, its spec, its values (k,) as in `measured`."""
+    """Reading of one sensor at one time: its name, its spec, its values (k,) in the order and units of `measured`."""
 
     name: str
     sensor: SensorSpec
@@ -57,7 +57,7 @@ class LiveSensor:
 
 
 class Sensors:
-    """All sensors of a sequence in flight, and what of it the tracker was given."""
+    """All sensors of a sequence in flight, and the readings handed to the tracker."""
 
     def __init__(self, spec: SequenceSpec, loop: LoopSpec, steps: int, obstacles: ObstacleMesh) -> None:
         self._live = [LiveSensor(n, live(s), steps, obstacles, spec.seed) for n, s in named(spec.sensors).items()]
@@ -74,7 +74,7 @@ class Sensors:
         return new
 
     def upto(self, stamp_ns: int) -> dict[str, Samples]:
-        """By sensor, the readings not handed out before, up to and with a stamp."""
+        """Readings by sensor that were not handed out before, up to and including a stamp."""
         out = {}
         for sensor in self._live:
             kept = self._kept[sensor.name]
@@ -97,7 +97,7 @@ class Sensors:
 
 
 def live(sensor: SensorSpec) -> Any:
-    """A sensor that can be read in flight; UserError for one that cannot."""
+    """A sensor that can be simulated in flight; UserError for one that cannot."""
     if not (callable(getattr(sensor, "begin", None)) and hasattr(sensor, "rate_hz")):
         raise UserError(
             f"sensors: {type(sensor).__name__} cannot be read in flight: it needs `rate_hz` and `begin` "
@@ -107,7 +107,7 @@ def live(sensor: SensorSpec) -> Any:
 
 
 def body_of(spec: SequenceSpec) -> Body:
-    """What a tracker may know of the body that carries the camera."""
+    """Description of the body that carries the camera, as given to trackers."""
     sensors = {}
     for name, sensor in named(spec.sensors).items():
         about = described(sensor)

@@ -15,14 +15,14 @@ LOST = TrackResult(status="lost")
 
 
 class TimedFault(NamedTuple):
-    """What a tracker did wrong on the frame of a stamp."""
+    """A fault of a tracker on the frame of a stamp."""
 
     stamp_ns: int
     what: str
 
 
 class TrackerInFlight:
-    """A run of a tracker; `faults` are what it did wrong, by the stamp of the frame.
+    """A run of a tracker; `faults`: its faults with the stamps of their frames.
 
     Surplus output of a program is discarded; one that is out of step, so that its answers cannot be assigned to frames,
     is not asked again.
@@ -53,7 +53,7 @@ class TrackerInFlight:
 
 
 class Watched:
-    """A run that notes when its program is out of step."""
+    """A run that records when its program is out of step with the frames."""
 
     def __init__(self, run: Run, noted: TrackerInFlight) -> None:
         self._run, self._noted = run, noted

@@ -1,5 +1,5 @@
-"""Files of a folder with the video of a flight."""
+"""Files in the folder of a flight's video."""
 
 VIDEO = "flight.webm"
 MARKER = "video.json"
-"""Lists them, and carries the hash of what made them."""
+"""Marks the folder as complete; holds the content hash of the video's inputs."""

@@ -1,4 +1,4 @@
-"""A structure seen from outside, with lines in space drawn on it: what is behind the structure is hidden."""
+"""View of a structure from outside, with 3-D lines drawn on it that the structure occludes."""
 
 from dataclasses import dataclass, replace
 
@@ -16,25 +16,28 @@ from uavbench.tracker.protocol import Image
 from uavbench.trajectories.pose import Array, Pose
 
 VIEW_DEG = 45.0
-"""Field of view, across."""
+"""Horizontal field of view."""
 FROM_DEG, ABOVE_DEG = -62.0, 28.0
-"""Where it looks from, as in the figures of flights."""
+"""Azimuth and elevation of the viewpoint, as in the figures of flights."""
 BACKDROP = 0.55
-"""Linear light behind the structure: light lines and dark ones both show on it."""
+"""Linear radiance of the background: bright and dark lines both stand out from it."""
 GRID_M = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-"""Widths of the grid on the floor; the smallest that makes no more than GRID_LINES lines."""
+"""Candidate spacings of the floor grid; the smallest with at most GRID_LINES lines is used."""
 GRID_LINES = 24
 GRID = (150, 150, 150)
-"""Colour of its lines, BGR."""
+"""Colour of the grid lines, BGR."""
 NEAR_M = 0.05
-"""Nothing nearer to the camera is drawn."""
+"""Near clipping distance of the lines."""
 HIDDEN_PART = 0.01
-"""A point is hidden by what is nearer by more than this part of its distance."""
+"""Tolerance of the occlusion test: a point is hidden by a surface nearer by more than this fraction of its depth."""
 
 
 @dataclass(frozen=True, eq=False)
 class OutsideView:
-    """A camera outside, the image (h, w, 3) that it has seen so far, and the distance (h, w) of each pixel."""
+    """A fixed camera outside, with the image drawn so far.
+
+    seen: image (h, w, 3) BGR, drawn on in place; depth_m: depth (h, w) of the structure, inf where there is none.
+    """
 
     camera: Camera
     cam_from_world: Pose
@@ -43,7 +46,10 @@ class OutsideView:
 
     @classmethod
     def of(cls, spec: SequenceSpec, extent_m: tuple[Array, Array], size_px: tuple[int, int]) -> "OutsideView":
-        """The structure of a spec alone on a grid; all between the two corners (3,) of extent_m is in view."""
+        """View of a spec's structure alone, on a floor grid.
+
+        extent_m: lower and upper corner (3,) in the world of a box that is wholly in view; size_px: width, height.
+        """
         low, high = extent_m
         camera = Camera.from_field_of_view(*size_px, VIEW_DEG)
         pose = looking_at(low, high, camera)
@@ -57,7 +63,7 @@ class OutsideView:
         return view
 
     def pixels(self, points: Array) -> Array:
-        """Pixels (n, 2) of points (n, 3); NaN for those that are hidden, out of view or unknown."""
+        """Pixels (n, 2) of world points (n, 3) in m; NaN for points occluded, out of view or not finite."""
         out = np.full((len(points), 2), np.nan)
         in_camera = self.cam_from_world.transform(np.nan_to_num(points, nan=np.inf))
         rows = np.flatnonzero(np.isfinite(in_camera).all(axis=1) & (in_camera[:, 2] > NEAR_M))
@@ -71,14 +77,14 @@ class OutsideView:
         return out
 
     def line(self, points: Array, colour: tuple[int, int, int], thickness: int) -> None:
-        """Draw what is not hidden of a line through points (n, 3)."""
+        """Draw the visible parts of a polyline through world points (n, 3) in m; colour BGR, thickness in px."""
         pixels = self.pixels(points)
         pieces = np.stack([pixels[:-1], pixels[1:]], axis=1)
         draw(self.seen, pieces[np.isfinite(pieces).all(axis=(1, 2))], colour, thickness)
 
 
 def looking_at(low: Array, high: Array, camera: Camera, above_deg: float = ABOVE_DEG) -> Pose:
-    """Camera pose from which all between two corners (3,) is in view, looking down by above_deg."""
+    """cam_from_world of a camera that has the box between two corners (3,), in m, in view, tilted down by above_deg."""
     azimuth, elevation = np.radians([FROM_DEG, above_deg])
     ahead = -np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     right = np.cross(ahead, [0.0, 0.0, 1.0])
@@ -93,7 +99,7 @@ def looking_at(low: Array, high: Array, camera: Camera, above_deg: float = ABOVE
 
 
 def floor_grid(low: Array, high: Array) -> list[Array]:
-    """Lines (n, 3) of a grid on the floor."""
+    """Lines (60, 3) in m of a grid on the floor z = 0 that covers the box between two corners (3,)."""
     width = next((w for w in GRID_M if np.ceil((high - low)[:2] / w).sum() <= GRID_LINES), GRID_M[-1])
     xs, ys = (np.arange(np.floor(low[k] / width), np.ceil(high[k] / width) + 1) * width for k in range(2))
     along_x = [np.column_stack([np.linspace(xs[0], xs[-1], 60), np.full(60, y), np.zeros(60)]) for y in ys]

@@ -28,11 +28,11 @@ from uavbench.trajectories.pose import rotation_from_quaternion
 from uavbench.trajectories.trajectory import Trajectory
 
 CODEC = "VP80"
-"""It plays in every browser, and comes with OpenCV's wheels."""
+"""Plays in every browser, and is part of OpenCV's wheels."""
 OUTSIDE_PX = (640, 480)
-"""Size of the view from outside."""
+"""Width and height of the view from outside."""
 ARM_PART = 0.035
-"""Length of a drawn vehicle's arm, in parts of the distance to it: small ones would not be seen."""
+"""Length of a drawn vehicle's arm, as a fraction of its depth: arms of true length would be too small to see."""
 PLANNED, TRUE, ESTIMATED, LOST = (0, 179, 158), (17, 17, 17), (200, 90, 44), (103, 34, 232)
 """Colours, BGR, as in the figures of flights."""
 
@@ -40,9 +40,10 @@ PLANNED, TRUE, ESTIMATED, LOST = (0, 179, 158), (17, 17, 17), (200, 90, 44), (10
 def write_video(
     spec: SequenceSpec, flight: Path, folder: Path, content_hash: str, on_step: Callable[[int, int], None]
 ) -> None:
-    """Write VIDEO of a flight of a sequence, `flight` its folder, and MARKER, which carries the hash, into a folder.
+    """Write VIDEO and MARKER, which holds the content hash, into a folder; `flight` is the folder of the flight.
 
-    on_step(frames done, all) tells progress. UserError when the flight has no frames, or OpenCV cannot write the codec.
+    on_step(frames done, all) reports progress. UserError when the flight has no frames or its files cannot be read, the
+    folder holds something else, or OpenCV cannot write the codec.
     """
     flown = Flown.load(flight)
     frames = flown.results.stamps_ns.tolist()
@@ -72,7 +73,10 @@ def write_video(
 
 
 def with_overlay(flown: Flown, frame: int, image: Image) -> Image:
-    """A frame with the structure's edges where the tracker believes them, and what it was worth."""
+    """A frame (h, w, 3) BGR with the edges projected at the tracker's pose, and the errors of path and estimate in cm.
+
+    frame: index among the frames of the flight.
+    """
     result, path = flown.results.rows[frame], flown.path
     canvas = View.of(image, flown.camera, flown.structure).overlay(result.cam_from_world)
     row = row_at(flown, frame)
@@ -87,21 +91,21 @@ def with_overlay(flown: Flown, frame: int, image: Image) -> Image:
 
 
 def row_at(flown: Flown, frame: int) -> int:
-    """Row of path.csv at a frame."""
+    """Index of the first row of path.csv at or after a frame's stamp."""
     stamps = flown.path.stamps_ns
     return min(int(np.searchsorted(stamps, flown.results.stamps_ns[frame])), len(stamps) - 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Outside:
-    """A flight seen from outside, drawn on as it goes."""
+    """A flight seen from outside, drawn frame by frame."""
 
     flown: Flown
     view: OutsideView
 
     @classmethod
     def of(cls, spec: SequenceSpec, flown: Flown) -> "Outside":
-        """The view of all of a flight."""
+        """The view that contains a whole flight, with the planned path drawn."""
         path = flown.path.group("true_p_m")
         extent = limits(flown.structure, np.vstack([path, flown.plan[:, 1:4]]))
         view = OutsideView.of(spec, extent, OUTSIDE_PX)
@@ -109,7 +113,10 @@ class Outside:
         return cls(flown, view)
 
     def at(self, frame: int) -> Image:
-        """The view at a frame, each in turn: the way flown and estimated since the one before, and the vehicle."""
+        """View (h, w, 3) BGR at a frame: paths flown and estimated so far, and the vehicle.
+
+        Frames must be asked for in their order: each call draws the paths since the previous frame.
+        """
         path, row = self.flown.path, row_at(self.flown, frame)
         since = row_at(self.flown, frame - 1) if frame else 0
         self.view.line(path.group("true_p_m")[since : row + 1], TRUE, 2)
@@ -128,7 +135,7 @@ class Outside:
         return canvas
 
     def _draw_vehicle(self, canvas: Image, row: int) -> None:
-        """Four arms, and where the nose is."""
+        """Draw the four arms and the direction of the nose."""
         place = self.flown.path.group("true_p_m")[row]
         R = rotation_from_quaternion(self.flown.path.group("true_q")[row])
         arm = ARM_PART * float(self.view.cam_from_world.transform(place[None])[0, 2])

@@ -1,4 +1,4 @@
-"""The gallery of the docs: `python -m uavbench.bench.gallery DIR` draws every plug-in that can be seen.
+"""The gallery of the docs: `python -m uavbench.bench.gallery DIR` draws every plug-in that has something to show.
 
 In: the registries, and `examples.toml` with the parameters that show a plug-in best. Out: DIR/gallery.md and the
 pictures in DIR/gallery. Imports config, filming, the closed loop's camera, rendering, flights and drawing.

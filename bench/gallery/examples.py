@@ -1,4 +1,4 @@
-"""What is shown of each plug-in: a sequence of `examples.toml`, checked as that of a suite is."""
+"""Example sequence of each plug-in, from `examples.toml`, validated like a sequence of a suite."""
 
 import tomllib
 from collections.abc import Mapping
@@ -17,14 +17,17 @@ MANY = ("clutter", "effects", "sensors")
 
 @dataclass(frozen=True)
 class Example:
-    """The sequence that shows a plug-in, and the parameters that it is given there."""
+    """The sequence that shows a plug-in; own: the parameters of the plug-in that differ from its defaults."""
 
     spec: SequenceSpec
     own: Mapping[str, Any]
 
 
 def example_of(key: str, kind: str) -> Example:
-    """The example of a plug-in `kind` that a sequence names under `key`; with its defaults where the file has none."""
+    """The example of the plug-in `kind`, which a sequence names under `key`; default parameters without an entry.
+
+    UserError when the sequence in `examples.toml` is not valid.
+    """
     tables = _tables()
     of_kind = dict(tables.get(key, {}).get(kind, {}))
     own = of_kind.pop("own", {})

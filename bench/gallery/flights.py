@@ -1,4 +1,4 @@
-"""Pictures of flights: the course of a path round its structure, and what a sensor measures on the way."""
+"""Pictures of flights: the path flown around a structure, and the readings of a sensor along it."""
 
 from io import BytesIO
 from itertools import groupby
@@ -22,18 +22,18 @@ from uavbench.trajectories.sensors.sensor import Table
 from uavbench.trajectories.simulation.flight import fly
 
 POINTS, LOOKS = 400, 16
-"""Points that a course is drawn through, and places where its direction of view is drawn."""
+"""Points of a drawn path, and positions at which the viewing direction is drawn."""
 LOOK_PART = 0.07
-"""Length of a drawn direction of view, in parts of the view's extent."""
+"""Length of a drawn viewing direction, as a fraction of the scene's extent."""
 DARK, LIGHT = np.array([110.0, 60.0, 0.0]), np.array([90.0, 200.0, 255.0])
-"""Colours (BGR) of a course from its start to its end."""
+"""Colours (BGR) at the start and the end of a path."""
 MARGIN = 0.06
-"""Room around structure and course, in parts of their extent."""
+"""Margin around structure and path, as a fraction of their extent."""
 DPI = 100
 
 
 def path_picture(spec: SequenceSpec) -> Image:
-    """The structure alone with the course of a flight of the path, and where the camera looks on the way."""
+    """Image (h, w, 3) BGR of the structure with a flight of the spec's path and the viewing directions along it."""
     obstacles = obstacles_of(spec)
     flight = fly(spec.flight, spec.mount, obstacles, spec.seed)
     rows = np.unique(np.linspace(0, len(flight) - 1, POINTS).astype(int))
@@ -57,13 +57,16 @@ def path_picture(spec: SequenceSpec) -> Image:
 
 
 def _colour(share: float) -> tuple[int, int, int]:
-    """Colour of a course at a share of its way."""
+    """BGR colour at a fraction (0 to 1) of the path."""
     blue, green, red = (round(float(c)) for c in DARK + share * (LIGHT - DARK))
     return blue, green, red
 
 
 def sensor_picture(spec: SequenceSpec) -> Image:
-    """What the sensor measures over time, a panel for each unit; of a lidar one turn."""
+    """Plot (h, w, 3) BGR of the readings of the spec's only sensor: over time, a panel per unit; of a lidar one scan.
+
+    ValueError unless the spec has exactly one sensor, and it writes one table.
+    """
     (sensor,) = spec.sensors
     obstacles = build_scene(spec).obstacles if isinstance(sensor, LaserRanging) else obstacles_of(spec)
     flight = fly(spec.flight, spec.mount, obstacles, spec.seed)
@@ -82,7 +85,7 @@ def sensor_picture(spec: SequenceSpec) -> Image:
 
 
 def _draw_turn(figure: Figure, lidar: Lidar2d, table: Table) -> None:
-    """What one turn of a lidar meets, in its own axes, from above."""
+    """One scan of a lidar from above, in the lidar's axes, m."""
     steps = len(lidar.azimuths_rad)
     azimuths = table.column("azimuth_rad")[:steps]
     panel = figure.subplots()
@@ -97,7 +100,7 @@ def _draw_turn(figure: Figure, lidar: Lidar2d, table: Table) -> None:
 
 
 def _draw_over_time(figure: Figure, table: Table, names: list[str]) -> None:
-    """Columns of readings over time, a panel for each unit."""
+    """Columns of readings over time in s, a panel per unit."""
     panels = [list(group) for _, group in groupby(names, key=unit_of)]
     for panel, columns in zip(figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0], panels, strict=True):
         for k, column in enumerate(columns):
@@ -109,5 +112,5 @@ def _draw_over_time(figure: Figure, table: Table, names: list[str]) -> None:
 
 
 def unit_of(column: str) -> str:
-    """Unit of a column by its name, `wx_rad_s` -> `rad_s`; "" where it has none."""
+    """Unit of a column from its name, `wx_rad_s` -> `rad_s`; "" for a name without one."""
     return column.partition("_")[2]

@@ -1,6 +1,6 @@
-"""Statistics that photographs of natural scenes have in common, of any images.
+"""Natural-scene statistics of images, to compare rendered frames with photographs.
 
-`python -m uavbench.bench.gallery.natural_statistics FILE...` prints a row of Markdown for each file that is named.
+`python -m uavbench.bench.gallery.natural_statistics FILE...` prints a row of Markdown for each file.
 """
 
 from dataclasses import dataclass
@@ -17,15 +17,17 @@ from uavbench.tracker.protocol import Image
 from uavbench.trajectories.pose import Array
 
 FITTED = (8, 4)
-"""The slope is fitted from so many periods in the image's shorter side to so many pixels a period: what lies below is
-the window's and the layout's, what lies above the antialiasing's."""
+"""Band of the slope fit: from 8 periods per shorter side of the image to 4 pixels per period. Lower frequencies depend
+on window and layout, higher ones on antialiasing."""
 BINS = 20
 
 
 @dataclass(frozen=True)
 class NaturalStatistics:
-    """Slope of the power spectrum in log-log axes; kurtosis of differences of log light between neighbours in a row;
-    deviation of log light (natural logarithm).
+    """Statistics of one image's luminance.
+
+    slope: of log power over log frequency; gradient_kurtosis: of differences of log luminance between horizontal
+    neighbours, 3 for a normal distribution; log_deviation: standard deviation of the natural log of luminance.
     """
 
     slope: float
@@ -34,7 +36,7 @@ class NaturalStatistics:
 
     @classmethod
     def of(cls, image: Image) -> "NaturalStatistics":
-        """Of a finished image (h, w, 3), BGR, sRGB."""
+        """Statistics of a finished image (h, w, 3) uint8, BGR, sRGB."""
         light = cv2.cvtColor(decode(image), cv2.COLOR_BGR2GRAY).astype(np.float64)
         log = np.log(np.maximum(light, LIGHT[1]))  # the darkest code that is not black
         steps = np.diff(log, axis=1)
@@ -42,7 +44,7 @@ class NaturalStatistics:
 
 
 def spectrum_slope(light: Array) -> float:
-    """Slope of log power over log frequency of an image (h, w), power averaged over all directions."""
+    """Slope of log power over log frequency of a linear image (h, w), power averaged over directions."""
     h, w = light.shape
     window = np.outer(np.hanning(h), np.hanning(w))
     power = np.abs(np.fft.fft2((light - np.average(light, weights=window)) * window)) ** 2
@@ -56,7 +58,7 @@ def spectrum_slope(light: Array) -> float:
 
 
 def kurtosis(values: Array) -> float:
-    """Fourth moment over the square of the second: 3 of a normal distribution."""
+    """Fourth central moment over the squared variance of an array: 3 for a normal distribution."""
     centred = values - values.mean()
     return float((centred**4).mean() / (centred**2).mean() ** 2)
 

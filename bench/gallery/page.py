@@ -1,4 +1,4 @@
-"""The page: a section for each registry, a picture with a sentence for each plug-in."""
+"""The page of the gallery: a section for each registry, a picture with a sentence for each plug-in."""
 
 import inspect
 import json
@@ -24,7 +24,11 @@ WEBP_QUALITY = 80
 
 @dataclass(frozen=True)
 class Section:
-    """Plug-ins of one registry: title, what is to be seen, where a sequence's table names one, and who draws it."""
+    """Plug-ins of one registry.
+
+    about: sentence under the title; key: key of a sequence's table that names such a plug-in; picture: draws the
+    example sequence of one, an image (h, w, 3) BGR.
+    """
 
     title: str
     about: str
@@ -54,7 +58,10 @@ SECTIONS: dict[object, Section] = {
 
 
 def write_gallery(folder: Path) -> None:
-    """Write gallery.md and the folder `gallery` with a WebP picture for every plug-in."""
+    """Write gallery.md and the subfolder `gallery` with a WebP picture of every plug-in into a folder.
+
+    UserError when an example is not valid, or the subfolder or gallery.md is not one that uavbench wrote.
+    """
     parts = ["# Gallery\n\nWhat a suite can name, drawn by the code: `python -m uavbench.bench.gallery DIR`.\n"]
     with new_folder(folder / "gallery", MARKER) as pictures:
         for protocol, section in SECTIONS.items():

@@ -16,21 +16,21 @@ from uavbench.tracker.protocol import Image
 from uavbench.trajectories.simulation.flight import fly
 
 ABOVE_DEG = 12.0
-"""How far the view looks down: so little that it has the sky in it."""
+"""Downward tilt of the view: small enough to show the sky."""
 AROUND = 1.8
-"""How much wider than the structure the view of an environment is."""
+"""Extent of the view of an environment, in multiples of the structure's."""
 FRAMES = 6
-"""Frames of an effect that are looked at: enough for lost ones among them."""
+"""Consecutive frames rendered with an effect: enough for dropped ones among them."""
 WHITE = (255, 255, 255)
 
 
 def structure_picture(spec: SequenceSpec) -> Image:
-    """The structure, filling the view."""
+    """Image (h, w, 3) BGR of the spec's scene, the structure filling the view."""
     return _from_outside(spec, 1.0)
 
 
 def environment_picture(spec: SequenceSpec) -> Image:
-    """The structure with room around it."""
+    """Image (h, w, 3) BGR of the spec's scene, with AROUND times the structure's extent in view."""
     return _from_outside(spec, AROUND)
 
 
@@ -46,9 +46,9 @@ def _from_outside(spec: SequenceSpec, wide: float) -> Image:
 
 
 def effect_picture(spec: SequenceSpec) -> Image:
-    """The structure in the frame of a flight where it is fastest, without and with the effect.
+    """Frame (h, w, 3) BGR at the highest speed of a flight: left half without, right half with the spec's effects.
 
-    Six frames in a row where some of them do not arrive.
+    Where the effects drop frames: FRAMES consecutive frames with them, dropped ones left grey.
     """
     scene = _scene(replace(spec, name="", effects=()))
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
@@ -72,7 +72,7 @@ def effect_picture(spec: SequenceSpec) -> Image:
 
 @lru_cache(maxsize=1)
 def _scene(spec: SequenceSpec) -> Scene:
-    """The scene of a spec; that of most effects is one and the same."""
+    """The scene of a spec, cached: most effects share one."""
     return build_scene(spec)
 
 
@@ -82,7 +82,7 @@ def _first(light: Radiance | None) -> Image:
 
 
 def _strip(taken: list[Image | None], size_of: Image) -> Image:
-    """Two rows of small frames, the lost ones left empty."""
+    """Two rows of downscaled frames, dropped ones grey."""
     height, width = size_of.shape[:2]
     small = (width * 2 // FRAMES, height * 2 // FRAMES)
     empty = np.full((small[1], small[0], 3), 90, dtype=np.uint8)

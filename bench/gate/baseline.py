@@ -1,9 +1,9 @@
 """A baseline as one file that can be committed: `uavbench gate RESULTS --baseline FILE --update` makes it.
 
-It holds the few numbers that the gate compares, so it needs no frames and no results, and stands for one suite's
-flights. It is compared with frames that were rendered anew, perhaps on another machine or by newer code: what that
-changes by chance is in the spread that the gate measures, so its margins are wider. Nobody edits it: it carries the
-hash of its content.
+It holds only the numbers that the gate compares, without frames and results, for the flights of one suite. It is
+compared with newly rendered frames, perhaps from another machine or newer code: the resulting random differences are
+part of the spread that the gate measures, so its margins are wider. It must not be edited: it contains the hash of its
+content.
 """
 
 import hashlib
@@ -20,11 +20,11 @@ from uavbench.trajectories.files.reading import read_json
 from uavbench.trajectories.files.writing import owning, write_text
 
 DIGITS = 6
-"""Significant digits of the numbers: less than any margin, more than a reader needs."""
+"""Significant digits of the numbers: finer than any margin."""
 
 
 def write_baseline(side: Side, path: Path) -> None:
-    """Write what was measured in a suite's folder; UserError when a run of it is missing, or a replayed one crashed."""
+    """Write the measured values of a suite's folder; UserError when a run is missing, or a replayed one crashed."""
     broken = {key: run.crash for key, run in side.runs.items() if run.crash and not side.is_flown}
     for key, why in {**side.faults, **broken}.items():
         raise UserError(f"no baseline of {key[0]} on {key[1]}, seed {key[2]}: {why}")
@@ -67,7 +67,7 @@ def read_baseline(path: Path, flights: str) -> Side:
 
 
 def _is_baseline(path: Path) -> bool:
-    """Whether a file is a baseline as it was written: its own hash proves it."""
+    """Whether a file is an unedited baseline, by the hash of its content."""
     try:
         body = read_json(path)
         return bool(body.pop("sha256", None) == _digest(body))

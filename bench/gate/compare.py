@@ -1,10 +1,10 @@
 """Two versions of a repository on the same frames: `uavbench compare BASE_REF HEAD_REF`.
 
-All that is of a version comes from its own tree: uavbench itself where the repository has it, the suite's tables of
-trackers, their programs, files and plug-ins. The frames are those of the head's suite, rendered once by the uavbench
-that runs. Then both versions' trackers run on them in turn, base and
-head and head and base, several times over, so that whatever else the machine does meets both alike; of each frame's
-times the smallest counts. The scores are computed by one version, the running one, and the gate decides.
+Everything that belongs to a version comes from its own tree: uavbench itself where the repository contains it, the
+suite's tables of trackers, their programs, files and plug-ins. The frames are those of the head's suite, rendered once
+by the running uavbench. Then the trackers of both versions run on them in turn, interleaved in ABBA order and repeated,
+so that other load on the machine affects both alike; the smallest time of each frame is used. The running version
+computes the scores, and the gate decides.
 """
 
 import json
@@ -43,7 +43,7 @@ LEAST_MS = 0.05
 
 
 def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
-    """Compare two versions; the gate's exit code, 1 when the frames cannot be rendered."""
+    """Compare two versions; the exit code of the gate, 1 when the frames cannot be rendered."""
     out = resolved(out)
     for path in (out / "base" / "suite.json", out / "head" / "timing.json"):
         refuse_foreign_file(path)
@@ -166,7 +166,7 @@ def track_on(side: Side, run: Run, frames: Path, out: Path, start: dict[str, Any
 def smallest(times: Times, labels: list[str]) -> dict[str, list[dict[str, Any]]]:
     """By run, for each sequence: the median over the frames of each frame's smallest time on both sides.
 
-    Trackers whose times nobody measured are left out.
+    Trackers without measured times are left out.
     """
     runs: dict[str, list[dict[str, Any]]] = {}
     for label, run, name, seed, side in times:
@@ -182,7 +182,7 @@ def smallest(times: Times, labels: list[str]) -> dict[str, list[dict[str, Any]]]
 
 
 def describe(folder: Path, suite: Suite, labels: list[str], not_compared: dict[str, str]) -> None:
-    """Write `suite.json` of what was compared, and why runs were not."""
+    """Write `suite.json`: what was compared, and why other runs were not."""
     about = {
         "suite": suite.name,
         "title": suite.title,

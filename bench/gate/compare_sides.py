@@ -1,4 +1,4 @@
-"""The sides of a comparison: one version's trackers, as its own tree has them, and the process that runs them."""
+"""The sides of a comparison: one version's trackers, from its own tree, and the process that runs them."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from uavbench.trajectories.errors import UserError, plain
 from uavbench.trajectories.files.reading import read_toml
 
 MOST_TOLD = 8
-"""Names reported of what is not in git; the rest is counted."""
+"""Most names of untracked files that are reported; the rest is counted."""
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@
 
 Errors and latency are compared as ratios: `fail` when the one-sided 95 % lower bound of the change, from a paired
 hierarchical bootstrap and corrected by Holm over all metrics, lies above the margin; `inconclusive` when there are
-fewer than five seeds, or when the upper bound lies above what the gate must be able to tell; else `pass`. Each error is
-compared twice: its mean change, in which a few runs that break show, and its typical change, in which they count
-little and cannot hide what happened to all others. Coverage is compared as an absolute: its mean loss against its own
-margin; so is the share of flights in closed loop that succeed, beside their path and estimate errors. What is missing
-or not finite fails; what cannot be judged, because one side does not have it at all, or a run crashes on both or is too
-short for the number, is `inconclusive`: a gate passes only what it has compared.
+fewer than five seeds, or when the upper bound lies above the required resolution; else `pass`. Each error is compared
+twice: by its mean change, which shows a few broken runs, and by its typical change, in which they have little weight
+and cannot hide a change of all others. Coverage is compared by its absolute mean loss against its own margin; so is the
+success rate of flights in closed loop, in addition to their path and estimate errors. Missing or non-finite values
+fail; what cannot be compared, because one side lacks it entirely, or a run crashes on both sides or is too short for
+the metric, is `inconclusive`: only what was compared can pass.
 """
 
 import math
@@ -46,9 +46,9 @@ ROUNDS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
-    """Tolerated changes, as shares of the baseline (errors, latency) or of all frames (coverage).
+    """Tolerated changes, relative to the baseline (errors, latency) or as shares of all frames (coverage).
 
-    resolution: a pass requires that a change of this size lies outside the confidence interval.
+    resolution: a pass requires that a change of this size is outside the confidence interval.
     """
 
     error: float = 0.01
@@ -186,7 +186,7 @@ def paired(keys: list[Key], base: Side, head: Side, value: Callable[[Measured], 
 
 
 def crash(side: Side, key: Key) -> str:
-    """Why a run crashed, "" if nothing did."""
+    """Why a run crashed, "" if it did not."""
     return side.runs[key].crash if key in side.runs else ""
 
 
@@ -199,9 +199,9 @@ def ratio_finding(
     resolution: float,
     at_most: float = math.inf,
 ) -> Finding:
-    """Finding on a metric that is better when smaller, compared as a ratio; p is not corrected yet.
+    """Finding on a metric for which smaller is better, compared as a ratio; p is not corrected yet.
 
-    The log of a pair's ratio counts up to +-at_most.
+    The log of each pair's ratio is clipped to +-at_most.
     """
     finding = _described(run, metric, unit, values, margin)
     if finding.verdict != "pass":

@@ -51,7 +51,7 @@ def cells(finding: Finding) -> list[str]:
 
 
 def percent(share: float) -> str:
-    """A share in percent with its sign: two decimals, but two digits of what is smaller; `0%` for none at all."""
+    """A share in percent with its sign: two decimals, or two significant digits below; `0%` for no change."""
     value = 100 * share
     if not math.isfinite(value):
         return "-"
@@ -62,7 +62,7 @@ def percent(share: float) -> str:
 
 
 NOTHING_PERCENT = 1e-6
-"""What rounding leaves of no change."""
+"""Change in percent below which it counts as round-off."""
 
 
 def to_text(findings: list[Finding]) -> str:

@@ -17,7 +17,7 @@ from uavbench.trajectories.pose import Array
 Key = tuple[str, str, int]
 """Tracker and rate (`lsd@15hz`), sequence without its seed, seed."""
 COVERAGE, SUCCESS = "coverage", "success"
-"""What is compared as a share: of frames with a pose, of flights that succeed."""
+"""Metrics compared as shares: of frames with a pose, of successful flights."""
 HOW = ("compared", "association", "rpe_pairs", "success", "std_ddof")
 """Parts of a score's record that must agree before two numbers are compared."""
 
@@ -90,8 +90,8 @@ class Measured:
 class Side:
     """Measured values of one folder, and why the other runs have no score.
 
-    flights: hash of the suite's sequences, as they are asked for; not_compared: why runs are only on this side, by
-    tracker and rate.
+    flights: hash of the specs of the suite's sequences; not_compared: why runs are only on this side, by tracker and
+    rate.
     """
 
     runs: Mapping[Key, Measured]
@@ -193,7 +193,7 @@ class PairedValues:
 
     @property
     def seeds(self) -> int:
-        """The least number of seeds of a sequence."""
+        """The smallest number of seeds of any sequence."""
         sequences = [sequence for sequence, _ in self.head]
         return min((sequences.count(name) for name in set(sequences)), default=0)
 

@@ -43,7 +43,7 @@ def expect_elsewhere(plugins: Extra, folder: Path) -> None:
 
 
 def main() -> None:
-    """Answer line by line; what trackers print goes to standard error."""
+    """Answer requests line by line; output of trackers goes to standard error."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     for line in sys.stdin:

@@ -1,12 +1,11 @@
 """Error rates of the gate, from real reruns: `python -m uavbench.bench.gate.validation SUITE_FOLDER --out DIR`.
 
 SUITE_FOLDER holds rendered sequences (`uavbench render gate`). Every tracker of the suite runs on each of them
-`--reruns` times, each time with another stream of random numbers and, with --new-noise, other camera noise added to
-each frame. A comparison takes two different reruns of every tracker, sequence and seed: one for the baseline, one for
-the results. Both are of the same code, so whatever the gate calls worse is a false alarm. Then one tracker's results
-are of a regression: the error of every estimate, as a twist, times a factor; or, with --worse
-LABEL.PARAMETER=VALUE, real runs with a worse setting, whose true effect is measured over all reruns. All scores go
-through the same scoring and the same gate as anyone's.
+`--reruns` times, each time with another random stream and, with --new-noise, other camera noise added to each frame. A
+comparison takes two different reruns of every tracker, sequence and seed: one for the baseline, one for the results.
+Both are of the same code, so every failure is a false alarm. Then a regression is injected into one tracker's results:
+the error of every estimate, as a twist, times a factor; or, with --worse LABEL.PARAMETER=VALUE, real runs with a worse
+setting, whose true effect is measured over all reruns. Scoring and gate are those of every user.
 """
 
 import json
@@ -71,7 +70,7 @@ class NewNoise(Sequence):
 
 
 def rerun(variant: Variant, folder: Path, rate_hz: float, seed: int, sigma: float, out: Path) -> None:
-    """Write the scores of the reruns of one sequence, plain and with each regression injected; what is there stays."""
+    """Write the missing scores of the reruns of one sequence, plain and with each regression injected."""
     sequence = Sequence.load(folder)
     parts = (sequence.folder, sequence.info, sequence.camera, sequence.structure, sequence.stamps_ns, sequence.files)
     for number in range(variant.reruns):
@@ -128,7 +127,7 @@ def variants(suite: Suite, reruns: int, worse: tuple[str, ...]) -> list[Variant]
 
 
 def run_all(suite: Suite, folder: Path, every: list[Variant], sigma: float, jobs: int, out: Path) -> None:
-    """Run whatever has no score yet."""
+    """Run all reruns that have no score yet."""
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         tasks = [
             pool.submit(rerun, v, folder / "sequences" / s.name, suite.rates_hz[0], s.seed, sigma, out)
@@ -195,7 +194,7 @@ def measured(scores: Scores, labels: list[str], changed: str, comparisons: int, 
 
 
 def table(rows: Mapping[str, Mapping[str, float]]) -> str:
-    """Markdown table of what was measured."""
+    """Markdown table of the measured rates."""
     lines = ["| changed | " + " | ".join(f"true change of {m}" for m in ERRORS) + " | pass | inconclusive | fail |"]
     lines.append("|---" * (len(ERRORS) + 4) + "|")
     for name, row in rows.items():
@@ -206,10 +205,10 @@ def table(rows: Mapping[str, Mapping[str, float]]) -> str:
 
 @dataclass(frozen=True)
 class Trial:
-    """How often the gate is tried, and on what.
+    """Parameters of the validation.
 
-    reruns of each tracker on each sequence, with new_noise grey levels of camera noise of their own; comparisons for
-    each change, by a gate of this margin.
+    reruns: of each tracker on each sequence; new_noise: sigma in grey levels of the noise added in each; comparisons:
+    for each change, by a gate of this margin.
     """
 
     reruns: int

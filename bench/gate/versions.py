@@ -1,4 +1,4 @@
-"""Checkouts of versions of a git repository, each in a folder of its own in which its trackers can run.
+"""Checkouts of versions of a git repository, each in its own folder, in which its trackers can run.
 
 Tracked files are those of the version. Untracked ones (environments, weights, build products) are linked from the
 working tree into each checkout, so they are the same for all versions; they are reported.
@@ -27,7 +27,7 @@ SERVER = Path("src/uavbench/bench/gate/track_server.py")
 
 @dataclass(frozen=True)
 class Version:
-    """One version: how it is named, the folder that it lies in, and the top of the repository that it is of.
+    """One version: its name, its folder, and the top folder of its repository.
 
     linked: what is not in git, relative to the top; empty for the working tree itself.
     """

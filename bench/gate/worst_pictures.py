@@ -33,7 +33,7 @@ WIDTH_PX, GAP_PX = 440, 4
 COLOURS = 128
 """Colours of a picture's palette: a third of the bytes, and lines keep their colours."""
 LEAST_MARGIN = 1e-3
-"""Margins are taken for no less, as changes are ranked in units of them."""
+"""Lower limit of margins when changes are ranked in units of them."""
 TINY = 1e-12
 LEGEND = (
     "Of each its frame with the largest position error, or without a pose that the baseline has. Left with the "
@@ -59,7 +59,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a run made of a frame: its pose, None where it has none, and the errors of it."""
+    """Result of a run on a frame: its pose, None without one, and its errors."""
 
     cam_from_world: Pose | None
     metres: float

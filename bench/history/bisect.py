@@ -1,9 +1,9 @@
 """`uavbench bisect GOOD BAD --metric M`: the commit with which a metric became worse.
 
-The commits between the two are halved as `git bisect` does it, which commit being next said by git itself
-(`git rev-list --bisect-all`), so that branches and merges are followed; the working tree is not touched. Every commit's
-tracker runs from its own tree on the frames of BAD's suite. A commit is worse when its metric, the mean over the
-flights, is nearer to that of BAD than to that of GOOD. One that cannot run is skipped, and reported.
+The commits between the two are bisected like `git bisect` does: git itself selects the next commit (`git rev-list
+--bisect-all`), so that branches and merges are followed; the working tree is not touched. Every commit's tracker runs
+from its own tree on the frames of BAD's suite. A commit is worse when its metric, the mean over the flights, is nearer
+to that of BAD than to that of GOOD. One that cannot run is skipped, and reported.
 """
 
 import math
@@ -18,7 +18,10 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Measurement:
-    """How much worse a commit is (`worse`: the mean log of an error, or a loss), and its value as people read it."""
+    """The metric at a commit.
+
+    worse: larger is worse: mean natural log of an error, or minus the mean coverage; text: name, value and unit.
+    """
 
     worse: float
     text: str
@@ -35,8 +38,7 @@ class Cannot:
 class Found:
     """What a bisection found.
 
-    suspects: the first worse commit, with those that were skipped before it and may be it; verdicts: of every commit
-    that was tried, in words.
+    suspects: the first worse commit, then skipped ones that may be it instead; verdicts: by commit tried, in words.
     """
 
     suspects: list[str]
@@ -44,9 +46,10 @@ class Found:
 
 
 def bisect(good: str, bad: str, margin: float, measure: Callable[[str], Measurement | Cannot], tell: Tell) -> Found:
-    """The first worse commit after `good` through `bad`, full hashes; UserError when `bad` is not worse by `margin`.
+    """The first worse commit after `good`, up to `bad`; both are full hashes.
 
-    margin: a share of an error, or of all frames or flights.
+    margin: relative change of an error, or difference of shares of frames or flights; tell: takes a line of progress.
+    UserError when `bad` is not worse than `good` by the margin, or one of them cannot be measured.
     """
     levels = {name: _ends(name, measure, tell) for name in (good, bad)}
     if levels[bad].worse - levels[good].worse <= math.log1p(margin):
@@ -73,13 +76,13 @@ def bisect(good: str, bad: str, margin: float, measure: Callable[[str], Measurem
 
 
 def candidates(goods: list[str], bad: str) -> list[str]:
-    """Commits that may be the first worse one, but for `bad` itself, the one that halves them best first."""
+    """Commits that may be the first worse one, without `bad` itself, the best bisection point first."""
     given = git("rev-list", "--bisect-all", bad, *(f"^{good}" for good in goods)).decode().splitlines()
     return [commit for commit in (line.split(" ")[0] for line in given) if commit != bad]
 
 
 def between(good: str, bad: str) -> tuple[str, str]:
-    """Full hashes of two commits; UserError unless the second follows from the first."""
+    """Full hashes of two commits; UserError unless both exist and the first is an ancestor of the second."""
     found = [
         git("rev-parse", "--verify", "--end-of-options", f"{ref}^{{commit}}").decode().strip() for ref in (good, bad)
     ]
@@ -92,12 +95,12 @@ def between(good: str, bad: str) -> tuple[str, str]:
 
 
 def short(commit: str) -> str:
-    """Hash and subject as people read them."""
+    """Abbreviated hash and subject of a commit."""
     return git("show", "--no-patch", "--format=%h %s", commit).decode(errors="replace").strip()
 
 
 def _ends(commit: str, measure: Callable[[str], Measurement | Cannot], tell: Tell) -> Measurement:
-    """A measurement of one of the two given commits; UserError when it cannot run."""
+    """Measurement of one of the two given commits; UserError when it cannot be measured."""
     found = measure(commit)
     if isinstance(found, Cannot):
         raise UserError(f"{short(commit)} cannot be measured: {found.why}; give a commit that runs")

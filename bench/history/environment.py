@@ -1,4 +1,4 @@
-"""The environment that results come from: versions, GL and the processor."""
+"""The environment that produced results: versions, GL driver and processor."""
 
 import platform
 from pathlib import Path
@@ -11,7 +11,7 @@ CPUINFO = Path("/proc/cpuinfo")
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """What the scores of a suite's folder were made with, as names and values.
+    """The environment of the scores in a suite's folder, as names and values.
 
     The versions are those of this Python, gl that of the folder's frames, and cpu that of this machine.
     """
@@ -20,7 +20,7 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 def cpu() -> str:
-    """Model of the processor."""
+    """Model name of the processor."""
     try:
         lines = CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -30,7 +30,7 @@ def cpu() -> str:
 
 
 def _gl(folder: Path) -> str:
-    """The GL driver that rendered the frames; "" where the folder has none, or they are a camera's."""
+    """GL drivers that rendered the frames; "" without frames, or for recorded sequences."""
     drivers = set()
     for path in sorted((folder / "sequences").glob("*/sequence.json")):
         try:

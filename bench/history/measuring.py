@@ -32,7 +32,7 @@ SEVERAL = 3
 
 @dataclass(frozen=True)
 class What:
-    """What is bisected: the suite, the metric, and the tracker ("" for the only one), as `lsd` or `lsd@15hz`."""
+    """What is bisected: suite by name or file, metric, and tracker as `lsd` or `lsd@15hz` ("" for the only one)."""
 
     suite: str
     metric: str
@@ -41,10 +41,10 @@ class What:
 
 @dataclass(frozen=True)
 class Measuring:
-    """Measures commits of the repository that the current folder is in.
+    """Measures commits of the git repository of the current folder.
 
-    file: of the suite in the working tree; out: folder with the frames in `head` and, by commit, the results; start:
-    the suite's table of the initial pose.
+    file: the suite's in the working tree; out: folder with the frames in `head` and the results of each commit; start:
+    the suite's `start` table, which perturbs the initial pose.
     """
 
     suite: Suite
@@ -56,7 +56,7 @@ class Measuring:
     start: dict[str, Any] | None
 
     def __call__(self, commit: str) -> Measurement | Cannot:
-        """How much worse the metric is at a commit; why not where it cannot run, or has no number."""
+        """The metric at a commit, or why it has none: the tracker cannot run, or a run has no finite value."""
         folder = self.out / commit
         try:
             with version(commit) as each, at_work(each, self.file, [self.label]) as side:
@@ -74,11 +74,11 @@ class Measuring:
         return self.of(read_side(folder))
 
     def one_rate(self) -> Suite:
-        """The suite with the one rate that is measured."""
+        """The suite restricted to the measured rate."""
         return replace(self.suite, rates_hz=(self.rate_hz,))
 
     def of(self, side: Side) -> Measurement | Cannot:
-        """The metric of a commit's scores."""
+        """The metric of a commit's scores: mean over sequences of the mean over seeds, of logs for an error."""
         runs = {
             key: run.coverage if self.metric == COVERAGE else run.errors[self.metric] for key, run in side.runs.items()
         }
@@ -96,7 +96,11 @@ class Measuring:
 
 
 def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, workers: int) -> int:
-    """Find the commit with which a metric became worse; 0 when it is found, 3 when several are left."""
+    """Find the first commit with a worse metric and write bisect.json into `out`; 0, or 3 when several suspects remain.
+
+    refs: good and bad commit; margin: as `bisect`. UserError for an unknown metric, tracker or commit, and when the bad
+    commit is not worse.
+    """
     out = resolved(out)
     refuse_foreign_file(out / "bisect.json")
     if what.metric not in (names := [*ERRORS, COVERAGE]):
@@ -120,7 +124,10 @@ def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, work
 
 @contextmanager
 def measuring(bad: str, what: What, out: Path, workers: int) -> Iterator[Measuring | int]:
-    """What measures commits, with the frames of the suite of `bad` rendered; an exit code when they cannot be."""
+    """Measuring of commits, once the frames of the suite at `bad` are rendered; the exit code when rendering fails.
+
+    UserError when the suite or its tracker is wrong.
+    """
     given = suite_file(what.suite)
     file = given.parent.resolve() / given.name
     with version(bad) as last:
@@ -141,7 +148,7 @@ class TrackerAtRate(NamedTuple):
 
 
 def chosen(suite: Suite, tracker: str) -> TrackerAtRate:
-    """The tracker of the suite that is named, at its rate; UserError when there is none of the name, or several."""
+    """The named tracker of the suite at its rate; UserError when none matches, or several do."""
     runs = {f"{label}@{rate:g}hz": TrackerAtRate(label, rate) for label in suite.trackers for rate in suite.rates_hz}
     fitting = [run for run, each in runs.items() if tracker in ("", each.label, run)]
     if not fitting:
@@ -152,7 +159,7 @@ def chosen(suite: Suite, tracker: str) -> TrackerAtRate:
 
 
 def to_json(found: Found, what: What) -> dict[str, Any]:
-    """What was found, and how."""
+    """Content of bisect.json."""
     return {
         "metric": what.metric,
         "first_worse": found.suspects[0] if len(found.suspects) == 1 else None,

@@ -1,7 +1,7 @@
-"""`uavbench gate --record FILE`: what was measured at a commit becomes its line of a history.
+"""`uavbench gate --record FILE`: add the scores of a commit to a history.
 
-A history has one suite's flights, scored in one way in one environment; otherwise a step could have any cause.
-Differences are refused and named. With a named environment its details may change, and are recorded with each commit.
+A history holds the flights of one suite, scored in one way in one environment; otherwise a step could have any cause.
+Differences are refused and named. The details of a named environment may change, and are recorded with each commit.
 """
 
 import fcntl
@@ -33,12 +33,12 @@ from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
 
 FREE = ("uavbench",)
-"""Details of an environment that change with the commits of a repository that is uavbench's own."""
+"""Details of an environment that are not compared: they change with every commit of uavbench's own repository."""
 
 
 @dataclass(frozen=True)
 class Where:
-    """Where a line goes: the history's file, the line's commit ("" for the one checked out), the environment's name."""
+    """Where scores are recorded: the history's file, the commit ("" for HEAD), the environment's name ("" for none)."""
 
     file: Path
     commit: str = ""
@@ -46,7 +46,11 @@ class Where:
 
 
 def record(folder: Path, where: Where) -> None:
-    """Add the scores of a suite's folder to a history; UserError when they are of another suite or environment."""
+    """Add the scores of a suite's folder to a history.
+
+    UserError when a run has failed or there is none, the scores are of another suite or environment, the file is no
+    history, or the working tree has uncommitted changes.
+    """
     if os.path.lexists(where.file):
         read_history(where.file)  # what is none is refused first, whatever else is wrong
     side = read_side(folder)
@@ -67,13 +71,13 @@ def record(folder: Path, where: Where) -> None:
 
 
 def identity(folder: Path, side: Side) -> SuiteIdentity:
-    """What must agree between the commits of a history."""
+    """What must be equal for all commits of a history: the suite's name, its flights, and how they are scored."""
     name = str(read_json(folder / "suite.json").get("suite") or folder.name)
     return SuiteIdentity(name=name, flights=side.flights, how=dict(next(iter(side.runs.values())).how))
 
 
 def expect_same(where: Where, history: History, suite: SuiteIdentity, details: dict[str, str]) -> None:
-    """UserError unless a history is of this suite and environment."""
+    """UserError unless a history is of this suite and environment; details: of the environment, by name."""
     file = where.file
     if history.suite.flights != suite.flights:
         named = f"of the suite {history.suite.name!r}, these results are of {suite.name!r}"
@@ -98,7 +102,10 @@ def expect_same(where: Where, history: History, suite: SuiteIdentity, details: d
 
 
 def entry_of(side: Side, where: Where, details: dict[str, str]) -> Commit:
-    """A commit's line, of what was measured in a folder."""
+    """Entry of a commit with the scores of a folder: coverage or success, errors in their units, crashes.
+
+    UserError when the working tree has uncommitted changes.
+    """
     commit, time, subject = described(where)
     metrics: dict[str, dict[str, Recorded]] = {}
     crashes: dict[str, int] = {}
@@ -116,7 +123,7 @@ def entry_of(side: Side, where: Where, details: dict[str, str]) -> Commit:
 
 
 class DescribedCommit(NamedTuple):
-    """A commit as a history describes it; time: of the commit, ISO 8601."""
+    """Full hash, commit time (ISO 8601) and subject of a commit."""
 
     commit: str
     time: str
@@ -124,7 +131,7 @@ class DescribedCommit(NamedTuple):
 
 
 def described(where: Where) -> DescribedCommit:
-    """The commit that a line is of; UserError when the working tree has uncommitted changes."""
+    """The commit that scores are recorded for; UserError when it is unknown, or HEAD with uncommitted changes."""
     if not where.commit and (changed := list(_changed(where.file))):
         raise UserError(
             f"the working tree has changes that are in no commit: {changed[0]}; commit them, or say with --commit "
@@ -137,7 +144,7 @@ def described(where: Where) -> DescribedCommit:
 
 
 def _changed(file: Path) -> Iterator[str]:
-    """Files that git keeps and that differ from its last commit, but for the history itself."""
+    """Tracked files that differ from HEAD, except the history itself."""
     top = Path(git("rev-parse", "--show-toplevel").decode().rstrip("\n"))
     for name in git("-C", str(top), "diff", "--name-only", "-z", "HEAD").decode(errors="replace").split("\0"):
         if name and (top / name).resolve() != file.resolve():
@@ -145,7 +152,7 @@ def _changed(file: Path) -> Iterator[str]:
 
 
 def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) -> Recorded:
-    """A metric of one tracker: (sequence, seed) -> value, NaN where there is none."""
+    """One metric of one tracker, from its values by (sequence, seed); NaN for a run without one."""
     runs: dict[str, list[float]] = {}
     for sequence, seed in sorted(values):
         runs.setdefault(sequence, []).append(values[sequence, seed])
@@ -164,7 +171,7 @@ def _recorded(values: dict[tuple[str, int], float], unit: str, *, bigger: bool) 
 
 @contextmanager
 def alone(file: Path) -> Iterator[None]:
-    """Lock against other processes that record into a history of this folder, whose lines would be lost."""
+    """Exclusive lock on the folder of a history: concurrent records would overwrite each other."""
     file.parent.mkdir(parents=True, exist_ok=True)
     handle = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -1,10 +1,10 @@
-"""How often the history's alarms are wrong: `python -m uavbench.bench.history.validation`.
+"""False alarms and detection delay of a history's alarms: `python -m uavbench.bench.history.validation`.
 
-RERUNS holds the errors of reruns of one suite by the same code, with other random numbers and noise of one grey level
-added to each frame: {tracker: {metric: {flight: [error of each rerun]}}}. A series takes of each flight another rerun
-at every commit, so whatever alarms is a false alarm; it is looked at after every commit, as a CI does. Then every error
-from a known commit on is made larger, and the commits until the alarm are counted; or it grows a little with every
-commit, less than any two commits tell.
+RERUNS holds the errors of reruns of one suite by the same code, with other seeds and noise of one grey level added to
+each frame: {tracker: {metric: {flight: [error of each rerun]}}}. A series draws a rerun of each flight at every commit,
+so every alarm is a false one; it is evaluated after every commit, as a CI does. For steps, all errors from a known
+commit on are scaled up, and the commits until the alarm are counted; for drifts, they grow with every commit by less
+than a comparison of two commits detects.
 """
 
 from collections.abc import Mapping
@@ -28,9 +28,11 @@ NAME = ("tracker", "metric")
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """A number of series of `before` commits, then `within` that are worse by a share `step`; or by `drift` with each.
+    """Parameters of the simulation.
 
-    looks: commits between two looks for false alarms; copies: how often the flights are there, each drawn on its own.
+    series: number of simulated histories; before: commits before the step; within: commits in which a step must be
+    found; step: its relative size; drift: relative growth per commit; looks: commits between evaluations of false
+    alarms and drifts; copies: independent draws of each flight per commit.
     """
 
     series: int = 100
@@ -43,12 +45,12 @@ class Trial:
 
 
 def resampled(flights: Mapping[str, list[float]], commits: int, rng: np.random.Generator, copies: int = 1) -> Array:
-    """Errors (commits, copies * flights), each of a rerun drawn at random."""
+    """Errors (commits, copies * flights), each of a rerun drawn with replacement."""
     return np.array([rng.choice(errors, commits) for _ in range(copies) for errors in flights.values()]).T
 
 
 def history_of(errors: Array) -> History:
-    """A history of one tracker and metric with these errors (commits, flights)."""
+    """History of one tracker and metric with these errors (commits, flights), in m."""
     commits = [
         Commit(commit=f"{k:040x}", time="", subject="", environment={}, metrics={NAME[0]: {NAME[1]: _recorded(row)}})
         for k, row in enumerate(errors)
@@ -62,18 +64,18 @@ def _recorded(row: Array) -> Recorded:
 
 
 def alarms(errors: Array) -> bool:
-    """Whether the history of these errors (commits, flights) has become worse."""
+    """Whether a change for the worse is found in these errors (commits, flights)."""
     series = series_of(history_of(errors), *NAME)
     return series is not None and any(change.size > 0 for change in changes(series))
 
 
 def first_alarm(errors: Array, looks: range) -> int | None:
-    """The first number of commits among `looks` at which the history alarms."""
+    """The first number of commits among `looks` with an alarm; None without one."""
     return next((n for n in looks if alarms(errors[:n])), None)
 
 
 def measured(flights: Mapping[str, list[float]], trial: Trial) -> dict[str, float]:
-    """Series with a false alarm, steps that are found in time with their mean delay, and drifts with theirs."""
+    """Number of series with a false alarm, of steps found in time, and of drifts found; mean delays in commits."""
     false, steps, drifts = 0, [], []
     total = 2 * trial.before
     for number in range(trial.series):

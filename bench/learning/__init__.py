@@ -1,4 +1,4 @@
-"""An environment for learners over the closed loop, behind the extra `uavbench[gym]`.
+"""A reinforcement-learning environment of the closed loop, in the extra `uavbench[gym]`.
 
 In: a suite of flights, and an agent's setpoints. Out: observations and rewards. Imports config, the closed loop and its
 measures.

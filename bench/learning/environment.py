@@ -1,8 +1,7 @@
-"""An environment for learners over the loop, behind the extra `uavbench[gym]`: fly an inspection by setpoints.
+"""Reinforcement-learning environment of the closed loop, in the extra `uavbench[gym]`: fly an inspection by setpoints.
 
-The vehicle, its camera, sensors, tracker and filter are those of a flight in closed loop; in place of guidance along
-the path an agent gives a setpoint at each frame. Importing this module makes `uavbench/Inspection-v0` known to
-Gymnasium.
+The vehicle, its camera, sensors, tracker and filter are those of a flight in closed loop; instead of guidance along the
+path an agent gives a setpoint at each frame. Importing this module registers `uavbench/Inspection-v0` with Gymnasium.
 """
 
 from contextlib import ExitStack
@@ -43,16 +42,20 @@ except ImportError:
 
 NAME = "uavbench/Inspection-v0"
 REACH_M, REACH_RAD = 0.5, 0.5
-"""How far from the believed state the setpoint of an action of 1 lies: a frame's way at some m/s, held back by nothing
-but the controller."""
+"""Offset of the setpoint from the estimated state for an action of 1: several m/s at the camera's rate, limited only by
+the controller."""
 CRASH_REWARD = -1.0
-"""Reward of a crash: minus the reward of the whole surface."""
+"""Reward of a crash: minus that of covering the whole surface."""
 
 Observation = dict[str, Any]
 
 
 class Commanded:
-    """Guidance that holds the agent's setpoint once there is one, and keeps what the path would have asked for."""
+    """Guidance that holds the agent's setpoint once there is one.
+
+    planned: reference rows (steps, 17) of the path, filled as the flight goes; setpoint (4,): position in m in the
+    world, yaw in rad.
+    """
 
     def __init__(self, path: Guidance) -> None:
         self._path, self.warm_up, self.steps = path, path.warm_up, path.steps
@@ -60,7 +63,7 @@ class Commanded:
         self.setpoint: Array | None = None
 
     def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
-        """Reference rows (count, 17), at rest at the setpoint (4,): place in m and yaw in rad."""
+        """Reference rows (count, 17): at rest at the setpoint, or those of the path without one."""
         rows = self._path.rows(first, count, state)
         if first >= 0:
             self.planned[first : first + count] = rows
@@ -72,25 +75,25 @@ class Commanded:
 
 
 class CommandedLoop(Loop):
-    """A loop whose vehicle must not stray from the path, wherever its setpoints are."""
+    """A loop whose corridor is around the path, not around the setpoints."""
 
     guidance: Commanded
 
     def planned(self, rows: slice) -> Array:
-        """Rows of the path."""
+        """Reference rows (n, 17) of the path."""
         return self.guidance.planned[rows]
 
 
 class InspectionEnv(gymnasium.Env[Observation, Array]):
-    """Fly a structure's inspection on what the camera says; a step is one frame of the camera.
+    """Inspection of a structure by setpoints from camera images; a step is one frame of the camera.
 
-    Observation: `image` (h, w, 3) BGR; `imu` (n, 6) the latest readings, rad/s and m/s^2, the oldest repeated while
-    there are fewer; `estimate` (13,) position, quaternion wxyz, velocity in the world and body rates as the loop's
-    estimator believes them; `planned` (4,) where the sequence's path would be, and its yaw. Action (4,) from -1 to 1:
-    the setpoint, as a way from the believed place (REACH_M each axis of the world) and yaw (REACH_RAD). Reward: the
-    share of the structure's surface that this frame is the first to show at the loop's `coverage_px_m`; CRASH_REWARD
-    for a crash or for straying from the path. Truncated at the end of the path or at the loop's time limit. The seed of
-    `reset` is the sequence's: scene, wind, noises and path. UserError for a loop that cannot fly the sequence.
+    Observation: `image` (h, w, 3) BGR; `imu` (n, 6) latest readings, rad/s and m/s^2, padded with the oldest one;
+    `estimate` (13,) of the loop's estimator: position in the world in m, quaternion wxyz, velocity in the world in m/s,
+    body rates in rad/s; `planned` (4,) position on the sequence's path in m and yaw in rad. Action (4,) from -1 to 1:
+    setpoint relative to the estimated position (REACH_M along each world axis) and yaw (REACH_RAD). Reward: share of
+    the structure's surface first seen in this frame at the loop's `coverage_px_m`; CRASH_REWARD for a crash or for
+    leaving the corridor. Truncated at the end of the path or at the loop's time limit. The seed of `reset` replaces the
+    sequence's: scene, wind, noise and path. UserError when the loop cannot fly the sequence, or it has no IMU.
     """
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012
@@ -119,7 +122,10 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
 
     @classmethod
     def of_suite(cls, suite: str, tracker: str, loop: str = "", **options: Any) -> "InspectionEnv":
-        """The first sequence of a suite of flights, by its name or file, with a tracker of it in one of its loops."""
+        """Environment of the first sequence of a suite, given by name or file, with one of its trackers and loops.
+
+        UserError when the suite has no loops, or no tracker or loop of the name.
+        """
         found = load_suite(suite_file(suite))
         if not found.loops:
             raise without_loop(found.name)
@@ -137,7 +143,10 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start another flight, at its first frame."""
+        """Start a flight; its first frame, and `coverage` (0 to 1) so far.
+
+        seed: of the sequence; without one it is drawn. UserError when the flight ends before its first frame.
+        """
         super().reset(seed=seed)
         self.close()
         own = int(self.np_random.integers(2**31)) if seed is None else seed
@@ -162,7 +171,10 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         return self._observed(self._loop), {"coverage": float(self._seen.mean())}
 
     def step(self, action: Array) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Fly towards a setpoint until the next frame is there."""
+        """Fly towards a setpoint until the next frame; action (4,) is clipped to [-1, 1].
+
+        UserError before the first `reset`, and for an action that is not four finite numbers.
+        """
         loop = self._loop
         if loop is None:
             raise UserError("the environment is not begun; call reset")
@@ -181,13 +193,13 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         return self._observed(loop), reward, failed, over, {**about, "why": ending.why if ending else ""}
 
     def render(self) -> Any:
-        """The latest image (h, w, 3) in RGB, in the mode `rgb_array`."""
+        """The latest image (h, w, 3) RGB; None before the first frame, or in another mode than `rgb_array`."""
         if self.render_mode != "rgb_array" or self._loop is None or self._loop.image is None:
             return None
         return self._loop.image[..., ::-1].copy()
 
     def close(self) -> None:
-        """Give back the renderer."""
+        """Release the renderer."""
         self._open.close()
         self._loop = None
 
@@ -207,7 +219,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
             loop.step()
 
     def _look(self, loop: Loop) -> float:
-        """Share of the surface that the latest frame is the first to show."""
+        """Share of the surface first seen in the latest frame."""
         assert loop.true_cam_from_world is not None
         rows = np.flatnonzero(~self._seen)
         new = sees(
@@ -218,7 +230,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         return float(new.sum() / len(self._seen))
 
     def _believed(self, loop: Loop) -> Array:
-        """Position, quaternion wxyz, velocity and body rates (13,)."""
+        """Estimated position, quaternion wxyz, velocity and body rates (13,); the true state without an estimator."""
         simulation: Simulation = loop.simulation
         at_ns = simulation.step * STEP_NS
         believed = loop.estimator.state_at(at_ns) if loop.estimator is not None else None
@@ -240,18 +252,18 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
 
 
 def any_number(*shape: int) -> spaces.Box[np.float64]:
-    """The space of arrays of a shape."""
+    """Unbounded float64 space of arrays of a shape."""
     return spaces.Box(-np.inf, np.inf, shape, dtype=np.float64)
 
 
 def yaw_of(believed: Array) -> float:
-    """Yaw in rad of a state (13,)."""
+    """Yaw in rad of an estimated state (13,)."""
     w, x, y, z = believed[3:7]
     return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
 def make(**given: Any) -> InspectionEnv:
-    """What `gymnasium.make` calls with its keyword arguments, those of `InspectionEnv.of_suite`."""
+    """Entry point of `gymnasium.make`, with the arguments of `InspectionEnv.of_suite`."""
     return InspectionEnv.of_suite(**given)
 
 

@@ -1,7 +1,7 @@
-"""Pick points of the model on the first image, by hand, in a page that this computer serves to itself.
+"""Manual picking of points of the model in the first image, on a page served on localhost only.
 
-The page shows the image under a loupe and the model as a wireframe with numbered corners. A corner and its place in the
-image make a pair; from four pairs on the pose is solved anew with each change and the model drawn into the image. Save
+The page shows the image with a magnifier and the model as a wireframe with numbered corners. A corner and its pixel
+make a pair; with four pairs or more the pose is solved after each change and the model drawn into the image. Save
 writes `init.toml` and ends the server.
 """
 
@@ -49,11 +49,11 @@ class Picking:
 
     @property
     def corners(self) -> Array:
-        """Points (n, 3) of the model to choose from, metres."""
+        """Points (n, 3) of the model to choose from, in m."""
         return self.structure.vertices[np.unique(self.structure.edges)]
 
     def page(self, token: str) -> str:
-        """The page, whole in itself."""
+        """The page as one self-contained HTML file."""
         number = {vertex: k for k, vertex in enumerate(np.unique(self.structure.edges).tolist())}
         data = {
             "token": token,
@@ -120,9 +120,9 @@ def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, brows
 
 
 def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> None:
-    """Serve the page on this computer until it is saved; announce gets its address.
+    """Serve the page on localhost until it is saved; announce(address) is called with its address.
 
-    Nobody else can reach it: it listens to this computer only, and answers only who has its address with the token.
+    It listens on localhost only, and answers only requests with the token of its address.
     """
     token = secrets.token_urlsafe(16)
     done: list[str] = []

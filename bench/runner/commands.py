@@ -43,11 +43,7 @@ class ExecutionOptions:
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOptions) -> int:
-    """Do what is missing of a suite up to `verb`.
-
-    Exit code 0 when all of it is there, 2 after a user's mistake,
-    1 when a job failed otherwise.
-    """
+    """Run the missing jobs of a suite up to `verb`; exit code 0 when all are done, 2 after a user's mistake, else 1."""
     suite = load_suite(suite_file(suite_name))
     if where.isolate:
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))
@@ -107,7 +103,7 @@ def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[P
 
 
 def tell(outcome: Outcome, folder: Path) -> None:
-    """Say on standard error what was done, how long it took, and what failed and why."""
+    """Report on standard error what was done, how long it took, and what failed and why."""
     count = f"{len(outcome.done)} jobs done, {len(outcome.fresh)} were fresh, {len(outcome.failed)} failed"
     cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes together"
     say(f"{count}; {cost}", err=True)

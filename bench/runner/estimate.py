@@ -13,7 +13,7 @@ SECONDS = "seconds.json"
 
 
 def remember(outcome: Outcome, folder: Path) -> None:
-    """Keep what each job took, for the next estimate."""
+    """Store the time of each job in s, for the next estimate."""
     if outcome.seconds:
         table = {"seconds": {**remembered(folder), **outcome.seconds}}
         write_text(folder / SECONDS, json.dumps(table, indent=1) + "\n", sealed=True)
@@ -61,7 +61,7 @@ def dry_run(jobs: Iterable[Job], folder: Path, workers: int) -> str:
 
 
 def duration_text(seconds: float) -> str:
-    """A time for people."""
+    """A duration in s as text."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

@@ -59,7 +59,7 @@ class Job:
 
     @property
     def place(self) -> Place:
-        """Where it is written."""
+        """Where its output is written."""
         return Place(self.root or self.marker.parent, self.marker, self.lists)
 
     @property
@@ -261,7 +261,7 @@ class Bar:
         self.bar.close()
 
     def drain(self, progress: Any) -> None:
-        """Take in the workers' messages."""
+        """Process the workers' messages."""
         while progress is not None:
             try:
                 name, share = progress.get_nowait()

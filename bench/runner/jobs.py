@@ -1,6 +1,6 @@
 """A suite as a graph of jobs: render -> track -> score -> report, or, in closed loop, fly -> score -> report.
 
-DIR/suite.json                          what this folder is
+DIR/suite.json                          description of the folder
 DIR/sequences/SEQUENCE/                 rendered sequences
 DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
 DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that gives true poses on the way

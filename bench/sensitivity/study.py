@@ -1,6 +1,6 @@
-"""The study: runs of every variant of a tracker over a suite, and the table of what changes.
+"""The study: runs of every variant of a tracker over a suite, and the table of changes.
 
-DIR/sequences, DIR/results      as of every suite, so that the study goes on where it was ended
+DIR/sequences, DIR/results      as for every suite, so that an interrupted study is resumed
 DIR/sensitivity.md, .csv        the table
 """
 
@@ -33,7 +33,7 @@ HEADS = ("value", "default", "set to", "runs changed", "success (points)", "medi
 
 @dataclass(frozen=True)
 class Variant:
-    """A value of a tracker's config and what it is set to."""
+    """A value of a tracker's config, and its changed setting."""
 
     value: Value
     factor: float
@@ -47,11 +47,11 @@ class Variant:
 
 @dataclass(frozen=True)
 class Change:
-    """Change by a variant, run by run against the default.
+    """Change by a variant, paired by run against the default.
 
-    runs: those compared, failed ones among them; runs_changed: those whose poses differ; success: mean change of the
-    share of frames within 5 cm and 5 deg; error_ratio: geometric mean of the ratios of median position errors, NaN
-    where no run has both.
+    runs: number compared, including failed ones; runs_changed: number with different poses; success: mean change of the
+    share of frames within 5 cm and 5 deg; error_ratio: geometric mean of the ratios of median position errors, NaN when
+    no run has both.
     """
 
     variant: Variant
@@ -62,9 +62,9 @@ class Change:
 
 
 def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers: int) -> int:
-    """Run what is missing of a study of the tracker `label`, and write its table; the exit code.
+    """Run the missing runs of a study of the tracker `label`, and write its table; the exit code.
 
-    paths are the values to study, or tables of them; all where none is given. UserError where there is none such.
+    paths: values to study, or tables of them, by dotted path; all without any. UserError for an unknown path.
     """
     suite = load_suite(suite_file(suite_name))
     variants = variants_of(suite, label, paths)
@@ -83,7 +83,7 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
 
 
 def variants_of(suite: Suite, label: str, paths: Sequence[str]) -> list[Variant]:
-    """Each value halved and doubled, where its bounds allow it."""
+    """Variants with each value halved and doubled, within its bounds."""
     if label not in suite.trackers:
         raise UserError(f"the suite {suite.name} has no tracker {label!r}; it has: {', '.join(suite.trackers)}")
     values = list(values_of(suite.trackers[label]))
@@ -103,7 +103,7 @@ def _below(value: Value, path: str) -> bool:
 
 
 def change(suite: Suite, variant: Variant, folder: Path, done: set[Path]) -> Change:
-    """Change by a variant over all runs whose default was scored; a run of it that failed located no frame."""
+    """Change by a variant over all runs with a scored default; a failed run of the variant counts as entirely lost."""
     success, ratios, differ, runs = [], [], 0, 0
     for spec in suite.sequences:
         for rate in suite.rates_hz:
@@ -124,7 +124,7 @@ def change(suite: Suite, variant: Variant, folder: Path, done: set[Path]) -> Cha
 
 
 def write(changes: list[Change], folder: Path) -> None:
-    """The table as CSV, a row for each variant, and as Markdown, those that change most first."""
+    """Write the table as CSV, a row per variant, and as Markdown, largest changes first."""
     rows = [
         (c.variant.value.path, c.variant.value.default, c.variant.factor, c.variant.set_to, c.runs, c.runs_changed,
          c.success, c.error_ratio)

@@ -16,7 +16,7 @@ class Value:
     limits: tuple[Any, ...]
 
     def scaled(self, factor: float) -> Number | None:
-        """The default times a factor, brought within its bounds; None where that changes nothing or is not allowed."""
+        """The default times a factor, clipped to its bounds; None when that changes nothing or is not allowed."""
         if isinstance(self.default, tuple):
             each = [_within(_times(number, factor), self.limits) for number in self.default]
             made: Number | None = None if None in each else tuple(n for n in each if n is not None)
@@ -37,7 +37,7 @@ def values_of(tracker: Any, at: str = "") -> Iterator[Value]:
 
 
 def changed(tracker: Any, path: str, value: Number) -> Any:
-    """The tracker with one value of its config set."""
+    """The tracker with one value of its config replaced."""
     name, _, below = path.partition(".")
     return replace(tracker, **{name: changed(getattr(tracker, name), below, value) if below else value})
 

@@ -1,4 +1,4 @@
-"""Benchmarks and what they are made of: `uavbench speed`.
+"""Benchmarks of computing time and their inputs: `uavbench speed`.
 
-In: the whole program. Out: times against goals. Imports every layer; nothing imports it but the command.
+In: the whole program. Out: times against goals. Imports every layer; only the command imports it.
 """

@@ -1,4 +1,4 @@
-"""A small sequence drawn without a renderer, and results on it."""
+"""A small sequence drawn without the renderer, and results on it."""
 
 import json
 from pathlib import Path
@@ -25,7 +25,7 @@ RATE_HZ = 15
 
 
 def box() -> Structure:
-    """A box on the ground."""
+    """A box of SIZE_M on the ground, centred at the origin."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0, 1)]) * SIZE_M
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
@@ -33,7 +33,7 @@ def box() -> Structure:
 
 
 def looking_at_box(seconds: float) -> Pose:
-    """world_from_body on an arc around the box, camera pointed at its middle, swaying a little."""
+    """world_from_body at a time in s on an arc around the box, camera pointed near its middle."""
     turn = 0.35 * seconds + 0.6
     eye = np.array([1.25 * np.cos(turn), 1.25 * np.sin(turn), 0.55 + 0.08 * np.sin(1.3 * seconds)])
     forward = np.array([0.03 * np.sin(seconds), 0.0, 0.25]) - eye
@@ -44,7 +44,7 @@ def looking_at_box(seconds: float) -> Pose:
 
 
 def draw(structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Image:
-    """BGR image (h, w, 3) uint8 of a convex structure, each face of one grey, with noise."""
+    """BGR image (h, w, 3) uint8 of a convex structure, each face of one brightness, with Gaussian noise."""
     image = np.full((camera.height, camera.width, 3), (96, 92, 88), np.uint8)
     eye = cam_from_world.inverse().translation
     greys = np.linspace(70, 235, len(structure.face_normals))
@@ -59,7 +59,7 @@ def draw(structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.ran
 
 
 def make_sequence(folder: Path, frames: int, name: str = "arc", seed: int = 0) -> Sequence:
-    """Sequence of a drawn box in a folder that is made."""
+    """Write and load a sequence of a drawn box, 320 x 240 px at RATE_HZ; `folder` must not exist."""
     camera, structure = Camera.from_field_of_view(320, 240, 70.0), box()
     (folder / "frames").mkdir(parents=True)
     camera.save(folder / "camera.toml")
@@ -91,19 +91,19 @@ def make_sequence(folder: Path, frames: int, name: str = "arc", seed: int = 0) -
 
 
 def track(sequence: Sequence, kind: str, rate_hz: float, seed: int = 0) -> Results:
-    """Results of a tracker variant with its own parameters."""
+    """Results of a registered tracker with its default parameters."""
     return track_sequence(TRACKERS[kind](), sequence, rate_hz=rate_hz, seed=seed)
 
 
 def results_of(sequence: Sequence, rows: list[TrackResult], rate_hz: float = RATE_HZ) -> Results:
-    """Results made up row by row, as of the tracker `hold`."""
+    """Results with the given rows, recorded as those of the tracker `hold`."""
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))[: len(rows)]
     record = make_record(TRACKERS["hold"](), sequence, rate_hz=rate_hz, seed=0, errors=[])
     return Results(record, frames, sequence.stamps_ns[frames], tuple(rows))
 
 
 def true_rows(sequence: Sequence, offset_m: float = 0.0) -> list[TrackResult]:
-    """The true poses, the camera moved along its x axis."""
+    """Rows with the true poses, translated by offset_m along the camera's x axis; 10 ms and more per frame."""
     shift = Pose(np.eye(3), np.array([offset_m, 0, 0]))
     return [
         TrackResult(status="ok", cam_from_world=shift @ sequence.true_cam_from_world(i), stage_ms={"total": 10.0 + i})

@@ -1,4 +1,4 @@
-"""A quick ray caster of textured boxes on a textured floor, to test trackers without the renderer."""
+"""A fast ray caster for textured boxes on a textured floor, to test trackers without the renderer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,12 +30,12 @@ def box_corners(size: Sequence[float] = (0.4, 0.3, 0.3), centre: Sequence[float]
 
 
 def box(size: Sequence[float] = (0.4, 0.3, 0.3)) -> Structure:
-    """A box on the ground."""
+    """A box of a size in m on the ground, centred at the origin."""
     return Structure.from_mesh(box_corners(size), BOX_TRIANGLES)
 
 
 def look_at(eye: Array, target: Sequence[float] | Array, roll: float = 0.0) -> Pose:
-    """cam_from_world of a camera at `eye` that looks at `target`, turned about its axis by roll (rad)."""
+    """cam_from_world of a camera at `eye` that looks at `target`, both (3,) in m, with a roll in rad about its axis."""
     z = np.asarray(target, float) - eye
     z /= np.linalg.norm(z)
     x = np.cross(z, [0, 0, 1.0])
@@ -47,7 +47,7 @@ def look_at(eye: Array, target: Sequence[float] | Array, roll: float = 0.0) -> P
 
 
 def orbit(n: int, *, rate_hz: float = 15.0, range_m: float = 1.1, speed_m_s: float = 0.25, seed: int = 0) -> list[Pose]:
-    """Poses of a smooth hand-flown orbit: the range, height and aim wander."""
+    """cam_from_world of n frames on a smooth orbit, as if flown by hand: range, height and aim vary slowly."""
     rng = np.random.default_rng(seed)
     phase = rng.uniform(0, 2 * np.pi, 8)
     t = np.arange(n) / rate_hz
@@ -66,7 +66,7 @@ def orbit(n: int, *, rate_hz: float = 15.0, range_m: float = 1.1, speed_m_s: flo
 def texture(
     rng: np.random.Generator, colour: Any, contrast: float, size: int = 512, scale: int = 8
 ) -> NDArray[np.float32]:
-    """Grey noise of several octaves around a colour (b, g, r)."""
+    """Texture (size, size, 3) of five octaves of grey noise, sigma `contrast` in grey levels, around a BGR colour."""
     out = np.zeros((size, size))
     for octave in range(5):
         n = max(2, size // (scale * 2**octave) + 2)
@@ -77,7 +77,7 @@ def texture(
 
 @dataclass
 class Scene:
-    """Boxes (corner arrays) on a floor, each face with a texture and a brightness of its own."""
+    """Axis-aligned boxes, given by corners (8, 3) in m, on a floor; each face has its own texture and brightness."""
 
     boxes: list[Array]
     seed: int = 0
@@ -104,7 +104,7 @@ class Scene:
         noise_rng: np.random.Generator | None = None,
         supersample: int = 2,
     ) -> NDArray[np.uint8]:
-        """BGR image (h, w, 3) uint8; shot noise when a generator is given."""
+        """BGR image (h, w, 3) uint8, with shot and read noise when a generator is given."""
         s = supersample
         x = (np.arange(camera.width * s) - (s - 1) / 2) / s
         y = (np.arange(camera.height * s) - (s - 1) / 2) / s
@@ -147,28 +147,28 @@ def _sample(tex: NDArray[np.float32], uv: Array) -> Any:
 
 
 class PoseError(NamedTuple):
-    """Distance of two camera centres in m, angle between two cameras in rad."""
+    """Distance between two camera centres in m, rotation angle between two cameras in rad."""
 
     distance_m: float
     angle_rad: float
 
 
 def pose_error(estimate: Pose, ground_truth: Pose) -> PoseError:
-    """Error of an estimated `cam_from_world`."""
+    """Error of an estimated cam_from_world against the true one."""
     difference = estimate @ ground_truth.inverse()
     centre = np.linalg.norm(estimate.inverse().translation - ground_truth.inverse().translation)
     return PoseError(float(centre), float(np.linalg.norm(difference.log()[3:])))
 
 
 class SyntheticFlight(NamedTuple):
-    """`cam_from_world` of each frame, and the BGR frames (h, w, 3)."""
+    """cam_from_world of each frame, and the BGR frames (h, w, 3)."""
 
     poses: list[Pose]
     images: list[NDArray[np.uint8]]
 
 
 def flown(frames: int, seed: int) -> SyntheticFlight:
-    """A flight around a box at 15 Hz, its frames with noise."""
+    """A flight around a box at 15 Hz, its frames with shot noise."""
     poses = orbit(frames, seed=seed)
     scene = Scene([box_corners()], seed=seed)
     rng = np.random.default_rng(seed)

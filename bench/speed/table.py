@@ -20,7 +20,10 @@ SPEED = Path(__file__).parent
 
 
 def speed(only: str, save: Path | None) -> int:
-    """Run the benchmarks whose name holds `only` and print the table; 1 when one failed or missed its goal."""
+    """Run the benchmarks whose name contains `only` and print the table; 1 when one failed or missed its goal, else 0.
+
+    save: file for pytest-benchmark's results. UserError when it holds something else, or the benchmarks did not run.
+    """
     if save is not None:
         refuse_foreign_file(save)
     goals = tomllib.loads((SPEED / "goals.toml").read_text(encoding="utf-8"))
@@ -62,7 +65,7 @@ class SpeedTable(NamedTuple):
 
 
 def table(benchmarks: list[dict[str, Any]], goals: dict[str, dict[str, Any]]) -> SpeedTable:
-    """The table of pytest-benchmark's results, `goals` by the name of the benchmark."""
+    """The table of pytest-benchmark's results; goals: of goals.toml, by name of the benchmark."""
     lines = [f"{'benchmark':<62} {'least':>11} {'median':>11}  {'goal':<50} verdict"]
     all_met = True
     for one in sorted(benchmarks, key=lambda b: str(b["name"])):
@@ -84,14 +87,14 @@ class Verdict(StrEnum):
 
 
 class Judged(NamedTuple):
-    """A goal in words, and the verdict of a measurement on it."""
+    """A goal in words, and the verdict of a measurement against it."""
 
     goal: str
     verdict: Verdict
 
 
 def against(least_s: float, extra: dict[str, Any], goal: dict[str, Any]) -> Judged:
-    """Verdict on a benchmark's least time in s, or on a figure in its `extra`, against a goal of goals.toml."""
+    """Verdict on a benchmark's minimum time in s, or on a figure in its `extra`, against a goal of goals.toml."""
     if "absent" in extra:
         return Judged(f"absent: {extra['absent']}", Verdict.NONE)
     if "at_most_s" in goal:
@@ -106,14 +109,14 @@ def against(least_s: float, extra: dict[str, Any], goal: dict[str, Any]) -> Judg
 
 @dataclass(frozen=True)
 class Interval:
-    """Mean of a figure's rounds, and half the width of its 95 % interval (Student's t), 0 for a single round."""
+    """Mean of a figure over its rounds, and half the width of its 95 % interval (Student's t), 0 for a single round."""
 
     mean: float
     half: float = 0.0
 
     @classmethod
     def of(cls, figure: float | list[float]) -> "Interval":
-        """Interval of one value or of a value for each round."""
+        """Interval of a single value, or of one value per round (two at least)."""
         if not isinstance(figure, list):
             return cls(float(figure))
         from scipy.stats import t  # takes a second, and most tables have no rounds
@@ -122,7 +125,7 @@ class Interval:
         return cls(statistics.fmean(figure), float(t.ppf(0.975, len(figure) - 1)) * error)
 
     def held_against(self, sort: str, limit: float) -> Verdict:
-        """Met or missed where the whole interval says so; otherwise more rounds, or a quieter machine, would tell."""
+        """MET or MISSED when the whole interval lies on one side of the limit, else OPEN: more rounds are needed."""
         margin = self.mean - limit if sort == "at least" else limit - self.mean
         if margin >= self.half:
             return Verdict.MET
@@ -133,7 +136,7 @@ class Interval:
 
 
 def seconds(value: float) -> str:
-    """A time with its unit."""
+    """A time in s as text with a unit from ns to s."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if value >= size:
             return f"{value / size:.3g} {unit}"

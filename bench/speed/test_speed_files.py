@@ -1,4 +1,4 @@
-"""How fast long files are read and written: trajectories of 1,000,000 poses evaluated, 100 runs, 1,000 frames as a bag.
+"""Time to read and write long files: 1,000,000 poses evaluated, 100 runs evaluated, 1,000 frames exported as a bag.
 
 `pytest bench/speed/test_speed_files.py --benchmark-only`; 160 MB a trajectory, 1.1 GB for the bag.
 """
@@ -31,7 +31,7 @@ IMU_HZ = 200
 
 
 def test_a_million_poses_evaluated(benchmark: Any, tmp_path: Path) -> None:
-    """`uavbench evaluate` on two TUM files, in a process of its own, whose largest memory is told."""
+    """`uavbench evaluate` on two TUM files, in its own process, with its peak memory."""
     rng = np.random.default_rng(0)
     stamps = START_NS + STEP_NS * np.arange(POSES)
     p = np.cumsum(rng.normal(0, 0.01, (POSES, 3)), axis=0)
@@ -78,7 +78,7 @@ def test_a_hundred_runs_evaluated(benchmark: Any, tmp_path: Path) -> None:
 
 
 def sequence_of_gradients(folder: Path) -> Sequence:
-    """The trial's sequence with 1,000 frames of noisy gradients: their PNG files have 0.2 MB, as rendered ones do."""
+    """The trial's sequence with 1,000 frames of noisy gradients, whose PNG files have 0.2 MB like rendered ones."""
     shutil.copytree(TRIAL, folder)
     rng = np.random.default_rng(0)
     (folder / "camera.toml").unlink()
@@ -104,7 +104,7 @@ def sequence_of_gradients(folder: Path) -> Sequence:
 
 
 def test_a_bag_of_a_thousand_frames(benchmark: Any, tmp_path: Path) -> None:
-    """`export` to MCAP, both raw and compressed; the processor's time is told beside that of the clock."""
+    """`export` to MCAP, both raw and compressed, by wall-clock and by processor time."""
     sequence = sequence_of_gradients(tmp_path / "sequence")
     cpu_s: list[float] = []
     rounds = iter(range(100))

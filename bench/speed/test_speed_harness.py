@@ -1,4 +1,4 @@
-"""How fast the harness is: planning, a frame through a pipe, the gate."""
+"""Time of the harness: planning, a frame through a pipe, the gate's bootstrap."""
 
 import json
 import sys
@@ -44,7 +44,7 @@ for line in sys.stdin.buffer:
 
 
 def test_ten_thousand_cached_jobs_are_planned_again(benchmark: Any, tmp_path: Path) -> None:
-    """Plan 1,112 sequences, 4,448 runs with their scores and the report, and see that all of it is there."""
+    """Plan 1,112 sequences, 4,448 runs with their scores and the report, all of them up to date."""
     path = tmp_path / "many.toml"
     path.write_text(SUITE.format(seeds=list(range(556))))
     for job in plan(load_suite(path), tmp_path):
@@ -60,7 +60,7 @@ def test_ten_thousand_cached_jobs_are_planned_again(benchmark: Any, tmp_path: Pa
 
 
 def test_a_frame_through_the_pipe_of_an_external_tracker(benchmark: Any, tmp_path: Path) -> None:
-    """A 640 x 480 colour frame to a Python program and its answer back."""
+    """Round trip of a 640 x 480 colour frame to a Python program and its answer."""
     program = tmp_path / "echo.py"
     program.write_text(ECHO)
     triangle = Structure.from_mesh(np.eye(3), np.array([[0, 1, 2]]))
@@ -72,6 +72,6 @@ def test_a_frame_through_the_pipe_of_an_external_tracker(benchmark: Any, tmp_pat
 
 
 def test_the_bootstrap_of_one_metric_of_the_gate(benchmark: Any) -> None:
-    """Ten sequences with ten seeds."""
+    """Bootstrap over ten sequences with ten seeds each."""
     differences = list(stream(0, "speed").normal(size=(10, 10)))
     benchmark.pedantic(Bootstrap.of, (differences,), {"rounds": 5}, rounds=10, warmup_rounds=1)

@@ -1,4 +1,4 @@
-"""How fast trajectories are scored, and a whole study scored, bootstrapped and plotted."""
+"""Time to score trajectories, and to score, bootstrap and plot a whole study."""
 
 import importlib.util
 from dataclasses import replace
@@ -53,7 +53,7 @@ def test_ate_and_rpe_with_association(benchmark: Any, align: Any) -> None:
 
 
 def test_evo_on_the_same_poses(benchmark: Any) -> None:
-    """The oracle on the same poses: association, APE and RPE of translation and rotation."""
+    """The oracle evo on the same poses, with equal results: association, APE and RPE of translation and rotation."""
     if importlib.util.find_spec("evo") is None:
         absent(benchmark, "evo, which is not installed")
         return
@@ -77,7 +77,7 @@ def test_evo_on_the_same_poses(benchmark: Any) -> None:
 
 
 def test_a_study_scored_bootstrapped_and_plotted(benchmark: Any, tmp_path: Path) -> None:
-    """20 sequences x 10 seeds x 6 trackers: every run scored, the table with intervals, ranks and wins plotted."""
+    """20 sequences x 10 seeds x 6 trackers: all runs scored, a table with intervals, ranks and wins plotted."""
     sequence = make_sequence(tmp_path / "arc", 60)
     rng = np.random.default_rng(0)
     true = true_rows(sequence)
@@ -131,7 +131,7 @@ def test_a_report_of_one_flight_of_40_s(benchmark: Any, tmp_path: Path) -> None:
 
 
 def write_study(folder: Path, *, flights: int, seeds: int, trackers: int, frames: int = 45) -> list[ReportEntry]:
-    """Sequences, results of trackers with noise of their own at 15 and 1 Hz, and scores, as a suite leaves them."""
+    """Sequences, results at 15 and 1 Hz of trackers with different noise, and scores, in the folders of a suite."""
     rng = np.random.default_rng(0)
     entries = []
     for flight in range(flights):

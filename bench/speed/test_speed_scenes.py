@@ -1,7 +1,7 @@
-"""Speed of rendering as it is asked for: final frames of 640 x 480 per second of one core, by processor time.
+"""Speed of rendering against its goals: final frames of 640 x 480 px per second of processor time on one core.
 
 A final frame has antialiasing, shadows and noise, and is written as PNG with its ground truth.
-The benchmark of two processes takes wall-clock time and needs an otherwise idle machine.
+The benchmark of two processes measures wall-clock time and needs an otherwise idle machine.
 """
 
 import os
@@ -48,7 +48,7 @@ def first_of(suite: str) -> SequenceSpec:
 
 @contextmanager
 def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]]:
-    """Writes one frame of a sequence after the other, spread over the flight, as `generate` does."""
+    """A function that writes the next of 2 * FRAMES + 3 frames, evenly spread over a sequence, as `generate` does."""
     cv2.setNumThreads(1)
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
@@ -74,7 +74,7 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
 
 
 def timed(benchmark: Any, spec: SequenceSpec, folder: Path) -> float:
-    """Mean seconds of a final frame."""
+    """Mean time in s of a final frame."""
     with frame_maker(spec, folder) as make:
         benchmark.pedantic(make, rounds=FRAMES, warmup_rounds=3)
     return float(benchmark.stats["mean"])
@@ -84,7 +84,7 @@ def timed(benchmark: Any, spec: SequenceSpec, folder: Path) -> float:
 @pytest.mark.parametrize("annotations", [(), ALL_ANNOTATIONS], ids=["pose", "all-annotations"])
 @pytest.mark.parametrize("suite", list(ASKED_FPS))
 def test_final_frames(benchmark: Any, tmp_path: Path, suite: str, annotations: tuple[Any, ...]) -> None:
-    """Of a suite's first sequence, without its motion blur; the bridge has its trees and birds."""
+    """Frames of a suite's first sequence without its motion blur; the bridge includes its trees and birds."""
     fps = 1 / timed(benchmark, replace(first_of(suite), effects=(Noise(),), annotations=annotations), tmp_path)
     benchmark.extra_info.update(fps=fps, times_asked=fps / ASKED_FPS[suite])
 
@@ -92,7 +92,7 @@ def test_final_frames(benchmark: Any, tmp_path: Path, suite: str, annotations: t
 @by_processor_time
 @pytest.mark.parametrize("suite", list(ASKED_FPS))
 def test_rolling_shutter_against_a_plain_frame(benchmark: Any, tmp_path: Path, suite: str) -> None:
-    """The same frames with a shutter that is open for no time."""
+    """Frames with a rolling shutter, relative to the same frames with an instantaneous global one."""
     spec = replace(first_of(suite), effects=(Noise(),))
     with frame_maker(spec, tmp_path / "plain") as make:
         for _ in range(3):
@@ -108,13 +108,13 @@ def test_rolling_shutter_against_a_plain_frame(benchmark: Any, tmp_path: Path, s
 @by_processor_time
 @pytest.mark.parametrize("suite", list(ASKED_FPS))
 def test_building_a_scene(benchmark: Any, suite: str) -> None:
-    """Structure, textures, light: what a sequence costs before its first frame."""
+    """Structure, textures and light: the set-up time of a sequence before its first frame."""
     spec = first_of(suite)
     benchmark.pedantic(lambda: build_scene(spec), rounds=3, warmup_rounds=1)
 
 
 def start(suite: str, platform: str = "egl") -> subprocess.Popen[str]:
-    """Start the program that `main` is; it has built its scene and waits for a line."""
+    """Start `main` in a process; it has built its scene and waits for a line."""
     environment = {**os.environ, "UAVBENCH_GL": platform}
     command = [sys.executable, __file__, suite]
     process = subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -124,7 +124,7 @@ def start(suite: str, platform: str = "egl") -> subprocess.Popen[str]:
 
 
 def finish(processes: list[subprocess.Popen[str]]) -> list[tuple[float, float]]:
-    """Let all go on at once; seconds of clock and of processor that each took for its frames."""
+    """Let all processes render at once; wall-clock and processor time in s of each."""
     for process in processes:
         assert process.stdin is not None
         process.stdin.write("go\n")
@@ -134,7 +134,7 @@ def finish(processes: list[subprocess.Popen[str]]) -> list[tuple[float, float]]:
 
 
 def test_osmesa_against_egl(benchmark: Any) -> None:
-    """Processor time of the same frames through both."""
+    """Ratio of the processor times of the same frames through EGL and OSMesa."""
     if find_library("OSMesa") is None:
         absent(benchmark, "OSMesa (Debian's libosmesa6)")
         return
@@ -147,7 +147,7 @@ def test_osmesa_against_egl(benchmark: Any) -> None:
 
 
 def test_two_processes_against_one(benchmark: Any) -> None:
-    """By the clock: frames per second of two together over those of one alone."""
+    """Wall-clock: frames per second of two processes together over those of one alone."""
 
     def ratio() -> float:
         alone_s = finish([start("box")])[0][0]
@@ -157,7 +157,7 @@ def test_two_processes_against_one(benchmark: Any) -> None:
 
 
 def main(suite: str) -> None:
-    """Build, say so, wait for a line, make the frames, say how long they took."""
+    """Build the scene, print `ready`, wait for a line, render 2 * FRAMES frames, print both times in s."""
     with tempfile.TemporaryDirectory() as folder, frame_maker(first_of(suite), Path(folder)) as make:
         make()
         print("ready", flush=True)

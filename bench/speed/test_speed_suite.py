@@ -1,6 +1,6 @@
 """Overhead of the harness over a whole suite, and speed-up by a second worker.
 
-The suite is as long as makes the start of the processes count little, as it does in any suite worth a second worker.
+The suite is long enough for the start-up of the processes to be a small share of it.
 """
 
 import json
@@ -32,7 +32,7 @@ rapid = {{ kind = "rapid" }}
 
 
 def run(suite: Path, out: Path, workers: int) -> tuple[float, float]:
-    """Wall time of the whole command, and the sum of the times of its jobs, in seconds."""
+    """Wall-clock time of the whole command, and the sum of the times of its jobs, in s."""
     command = [
         sys.executable,
         "-m",
@@ -58,7 +58,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_share_of_the_harness_in_a_suite(benchmark: Any, suite: Path, tmp_path: Path) -> None:
-    """All wall time of the command that is not inside a job: starts, imports, planning, waiting, in percent."""
+    """Share in percent of the wall-clock time outside of jobs: start-up, imports, planning, waiting."""
     out = (tmp_path / str(k) for k in count())
 
     def percent() -> float:
@@ -69,7 +69,7 @@ def test_the_share_of_the_harness_in_a_suite(benchmark: Any, suite: Path, tmp_pa
 
 
 def test_two_workers_against_one(benchmark: Any, suite: Path, tmp_path: Path) -> None:
-    """One worker's wall time over that of two."""
+    """Wall-clock time with one worker over that with two."""
     out = (tmp_path / str(k) for k in count())
 
     def ratio() -> float:

@@ -1,6 +1,6 @@
-"""Time per frame of our trackers over that of ViSP, which sees the same frame right after, in the same run.
+"""Time per frame of our trackers relative to ViSP's, which tracks the same frame right after.
 
-Wall-clock time, since ViSP is a process of its own; other load on the machine slows both alike.
+Wall-clock time, since ViSP runs in its own process; other load on the machine slows both alike.
 """
 
 import time
@@ -17,7 +17,7 @@ from uavbench.tracker.registry import TRACKERS
 from uavbench.trajectories.pose import Array
 
 SEEN = 40
-"""Frames that are seen: ViSP takes most of a second for one of the bridge."""
+"""Frames that are tracked: ViSP takes most of a second for one of the bridge."""
 
 
 @pytest.mark.parametrize("suite", ["paper", "bridge"])
@@ -32,7 +32,7 @@ def test_lsd_against_visp(benchmark: Any) -> None:
 
 
 def time_against_visp(benchmark: Any, kind: str, suite: str) -> None:
-    """Time a film seen by a tracker of ours and by ViSP; `absent` says why where there is no ViSP."""
+    """Time a tracker of ours and ViSP on a film; `absent` holds the reason where ViSP is not installed."""
     cv2.setNumThreads(1)
     seen = film(suite)
     why = Visp.absence()
@@ -45,7 +45,7 @@ def time_against_visp(benchmark: Any, kind: str, suite: str) -> None:
 
 
 def frames_ms(seen: Film, trackers: dict[str, Tracker]) -> dict[str, Array]:
-    """Wall times in ms of each tracker on the frames that all of them see in turn."""
+    """Wall-clock times (n,) in ms of each tracker after WARM_UP frames; the trackers take turns on each frame."""
     runs = {name: seen.run(tracker) for name, tracker in trackers.items()}
     frames = list(zip(seen.images, seen.stamps_ns, strict=True))[:SEEN]
     rows = [[frame_ms(run, *frame) for run in runs.values()] for frame in frames]
@@ -53,7 +53,7 @@ def frames_ms(seen: Film, trackers: dict[str, Tracker]) -> dict[str, Array]:
 
 
 def frame_ms(run: Run, image: Image, stamp_ns: int) -> float:
-    """Wall time in ms of one frame, lost or not."""
+    """Wall-clock time in ms of one frame, lost or not."""
     begin = time.perf_counter_ns()
     run.track(image, stamp_ns)
     return (time.perf_counter_ns() - begin) * 1e-6

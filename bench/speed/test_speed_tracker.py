@@ -1,4 +1,4 @@
-"""Time per frame of the trackers, 640x480, one thread; run with `pytest bench/speed --benchmark-only`."""
+"""Time per frame of the trackers at 640 x 480 px in one thread; run with `pytest bench/speed --benchmark-only`."""
 
 import time
 from collections.abc import Callable
@@ -28,7 +28,7 @@ FRAMES = 24
 STEP_NS = 66_666_667
 Flight = tuple[list[Pose], list[Image]]
 FILMED, WARM_UP = 75, 10
-"""Frames of a suite that `robust` is timed on, and those at the beginning that are left out."""
+"""Frames of a suite that `robust` is run on, and the first of them that are not timed."""
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def flight() -> Flight:
 
 @pytest.mark.parametrize("kind", sorted(TRACKERS))
 def test_frame(benchmark: Any, flight: Flight, kind: str) -> None:
-    """One frame of a tracker that is under way."""
+    """One frame of a tracker after FRAMES // 2 others."""
     poses, images = flight
     cv2.setNumThreads(1)
     run = TRACKERS[kind]().start(box(), CAMERA, poses[0], np.random.default_rng(0))
@@ -57,7 +57,7 @@ def test_frame(benchmark: Any, flight: Flight, kind: str) -> None:
 
 
 def test_lsd_alone(benchmark: Any, flight: Flight) -> None:
-    """The segments of one frame."""
+    """Detection of the line segments of one frame."""
     cv2.setNumThreads(1)
     benchmark(detect_segments, grey(flight[1][0]))
 
@@ -73,13 +73,13 @@ class Film:
     images: list[Image]
 
     def run(self, tracker: Tracker) -> Run:
-        """A run of a tracker that is to see this film."""
+        """A run of a tracker on this film, from the true initial pose."""
         return tracker.start(self.structure, self.camera, self.first, np.random.default_rng(0))
 
 
 @cache
 def film(suite: str) -> Film:
-    """The film of a suite."""
+    """The first FILMED frames of a suite's first sequence, without those that its effects drop."""
     spec = first_of(suite)
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
@@ -95,7 +95,7 @@ def film(suite: str) -> Film:
 
 
 def film_ms(suite: str) -> Callable[[], list[float]]:
-    """Makes the processor time in ms of each grey frame that `robust` tracks of the first flight of a suite."""
+    """A function that runs `robust` on the film of a suite; processor time in ms of each frame after WARM_UP."""
     cv2.setNumThreads(1)
     seen = film(suite)
 
@@ -112,7 +112,7 @@ def film_ms(suite: str) -> Callable[[], list[float]]:
 
 
 def timed_film(benchmark: Any, suite: str) -> None:
-    """Time a film once it was seen before, so that every kernel is compiled."""
+    """Time `robust` on a film after a run that compiles every kernel."""
     track = film_ms(suite)
     track()
     times_ms = benchmark.pedantic(track, rounds=1)
@@ -120,17 +120,17 @@ def timed_film(benchmark: Any, suite: str) -> None:
 
 
 def test_robust_on_the_box(benchmark: Any) -> None:
-    """Half of the frames of a box in a room."""
+    """Median time per frame of a box in a room."""
     timed_film(benchmark, "box")
 
 
 def test_slow_frames_of_robust_on_the_box(benchmark: Any) -> None:
-    """All but one in a hundred of these frames."""
+    """99th percentile of the times of these frames."""
     timed_film(benchmark, "box")
 
 
 def test_robust_on_the_bridge(benchmark: Any) -> None:
-    """Half of the frames of a bridge outdoors."""
+    """Median time per frame of a bridge outdoors."""
     timed_film(benchmark, "bridge")
 
 
@@ -139,9 +139,9 @@ LOST_FOR, LOST_AT = 10, 30
 
 
 def interrupted_ms(suite: str) -> list[float]:
-    """Processor time in ms of every frame of a film, started wrong by 4 % of the range and 4 degrees, black in between.
+    """Processor time in ms of every frame of a film, with initialization, lost frames and relocalization.
 
-    So it holds the first frame, frames on which poses are searched, and lost ones.
+    The initial pose is off by 4 % of the range and 4 deg, and LOST_FOR frames are black.
     """
     cv2.setNumThreads(1)
     seen = film(suite)
@@ -161,7 +161,7 @@ def interrupted_ms(suite: str) -> list[float]:
 
 @pytest.mark.parametrize("suite", ["box", "bridge"])
 def test_slowest_frame_of_robust(benchmark: Any, suite: str) -> None:
-    """The slowest of all frames, the first one and lost ones among them."""
+    """The slowest of all frames, including initialization and lost frames."""
     interrupted_ms(suite)
     times_ms = benchmark.pedantic(interrupted_ms, args=(suite,), rounds=1)
     benchmark.extra_info.update(slowest_ms=max(times_ms), p99_ms=float(np.percentile(times_ms, 99)))

@@ -1,4 +1,4 @@
-"""How fast flights are flown: seconds of flight per second of one core.
+"""Speed of flight simulation: seconds of flight per second of one core.
 
 `pytest bench/speed/test_speed_trajectories.py --benchmark-only`; the last one uses every core.
 """
@@ -26,21 +26,21 @@ COUNT = 24
 
 
 def whole_flight(seed: int, spec: FlightSpec = WINDY) -> float:
-    """Fly, measure, and return the seconds flown."""
+    """Fly and measure; the duration of the flight in s."""
     flight = fly(spec, Mount(), BOX, seed)
     measure((Imu(),), flight, BOX, seed)
     return float(flight.stamps_ns[-1]) / 1e9
 
 
 def test_a_minute_with_wind_and_imu(benchmark: Any) -> None:
-    """The controller, Dryden wind and the IMU on one core."""
+    """Controller, Dryden wind and IMU on one core."""
     whole_flight(0)
     benchmark.pedantic(whole_flight, args=(0,), rounds=5)
     benchmark.extra_info["times_real_time"] = 60.0 / benchmark.stats.stats.min
 
 
 def test_a_minute_near_a_structure(benchmark: Any) -> None:
-    """As above, with turbulence that grows near the structure, around which the vehicle flies."""
+    """The same on an orbit with turbulence that grows near the structure."""
     spec = FlightSpec(path=Orbit(turns=2.0), wind=Dryden(near_gain=1.0))
     seconds = whole_flight(0, spec)
     benchmark.pedantic(whole_flight, args=(0, spec), rounds=5)
@@ -56,7 +56,7 @@ def test_a_hand_flown_flight(benchmark: Any) -> None:
 
 
 def test_many_flights_on_every_core(benchmark: Any) -> None:
-    """Minutes of flight on all cores; says how long a thousand of them would take."""
+    """Flights of one minute on all cores, extrapolated to a thousand of them."""
     cores = len(os.sched_getaffinity(0))
     whole_flight(0)
     with ProcessPoolExecutor(cores) as pool:

@@ -1,4 +1,4 @@
-"""The trial of a tracker: a tiny sequence, and every fault explained.
+"""Check of a tracker on a tiny sequence, with an explanation of every fault.
 
-In: a tracker. Out: findings, and whether it is good. Imports config, inputs, external and third-party trackers.
+In: a tracker. Out: findings and a verdict. Imports config, inputs, external and third-party trackers.
 """

@@ -19,14 +19,17 @@ from uavbench.trajectories.pose import Pose
 
 TRIAL = Path(__file__).parent / "sequence"
 CLOSE_M, CLOSE_DEG = 0.15, 10.0
-"""Error beyond which poses are tried in other conventions, where repeating the initial pose is more accurate."""
+"""Median error above which other conventions are tried; repeating the initial pose is more accurate than this."""
 FAR_M, FAR_DEG = 0.6, 45.0
-"""No tracker that is given the true pose of a frame may answer so far off in it; `lsd-single` is at 0.49 m, 25 deg."""
+"""Largest error in frame 0, whose true pose the tracker is given; `lsd-single` has 0.49 m and 25 deg."""
 RIGHT = "cam_from_world, metres, w first, OpenCV axes, in the world of the model"
 
 
 def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
-    """Lines that say how a tracker does on the tiny sequence; the last begins with `good` or `faulty`."""
+    """Findings on a tracker that is run on the tiny sequence, line by line; the last begins with `good` or `faulty`.
+
+    kept_folder: job folder of an external tracker. UserError when a third-party tracker is absent.
+    """
     sequence = Sequence.load(TRIAL)
     rate_hz = float(sequence.info["rate_hz"])
     yield f"{len(sequence)} frames of {sequence.camera.width} x {sequence.camera.height} px at {rate_hz:g} Hz"
@@ -64,14 +67,14 @@ def _run(tracker: Tracker, sequence: Sequence, rate_hz: float, kept_folder: Path
 
 
 def _accuracy(results: Results, sequence: Sequence) -> Iterator[str]:
-    """The median error, where there is a pose."""
+    """Line with the median error; none without a pose."""
     if pairs := _pairs(results, sequence):
         metres, degrees = _median_error(pairs, AS_IT_IS, sequence)
         yield f"median error: {metres * 100:.2f} cm, {degrees:.2f} deg"
 
 
 def _mistaken(results: Results, sequence: Sequence) -> str:
-    """The convention by which poses that are far off would be right, "" where they are not far off, or by none."""
+    """The simplest convention under which inaccurate poses are accurate; "" when they are accurate, or under none."""
     pairs = _pairs(results, sequence)
     if not pairs or _is_close(*_median_error(pairs, AS_IT_IS, sequence)):
         return ""
@@ -80,7 +83,7 @@ def _mistaken(results: Results, sequence: Sequence) -> str:
 
 
 def _astray(results: Results, sequence: Sequence) -> str:
-    """How far the first frame's pose lies from the one that the tracker was given for it, "" where that may be."""
+    """Error of the pose of frame 0 against the initial pose given for it; "" within FAR_M and FAR_DEG."""
     row = results.rows[0] if len(results) and results.frames[0] == 0 else None
     if row is None or row.cam_from_world is None:
         return ""
@@ -100,7 +103,7 @@ def _pairs(results: Results, sequence: Sequence) -> list[tuple[Pose, Pose]]:
 
 
 def _median_error(pairs: list[tuple[Pose, Pose]], reading: "Reading", sequence: Sequence) -> tuple[float, float]:
-    """Median distance in m and median angle in degrees of poses that are read in a way."""
+    """Median distance in m and median angle in deg of poses read by a convention."""
     errors = [_error(reading.of(estimate, sequence.cam_from_body), ground_truth) for estimate, ground_truth in pairs]
     metres, degrees = np.median(errors, axis=0).tolist()
     return metres, degrees
@@ -111,7 +114,7 @@ def _is_close(metres: float, degrees: float) -> bool:
 
 
 def _error(estimate: Pose, ground_truth: Pose) -> tuple[float, float]:
-    """Distance of the camera centres in m and angle in degrees."""
+    """Distance of the camera centres in m and angle in deg between two cam_from_world."""
     metres = np.linalg.norm(estimate.inverse().translation - ground_truth.inverse().translation)
     return float(metres), float(np.degrees(np.linalg.norm((estimate @ ground_truth.inverse()).log()[3:])))
 
@@ -121,12 +124,12 @@ def _same(a: Pose | None, b: Pose | None) -> bool:
 
 
 FLIP = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-"""From OpenGL's camera (y up, z back) to OpenCV's (y down, z forward), and back."""
+"""Rotation between OpenGL's camera axes (y up, z back) and OpenCV's (y down, z forward); its own inverse."""
 Unit = Literal["", "millimetres", "centimetres", "feet"]
 Part = Literal["", "rotation", "translation"]
 PARTS: tuple[Part, ...] = get_args(Part)
 UNITS: dict[Unit, float] = {"": 1.0, "millimetres": 1e-3, "centimetres": 1e-2, "feet": 0.3048}
-"""Metres in each."""
+"""Metres per unit."""
 World = Literal["", "y up", "z down, x kept", "z down, x and y swapped"]
 WORLDS: dict[World, Pose] = {
     "": Pose.identity(),
@@ -134,12 +137,16 @@ WORLDS: dict[World, Pose] = {
     "z down, x kept": Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3)),
     "z down, x and y swapped": Pose(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.zeros(3)),
 }
-"""From the world to that of graphics, of aircraft (x forward, y right), and of maps (from east-north-up to NED)."""
+"""From the world to y-up worlds of computer graphics, to forward-right-down, and from east-north-up to NED."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """A way to read a pose that was written by other conventions; mixed: which part is of the inverse."""
+    """A pose convention that a tracker may have used by mistake.
+
+    w_last: quaternions xyzw; inverse: world_from_cam; mixed: the part that is taken from world_from_cam, the other from
+    cam_from_world; opengl: camera axes y up, z back; of_body: the pose of the body.
+    """
 
     w_last: bool = False
     unit: Unit = ""
@@ -150,7 +157,7 @@ class Reading:
     world: World = ""
 
     def of(self, written: Pose, cam_from_body: Pose) -> Pose:
-        """The cam_from_world that was meant."""
+        """The cam_from_world in our convention, translation in m, of a pose written in this one."""
         pose = Pose(written.rotation, written.translation * UNITS[self.unit])
         if self.w_last:
             w, x, y, z = pose.quaternion_wxyz
@@ -178,7 +185,7 @@ class Reading:
 
     @property
     def strangeness(self) -> int:
-        """How many conventions are other ones."""
+        """Number of conventions that differ from ours."""
         return sum(map(bool, (self.w_last, self.unit, self.inverse, self.mixed, self.opengl, self.of_body, self.world)))
 
 
@@ -193,4 +200,4 @@ READINGS = sorted(
     ),
     key=lambda reading: reading.strangeness,
 )[1:]
-"""Every other way, the plainest first."""
+"""Every other convention, fewest differences first."""

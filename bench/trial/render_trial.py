@@ -16,7 +16,7 @@ from uavbench.scenes.spec import SequenceSpec
 
 
 def main() -> None:
-    """Write bench/trial/sequence anew, its images packed as small as PNG goes."""
+    """Render bench/trial/sequence again, its images at PNG's highest compression."""
     (spec,) = load_suite(TRIAL.parent / "suite.toml").sequences
     assert isinstance(spec, SequenceSpec)
     with tempfile.TemporaryDirectory() as scratch:

@@ -1,4 +1,4 @@
-"""Blender, a program of its own: where it is, which one it is, and a scene that is open in it."""
+"""Blender as a separate program: its location, its version, and a scene open in it."""
 
 import json
 import os
@@ -20,23 +20,26 @@ from uavbench.trajectories.errors import UserError, one_line
 SCRIPT = Path(__file__).parent / "blender_script.py"
 VARIABLE = "UAVBENCH_BLENDER"
 OLDEST = (3, 1)
-"""The first with Python 3.10, and with attributes of meshes for colours."""
+"""The first version with Python 3.10 and with mesh attributes for colours."""
 INSTALL = f"on Debian or Ubuntu type: sudo apt-get install blender, or name its program in {VARIABLE}"
 LAST_LINES = 5
 PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "TMPDIR")
-"""The only environment variables that Blender gets of ours: its Python must not find our libraries."""
+"""The only environment variables passed on to Blender: its Python must not import our libraries."""
 
 
 @dataclass(frozen=True)
 class Blender:
-    """A Blender that is installed here."""
+    """An installed Blender: path of the program, and its version, such as `3.4.1`."""
 
     program: str
     version: str
 
 
 def find_blender() -> Blender:
-    """The Blender of this machine; UserError saying what to install where it is absent, or that it is too old."""
+    """The Blender that UAVBENCH_BLENDER names, or the one on PATH.
+
+    UserError when it is absent, cannot be run, or is older than OLDEST.
+    """
     wanted = os.environ.get(VARIABLE) or "blender"
     program = shutil.which(wanted)
     if program is None:
@@ -58,14 +61,17 @@ def find_blender() -> Blender:
 
 
 class OpenScene:
-    """A scene that is open in Blender: views of it are asked for one after the other."""
+    """A scene open in Blender, which renders one view per request; denoiser: its name, "" without one."""
 
     def __init__(self, guard: Guard, talk: Talk) -> None:
         self._guard, self._talk = guard, talk
         self.denoiser: str = self._reply()["denoiser"]
 
     def light(self, request: Mapping[str, Any], width: int, height: int) -> Radiance:
-        """Linear light (h, w, 3) BGR of a view, as `blender_script.answer` takes it; UserError where Blender fails."""
+        """Linear radiance (h, w, 3) float32 BGR of the view of a request to `blender_script.answer`.
+
+        UserError when Blender ended or failed.
+        """
         path = self._guard.folder / "view.f32"
         try:
             print(json.dumps({**request, "file": str(path)}), file=self._talk.asks, flush=True)
@@ -76,7 +82,7 @@ class OpenScene:
         return np.ascontiguousarray(light[::-1, :, 2::-1])
 
     def _reply(self) -> dict[str, Any]:
-        """Blender's next answer; what it prints before the script runs is none."""
+        """Blender's next answer; its output before the script starts is skipped."""
         for line in self._talk.answers:
             if line.startswith("{"):
                 answer: dict[str, Any] = json.loads(line)
@@ -92,7 +98,10 @@ class OpenScene:
 
 @contextmanager
 def opened(blender: Blender, guard: Guard, samples: int) -> Iterator[OpenScene]:
-    """The scene that `write_scene` wrote in a guard's folder, open in Blender on the CPU cores that we may use."""
+    """The scene that `write_scene` wrote into a guard's folder, open in Blender on the CPU cores of this process.
+
+    samples: per pixel. UserError when Blender fails.
+    """
     threads = len(os.sched_getaffinity(0))
     command = [blender.program, "--background", "--factory-startup", "-noaudio", "--python-exit-code", "1"]
     command += ["--python", str(SCRIPT), "--", str(guard.folder), str(samples), str(threads)]

@@ -1,8 +1,8 @@
 """Runs inside Blender: blender --background --python blender_script.py -- FOLDER SAMPLES THREADS.
 
 Builds the scene that `scene_files.write_scene` wrote into FOLDER, then answers requests, one JSON object a line on its
-standard input, by files of linear light (h, w, 4) float32 RGBA, the lowest row first. Blender's Python has no library
-of uavbench, and needs none.
+standard input, by files of linear radiance (h, w, 4) float32 RGBA, bottom row first. Blender's Python has no library of
+uavbench, and needs none.
 """
 
 import array
@@ -17,13 +17,13 @@ import bpy
 from mathutils import Matrix, Vector
 
 BOUNCES = 4
-"""A fifth reflection off surfaces of albedo 0.5 would bring 3 % of the light, and in the open a small part of that."""
+"""A fifth reflection off surfaces of albedo 0.5 would add 3 % of the light indoors, and far less outdoors."""
 LAYERS = 64
-"""Leaves with holes that a ray may pass."""
+"""Transparent surfaces that a ray may pass, such as leaves with cutouts."""
 
 
 class Nodes:
-    """The nodes of a shader: made, wired and set in one call."""
+    """The node tree of a shader; each node is created, linked and configured in one call."""
 
     def __init__(self, owner: Any) -> None:
         owner.use_nodes = True
@@ -31,7 +31,7 @@ class Nodes:
         self._tree.nodes.clear()
 
     def add(self, kind: str, *inputs: Any, output: int | str = 0, **settings: Any) -> Any:
-        """Output socket of a new node; each input is a value, the socket of another node, or None."""
+        """Output socket of a new node; each input is a value, the socket of another node, or None for its default."""
         node = self._tree.nodes.new(f"ShaderNode{kind}")
         for name, value in settings.items():
             setattr(node, name, value)
@@ -40,7 +40,7 @@ class Nodes:
         return node.outputs[output] if node.outputs else node
 
     def wire(self, socket: Any, value: Any) -> None:
-        """Give an input a value, or the output of another node."""
+        """Set an input to a value, or link it to the output of another node."""
         if isinstance(value, bpy.types.NodeSocket):
             self._tree.links.new(value, socket)
         elif value is not None:
@@ -51,15 +51,15 @@ class Nodes:
         return self.add("VectorMath", a, b, operation="MULTIPLY")
 
     def mixed(self, share: Any, a: Any, b: Any) -> Any:
-        """A colour between two."""
+        """Linear interpolation from colour a to colour b by a share from 0 to 1."""
         return self.add("MixRGB", share, a, b)
 
     def math(self, operation: str, *numbers: Any) -> Any:
-        """Result of an operation on numbers."""
+        """Result of a scalar operation."""
         return self.add("Math", *numbers, operation=operation)
 
     def image(self, path: Path, kind: str) -> Any:
-        """Node of an image whose codes are the square root of light."""
+        """Node of an image file whose codes are the square root of linear radiance."""
         node = self._tree.nodes.new(f"ShaderNode{kind}")
         node.image = bpy.data.images.load(str(path), check_existing=True)
         node.image.colorspace_settings.name = "Non-Color"
@@ -68,14 +68,14 @@ class Nodes:
 
 
 def numbers(path: Path, code: str) -> Any:
-    """All numbers of a raw file."""
+    """All numbers of a raw file; code: their type, as in the module `array`."""
     values = array.array(code)
     values.frombytes(path.read_bytes())
     return values
 
 
 def build_part(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> Any:
-    """Object of a part."""
+    """Add a part of the scene to the collection; its object."""
     name = about["name"]
     flat = numbers(folder / f"{name}.vertices", "f")
     rows = numbers(folder / f"{name}.triangles", "i")
@@ -103,7 +103,7 @@ def build_part(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> An
 
 
 def material(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> Any:
-    """Material of a part: albedo of its texture times its tint, roughness, holes, and haze before it."""
+    """Material of a part: albedo as texture times tint, roughness, cutouts, and haze in front of it."""
     made = bpy.data.materials.new(about["name"])
     nodes = Nodes(made)
     albedo, holes = (1.0, 1.0, 1.0), None
@@ -130,7 +130,7 @@ def material(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> Any:
 
 
 def hazy(nodes: Nodes, surface: Any, scene: dict[str, Any]) -> Any:
-    """The surface as the camera sees it through haze."""
+    """The surface seen through haze: attenuated by exp(-haze * distance) for camera rays only."""
     away = nodes.add("CameraData", output="View Distance")
     clear = nodes.math("EXPONENT", nodes.math("MULTIPLY", away, -scene["haze_per_m"]))
     seen = nodes.add("LightPath", output="Is Camera Ray")
@@ -139,7 +139,7 @@ def hazy(nodes: Nodes, surface: Any, scene: dict[str, Any]) -> Any:
 
 
 def build_lamp(scene: dict[str, Any]) -> None:
-    """The far lamp: a white surface square to it throws back its light."""
+    """The distant lamp; its energy is such that a white surface facing it reflects the radiance of `lamp`."""
     strongest = max(scene["lamp"])
     if strongest <= 0:
         return
@@ -154,7 +154,7 @@ def build_lamp(scene: dict[str, Any]) -> None:
 
 
 def build_world(folder: Path, scene: dict[str, Any]) -> None:
-    """Light from above and from below; the camera sees the panorama, or nothing."""
+    """Light from the upper and the lower hemisphere; the camera sees the panorama, or black."""
     world = bpy.data.worlds.new("world")
     nodes = Nodes(world)
     ray = nodes.add("SeparateXYZ", nodes.add("TexCoord", output="Generated"), output="Z")
@@ -170,7 +170,7 @@ def build_world(folder: Path, scene: dict[str, Any]) -> None:
 
 
 def prepare(scene: dict[str, Any], samples: int, threads: int) -> str:
-    """Settings of Cycles and of the files; the name of the denoiser, "" where this Blender has none."""
+    """Configure Cycles and the output files; the name of the denoiser, "" where this Blender has none."""
     settings = bpy.context.scene
     settings.render.engine = "CYCLES"
     settings.render.threads_mode, settings.render.threads = "FIXED", threads
@@ -195,7 +195,7 @@ def prepare(scene: dict[str, Any], samples: int, threads: int) -> str:
 
 
 def build_camera(scene: dict[str, Any]) -> Any:
-    """The camera, which every request sets."""
+    """The camera; every request sets its intrinsics and pose."""
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.clip_start, camera.data.clip_end = scene["clip_m"]
@@ -205,7 +205,7 @@ def build_camera(scene: dict[str, Any]) -> Any:
 
 
 def answer(request: dict[str, Any], camera: Any, movers: list[Any]) -> None:
-    """Draw one view and write its light."""
+    """Render one view and write its linear radiance to the request's file."""
     render, about = bpy.context.scene.render, request["camera"]
     render.resolution_x, render.resolution_y = about["size"]
     render.pixel_aspect_x, render.pixel_aspect_y = about["aspect"]
@@ -228,7 +228,7 @@ def answer(request: dict[str, Any], camera: Any, movers: list[Any]) -> None:
 
 
 def main() -> None:
-    """Build the scene, then answer each request with a line; what Blender says goes to standard error."""
+    """Build the scene, then answer each request with a line; Blender's own output goes to standard error."""
     replies = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     folder, samples, threads = sys.argv[sys.argv.index("--") + 1 :]

@@ -1,4 +1,4 @@
-"""A renderer whose light is traced by Blender, and whose geometry is drawn as that of every sequence."""
+"""A renderer whose images are path traced by Blender, and whose geometry is rasterized as for every sequence."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +19,10 @@ from uavbench.trajectories.pose import Array, Pose
 
 @dataclass(frozen=True, eq=False)
 class TracedScene:
-    """A scene whose views Blender draws with so many samples a pixel; `denoisers` has that of each renderer made."""
+    """A scene whose views Blender renders.
+
+    samples: per pixel; denoisers: name of the denoiser of each renderer made so far.
+    """
 
     scene: Scene
     blender: Blender
@@ -28,7 +31,7 @@ class TracedScene:
 
     @contextmanager
     def renderer(self, width: int, height: int) -> Iterator["PathTracer"]:
-        """A renderer of the scene; UserError where Blender fails."""
+        """A renderer of the scene for views of a size in px; UserError when Blender fails."""
         with Guard("uavbench-twin-") as guard:
             write_scene(self.scene, guard.folder)
             with self.scene.renderer(width, height) as drawn, opened(self.blender, guard, self.samples) as scene:
@@ -37,13 +40,16 @@ class TracedScene:
 
 
 class PathTracer:
-    """Draws the views of a scene that is open in Blender."""
+    """Renders views of a scene that is open in Blender."""
 
     def __init__(self, scene: Scene, drawn: Renderer, opened: OpenScene) -> None:
         self._scene, self._drawn, self._opened = scene, drawn, opened
 
     def color(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.uint8]:
-        """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera, coded as `Renderer.color` does."""
+        """Image (h, w, 3) BGR of a pinhole camera, coded like `Renderer.color`: square root of linear radiance.
+
+        UserError when Blender fails.
+        """
         request = {
             "camera": blender_camera(camera),
             "world_from_camera": blender_pose(cam_from_world),
@@ -54,9 +60,9 @@ class PathTracer:
         return np.asarray(np.rint(255 * np.sqrt(np.clip(light, 0, 1))), dtype=np.uint8)
 
     def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
-        """Depth and instances (h, w) as `Renderer.geometry` has them, which a twin shares."""
+        """Depth and instances (h, w) of `Renderer.geometry`: a twin shares its sequence's."""
         return self._drawn.geometry(cam_from_world, camera, time_s)
 
     def nearest_m(self, eye: Array) -> float:
-        """Lower bound of the distance from a point to what does not move."""
+        """Lower bound in m of the distance from a point (3,) in the world to the static scene."""
         return self._drawn.nearest_m(eye)

@@ -14,12 +14,12 @@ from uavbench.tracker.results import Results
 from uavbench.tracker.run import track_sequence
 
 RANKED = 0.5
-"""A tracker without a pose in more than this share of the frames ranks behind all that have one."""
+"""A tracker whose coverage is below this share ranks behind all others."""
 
 
 @dataclass(frozen=True)
 class OnBoth:
-    """Scores of a tracker on a sequence and on its twin."""
+    """Scores of a tracker on a sequence (drawn) and on its twin (traced)."""
 
     label: str
     drawn: Score
@@ -27,7 +27,10 @@ class OnBoth:
 
 
 def on_both(trackers: Mapping[str, Tracker], sequence: Sequence, twin: Sequence) -> Iterator[OnBoth]:
-    """Scores of each tracker that is there, from the true initial pose, on the frames that both have."""
+    """Scores of each installed tracker, from the true initial pose, at the rate of the twin.
+
+    UserError when a tracker cannot follow a sequence at that rate.
+    """
     rate_hz = float(twin.info["rate_hz"])
     missing = absent(trackers)
     for label, tracker in trackers.items():
@@ -37,7 +40,7 @@ def on_both(trackers: Mapping[str, Tracker], sequence: Sequence, twin: Sequence)
 
 
 def table(trackers: Mapping[str, Tracker], sequence: Sequence, twin: Sequence) -> Iterator[str]:
-    """Lines in Markdown: ATE RMSE (mm), coverage (%) and rank on both, and those that are absent with the reason."""
+    """Lines in Markdown: ATE RMSE (mm), coverage (%) and rank on both sequences; absent trackers with the reason."""
     found = list(on_both(trackers, sequence, twin))
     ranks = [_ranks({each.label: each.drawn for each in found}), _ranks({each.label: each.traced for each in found})]
     yield "| tracker | drawn: ATE, mm | coverage, % | rank | traced: ATE, mm | coverage, % | rank |"
@@ -62,7 +65,7 @@ def _tracked(tracker: Tracker, sequence: Sequence, rate_hz: float) -> Results:
 
 
 def _ranks(scores: Mapping[str, Score]) -> dict[str, int]:
-    """Rank from 1 by ATE RMSE, those that are mostly without a pose last."""
+    """Rank from 1 by ATE RMSE, trackers with a coverage below RANKED last."""
     order = sorted(scores, key=lambda label: (scores[label].tracking.coverage < RANKED, _error_m(scores[label])))
     return {label: place + 1 for place, label in enumerate(order)}
 

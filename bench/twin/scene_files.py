@@ -16,13 +16,13 @@ from uavbench.trajectories.pose import Array, Pose
 BLENDER_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Blender's cameras look along -z, y up."""
 SENSOR_MM = 36.0
-"""Width of the sensor that Blender is told of; any would do, for the focal length is told in its units."""
+"""Sensor width given to Blender; arbitrary, because the focal length is given in the same unit."""
 LEVEL = 0.99
-"""Triangles whose normals point up by as much are a floor."""
+"""Least z component of a unit normal for a triangle to count as floor."""
 
 
 def write_scene(scene: Scene, folder: Path) -> None:
-    """Write what Blender needs to draw the scene: meshes, textures, lamp, sky and haze; frames are asked for later."""
+    """Write the inputs of `blender_script.py` into an existing folder: meshes, textures, lamp, sky and haze."""
     textures: dict[int, str] = {}
     still = [_write_part(part, f"part_{i:03d}", folder, textures) for i, part in enumerate(scene.unlit)]
     movers = [_write_part(mover.part, f"mover_{i:03d}", folder, textures) for i, mover in enumerate(scene.movers)]
@@ -46,7 +46,10 @@ def write_scene(scene: Scene, folder: Path) -> None:
 
 
 def sky_light(sky: Texture) -> Array:
-    """Light (3,) RGB that a white floor throws back under the upper half of a panorama."""
+    """Linear radiance (3,) RGB that a white floor reflects under the upper half of a panorama.
+
+    sky: equirectangular (h, w, 3) RGB, codes the square root of linear radiance.
+    """
     rows = sky.shape[0] // 2
     light = np.square(sky[:rows].astype(np.float64) / 255).mean(axis=1)
     edges = np.cos(np.linspace(0, np.pi / 2, rows + 1)) ** 2  # of what is above an angle from the zenith
@@ -54,7 +57,7 @@ def sky_light(sky: Texture) -> Array:
 
 
 def blender_camera(camera: Camera) -> dict[str, Any]:
-    """Blender's own parameters of a pinhole camera: size, focal length, shift in shares of the width, pixel aspect.
+    """Blender's parameters of a pinhole camera: size in px, focal length in mm, shift by the width, pixel aspect.
 
     As `BKE_camera_params_compute_viewplane` in Blender's source reads them, with the sensor fitted to the width.
     """
@@ -70,13 +73,13 @@ def blender_camera(camera: Camera) -> dict[str, Any]:
 
 
 def blender_pose(cam_from_world: Pose) -> list[list[float]]:
-    """Blender's `matrix_world` (4, 4) of a camera."""
+    """Blender's `matrix_world` (4, 4) of a camera with OpenCV's axes."""
     rows: list[list[float]] = (cam_from_world.inverse().matrix @ BLENDER_FROM_CV).tolist()
     return rows
 
 
 def lets_light_through(part: Part) -> bool:
-    """Whether the scene's light passes a part: the walls of a room and the rim of the world, but not their floor."""
+    """Whether the scene's light passes a part: walls of a room and the distant backdrop, but no floor."""
     a, b, c = (part.vertices[part.triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     level = normals[:, 2] > LEVEL * np.linalg.norm(normals, axis=1)
@@ -84,7 +87,7 @@ def lets_light_through(part: Part) -> bool:
 
 
 def _write_part(part: Part, name: str, folder: Path, textures: dict[int, str]) -> dict[str, Any]:
-    """Write the arrays of a part, and its texture unless it is there; what `scene.json` says of it."""
+    """Write the arrays of a part, and its texture unless already written; the part's entry of `scene.json`."""
     corners = part.triangles.reshape(-1)
     arrays = {
         "vertices": part.vertices,
@@ -107,7 +110,7 @@ def _write_part(part: Part, name: str, folder: Path, textures: dict[int, str]) -
 
 
 def _write_texture(texture: Texture, folder: Path, textures: dict[int, str]) -> str:
-    """Name of the PNG file of a texture."""
+    """Name of the PNG file of a texture, written on the first call."""
     if id(texture) not in textures:
         name = f"texture_{len(textures):03d}.png"
         order = [2, 1, 0, 3][: texture.shape[2]]

@@ -1,4 +1,4 @@
-"""The twin of a sequence: the same ground truth, with images by a path tracer."""
+"""The twin of a sequence: the same ground truth with path-traced images."""
 
 import json
 import os
@@ -40,16 +40,16 @@ from uavbench.trajectories.simulation.flight import Flight, fly
 
 MARKER = "manifest.json"
 OF_A_FRAME = {"depth": "png", "mask": "png"}
-"""Folders with a file of each frame that does not depend on the renderer."""
+"""Folders with a file per frame that does not depend on the renderer, and its suffix."""
 MADE_ANEW = {MARKER, "sequence.json", "frames.csv", "groundtruth.csv", "row_poses.npy", "contact_sheet.jpg", "crlb.csv"}
-"""Files that are not the sequence's own; the bound of `crlb.csv` is that of the images it was worked out on."""
+"""Files of a sequence that are not copied as they are; the bounds of `crlb.csv` hold only for the original images."""
 SAME_M = 1e-6
-"""Largest difference in m between a flight and its repetition."""
+"""Tolerance in m between a recorded flight and its repetition."""
 
 
 @dataclass(frozen=True)
 class Tracing:
-    """How a twin is drawn: every n-th frame of the sequence, with so many samples a pixel and view."""
+    """How a twin is rendered: every n-th frame of the sequence (`every`), with `samples` per pixel and view."""
 
     every: int = 1
     samples: int = 64
@@ -58,10 +58,10 @@ class Tracing:
 def make_twin(
     folder: Path, out: Path, tracing: Tracing, on_frame: Callable[[int, int], None] = lambda done, total: None
 ) -> None:
-    """Write the twin of the sequence `folder` into `out`, whole or not at all, unless just this one is there already.
+    """Write the twin of the sequence `folder` into `out`, whole or not at all, unless an up-to-date one is there.
 
-    UserError for a sequence without a spec, one that this version flies in another way, more than its frames in
-    `every`, a Blender that is absent, too old or fails, and an `out` that holds something else than a twin.
+    on_frame(frames done, all) reports progress. UserError when the sequence has no spec or this version flies it
+    differently, `every` exceeds its frames, Blender is absent, too old or fails, or `out` holds anything but a twin.
     """
     sequence = Sequence.load(folder)
     spec = spec_of(sequence)
@@ -88,7 +88,10 @@ def make_twin(
 
 
 def spec_of(sequence: Sequence) -> SequenceSpec:
-    """What a sequence was rendered from; UserError where it does not say so."""
+    """The spec that a sequence was rendered from.
+
+    UserError for a twin, for recorded sequences and others without a `config`, and for one with its own camera clock.
+    """
     path = sequence.folder / "sequence.json"
     if "twin" in sequence.info:
         raise UserError(f"{sequence.folder}: is a twin itself; name the sequence that it was made of")
@@ -102,14 +105,14 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
 
 
 def _stamps(sequence: Sequence, every: int) -> NDArray[np.int64]:
-    """Stamps of the twin's frames; UserError where there are not so many frames."""
+    """Stamps in ns of the twin's frames; UserError when `every` exceeds the frames of the sequence."""
     if every > len(sequence):
         raise UserError(f"--every {every}: {sequence.folder} has {len(sequence)} frames; name at most as many")
     return sequence.stamps_ns[::every]
 
 
 def _refuse_other(out: Path, folder: Path) -> None:
-    """UserError where `out` holds something else than a twin, or lies in the sequence."""
+    """UserError when `out` holds anything but a twin, or lies inside the sequence."""
     refuse_foreign(out, MARKER)
     if out.resolve().is_relative_to(folder.resolve()):
         raise UserError(f"{out}: lies in the sequence itself; name another folder with --out")
@@ -118,7 +121,7 @@ def _refuse_other(out: Path, folder: Path) -> None:
 
 
 def _check_same(sequence: Sequence, spec: SequenceSpec, scene: Scene, flight: Flight) -> None:
-    """UserError where structure, camera or flight are others than those of the sequence."""
+    """UserError when structure, camera or flight differ from those of the sequence."""
     body_from_world = camera_path(flight, Pose.identity())
     flown = [body_from_world(stamp_ns).inverse().matrix for stamp_ns in sequence.stamps_ns.tolist()]
     recorded = [sequence.ground_truth.pose(frame).matrix for frame in range(len(sequence))]
@@ -139,7 +142,7 @@ def _write_frames(
     stamps: NDArray[np.int64],
     on_frame: Callable[[int, int], None],
 ) -> None:
-    """Draw the frames, list them, and write the visible edges anew, for their contrast is that of the image."""
+    """Render the frames, list them in frames.csv, and rewrite the edges, whose contrast depends on the image."""
     (new / "frames").mkdir()
     lines = ["frame,stamp_ns,file"]
     edges = (sequence.folder / "edges").is_dir()
@@ -157,7 +160,7 @@ def _write_frames(
 
 
 def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
-    """Copy the files that do not depend on the renderer, of every n-th frame those that are of a frame."""
+    """Copy the files that do not depend on the renderer; files per frame for every n-th frame."""
     folder = sequence.folder
     for path in sorted(folder.iterdir()):
         if not path.is_dir() and path.name not in MADE_ANEW:
@@ -174,18 +177,18 @@ def _copy_truth(new: Path, sequence: Sequence, every: int) -> None:
 
 
 def _copy(folder: Path, name: str, to: Path) -> None:
-    """Copy a file of a sequence; UserError where there is none, or a link leads out of the folder."""
+    """Copy a file of a sequence; UserError when it is missing, or a link leads out of the folder."""
     with opened(folder / name, ANY, inside=folder) as source, to.open("xb") as target:
         shutil.copyfileobj(source, target)
 
 
 def _numbered(rows: Iterable[str]) -> Iterable[str]:
-    """Rows of a table whose first column numbers them, numbered again."""
+    """Rows of a table with its first column renumbered from 0."""
     return (f"{frame},{row.partition(',')[2]}" for frame, row in enumerate(rows))
 
 
 def _provenance(sequence: Sequence, tracing: Tracing, blender: Blender) -> dict[str, Any]:
-    """What makes a twin this one: its sequence, and how it is drawn."""
+    """Inputs that determine a twin: its sequence and the settings of the renderer."""
     return {
         "of": sequence.name,
         "content_hash": sequence.content_hash,
@@ -197,7 +200,7 @@ def _provenance(sequence: Sequence, tracing: Tracing, blender: Blender) -> dict[
 
 
 def _info(sequence: Sequence, provenance: dict[str, Any], denoiser: str) -> dict[str, Any]:
-    """Content of `sequence.json`: that of the sequence but for further cameras, and what the twin is."""
+    """Content of `sequence.json`: the sequence's without further cameras, and the provenance of the twin."""
     return {
         **{key: value for key, value in sequence.info.items() if key != "cameras"},
         "name": f"{sequence.name}-twin",

@@ -1,8 +1,8 @@
 """Comparison of closed-loop runs by tracker, rate and loop: success rates, and paired tests.
 
-Conventions: runs are compared in pairs on the same sequences and seeds. Success by McNemar's exact test on the flights
-in which one of the two succeeds and the other does not; the path error over the flights in which both succeed, by the
-paired bootstrap of `uavbench.reports.statistics`. p is adjusted by Holm over all pairs of a table.
+Conventions: runs are compared in pairs on the same sequences and seeds: success by McNemar's exact test on the flights
+in which only one of the two succeeds, the path error by the paired bootstrap of `uavbench.reports.statistics` over the
+flights in which both succeed. p is adjusted by Holm over all pairs of a table.
 """
 
 from collections.abc import Sequence as ListOf
@@ -18,7 +18,7 @@ from uavbench.trajectories.pose import Array
 
 
 def by_run(scores: ListOf[FlightScore]) -> dict[str, list[FlightScore]]:
-    """The flights of each tracker at its rate in its loop, in the order of the scores."""
+    """Scores by run (tracker, rate and loop), in their order."""
     groups: dict[str, list[FlightScore]] = {}
     for score in scores:
         groups.setdefault(score.run, []).append(score)
@@ -26,16 +26,17 @@ def by_run(scores: ListOf[FlightScore]) -> dict[str, list[FlightScore]]:
 
 
 def success(group: ListOf[FlightScore]) -> Proportion:
-    """How often the flights of a group succeed."""
+    """Success rate of a group of flights, with its Wilson interval."""
     return Proportion.of(sum(score.success for score in group), len(group))
 
 
 @dataclass(frozen=True, kw_only=True)
 class PairOfRuns:
-    """Two runs on the flights that both made.
+    """Comparison of two runs on their common flights.
 
-    first_only and second_only: flights in which that one alone succeeds, and the p of their difference. path_m: first
-    less second of the rms path error, over `both` flights in which both succeed; None, and p 1, where there is none.
+    first_only, second_only: number of flights in which only that run succeeds; success_p: of McNemar's test on them.
+    path_m: rms path error of the first minus that of the second in m, over the `both` flights in which both succeed;
+    None, with path_p 1, without any.
     """
 
     first: str
@@ -50,7 +51,7 @@ class PairOfRuns:
 
 
 def compared(scores: ListOf[FlightScore]) -> list[PairOfRuns]:
-    """Every pair of runs that have flights in common."""
+    """Every pair of runs with common flights, p adjusted by Holm."""
     groups = {run: {(s.sequence, s.seed): s for s in group} for run, group in by_run(scores).items()}
     names = list(groups)
     pairs = [
@@ -87,6 +88,6 @@ def _pair(first: str, second: str, flights: ListOf[tuple[FlightScore, FlightScor
 
 
 def _by_sequence(group: ListOf[FlightScore]) -> list[Array]:
-    """Rms path errors, an array over the seeds of each sequence."""
+    """Rms path errors in m, an array over the seeds of each sequence."""
     names = dict.fromkeys(score.sequence.rpartition("-s")[0] for score in group)
     return [np.array([s.path_rms_m for s in group if s.sequence.rpartition("-s")[0] == name]) for name in names]

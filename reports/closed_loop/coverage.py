@@ -1,4 +1,4 @@
-"""Coverage of an inspection: the share of a structure's surface that was seen at a resolution."""
+"""Coverage of an inspection: the share of a structure's surface seen at a required resolution."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -13,20 +13,20 @@ from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 
 POINTS = 2000
-"""Points on the surface: the share is then known to 1.1 % (standard deviation of a binomial at a half)."""
+"""Points on the surface: the standard deviation of the share is then 1.1 % at most (binomial)."""
 TOUCHING_M = 1e-3
-"""Distance in metres within which a ray's hit counts as the point itself."""
+"""Tolerance in m of the occlusion test."""
 
 
 class SurfacePoints(NamedTuple):
-    """Points (n, 3) on a surface, and the outward normals (n, 3) there."""
+    """Points (n, 3) in m on a surface, and the outward unit normals (n, 3) there."""
 
     points: Array
     normals: Array
 
 
 def surface_points(structure: Structure) -> SurfacePoints:
-    """Points (n, 3) spread evenly over a structure's surface, and the outward normals (n, 3) there."""
+    """POINTS points uniformly sampled on a structure's surface, the same on every call."""
     rng = stream(0, "coverage")
     a, b, c = (structure.vertices[structure.triangles[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
@@ -37,7 +37,7 @@ def surface_points(structure: Structure) -> SurfacePoints:
 
 
 def coverage(structure: Structure, camera: Camera, cam_from_world: Iterable[Pose], px_m: float) -> float:
-    """Share of the surface seen by any of the poses at px_m pixels per metre of surface, or more."""
+    """Share (0 to 1) of the surface seen from any of the poses at px_m pixels per metre of surface, or more."""
     points, normals = surface_points(structure)
     obstacles = ObstacleMesh(structure.vertices, structure.triangles)
     seen = np.zeros(len(points), dtype=bool)
@@ -50,7 +50,10 @@ def coverage(structure: Structure, camera: Camera, cam_from_world: Iterable[Pose
 def sees(
     camera: Camera, cam_from_world: Pose, obstacles: ObstacleMesh, points: Array, normals: Array, px_m: float
 ) -> NDArray[np.bool_]:
-    """Which points (n, 3) of a surface a camera sees unoccluded and at px_m pixels per metre or more."""
+    """Mask (n,) of the surface points (n, 3) that a camera sees unoccluded at px_m pixels per metre or more.
+
+    normals: outward unit normals (n, 3); points and normals in the world.
+    """
     out = np.zeros(len(points), dtype=bool)
     in_cam = cam_from_world.transform(points)
     centre = cam_from_world.inverse().translation

@@ -1,4 +1,4 @@
-"""Figure of a flight in closed loop: true, estimated and planned path, errors, innovations, and availability."""
+"""Figure of a flight in closed loop: true, estimated and planned path, errors, innovations, availability of poses."""
 
 from functools import partial
 from pathlib import Path
@@ -21,11 +21,11 @@ from uavbench.trajectories.pose import Array
 ESTIMATED, PLANNED, CRASH, FIX = "#2C458C", "#9EB300", "#E82267", "#9EB300"
 TRACKER = "#E82267"
 LEAST_CM = 0.01
-"""Lower limit of errors on the logarithmic axis."""
+"""Lower limit of the errors on the logarithmic axis."""
 
 
 def flight_in_closed_loop(flown: Flown, stem: Path) -> list[Path]:
-    """Write `draw_flight_in_closed_loop` as files at a stem."""
+    """Write `draw_flight_in_closed_loop` as files at a stem; their paths."""
     return save_drawn(partial(draw_flight_in_closed_loop, flown), stem, 3.8)
 
 
@@ -81,14 +81,14 @@ def _draw_space(solid: Any, flown: Flown) -> None:
         getattr(solid, f"set_{axis}label")(f"{axis} (m)" if axis != "z" else "", labelpad=-6)
         getattr(solid, f"{axis}axis").pane.fill = False
     solid.tick_params(labelsize=6, pad=-3)
-    solid.zaxis.set_major_locator(MaxNLocator(3))  # a flat scene leaves no room for more
+    solid.zaxis.set_major_locator(MaxNLocator(3))  # more would overlap in a flat scene
     solid.set_box_aspect(tuple(high - low), zoom=1.1)
     solid.view_init(elev=22, azim=-62)
     solid.legend(loc="upper left")
 
 
 def _within(places: Array, low: Array, high: Array) -> Array:
-    """Places (n, 3), NaN for those outside the box of the two corners."""
+    """Points (n, 3), NaN for those outside the box between two corners (3,)."""
     inside = np.asarray(((places >= low) & (places <= high)).all(axis=1))
     return np.where(inside[:, None], places, np.nan)
 
@@ -110,7 +110,7 @@ def _draw_errors(panel: Axes, flown: Flown, errors_cm: dict[str, Array]) -> None
 
 
 def _draw_innovations(panel: Axes, flown: Flown) -> None:
-    """Normalized innovations of the camera's poses; refused ones hollow."""
+    """Normalized innovations of the camera's poses; rejected ones hollow."""
     told = [row for row in flown.innovations if row[1] == "CameraPose" and row[2] not in (None, "")]
     if told:
         values = np.array([[int(row[0]) / 1e9, float(row[2]) / float(row[3])] for row in told])
@@ -124,7 +124,7 @@ def _draw_innovations(panel: Axes, flown: Flown) -> None:
 
 
 def _draw_availability(panel: Axes, flown: Flown) -> None:
-    """When there was a GNSS fix, and when the tracker had a pose."""
+    """Times with a GNSS fix, and with a pose of the tracker."""
     at = np.append(flown.results.stamps_ns / 1e9, flown.record["flight"]["ended_s"])
     ok = flown.results.ok
     for begin, end, good in zip(at[:-1], at[1:], ok, strict=True):

@@ -1,14 +1,14 @@
 """A flight in closed loop on disk: the input of its measures and figures.
 
-    record.json      what made it, how it ended and when, and what the tracker did wrong at which time
-    path.csv         true state, estimated state and its standard deviations, what was planned, at 50 Hz
-    plan.csv         where the same flight on its true state is asked to be, at 10 Hz
-    frames.csv ...   what the tracker said, as for a sequence (`uavbench.tracker.results`), and the truth beside it
-    answers.csv      when each frame's answer reached the filter
-    innovations.csv  each measurement's innovation, and whether the filter used it
+    record.json      configuration, how and when the flight ended, and the tracker's errors with their times
+    path.csv         true state, estimated state and its standard deviations, planned position, at 50 Hz
+    plan.csv         planned position and yaw of the same flight on its true state, at 10 Hz
+    frames.csv ...   results of the tracker, as for a sequence (`uavbench.tracker.results`), and ground truth
+    answers.csv      when each frame's result reached the filter
+    innovations.csv  innovation of each measurement, and whether the filter rejected it
     model.obj edges.csv camera.toml    the structure and the camera
 
-All but times.csv is the same, byte for byte, on every run with a latency that is not measured.
+Except for times.csv, all files are identical byte for byte on every run, unless the latency is a measured one.
 """
 
 from collections.abc import Sequence as ListOf
@@ -36,7 +36,8 @@ GROUPS = {
     "estimated_p_m": 3, "estimated_q": 4, "estimated_v_m_s": 3,
     "sigma_p_m": 3, "nees": 1, "planned_p_m": 3, "planned_yaw_rad": 1, "gnss_fix": 1,
 }  # fmt: skip
-"""Columns of path.csv after the stamp, by group; quaternions wxyz, `nees` of position, velocity and attitude (9)."""
+"""Groups of columns of path.csv after the stamp, and their widths; quaternions wxyz, NEES with 9 degrees of freedom
+(position, velocity, attitude)."""
 COLUMNS = ["stamp_ns", *(f"{name}_{k}" if width > 1 else name for name, width in GROUPS.items() for k in range(width))]
 INNOVATION_COLUMNS = ["stamp_ns", "kind", "d2", "dof", "refused"]
 ANSWER_COLUMNS = ["stamp_ns", "answered_ns"]
@@ -45,13 +46,13 @@ PLAN_COLUMNS = ["t_s", "px_m", "py_m", "pz_m", "yaw_rad"]
 
 @dataclass(frozen=True, eq=False)
 class FlownPath:
-    """Rows of path.csv: stamps_ns (n,), values (n, k) in the order of GROUPS; NaN where there is nothing."""
+    """Rows of path.csv: stamps_ns (n,), values (n, k) in the order of GROUPS; NaN for empty cells."""
 
     stamps_ns: NDArray[np.int64]
     values: Array
 
     def group(self, name: str) -> Array:
-        """Columns (n, w) of one group."""
+        """Columns (n, w) of one of GROUPS; KeyError for any other name."""
         first = 0
         for other, width in GROUPS.items():
             if other == name:
@@ -61,13 +62,17 @@ class FlownPath:
 
     @property
     def seconds(self) -> Array:
-        """Time (n,) since the start."""
+        """Time (n,) in s since the start."""
         return np.asarray(self.stamps_ns / 1e9)
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """One flight in closed loop; plan (n, 5) has the columns of PLAN_COLUMNS."""
+    """One flight in closed loop.
+
+    groundtruth: of the body at each frame; plan (n, 5): columns PLAN_COLUMNS; answered_ns (frames,): when each result
+    reached the filter; innovations: rows of INNOVATION_COLUMNS.
+    """
 
     results: Results
     groundtruth: Trajectory
@@ -98,7 +103,7 @@ class Flown:
 
     @classmethod
     def load(cls, folder: Path) -> "Flown":
-        """Read what `save` wrote; UserError naming the file that is wrong."""
+        """Read a folder that `save` wrote; UserError naming the file that is missing or wrong."""
         results = Results.load(folder)
         if "flight" not in results.record:
             raise UserError(f"{folder / MARKER}: is of no flight; fly again")

@@ -1,8 +1,8 @@
 """Measures of one flight in closed loop.
 
-Conventions: path error is the distance of the true position from what guidance asked for at the same time. A flight
-succeeds when it comes to its end without a crash and never leaves its corridor. A pose is false beyond 5 cm or 5 deg.
-NEES divided by its degrees of freedom is 1 for an honest estimator.
+Conventions: path error is the distance of the true from the planned position at the same time. A flight succeeds when
+it is completed without a crash and never leaves its corridor. A pose is false beyond 5 cm or 5 deg. NEES divided by its
+degrees of freedom has mean 1 for a consistent estimator.
 """
 
 import json
@@ -27,19 +27,20 @@ from uavbench.trajectories.pose import Array, Pose, rotation_exp, rotation_log
 FILTER_STATES = 9
 """Degrees of freedom of the filter's NEES: position, velocity and attitude."""
 LOOK_EVERY_S = 0.5
-"""Time between the views that count for coverage; an inspecting camera moves little in between."""
+"""Interval between the views used for coverage; an inspection camera moves little in between."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlightScore:
-    """Measures of one flight; None where there is nothing to measure.
+    """Measures of one flight; None where a measure is undefined.
 
-    run: name of the flights of its tracker at its rate in its loop. path_*: true against planned position; path_added_m
-    is what estimation adds to the rms error of the same flight on its true state. clearance_min_m: least distance of
-    the vehicle's sphere to structure or floor. estimate_*: the filter's position and its NEES over its degrees of
-    freedom, tracker_* the same of the tracker's poses. refused_share of the camera's poses did not pass the filter's
-    gate. first_false_s: stamp of the first false pose, and false_to_crash_s the time from there to the crash. coverage
-    of the surface, and what the plan would cover.
+    run: tracker, rate and loop, `lsd@15hz`. path_*: error of the true against the planned position; path_added_m: rms
+    path error minus that of the same flight on its true state. clearance_min_m: least distance of the vehicle's sphere
+    to structure or floor. estimate_*: position error of the filter, and its NEES over its degrees of freedom;
+    tracker_*: the same of the tracker's poses. ok_share: of frames with a pose; refused_share: of the camera's poses
+    that the filter's innovation gate rejected; gnss_share: of time with a fix. first_false_s: stamp of the first false
+    pose; false_to_crash_s: time from it to the crash. coverage, coverage_planned: share of the surface seen along the
+    flight, and along the plan. All shares are from 0 to 1.
     """
 
     label: str
@@ -72,13 +73,13 @@ class FlightScore:
     faults: tuple[str, ...]
 
     def save(self, path: Path, content_hash: str = "") -> None:
-        """Write `score.json`; the hash is of what made it."""
+        """Write `score.json`; content_hash: of its inputs."""
         text = json.dumps({"content_hash": content_hash, **asdict(self)}, indent=1, allow_nan=False)
         write_text(path, text + "\n", sealed=True)
 
     @classmethod
     def load(cls, path: Path) -> "FlightScore":
-        """Read what `save` wrote; UserError naming the file."""
+        """Read what `save` wrote; UserError naming the file when it is not the score of a flight."""
         values = read_json(path)
         known = {name: values[name] for name in cls.__dataclass_fields__ if name in values}
         try:
@@ -139,7 +140,7 @@ def measure_flight(flown: Flown) -> FlightScore:
 
 
 class TrackerErrors(NamedTuple):
-    """Errors (n,) of the body's pose at each frame in m and deg, and NEES; NaN without a pose."""
+    """Position and rotation errors (n,) of the body in m and deg, and NEES (n,) of each frame; NaN without a pose."""
 
     metres: Array
     degrees: Array
@@ -147,7 +148,7 @@ class TrackerErrors(NamedTuple):
 
 
 def tracker_errors(flown: Flown) -> TrackerErrors:
-    """Position error (n,) in m and rotation error in deg of the body at each frame, and NEES; NaN without a pose."""
+    """Errors of the tracker's poses at each frame against ground truth; NEES is NaN without a regular covariance."""
     mount = flown.results.cam_from_body
     out = np.full((3, len(flown.results)), np.nan)
     for i, row in enumerate(flown.results.rows):
@@ -163,13 +164,13 @@ def tracker_errors(flown: Flown) -> TrackerErrors:
 
 
 def refused_share(flown: Flown) -> float | None:
-    """Share of the camera's poses that the filter refused; None where it was given none."""
+    """Share of the camera's poses that the filter rejected; None when it was given none."""
     poses = [row for row in flown.innovations if row[1] == "CameraPose"]
     return sum(bool(row[4]) for row in poses) / len(poses) if poses else None
 
 
 def cameras_flown(flown: Flown) -> list[Pose]:
-    """True `cam_from_world` along a flight."""
+    """True cam_from_world along a flight, every LOOK_EVERY_S."""
     mount, path = flown.results.cam_from_body, flown.path
     positions, quaternions = path.group("true_p_m"), path.group("true_q")
     rows = spaced(path.seconds)
@@ -177,14 +178,14 @@ def cameras_flown(flown: Flown) -> list[Pose]:
 
 
 def cameras_planned(flown: Flown) -> list[Pose]:
-    """`cam_from_world` along the plan, the vehicle level."""
+    """cam_from_world along the plan with the vehicle level, every LOOK_EVERY_S."""
     mount, plan = flown.results.cam_from_body, flown.plan
     turns = rotation_exp(np.column_stack([np.zeros((len(plan), 2)), plan[:, 4]]))
     return [mount @ Pose(turns[i], plan[i, 1:4]).inverse() for i in spaced(plan[:, 0])]
 
 
 def spaced(seconds: Array) -> list[int]:
-    """Rows that are LOOK_EVERY_S apart."""
+    """Indices of times (n,) in s, ascending, that are LOOK_EVERY_S apart."""
     times = np.arange(seconds[0], seconds[-1] + 1e-9, LOOK_EVERY_S)
     return [int(row) for row in np.unique(np.searchsorted(seconds, times))]
 
@@ -195,6 +196,6 @@ def rms(values: Array) -> float:
 
 
 def mean(values: Array) -> float | None:
-    """Mean of the finite values; None where there is none."""
+    """Mean of the finite values of an array; None without any."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if len(finite) else None

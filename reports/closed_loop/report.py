@@ -1,11 +1,11 @@
 """The report over the flights of a suite: page, tables and figures in one folder.
 
-index.html                 how often each run succeeds, failures first, figures, and the runs in pairs
+index.html                 success rates, failures, figures, and paired comparisons
 tables/flights.*           measures by sequence, tracker, rate and loop (.md), and of every flight (.csv)
-tables/pairs.md            every pair of runs on the flights that both made
-figures/success.*          success and greatest path error; along.*: success and path error along a swept number
-figures/flights/           the flights: of each run the worst one unasked, with `figures="all"` every one
-flights.json               all scores, and the hash of what made this report
+tables/pairs.md            every pair of runs on their common flights
+figures/success.*          success and greatest path error; along.*: success and path error along a swept parameter
+figures/flights/           the worst flight of each run, with `figures="all"` every flight
+flights.json               all scores, and the content hash of the report
 """
 
 import json
@@ -42,7 +42,7 @@ ON_PAGE = (
     "flown", "success", "95 %", "crashed", "path rms (cm)", "path max (cm)", "clearance (m)", "estimate rms (cm)",
     "filter NEES", "tracker rms (cm)", "coverage (%)",
 )  # fmt: skip
-"""The columns that fit on the page."""
+"""The columns shown on the page."""
 PAIR_HEADS = (
     "flights", "only the first succeeds", "only the second", "p", "both succeed", "path rms, first - second (cm)",
     "95 %", "p",
@@ -55,14 +55,15 @@ MEASURES_TOLD = "Success: flown to its end without a crash and within the corrid
 ALPHA = 1 - CONFIDENCE
 """Significance level."""
 STATUS_CHIP = {"completed": "off-target"}
-"""Look of a flight's status on the page; one that completed and is no success left its corridor."""
+"""Style of a status on the page; a completed flight without success left its corridor."""
 
 
 @dataclass(frozen=True)
 class FlightNotes:
-    """Notes of a report: its title, flights that could not be flown and trackers not on this machine, and why.
+    """Title and notes of a report.
 
-    videos: files of flights' videos, relative to the report.
+    failed: flights that could not be flown, and why; absent: trackers that are not installed, and why; videos: files of
+    flights' videos, relative to the report.
     """
 
     title: str
@@ -80,7 +81,7 @@ class FlownRun:
 
     @property
     def slug(self) -> str:
-        """Name for files."""
+        """Sequence and run as a file name."""
         return f"{self.score.sequence}_{self.score.run}"
 
 
@@ -94,7 +95,10 @@ def write_flights(
     content_hash: str = "",
     on_step: OnStep | None = None,
 ) -> Path:
-    """Write the report of flights, folders with their scores; the path of flights.json, which lists all scores."""
+    """Write the report over folders of flights, each with its score.json; the path of flights.json.
+
+    figures: which are drawn; content_hash: of the report's inputs. UserError when a score or flight cannot be read.
+    """
     runs = [FlownRun(path, FlightScore.load(path / "score.json")) for path in flights]
     scores = [run.score for run in runs]
     pairs = compared(scores)
@@ -122,7 +126,7 @@ def write_flights(
 
 
 def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
-    """The figures of a report: over all flights, then each flight, the worst of a run unasked."""
+    """The figures of a report: over all flights, then of each flight; that of a run's worst flight is always drawn."""
     scores = [run.score for run in runs]
     made = [
         Drawing("success", "Success",
@@ -148,7 +152,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
 
 
 def worst_of(runs: ListOf[FlownRun]) -> FlownRun:
-    """The worst flight: failed before successful, then by the greatest path error."""
+    """The worst flight: failed before successful, then by greatest path error."""
     return max(runs, key=lambda run: (not run.score.success, run.score.path_max_m))
 
 
@@ -190,12 +194,12 @@ def write_page(
 
 
 def on_page(row: ListOf[str]) -> list[str]:
-    """The cells of a row that the page shows."""
+    """The cells of a row of HEADS that the page shows, ON_PAGE."""
     return [row[HEADS.index(head)] for head in ON_PAGE]
 
 
 def groups_of(scores: ListOf[FlightScore]) -> dict[tuple[str, str], list[FlightScore]]:
-    """The flights by sequence without its seed, and run."""
+    """Scores by sequence without its seed, and run."""
     groups: dict[tuple[str, str], list[FlightScore]] = {}
     for score in scores:
         groups.setdefault((score.sequence.rpartition("-s")[0], score.run), []).append(score)
@@ -203,7 +207,7 @@ def groups_of(scores: ListOf[FlightScore]) -> dict[tuple[str, str], list[FlightS
 
 
 def table(notes: FlightNotes, scores: ListOf[FlightScore]) -> str:
-    """The measures by sequence, tracker, rate and loop, over seeds, in Markdown."""
+    """Markdown table of the measures by sequence, tracker, rate and loop, over seeds."""
     lines = [f"# {notes.title}", "", *_head(["sequence", "tracker"], HEADS)]
     lines += [_row([*names, *cells(group)]) for names, group in groups_of(scores).items()]
     lines += ["", MEASURES_TOLD]
@@ -213,14 +217,14 @@ def table(notes: FlightNotes, scores: ListOf[FlightScore]) -> str:
 
 
 def table_of_pairs(title: str, pairs: ListOf[PairOfRuns]) -> str:
-    """Every pair of runs, in Markdown."""
+    """Markdown table of every pair of runs."""
     lines = [f"# {title}", "", *_head(["first", "second"], PAIR_HEADS)]
     lines += [_row([pair.first, pair.second, *cells_of_pair(pair)]) for pair in pairs]
     return "\n".join([*lines, "", PAIRS_TOLD]) + "\n"
 
 
 def cells(group: ListOf[FlightScore]) -> list[str]:
-    """Cells of a row: means over the flights of a group, the worst of clearance and greatest path error."""
+    """Cells of HEADS: means over the flights of a group; least clearance and greatest path error."""
     share = success(group)
     return [
         str(len(group)),
@@ -242,7 +246,7 @@ def cells(group: ListOf[FlightScore]) -> list[str]:
 
 
 def cells_of_pair(pair: PairOfRuns) -> list[str]:
-    """Cells of a row of the table of pairs."""
+    """Cells of PAIR_HEADS."""
     path, bounds = "", ""
     if pair.path_m is not None:
         path = f"{100 * pair.path_m.mean:+.2f}"

@@ -19,21 +19,24 @@ from uavbench.reports.figures.sweeps import LEAST_VALUES, leaves
 from uavbench.reports.style import colour, line, marker, panel_letter
 
 STATUS_COLOUR = {"completed": "#9EB300", "crashed": "#E82267", "strayed": "#67001C", "timed out": "#735F0C"}
-"""Markers of failed flights by their ending; one that left its corridor ended as `completed`."""
+"""Colours of failed flights by status; one that left its corridor is `completed`."""
 LEAST_CM = 0.1
-"""Lower limit of path errors on the logarithmic axis."""
+"""Lower limit of the path errors on the logarithmic axis."""
 
 
 @dataclass(frozen=True)
 class SweptLoops:
-    """The one number in which the loops of a suite differ: its key, and its value in each loop by name."""
+    """The only number in which the loops of a suite differ: its dotted key, and its value by name of the loop."""
 
     key: str
     values: Mapping[str, float]
 
 
 def swept_loops(tables: Mapping[str, Mapping[str, Any]]) -> SweptLoops | None:
-    """The parameter that the `[loop]` tables of a suite sweep; None unless they differ in exactly one number."""
+    """The parameter that the `[loop]` tables of a suite sweep, given by name.
+
+    None unless they differ in exactly one number, with LEAST_VALUES values or more.
+    """
     configs = {name: dict(leaves(table)) for name, table in tables.items()}
     keys = {key for config in configs.values() for key in config}
     differing = [key for key in keys if len({repr(config.get(key)) for config in configs.values()}) > 1]
@@ -47,12 +50,12 @@ def swept_loops(tables: Mapping[str, Mapping[str, Any]]) -> SweptLoops | None:
 
 
 def success_of_runs(scores: ListOf[FlightScore], stem: Path) -> list[Path]:
-    """Write `draw_success_of_runs` as files at a stem."""
+    """Write `draw_success_of_runs` as files at a stem; their paths."""
     return save_drawn(partial(draw_success_of_runs, scores), stem, 0.9 + 0.24 * len(by_run(scores)))
 
 
 def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure) -> Drawn:
-    """(a) Share of flights that succeed, with its Wilson interval; (b) greatest path error of each, by how it ended."""
+    """(a) Success rate of each run with its Wilson interval; (b) greatest path error of each flight, by status."""
     groups = by_run(scores)
     left, right = figure.subplots(1, 2, sharey=True)
     rows: list[list[Any]] = []
@@ -79,12 +82,12 @@ def draw_success_of_runs(scores: ListOf[FlightScore], figure: Figure | SubFigure
 
 
 def along_loops(scores: ListOf[FlightScore], found: SweptLoops, stem: Path) -> list[Path]:
-    """Write `draw_along_loops` as files at a stem."""
+    """Write `draw_along_loops` as files at a stem; their paths."""
     return save_drawn(partial(draw_along_loops, scores, found), stem, 2.5)
 
 
 def draw_along_loops(scores: ListOf[FlightScore], found: SweptLoops, figure: Figure | SubFigure) -> Drawn:
-    """(a) Success with its Wilson interval and (b) rms path error, mean and range, against what the loops sweep."""
+    """(a) Success with its Wilson interval and (b) rms path error, mean and range, over the swept parameter."""
     left, right = figure.subplots(1, 2)
     rows: list[list[Any]] = []
     for index, (name, points) in enumerate(_curves(scores, found).items()):
@@ -113,7 +116,7 @@ def draw_along_loops(scores: ListOf[FlightScore], found: SweptLoops, figure: Fig
 
 
 def _curves(scores: ListOf[FlightScore], found: SweptLoops) -> dict[str, dict[float, list[FlightScore]]]:
-    """By tracker and rate, the flights at each value."""
+    """Scores by tracker and rate, then by value of the swept parameter."""
     curves: dict[str, dict[float, list[FlightScore]]] = {}
     for score in scores:
         name, _, variant = score.run.partition("+")

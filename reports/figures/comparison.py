@@ -23,7 +23,7 @@ FILLS: tuple[Any, ...] = ("full", "none", "left", "bottom")
 
 
 def accuracy_and_coverage(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_accuracy_and_coverage` as files at a stem."""
+    """Write `draw_accuracy_and_coverage` as files at a stem; their paths."""
     return save_drawn(partial(draw_accuracy_and_coverage, runs), stem, 2.1)
 
 
@@ -96,7 +96,7 @@ def values_of(group: ListOf[ScoredRun], index: int) -> list[float]:
 
 
 def success_curves(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_success_curves` as files at a stem."""
+    """Write `draw_success_curves` as files at a stem; their paths."""
     return save_panel(partial(draw_success_curves, runs), stem, 2.6)
 
 
@@ -123,12 +123,12 @@ def draw_success_curves(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
 
 
 def accuracy_against_latency(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_accuracy_against_latency` as files at a stem."""
+    """Write `draw_accuracy_against_latency` as files at a stem; their paths."""
     return save_panel(partial(draw_accuracy_against_latency, runs), stem, 2.2)
 
 
 def draw_accuracy_against_latency(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
-    """Success against the median time of a frame, with a line to its 95th percentile."""
+    """Success against the median time per frame in ms, with a line to its 95th percentile."""
     rows = []
     for run in runs:
         latency, success = run.score.latency.get("total"), run.score.tracking.success

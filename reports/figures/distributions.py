@@ -22,14 +22,17 @@ from uavbench.trajectories.pose import Array
 
 
 def by_attribute(found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], stem: Path) -> list[Path]:
-    """Write `draw_by_attribute` as files at a stem."""
+    """Write `draw_by_attribute` as files at a stem; their paths."""
     return save_drawn(partial(draw_by_attribute, found, colours), stem, 1.9)
 
 
 def draw_by_attribute(
     found: Mapping[str, Mapping[str, ListOf[Part]]], colours: Mapping[str, int], figure: Figure | SubFigure
 ) -> Drawn:
-    """Success of each tracker in quartiles of each frame attribute."""
+    """Success of each run in quartiles of each frame attribute.
+
+    found: parts by attribute and run, as `breakdowns` returns them; colours: index of a colour by run.
+    """
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
     rows: list[list[Any]] = []
     for letter, panel, (attribute, runs) in zip("abcdefgh", panels, found.items(), strict=False):
@@ -50,12 +53,12 @@ def draw_by_attribute(
 
 
 def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_nees_over_time` as files at a stem."""
+    """Write `draw_nees_over_time` as files at a stem; their paths."""
     return save_panel(partial(draw_nees_over_time, runs), stem, 2.0)
 
 
 def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
-    """NEES of every run that claims a covariance, with the central 95 % of chi-square for 6 degrees of freedom."""
+    """NEES over time of every run that claims covariances, with the central 95 % of chi-square (6 dof)."""
     low, high = (chi_square_quantile(p, DEGREES_OF_FREEDOM) for p in (0.025, 0.975))
     panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of an honest tracker")
     panel.axhline(DEGREES_OF_FREEDOM, color=GROUND_TRUTH, lw=0.7, ls=":")
@@ -76,12 +79,15 @@ def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
 
 
 def error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], stem: Path) -> list[Path]:
-    """Write `draw_error_over_bound` as files at a stem."""
+    """Write `draw_error_over_bound` as files at a stem; their paths."""
     return save_panel(partial(draw_error_over_bound, ratios, colours), stem, 2.1)
 
 
 def draw_error_over_bound(ratios: Mapping[str, Array], colours: Mapping[str, int], panel: Axes) -> Drawn:
-    """Distribution of the ratio of the position error to the Cramer-Rao bound of its frame (1: efficient)."""
+    """Cumulative distribution of the ratio of position error to Cramer-Rao bound (1: efficient) of each run.
+
+    ratios (n,) by run, infinite for lost frames; colours: index of a colour by run.
+    """
     rows: list[list[Any]] = []
     for name, values in ratios.items():
         known = np.sort(values[np.isfinite(values)])
@@ -108,8 +114,8 @@ def draw_sweep(
 ) -> Drawn:
     """A metric against a swept parameter (noise, speed, deviation), with the 95 % interval as a band.
 
-    curves[tracker][value] are the metric's values per sequence, each over its seeds. share: they are percentages;
-    otherwise they are errors, on a logarithmic axis. So is the parameter where it goes over more than a decade.
+    curves[tracker][value]: the metric as an array over the seeds of each sequence; share: percentages, otherwise errors
+    on a logarithmic axis. The parameter's axis is logarithmic when it spans more than a decade.
     """
     rows: list[list[Any]] = []
     for name, points in curves.items():

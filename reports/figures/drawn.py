@@ -1,4 +1,4 @@
-"""Common parts of figures: the result of a drawing function, and writers of its files."""
+"""Common parts of figures: the result of a drawing function, and functions that write its files."""
 
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Sequence as ListOf
@@ -17,8 +17,8 @@ from uavbench.reports.style import legend_columns, new_figure, save_figure
 class Drawn:
     """The numbers behind a drawing, and its legend.
 
-    columns and rows: what the report writes beside the figure as .csv. legend: options of matplotlib's `legend`, None
-    for a drawing without one; as many columns as fit where they say no `ncols`.
+    columns, rows: the figure's .csv; legend: options of matplotlib's `legend`, None for no legend; without `ncols`, as
+    many columns as fit.
     """
 
     columns: ListOf[str]
@@ -27,12 +27,12 @@ class Drawn:
 
 
 def finite(value: float) -> float | None:
-    """The value, None unless it is finite."""
+    """The value, or None when it is not finite."""
     return value if np.isfinite(value) else None
 
 
 def legend_of(panel: Axes, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of `legend` for what has a label in a panel, each label once."""
+    """Arguments of `legend` for the labelled artists of a panel, each label once."""
     handles, labels = panel.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     fitting = {"ncols": legend_columns(list(once)), **options}
@@ -40,7 +40,7 @@ def legend_of(panel: Axes, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def save_panel(draw: Callable[[Axes], Drawn], stem: Path, height_in: float) -> list[Path]:
-    """Write a figure of one panel, 3.50 in wide, its legend above it, and its numbers; the files."""
+    """Write a figure of one panel, 3.50 in wide, with its legend on top, and its numbers; the paths of the files."""
     figure = new_figure(height_in, wide=False)
     panel = figure.subplots()
     drawn = draw(panel)
@@ -50,7 +50,7 @@ def save_panel(draw: Callable[[Axes], Drawn], stem: Path, height_in: float) -> l
 
 
 def save_drawn(draw: Callable[[Figure], Drawn], stem: Path, height_in: float, *, wide: bool = True) -> list[Path]:
-    """Write a figure of several panels, 7.16 in wide or 3.50 in, and its numbers; the files."""
+    """Write a figure of several panels, 7.16 in wide (`wide`) or 3.50 in, and its numbers; the paths of the files."""
     figure = new_figure(height_in, wide=wide)
     drawn = draw(figure)
     return save_figure(figure, stem, drawn.columns, drawn.rows)

@@ -25,12 +25,15 @@ GNSS_COLUMNS = ["stamp_ns", "satellites", "pdop", "px_m", "py_m", "pz_m"]
 
 
 def flight(sequence: Sequence, stem: Path) -> list[Path]:
-    """Write `draw_flight` as files at a stem."""
+    """Write `draw_flight` as files at a stem; their paths."""
     return save_drawn(partial(draw_flight, sequence), stem, 3.6)
 
 
 def draw_flight(sequence: Sequence, figure: Figure | SubFigure) -> Drawn:
-    """The flight of a sequence, in 3-D and over time; with `gnss.csv` in its folder also where there was a fix."""
+    """The flight of a sequence in 3-D, and height, speed and body rate over time; satellites with `gnss.csv`.
+
+    UserError when `gnss.csv` is not valid.
+    """
     gnss = gnss_along(sequence)
     grid = figure.add_gridspec(3, 2, width_ratios=[1.7, 1.0])
     solid: Any = figure.add_subplot(grid[:, 0], projection="3d")
@@ -69,7 +72,10 @@ def draw_flight(sequence: Sequence, figure: Figure | SubFigure) -> Drawn:
 
 
 def gnss_along(sequence: Sequence) -> Array | None:
-    """Time (s), satellites in view and 1 or 0 for a fix (n, 3) of the sequence's `gnss.csv`; None without one."""
+    """Time in s, satellites in view, and 1 for a fix or 0, as columns (n, 3), of `gnss.csv`; None without the file.
+
+    UserError when the file is not valid.
+    """
     path = sequence.folder / "gnss.csv"
     if not path.is_file():
         return None
@@ -81,7 +87,7 @@ def gnss_along(sequence: Sequence) -> Array | None:
 
 
 def frustum(camera: Camera, cam_from_world: Pose, depth_m: float) -> Array:
-    """Lines (8, 2, 3) of the pyramid that a camera sees, out to a depth."""
+    """Edges (8, 2, 3) in the world, in m, of a camera's viewing frustum up to a depth in m."""
     at = np.array([[-0.5, -0.5], [camera.width - 0.5, -0.5], [camera.width - 0.5, camera.height - 0.5]])
     at = np.vstack([at, [-0.5, camera.height - 0.5]])
     corners = depth_m * camera.without_distortion.rays(at)
@@ -116,7 +122,7 @@ def _draw_space(solid: Any, sequence: Sequence, gnss: Array | None) -> None:
     solid.plot(*p[:1].T, marker="o", ms=4.5, color=GROUND_TRUTH, mfc="white", ls="none")
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(solid, f"set_{axis}lim")(a, b)
-        if axis != "z":  # the label of the upright axis would lie on the panels beside it
+        if axis != "z":  # the label of the vertical axis would overlap the panels on the right
             getattr(solid, f"set_{axis}label")(f"{axis} (m)", labelpad=-6)
         getattr(solid, f"{axis}axis").pane.fill = False
     solid.tick_params(labelsize=6, pad=-3)
@@ -127,7 +133,7 @@ def _draw_space(solid: Any, sequence: Sequence, gnss: Array | None) -> None:
 
 
 def _shade(panel: Axes, gnss: Array) -> None:
-    """Grey where there is no fix."""
+    """Shade the times without a fix."""
     t, lost = gnss[:, 0], gnss[:, 2] == 0
     ends = np.append(t[1:], t[-1])
     for begin, end in zip(t[lost], ends[lost], strict=True):

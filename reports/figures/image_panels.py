@@ -1,4 +1,4 @@
-"""Figures of images: LSD segments, model edges on detected edges, projection on the next frame."""
+"""Figures of images: LSD segments, model edges on detected edges, projection into the next frame."""
 
 from collections.abc import Sequence as ListOf
 from pathlib import Path
@@ -15,17 +15,17 @@ PICTURES = 4
 
 
 def chosen_rows(run: ScoredRun, count: int = PICTURES) -> list[int]:
-    """Rows of the results, evenly spaced over the run, without the last."""
+    """Row indices of the results, evenly spaced over the run, without the last."""
     return sorted({round(place) for place in np.linspace(0, max(len(run.results) - 2, 0), count).tolist()})
 
 
 def view_of(run: ScoredRun, frame: int) -> View:
-    """One frame of a run's sequence, ready to be drawn on."""
+    """One undistorted frame of a run's sequence to draw on; UserError when its image cannot be read."""
     return View.of(run.sequence.image(frame), run.sequence.camera, run.sequence.structure)
 
 
 def segment_pictures(run: ScoredRun, stem: Path) -> list[Path]:
-    """LSD segments of at least 15 px on selected frames, drawn and counted."""
+    """Write a figure of the LSD segments of at least 15 px on selected frames; the paths of its files."""
     pictures, titles, rows = [], [], []
     for row in chosen_rows(run):
         frame = int(run.results.frames[row])
@@ -37,7 +37,7 @@ def segment_pictures(run: ScoredRun, stem: Path) -> list[Path]:
 
 
 def edge_pictures(run: ScoredRun, stem: Path) -> list[Path]:
-    """Model edges at the estimated pose (green) on the detected edges (white)."""
+    """Write a figure of the model edges at the estimated pose (green) on detected edges (white); its files."""
     pictures, titles, rows = [], [], []
     for row in chosen_rows(run):
         frame = int(run.results.frames[row])
@@ -48,7 +48,10 @@ def edge_pictures(run: ScoredRun, stem: Path) -> list[Path]:
 
 
 def next_frame_pictures(run: ScoredRun, stem: Path) -> list[Path]:
-    """The model at the pose of one tracked frame (green), projected on the next one; white: ground truth there."""
+    """Write a figure of the model at the pose of a frame (green) projected into the next one; its files.
+
+    White: ground truth of the next frame.
+    """
     pictures, titles, rows = [], [], []
     for row in chosen_rows(run):
         if row + 1 >= len(run.results):
@@ -65,7 +68,7 @@ def next_frame_pictures(run: ScoredRun, stem: Path) -> list[Path]:
 def picture_row(
     pictures: ListOf[Image], titles: ListOf[str], stem: Path, columns: ListOf[str], rows: ListOf[ListOf[Any]]
 ) -> list[Path]:
-    """Pictures side by side over two columns, a title above each."""
+    """Write images (h, w, 3) BGR side by side over two columns, a title above each; the paths of the files."""
     height, width = pictures[0].shape[:2]
     each_in = TWO_COLUMNS_IN / len(pictures)
     figure = new_figure(each_in * height / width + 0.22)
@@ -81,13 +84,13 @@ def picture_row(
 
 
 def error_row(run: ScoredRun, frame: int) -> list[Any]:
-    """Frame, position error in m, rotation error in deg; None where it is lost."""
+    """Frame, position error in m and rotation error in deg of an expected frame; None where it is lost."""
     k = int(np.searchsorted(run.errors.frames, frame))
     known = bool(run.errors.ok[k])
     return [frame, *(float(e[k]) if known else None for e in (run.errors.translation_m, run.errors.angle_deg))]
 
 
 def error_text(run: ScoredRun, frame: int) -> str:
-    """`1.2 cm, 0.5°`, or `no pose`."""
+    """Errors of a frame as text, `1.2 cm, 0.5°`, or `no pose`."""
     _, metres, degrees = error_row(run, frame)
     return "no pose" if metres is None else f"{100 * metres:.1f} cm, {degrees:.1f}\N{DEGREE SIGN}"

@@ -1,4 +1,4 @@
-"""Logarithmic axes: ticks between the powers of ten only where they are labelled, since the house style draws none."""
+"""Logarithmic axes, with minor ticks only where they are labelled: the house style does not draw them otherwise."""
 
 import math
 from typing import Any
@@ -8,13 +8,13 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 
 class LabelledTicks(LogLocator):
-    """Minor ticks of an axis that shows one power of ten at most: matplotlib's formatter labels no others."""
+    """Locator of minor ticks, for axes with one power of ten at most: matplotlib's formatter labels no others."""
 
     def __init__(self) -> None:
         super().__init__(subs="auto")
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
-        """Places of the ticks between two limits."""
+        """Positions of the ticks between two limits."""
         low, high = sorted((vmin, vmax))
         if low > 0 and _powers_of_ten(low, high) > 1:
             return []
@@ -22,7 +22,7 @@ class LabelledTicks(LogLocator):
 
 
 def _powers_of_ten(low: float, high: float) -> int:
-    """How many an axis shows, rounded as `LogFormatter.set_locs` does."""
+    """Number of powers of ten on an axis, rounded as in `LogFormatter.set_locs`."""
     return math.floor(math.log(high, 10)) - math.floor(math.nextafter(math.log(low, 10), -math.inf))
 
 
@@ -34,7 +34,7 @@ def logarithmic(axis: XAxis | YAxis) -> None:
 
 
 def plain_powers(axis: Axis) -> None:
-    """Label the ticks of a logarithmic axis `0.1` and `100`, and nothing between them."""
+    """Label the powers of ten of a logarithmic axis as plain numbers, `0.1`, without minor ticks."""
     axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     axis.set_minor_formatter(NullFormatter())
     axis.set_minor_locator(NullLocator())

@@ -14,13 +14,16 @@ from uavbench.reports.style import GROUND_TRUTH, colour, marker
 
 
 def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, what: str) -> list[Path]:
-    """Write `draw_critical_difference` as files at a stem."""
+    """Write `draw_critical_difference` as files at a stem; their paths."""
     half = (len(found.mean_ranks) + 1) // 2
     return save_panel(partial(draw_critical_difference, found, colours, what), stem, 0.95 + 0.17 * half)
 
 
 def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str, panel: Axes) -> Drawn:
-    """Mean ranks on a line, best at the left; bars join trackers that Nemenyi's test does not distinguish."""
+    """Critical-difference diagram (Demsar 2006): mean ranks, best at the left; bars join trackers not told apart.
+
+    colours: index of a colour by tracker; what: the ranked metric.
+    """
     names = sorted(found.mean_ranks, key=lambda name: found.mean_ranks[name])
     k, half = len(names), (len(names) + 1) // 2
     reach = 0.45 * k
@@ -57,12 +60,15 @@ def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str
 
 
 def win_table(names: ListOf[str], comparisons: ListOf[Comparison], stem: Path, what: str) -> list[Path]:
-    """Write `draw_win_table` as files at a stem."""
+    """Write `draw_win_table` as files at a stem; their paths."""
     return save_panel(partial(draw_win_table, names, comparisons, what), stem, 1.0 + 0.28 * len(names))
 
 
 def draw_win_table(names: ListOf[str], comparisons: ListOf[Comparison], what: str, panel: Axes) -> Drawn:
-    """How often the row beats the column, in percent; a star where the difference is significant at the 5 % level."""
+    """Percentage of runs in which the row beats the column; a star marks differences significant at the 5 % level.
+
+    what: the compared metric.
+    """
     wins = np.full((len(names), len(names)), np.nan)
     star = np.zeros(wins.shape, dtype=bool)
     for c in comparisons:

@@ -26,12 +26,12 @@ SHARES = (0.05, 0.1, 0.2, 0.4)
 
 
 def paths(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_paths` as files at a stem."""
+    """Write `draw_paths` as files at a stem; their paths."""
     return save_drawn(partial(draw_paths, runs), stem, 3.2)
 
 
 def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
-    """True and estimated paths of one sequence, in 3-D and from above, with the structure; metres."""
+    """True and estimated paths of runs on one sequence, in 3-D and from above, with the structure; in m."""
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
     flat = figure.add_subplot(1, 2, 2)
     sequence = runs[0].sequence
@@ -61,7 +61,7 @@ def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
 
 
 def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
-    """True and estimated paths of one sequence over the structure, from above; metres."""
+    """Draw true and estimated paths of runs on one sequence over the structure, from above; in m."""
     sequence = runs[0].sequence
     ground_truth = sequence.ground_truth.positions_m
     outline(panel, sequence.structure)
@@ -78,14 +78,14 @@ def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
 
 
 def _path_style(run: ScoredRun) -> dict[str, Any]:
-    """Line of a run's path; a cross where it stays in one place."""
+    """Line style of a run's path; a cross for one that stays within 1 cm."""
     p, ok = run.errors.pairs.estimate_m, run.errors.ok
     still = float(np.nanmax(np.ptp(p[ok], axis=0))) < 0.01 if ok.any() else True
     return {**line(run.colour), "marker": "x" if still else "", "lw": 0.9}
 
 
 def outline(panel: Axes, structure: Structure) -> None:
-    """The structure from above: its upward faces filled, its edges drawn."""
+    """Draw the structure from above: its upward faces filled, and its edges; in m."""
     up = structure.face_normals[structure.triangle_face][:, 2] > 0.3
     for triangle in structure.triangles[up]:
         panel.fill(*structure.vertices[triangle][:, :2].T, color="#DDD6CB", lw=0.3, zorder=1)
@@ -94,14 +94,14 @@ def outline(panel: Axes, structure: Structure) -> None:
 
 
 class Corners(NamedTuple):
-    """Lowest and highest corner (3,)."""
+    """Lowest and highest corner (3,) of a box, in m."""
 
     low: Array
     high: Array
 
 
 def limits(structure: Structure, ground_truth: Array) -> Corners:
-    """Lowest and highest corner (3,) around the structure and the true path; what strays farther is cut."""
+    """Box around the structure and the true positions (n, 3) with a margin; estimates outside of it are not drawn."""
     low = np.minimum(structure.bounds[0], ground_truth.min(axis=0))
     high = np.maximum(structure.bounds[1], ground_truth.max(axis=0))
     margin = 0.12 * float((high - low).max())
@@ -109,15 +109,15 @@ def limits(structure: Structure, ground_truth: Array) -> Corners:
 
 
 def error_against_distance(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_error_against_distance` as files at a stem."""
+    """Write `draw_error_against_distance` as files at a stem; their paths."""
     boxed = any(len(_over(run, length)) for run in runs for length in _lengths(runs))
     return save_drawn(partial(draw_error_against_distance, runs), stem, 2.4, wide=boxed)
 
 
 def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
-    """(a) Error against distance travelled; (b) relative error over sub-trajectories of growing length, as boxes.
+    """(a) Position error against distance travelled; (b) box plots of the relative error over sub-trajectory lengths.
 
-    Without (b) where the frames lie so far apart that there is no sub-trajectory of any such length.
+    Without (b) when the frames are so far apart that there is no sub-trajectory of any of the lengths.
     """
     over = {run.name: _over_lengths(run, runs) for run in runs}
     boxed = any(over.values())
@@ -146,7 +146,7 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
 
 
 def _lengths(runs: ListOf[ScoredRun]) -> list[float]:
-    """Lengths of the sub-trajectories, in m."""
+    """Lengths of the sub-trajectories in m."""
     total = float(distance_along(runs[0].sequence.ground_truth.positions_m)[-1])
     return [share * total for share in SHARES]
 
@@ -162,7 +162,7 @@ def _over(run: ScoredRun, length_m: float) -> Array:
 
 
 def _over_lengths(run: ScoredRun, runs: ListOf[ScoredRun]) -> dict[float, Array]:
-    """Relative errors by the length of the sub-trajectories, of those lengths that its rate has."""
+    """Relative errors (n,) in m by length of the sub-trajectories in m, for the lengths that have any."""
     return {length: values for length in _lengths(runs) if len(values := _over(run, length))}
 
 

@@ -1,6 +1,7 @@
-"""Figures of a sweep: the parameter in which a suite's sequences differ, and scores along it.
+"""Figures of a sweep: scores over the parameter in which the sequences of a suite differ.
 
-Conventions: the sequences of a suite are a sweep when their configs differ in one number only, seeds and names aside.
+Conventions: the sequences of a suite are a sweep when their configs differ in one number only, apart from seeds and
+names.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,14 +26,17 @@ LEAST_VALUES = 3
 
 @dataclass(frozen=True)
 class Swept:
-    """The swept value of a suite: the key's path in the config, and its value in each sequence by name."""
+    """The swept parameter of a suite: its dotted key in the config, and its value by name of the sequence."""
 
     key: str
     values: Mapping[str, float]
 
 
 def swept(sequences: ListOf[Sequence]) -> Swept | None:
-    """The one number in which the configs of the sequences differ; None where there is no such number."""
+    """The parameter that the sequences sweep; None unless their configs differ in exactly one number.
+
+    It must have LEAST_VALUES values or more.
+    """
     configs = {s.name: dict(leaves(s.info.get("config") or {})) for s in sequences}
     for config in configs.values():
         for own in ("name", "seed"):
@@ -49,12 +53,12 @@ def swept(sequences: ListOf[Sequence]) -> Swept | None:
 
 
 def sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], stem: Path) -> list[Path]:
-    """Write `draw_sweep_of` as files at a stem."""
+    """Write `draw_sweep_of` as files at a stem; their paths."""
     return save_panel(partial(draw_sweep_of, runs, found, what), stem, 2.2)
 
 
 def draw_sweep_of(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], panel: Axes) -> Drawn:
-    """ATE where there is a pose, or success, against what is swept, per tracker at the highest rate."""
+    """ATE position in cm, or success in percent, over the swept parameter, per tracker at the highest rate."""
     fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
     colours = {run.score.label: run.colour for run in fast}
     curves: dict[str, dict[float, list[Array]]] = {}
@@ -78,14 +82,14 @@ def _percent_or_cm(run: ScoredRun, what: Literal["ate", "success"]) -> float | N
 
 
 class Leaf(NamedTuple):
-    """A plain value of a config, and the dotted path of its key."""
+    """A scalar of a config, and the dotted path of its key."""
 
     path: str
     value: Any
 
 
 def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
-    """Every plain value of a config, in the order of its keys."""
+    """Every scalar of a nested config, in the order of its keys."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from leaves(item, f"{path}.{key}" if path else str(key))

@@ -1,4 +1,4 @@
-"""Figures over time: the six pose components, the errors, the segment counts."""
+"""Figures over time: the six pose components, errors, and segment counts."""
 
 from collections.abc import Sequence as ListOf
 from functools import partial
@@ -27,12 +27,12 @@ TO_SHOWN_UNITS = np.array([100.0] * 3 + [float(np.degrees(1.0))] * 3)
 
 
 def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
-    """Write `draw_pose_components` as files at a stem."""
+    """Write `draw_pose_components` as files at a stem; their paths."""
     return save_drawn(partial(draw_pose_components, run), stem, 3.1)
 
 
 def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
-    """Six components of `world_from_body` in cm and degrees: estimate with its claimed 3-sigma band, ground truth."""
+    """Six components of world_from_body in cm and deg: estimate with its claimed 3-sigma band, and ground truth."""
     t, frames = run.errors.seconds, run.errors.frames
     full = run.sequence.ground_truth
     t_full = (full.stamps_ns - full.stamps_ns[0]) / NS
@@ -67,12 +67,12 @@ def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
 
 
 def errors_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
-    """Write `draw_errors_over_time` as files at a stem."""
+    """Write `draw_errors_over_time` as files at a stem; their paths."""
     return save_drawn(partial(draw_errors_over_time, runs), stem, 2.6 + 0.13 * len(runs))
 
 
 def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
-    """Position and rotation error of every tracker over time; a strip per tracker shows where it is off target."""
+    """Position (cm) and rotation (deg) error of every run over time; a strip per run marks frames without success."""
     grid = figure.add_gridspec(3, 1, height_ratios=[10, 10, 1.2 * len(runs)])
     top = figure.add_subplot(grid[0])
     below = figure.add_subplot(grid[1], sharex=top)
@@ -104,7 +104,7 @@ def draw_errors_over_time(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -
 
 
 def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axes) -> None:
-    """Error of position (cm) or rotation (deg) of every tracker over time (s), and its limit of success, dotted."""
+    """Draw the position (cm) or rotation (deg) error of every run over time (s), and the limit of success, dotted."""
     for run in runs:
         errors, t = run.errors, run.errors.seconds
         shown: dict[str, Any] = {"marker": "o", "ms": 2.5} if len(t) < 80 else {}
@@ -117,12 +117,12 @@ def draw_error_over_time(runs: ListOf[ScoredRun], quantity: Quantity, panel: Axe
 
 
 def segment_counts(run: ScoredRun, stem: Path) -> list[Path]:
-    """Write `draw_segment_counts` as files at a stem."""
+    """Write `draw_segment_counts` as files at a stem; their paths."""
     return save_panel(partial(draw_segment_counts, run), stem, 1.9)
 
 
 def draw_segment_counts(run: ScoredRun, panel: Axes) -> Drawn:
-    """Segments found in each frame, control points, and those that the pose rests on."""
+    """Numbers of detected segments, control points, and inliers of the pose in each frame."""
     t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / NS
     names = {"segments": "segments", "control_points": "control points", "inliers": "inliers"}
     shown = {label: counts(run.results, name) for name, label in names.items()}
@@ -139,7 +139,7 @@ def draw_segment_counts(run: ScoredRun, panel: Axes) -> Drawn:
 
 
 def true_components(run: ScoredRun) -> Array:
-    """Values x y z in cm, roll pitch yaw in degrees without jumps (n, 6), of every frame of the sequence."""
+    """True x y z in cm and unwrapped roll pitch yaw in deg (n, 6) of the body in every frame of the sequence."""
     ground_truth = run.sequence.ground_truth
     angles = np.unwrap(euler_zyx(ground_truth.quaternions_wxyz), axis=0)
     values: Array = np.hstack([ground_truth.positions_m, angles]) * TO_SHOWN_UNITS
@@ -147,7 +147,10 @@ def true_components(run: ScoredRun) -> Array:
 
 
 def estimated_components(run: ScoredRun, ground_truth: Array) -> Array:
-    """The same (n, 6) of each estimate, angles within half a turn of the ground truth (n, 6); NaN without a pose."""
+    """Estimated x y z in cm and roll pitch yaw in deg (n, 6) of the expected frames; NaN without a pose.
+
+    ground_truth (n, 6): of the same frames, as `true_components`; the angles are within 180 deg of it.
+    """
     pairs = run.errors.pairs
     values: Array = np.hstack([pairs.estimate_m, euler_zyx(pairs.estimate_q)]) * TO_SHOWN_UNITS
     values[:, 3:] = ground_truth[:, 3:] + (values[:, 3:] - ground_truth[:, 3:] + 180) % 360 - 180
@@ -155,7 +158,7 @@ def estimated_components(run: ScoredRun, ground_truth: Array) -> Array:
 
 
 def margin_around(panel: Axes, ground_truth: Array, estimate: Array) -> None:
-    """Limit y to the ground truth and what lies within twice its spread, so that a lost estimate does not hide it."""
+    """Limit y to the ground truth and the estimates within its spread of it, so that outliers do not hide it."""
     low, high = float(ground_truth.min()), float(ground_truth.max())
     spread = max(high - low, 2.0)
     kept = estimate[(estimate > low - spread) & (estimate < high + spread)]
@@ -164,19 +167,19 @@ def margin_around(panel: Axes, ground_truth: Array, estimate: Array) -> None:
 
 
 def nice_log(panel: Axes) -> None:
-    """Plain numbers on a logarithmic y axis, nothing below a hundredth."""
+    """Plain numbers on a logarithmic y axis, which starts at 0.01 or above."""
     panel.set_ylim(bottom=max(panel.get_ylim()[0], 0.01))
     plain_powers(panel.yaxis)
 
 
 def shade_loss(panel: Axes, t: Array, success: NDArray[np.bool_]) -> None:
-    """Shade the stretches of time in which a tracker has no pose within 5 cm and 5 deg."""
+    """Shade the times t (n,) in s without a pose within 5 cm and 5 deg."""
     for a, b in spans(t, ~success):
         panel.axvspan(a, b, color=LOSS, lw=0, zorder=0.5)
 
 
 def spans(t: Array, on: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Stretches of time (start, end) around the rows that are on; a row reaches halfway to its neighbours."""
+    """Intervals (start, end) of the times t (n,) where `on` holds; each time extends halfway to its neighbours."""
     if len(t) < 2:
         return [(float(t[0]) - 0.5, float(t[0]) + 0.5)] if on.any() else []
     borders = np.concatenate([[t[0]], (t[1:] + t[:-1]) / 2, [t[-1]]])

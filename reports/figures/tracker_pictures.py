@@ -1,6 +1,6 @@
 """Pictures of a tracker's features: segments, model edges on detected edges, overlays.
 
-Everything is drawn on the image without its lens distortion, where trackers work.
+Everything is drawn on the undistorted image, on which trackers work.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ SHIFT = 4
 
 
 class SegmentPicture(NamedTuple):
-    """The image in grey with its LSD segments, each in its own colour, and their number."""
+    """The image (h, w, 3) in grey with its LSD segments in alternating colours, and their number."""
 
     image: Image
     found: int
@@ -32,7 +32,7 @@ class SegmentPicture(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One frame of a sequence, ready to be drawn on: undistorted BGR image, camera, structure."""
+    """One frame of a sequence to draw on: undistorted image (h, w, 3) BGR, camera, structure."""
 
     image: Image
     camera: Camera
@@ -40,11 +40,11 @@ class View:
 
     @classmethod
     def of(cls, image: Image, camera: Camera, structure: Structure) -> "View":
-        """View of an image as the camera took it."""
+        """View of a distorted image (h, w, 3) BGR of the camera."""
         return cls(undistorted(image, camera), camera, structure)
 
     def projected(self, cam_from_world: Pose | None) -> Array:
-        """Edges of the structure that no face hides (k, 2, 2) in px; none without a pose."""
+        """Visible edges of the structure (k, 2, 2) in undistorted px; k = 0 without a pose."""
         if cam_from_world is None:
             return np.zeros((0, 2, 2))
         return seen_edges_px(self.structure, self.camera, cam_from_world)
@@ -58,14 +58,14 @@ class View:
         return SegmentPicture(canvas, len(found))
 
     def model_on_edges(self, cam_from_world: Pose | None) -> Image:
-        """Detected edge pixels in white on black, the model's visible edges in green."""
+        """Image (h, w, 3) of the detected edge pixels in white on black, with the model's visible edges in green."""
         edges = cv2.dilate(detect_edge_pixels(grey(self.image)), np.ones((3, 3), dtype=np.uint8))
         canvas: Image = np.repeat(np.asarray(edges, dtype=np.uint8)[..., None], 3, axis=2)
         draw(canvas, self.projected(cam_from_world), GREEN, 1)
         return canvas
 
     def overlay(self, estimate: Pose | None, ground_truth: Pose | None = None) -> Image:
-        """The image with the model at the estimate in green and, under it, at the true pose in white."""
+        """The image with the model at the estimated cam_from_world in green, over that at the true one in white."""
         canvas = self.image.copy()
         if ground_truth is not None:
             draw(canvas, self.projected(ground_truth), WHITE, 1)
@@ -74,7 +74,7 @@ class View:
 
 
 def draw(canvas: Image, segments_px: Array, colour: tuple[int, ...], thickness: int) -> None:
-    """Draw segments (k, 2, 2) into an image, with sub-pixel ends."""
+    """Draw segments (k, 2, 2) in px into an image with sub-pixel precision; colour BGR, thickness in px."""
     limit = 4.0 * max(canvas.shape[:2])
     points = np.round(np.clip(segments_px, -limit, limit) * (1 << SHIFT)).astype(np.int32)
     for (x0, y0), (x1, y1) in points.tolist():
@@ -82,7 +82,7 @@ def draw(canvas: Image, segments_px: Array, colour: tuple[int, ...], thickness: 
 
 
 def write_text_on(canvas: Image, text: str, colour: tuple[int, ...] = WHITE) -> None:
-    """Write a line of text into the top left corner, dark behind it."""
+    """Write a line of text on a dark background into the top left corner of an image."""
     scale = canvas.shape[1] / 900
     (width, height), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, scale, 1)
     cv2.rectangle(canvas, (0, 0), (width + 12, height + base + 8), (28, 26, 24), -1)
@@ -90,7 +90,7 @@ def write_text_on(canvas: Image, text: str, colour: tuple[int, ...] = WHITE) -> 
 
 
 def undistorted(image: Image, camera: Camera) -> Image:
-    """The image as `camera.without_distortion` would have taken it."""
+    """An image (h, w, 3) resampled to the camera without distortion."""
     if camera.distortion_model == "none":
         return image
     return np.asarray(cv2.remap(image, *_maps(camera), cv2.INTER_LINEAR), dtype=np.uint8)

@@ -1,9 +1,9 @@
 """Change points of a metric along the commits: steps, and drifts too slow for a comparison of two commits.
 
-ruptures proposes the commits at which the level steps (Truong, Oudre & Vayatis 2020; PELT of Killick et al. 2012). Each
-stands only when the flights bear it out (`evidence`); the least certain goes first, and what is left is judged anew.
-Where a line fits as well as a step, and within what is left, the rise of the flights along the commits is tested in the
-same way: a drift. A commit of an equal result to the digit is no evidence of anything.
+ruptures proposes the commits at which the level steps (Truong, Oudre & Vayatis 2020; PELT of Killick et al. 2012). A
+step is kept only when the test over flights supports it (`evidence`); the least significant is removed first, and the
+others are tested again. Where a line fits as well as a step, and within each remaining segment, the slope over the
+commits is tested in the same way: a drift. A commit that repeats a result to the digit is no evidence.
 """
 
 import math
@@ -17,22 +17,23 @@ from uavbench.reports.history.series import LEAST_SPREAD, Series
 from uavbench.trajectories.errors import UserError
 
 ALPHA = 0.00005
-"""Two-sided error of one test. A history is looked at after every commit, and a step may be anywhere: so small that of
-100 series of 40 commits one at most alarms, where a few runs slip far, too; measured in docs/history.md."""
+"""Two-sided error of one test. A history is tested after every commit, and a step may be anywhere: small enough that
+at most one of 100 series of 40 commits raises a false alarm, also with outliers; measured in docs/history.md."""
 PENALTY = 1.0
-"""Of a proposed step, in units of noise^2 log n: half of what BIC has, for the flights' test follows."""
+"""Penalty of a proposed step, in units of noise^2 log n: half that of BIC, because the test over flights follows."""
 SETTLED = 4
-"""Commits that a new level must have where commits differ by chance: one that slips as a whole is no step."""
+"""Fewest commits of a new level where commits differ by chance: a single bad commit is no step."""
 LEAST_COMMITS = 4
 """Fewest commits from which noise can be estimated and changes are tested."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """A change of a series: a step before the commit at `at`, or a drift from `first` through `last`, its end.
+    """A change of a series: a step at the commit `at`, or a drift from `first` to `last`; all are indices of commits.
 
-    at: index of the first commit of the new level, of a drift that of its last; size: how much worse, as a share of the
-    value before, or of all frames; p: of the test.
+    at: the first commit of a step's new level, or a drift's last commit; first, last: the commits of both levels, or of
+    the drift; size: relative change of an error, or change in the share of frames or flights, positive for worse; p:
+    two-sided.
     """
 
     kind: Literal["step", "drift"]
@@ -44,7 +45,10 @@ class Change:
 
 
 def changes(series: Series, margin: float = 0.01) -> list[Change]:
-    """Steps and drifts of at least `margin`, in the order of the commits; UserError without ruptures."""
+    """Steps and drifts of a size of at least `margin`, in the order of the commits.
+
+    UserError when ruptures is not installed.
+    """
     n = len(series.commits)
     if n < LEAST_COMMITS:
         return []
@@ -59,7 +63,7 @@ def changes(series: Series, margin: float = 0.01) -> list[Change]:
 
 
 def _proposed(series: Series) -> list[int]:
-    """Indices at which the level may step, by ruptures."""
+    """Indices of the commits at which ruptures finds a step of the level."""
     level = series.level
     least = SETTLED if series.noisy else 1
     if len(level) < 2 * least:
@@ -69,12 +73,12 @@ def _proposed(series: Series) -> list[int]:
 
 
 def _penalty(series: Series) -> float:
-    """Of a step, in squares of the level."""
+    """Penalty of a step, in squared units of the level."""
     return PENALTY * max(series.noise, LEAST_SPREAD) ** 2 * math.log(len(series.commits))
 
 
 def _standing(series: Series, cuts: list[int], margin: float) -> list[int]:
-    """The proposed steps that stand, the least certain taken out one at a time."""
+    """The proposed steps that are significant and large enough; the least significant are removed one at a time."""
     ends = [0, *cuts, len(series.commits)]
     steps = [_step(series, *place, cuts) for place in _neighbours(cuts, ends[-1])]
     while steps:
@@ -84,7 +88,7 @@ def _standing(series: Series, cuts: list[int], margin: float) -> list[int]:
         if out is None:
             break
         del ends[out + 1], steps[out]
-        for k in (out - 1, out):  # only those beside it have other neighbours now
+        for k in (out - 1, out):  # only the adjacent steps have new neighbours
             if 0 <= k < len(steps):
                 start, cut, end = ends[k : k + 3]
                 steps[k] = _step(series, start, cut, end, ends[1:-1])
@@ -92,7 +96,7 @@ def _standing(series: Series, cuts: list[int], margin: float) -> list[int]:
 
 
 def _without_lines(series: Series, cuts: list[int]) -> list[int]:
-    """The steps whose neighbourhood a line does not fit as well; where a step is can be chosen, which counts too."""
+    """The steps around which a line fits worse; the penalty accounts for the free position of a step."""
     level, kept = series.level, list(cuts)
     for cut in cuts:
         start, end = max(k for k in [0, *kept] if k < cut), min(k for k in [*kept, len(level)] if k > cut)
@@ -108,13 +112,13 @@ def _without_lines(series: Series, cuts: list[int]) -> list[int]:
 
 
 def _neighbours(cuts: list[int], n: int) -> list[tuple[int, int, int]]:
-    """Start, cut and end of the two levels beside each cut."""
+    """Start, cut and end of the two levels that each cut separates."""
     ends = [0, *cuts, n]
     return list(zip(ends, cuts, ends[2:], strict=False))
 
 
 def _step(series: Series, start: int, cut: int, end: int, cuts: list[int]) -> Change:
-    """The step between the levels [start, cut) and [cut, end); `cuts` are all that there are."""
+    """The step between the levels [start, cut) and [cut, end); cuts: all steps of the series."""
     contrast = np.zeros(len(series.commits))
     contrast[start:cut], contrast[cut:end] = -1.0 / (cut - start), 1.0 / (end - cut)
     size, p = tested(series, contrast, cuts)
@@ -122,7 +126,7 @@ def _step(series: Series, start: int, cut: int, end: int, cuts: list[int]) -> Ch
 
 
 def _drift(series: Series, start: int, end: int, cuts: list[int]) -> Change:
-    """The rise of the line through [start, end)."""
+    """The drift over the commits [start, end): the rise of the fitted line from first to last."""
     x = np.arange(end - start) - (end - start - 1) / 2
     contrast = np.zeros(len(series.commits))
     contrast[start:end] = x / (x @ x) * (end - start - 1)
@@ -131,7 +135,7 @@ def _drift(series: Series, start: int, end: int, cuts: list[int]) -> Change:
 
 
 def _ruptures() -> Any:
-    """The library that finds steps; UserError without it."""
+    """The module ruptures; UserError when it is not installed."""
     try:
         import ruptures
     except ImportError:

@@ -1,9 +1,9 @@
-"""Whether the flights of a series bear out a contrast of its commits: how large it is, and Student's test.
+"""Size and significance of a contrast of a series' commits, by Student's test.
 
-The variance is estimated in three ways, and the largest counts. The flights' noise, each flight's from the differences
-of neighbouring commits, is known well after few commits. The noise of the level has what flights have in common. The
-spread of the contrast among the flights has what a commit drew once and for all, as it does with fixed seeds. Where
-both agree with the flights' noise its degrees of freedom count, else theirs, which are few.
+The variance is estimated in three ways, and the largest is used. The noise of the flights, each from differences of
+neighbouring commits, is well known after few commits. The noise of the level includes what flights have in common. The
+spread of the contrast over flights includes what stays fixed after one commit, as with fixed seeds. Where both of
+these agree with the flights' noise, its degrees of freedom are used, otherwise theirs, which are few.
 """
 
 import math
@@ -18,17 +18,17 @@ from uavbench.reports.history.series import LEAST_SPREAD, Series
 from uavbench.trajectories.pose import Array
 
 LEAST_FLIGHTS = 5
-"""With fewer, their spread is no measure: the commits' alone is."""
+"""Fewest flights whose spread is used; with fewer, only the noise between commits is."""
 SAME = 1e-9
-"""Difference in logs or shares below which a commit repeats a flight: a history has six digits."""
+"""Difference in logs or shares below which a commit repeats the result of a flight: a history has six digits."""
 SHARED = 2 / 3
-"""Degrees of freedom of a difference of neighbours, as each value is in two of them (von Neumann 1941)."""
+"""Degrees of freedom per difference of neighbours: each value is part of two differences (von Neumann 1941)."""
 USUAL = 3.0
-"""Differences for which the usual noise of the flights counts beside those of one flight."""
+"""Weight, in differences, of the mean noise of all flights in the estimate for one flight."""
 LEAST_FREEDOM = 12.0
-"""Degrees of freedom below which an estimate agrees with nothing: it would with everything."""
+"""Fewest degrees of freedom to test agreement: with fewer, any two estimates would agree."""
 RARE = 0.1
-"""Share of estimates of the same variance that are too large to agree."""
+"""One-sided level of the chi-square test of agreement."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Variance:
     freedom: float
 
     def agrees(self, known: "Variance") -> bool:
-        """Whether it is larger than a well-known one by no more than chance."""
+        """Whether it is not significantly larger than a well-known variance."""
         enough = self.freedom >= LEAST_FREEDOM
         return enough and self.value * self.freedom <= known.value * float(chdtri(self.freedom, RARE))
 
@@ -52,9 +52,9 @@ class Tested(NamedTuple):
 
 
 def tested(series: Series, contrast: Array, cuts: list[int]) -> Tested:
-    """Size of a contrast (n,) of the commits, as a share, and its two-sided p.
+    """Size of a contrast (n,) of the commits, relative or as a share, and its two-sided p.
 
-    cuts: commits with which the level steps, so that their differences to those before are no noise.
+    cuts: indices of the commits at which the level steps; their differences to the previous commits are not noise.
     """
     flights, weights = contrast @ series.worse, series.weights
     mean = float(flights @ weights)
@@ -70,7 +70,7 @@ def tested(series: Series, contrast: Array, cuts: list[int]) -> Tested:
 
 
 def _of_noise(series: Series, contrast: Array, cuts: list[int]) -> Variance:
-    """By the noise of each flight; a commit that repeats a flight to the digit is no further draw of it."""
+    """Variance by the noise of each flight; a commit that repeats a flight to the digit is not an independent draw."""
     n, flights = series.worse.shape
     steps = np.diff(series.worse, axis=0)
     moved = np.abs(steps) > SAME
@@ -89,7 +89,7 @@ def _of_noise(series: Series, contrast: Array, cuts: list[int]) -> Variance:
 
 
 def _others(series: Series, contrast: Array, cuts: list[int], apart: Array) -> Iterator[Variance]:
-    """By the level, where it differs from commit to commit; among the flights, where there are enough."""
+    """Variance by the noise of the level, if commits differ; and by the spread over flights, if there are enough."""
     norm, weights = float(contrast @ contrast), series.weights
     if series.noisy:
         steps = np.delete(np.diff(series.level), [cut - 1 for cut in cuts])

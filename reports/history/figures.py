@@ -1,4 +1,4 @@
-"""The figure of a trend: the value at every commit, its levels, and where it changed."""
+"""The figure of a trend: the value at every commit, the fitted levels, and the changes."""
 
 from functools import partial
 from itertools import pairwise
@@ -16,13 +16,13 @@ from uavbench.reports.style import COLOURS, LOSS, colour, marker
 from uavbench.trajectories.pose import Array
 
 TICKS = 6
-"""Hashes under a figure 3.50 in wide."""
+"""Most commit hashes under a figure 3.50 in wide."""
 BAND = 2.0
-"""Half the width of the band of noise, in standard deviations."""
+"""Half the width of the noise band, in standard deviations."""
 
 
 def draw_trend(trend: Trend, panel: Axes) -> Drawn:
-    """Values as dots, the fitted level with twice the noise between commits as a band, changes as upright lines."""
+    """Values as dots, the fitted level with a band of BAND sigma of noise, steps as vertical lines, drifts shaded."""
     series = trend.series
     n = len(series.commits)
     at, fitted = np.arange(n), level_of(series, trend.changes)
@@ -57,7 +57,7 @@ def draw_trend(trend: Trend, panel: Axes) -> Drawn:
 
 
 def level_of(series: Series, changes: list[Change]) -> Array:
-    """The fitted value at each commit (n,): a mean between steps, a line along a drift."""
+    """The fitted value (n,) at each commit, in the metric's unit: constant between steps, linear along a drift."""
     values = series.value if series.bigger else np.log(np.maximum(series.value, LEAST_ERROR))
     fitted = np.empty(len(values))
     for start, end in pairwise(steps_of(changes, len(values))):
@@ -68,10 +68,10 @@ def level_of(series: Series, changes: list[Change]) -> Array:
 
 
 def steps_of(changes: list[Change], n: int) -> list[int]:
-    """Where the levels of n commits begin, and n."""
+    """First commits of the levels of n commits, and n."""
     return sorted({0, n, *(change.at for change in changes if change.kind == "step")})
 
 
 def save_trend(trend: Trend, stem: Path) -> list[Path]:
-    """Write `draw_trend` as files at a stem."""
+    """Write `draw_trend` as files at a stem; their paths."""
     return save_panel(partial(draw_trend, trend), stem, 2.1)

@@ -1,4 +1,4 @@
-"""The latest commit of a history in the forms of github-action-benchmark and Bencher."""
+"""The latest commit of a history in the formats of github-action-benchmark and Bencher."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from uavbench.reports.history.series import Series
 
 
 def github_benchmark(found: list[Series], *, bigger: bool) -> list[dict[str, Any]]:
-    """What github-action-benchmark reads as customBiggerIsBetter, or as customSmallerIsBetter."""
+    """Input of github-action-benchmark, customBiggerIsBetter or customSmallerIsBetter: the series of that kind."""
     return [
         {
             "name": series.name,
@@ -21,7 +21,7 @@ def github_benchmark(found: list[Series], *, bigger: bool) -> list[dict[str, Any
 
 
 def bencher(found: list[Series]) -> dict[str, dict[str, dict[str, float]]]:
-    """Bencher Metric Format: a benchmark for each tracker, a measure, named with its unit, for each metric."""
+    """Bencher Metric Format: a benchmark per tracker, a measure per metric, with its unit in the name."""
     benchmarks: dict[str, dict[str, dict[str, float]]] = {}
     for series in found:
         metric = {"value": float(series.value[-1])}

@@ -26,9 +26,9 @@ from uavbench.trajectories.files.writing import owning, write_text
 FORMAT = "uavbench history 1"
 STRICT: Any = {"extra": "forbid", "allow_inf_nan": False}
 LARGEST = 1e12
-"""Of a recorded number, in its unit: beyond it no error and no time is one."""
+"""Largest absolute value of a recorded number, in its unit: far beyond any error or time."""
 MOST_COMMITS = 10_000
-"""Of one history: thirty years of one each working day."""
+"""Most commits of a history: one each working day for thirty years and more."""
 Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
 
 
@@ -36,8 +36,8 @@ Number = Annotated[float, Interval(ge=-LARGEST, le=LARGEST)]
 class Recorded:
     """One metric of one tracker at one commit.
 
-    value: mean over sequences of the mean over seeds, geometric where a smaller one is better; low, high: its 95 %
-    interval over sequences and seeds; runs: the values of each sequence's seeds, None where a run has no number.
+    value: mean over sequences of the mean over seeds, geometric where smaller is better; low, high: its 95 % interval
+    over sequences and seeds; runs: values by sequence and seed, None for a run without one. All are in `unit`.
     """
 
     __pydantic_config__ = STRICT
@@ -52,7 +52,10 @@ class Recorded:
 
 @dataclass(frozen=True, kw_only=True)
 class Commit:
-    """What was measured at one commit: metrics by tracker and name, and with what. time: of the commit, ISO 8601."""
+    """Metrics of one commit by tracker and name, and the environment in which they were measured.
+
+    time: of the commit, ISO 8601; crashes: number of crashed runs by tracker.
+    """
 
     __pydantic_config__ = STRICT
 
@@ -66,7 +69,7 @@ class Commit:
 
 @dataclass(frozen=True, kw_only=True)
 class SuiteIdentity:
-    """The suite that a history is of: its name, the hash of its flights, and how its numbers are computed."""
+    """The suite of a history: its name, the hash of its flights (`flights`), and how it is scored (`how`)."""
 
     __pydantic_config__ = STRICT
 
@@ -79,7 +82,7 @@ class SuiteIdentity:
 class History:
     """The commits of one suite in one environment.
 
-    name: what the user calls the environment, "" where its details must agree; environment: its details.
+    name: the user's name for the environment, "" when its details must be equal; environment: its details.
     """
 
     __pydantic_config__ = STRICT
@@ -90,14 +93,17 @@ class History:
     commits: list[Commit]
 
     def with_commit(self, entry: Commit) -> "History":
-        """The history with this entry, in the place of one of the same commit or at the end."""
+        """The history with this entry, which replaces one of the same commit, or is appended."""
         place = next((k for k, each in enumerate(self.commits) if each.commit == entry.commit), len(self.commits))
         commits = [*self.commits[:place], entry, *self.commits[place + 1 :]]
         return History(suite=self.suite, name=self.name, environment=self.environment, commits=commits)
 
 
 def read_history(path: Path) -> History:
-    """The history of a file; UserError naming the file and the place when it is broken, cut short or none."""
+    """The history in a file.
+
+    UserError naming file and key when it is missing, no history, broken, too long, or has a commit twice.
+    """
     advice = "take back the file of an earlier run, or start another"
     try:
         body = read_json(path, limit=JSON)
@@ -122,7 +128,7 @@ def read_history(path: Path) -> History:
 
 
 def write_history(path: Path, history: History) -> None:
-    """Write a history, whole or not at all; UserError when `path` is there and is no history."""
+    """Write a history, whole or not at all; UserError when `path` exists and is no history."""
     ours = [path] if path.is_file() and read_history(path) else []
     head = {"format": FORMAT, **asdict(history)}
     lines = [json.dumps(entry, allow_nan=False) for entry in head.pop("commits")]
@@ -132,7 +138,7 @@ def write_history(path: Path, history: History) -> None:
 
 
 def rounded(value: float) -> float | None:
-    """A number with six significant digits: less than any margin; None when it is not finite."""
+    """A number rounded to six significant digits, finer than any margin; None when it is not finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None
 
 

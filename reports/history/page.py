@@ -1,4 +1,4 @@
-"""The folder of a history: a page that opens from disk, its figures, and the forms of benchmark services.
+"""The folder of a history: a page that opens from disk, its figures, and the formats of benchmark services.
 
 index.html                   alarms, the trend of every metric, every change, the commits
 figures/*                    .pdf, .png, and the numbers behind them
@@ -31,7 +31,7 @@ MARKER = "changes.json"
 
 @in_parts(MARKER)
 def write_trends(folder: Path, history: History, found: list[Trend]) -> Path:
-    """Write the folder; the path of its index.html."""
+    """Write the folder of a history and its trends, whole or not at all; the path of its index.html."""
     (folder / "figures").mkdir(parents=True)
     with house_style(), rc_context({"text.parse_math": False}):  # names of trackers are no formulas
         drawn = [
@@ -55,7 +55,7 @@ def write_trends(folder: Path, history: History, found: list[Trend]) -> Path:
 
 
 def to_json(found: list[Trend]) -> dict[str, Any]:
-    """Verdict, alarms and changes."""
+    """Content of changes.json: the verdict `alarm` or `quiet`, and every change with its commits."""
     changes = [
         {
             "tracker": trend.series.tracker, "metric": trend.series.metric, "alarm": change in trend.alarms,
@@ -110,7 +110,7 @@ def _cell(text: str, value: float) -> dict[str, Any]:
 
 
 def _commits(history: History) -> list[dict[str, str]]:
-    """The commits, latest first, each with what of its environment differs from that of the commit before."""
+    """The commits, latest first, each with the differences of its environment from that of the previous commit."""
     told, before = [], history.environment
     for commit in history.commits:
         told.append(

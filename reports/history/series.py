@@ -1,8 +1,8 @@
 """One metric of one tracker along the commits of a history, flight by flight.
 
-Changes are measured on the flights themselves, each against its own level: what differs between flights, far more than
-what changes with a commit, is out of them. A value that is better when smaller counts as its logarithm, so that a
-change is a share; one that is better when bigger as its loss, in shares of all frames or flights.
+Changes are measured per flight, relative to the flight's own level, which removes the differences between flights: they
+are far larger than changes between commits. Metrics for which smaller is better enter as logarithms, so that changes
+are relative; the others enter as minus their value, a share of all frames or flights.
 """
 
 from collections.abc import Iterator
@@ -14,23 +14,23 @@ from uavbench.reports.history.history_file import Commit, History, Recorded
 from uavbench.trajectories.pose import Array
 
 AT_MOST = 0.19
-"""Limit of how far one flight counts beyond the others, in logs: twice a change of 10 %, as the gate's typical change
-has it; a run that slips by chance cannot hide, nor feign, a change of all."""
+"""Winsorization limit of one flight's deviation from the commit's median, in logs: twice a change of 10 %, as in the
+gate; a single outlier can neither hide nor feign a change of all flights."""
 LEAST_ERROR = 1e-12
 """Resolution in the unit of the metric: smaller values count as equal, as in the gate."""
 STEADY = 0.5
-"""Of the usual spread of flights between commits: the spread of a steady one, which few commits could feign."""
+"""Floor of a flight's spread between commits, as a fraction of the median spread: few commits estimate it poorly."""
 LEAST_SPREAD = 0.002
-"""Spread of a flight between commits, in logs or shares, below which flights count alike."""
+"""Spread of a flight between commits, in logs or shares, below which flights have equal weights."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Series:
     """A tracker's metric along n commits.
 
-    commits: those that have it, in their order; value, low, high (n,): as recorded; worse (n, flights): how much worse
-    each flight is than its own median, in logs of the value or in shares, limited around the commit's median; weights
-    (flights,): sum to 1, by how steady a flight is between commits.
+    commits: those with a value, in order; value, low, high (n,): as recorded, in `unit`; worse (n, flights): deviation
+    of each flight from its own median, positive for worse, in logs or shares, winsorized around the commit's median;
+    weights (flights,): sum to 1, larger for flights with less spread between commits.
     """
 
     tracker: str
@@ -51,29 +51,29 @@ class Series:
 
     @property
     def level(self) -> Array:
-        """How much worse each commit is than usual (n,), in logs or shares."""
+        """Weighted mean deviation (n,) of each commit, positive for worse, in logs or shares."""
         level: Array = self.worse @ self.weights
         return level
 
     @property
     def noisy(self) -> bool:
-        """Whether most commits differ from the one before, by chance; with fixed seeds most repeat it."""
+        """Whether most commits differ from the previous one by chance; with fixed seeds most repeat its results."""
         return self.noise > LEAST_SPREAD
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the level between commits that change nothing, from the differences of neighbours."""
+        """Standard deviation of the level between equivalent commits, from differences of neighbours."""
         return spread(self.level)
 
 
 def all_series(history: History) -> list[Series]:
-    """Every tracker's metrics, in the order of the names; those without any number are left out."""
+    """Series of every tracker and metric, sorted by name; those without any finite value are left out."""
     names = sorted({(run, metric) for c in history.commits for run, of in c.metrics.items() for metric in of})
     return [series for run, metric in names if (series := series_of(history, run, metric))]
 
 
 def series_of(history: History, tracker: str, metric: str) -> Series | None:
-    """A tracker's metric along the commits that have a number of it; None where none has."""
+    """A tracker's metric along the commits that have a finite value of it; None when none has."""
     have = [c for c in history.commits if (r := c.metrics.get(tracker, {}).get(metric)) and _has_number(r)]
     if not have:
         return None
@@ -88,7 +88,10 @@ def series_of(history: History, tracker: str, metric: str) -> Series | None:
 
 
 def flights_worse(recorded: list[Recorded], *, bigger: bool) -> Array:
-    """How much worse each flight is than its own median (n, flights); what has no number is as the commit's median."""
+    """Deviation (n, flights) of each flight from its own median, positive for worse, in logs or shares.
+
+    A missing value counts as the commit's median for errors, and as the flight's own for shares.
+    """
     keys = sorted({key for each in recorded for key, _ in _flights(each)})
     table = [dict(_flights(each)) for each in recorded]
     values = np.array([[row.get(key, np.nan) for key in keys] for row in table], dtype=float)
@@ -104,7 +107,10 @@ def flights_worse(recorded: list[Recorded], *, bigger: bool) -> Array:
 
 
 def weights_of(worse: Array) -> Array:
-    """Weights of the flights (flights,) that sum to 1: one as unsteady as most counts a fifth of a steady one."""
+    """Weights (flights,) that sum to 1, by inverse variance between commits (n, flights) with a floor of STEADY.
+
+    A flight with the median spread has a fifth of the weight of one without spread.
+    """
     spreads = np.sqrt(np.mean(np.diff(worse, axis=0, prepend=worse[:1]) ** 2, axis=0) / 2)
     usual = STEADY * max(float(np.median(spreads)), LEAST_SPREAD)
     precision = 1.0 / (spreads**2 + usual**2)
@@ -113,7 +119,7 @@ def weights_of(worse: Array) -> Array:
 
 
 def spread(values: Array) -> float:
-    """Standard deviation of values (n,) about levels that change seldom, from the differences of neighbours."""
+    """Robust standard deviation of values (n,) about a piecewise constant level, by the median difference."""
     if len(values) < 2:
         return 0.0
     return float(1.4826 * np.median(np.abs(np.diff(values))) / np.sqrt(2))

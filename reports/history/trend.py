@@ -10,19 +10,19 @@ from uavbench.reports.history.series import Series, all_series
 from uavbench.trajectories.errors import UserError
 
 SHORT = 9
-"""Characters of a commit's hash that people read."""
+"""Characters of an abbreviated hash."""
 
 
 @dataclass(frozen=True)
 class Trend:
-    """A series with its changes, and those that alarm: worse, not made good since, and not accepted."""
+    """A series with its changes; alarms: those for the worse that were neither recovered since nor accepted."""
 
     series: Series
     changes: list[Change]
     alarms: list[Change]
 
     def said(self, change: Change) -> str:
-        """A change in a sentence."""
+        """A change as a sentence."""
         commits = self.series.commits
         worse = "worse" if change.size > 0 else "better"
         share = f"{100 * abs(change.size):.1f} %" + (" of all frames or flights" if self.series.bigger else "")
@@ -33,9 +33,10 @@ class Trend:
 
 
 def trends(history: History, margin: float, since: str = "") -> list[Trend]:
-    """The trend of every metric; changes before the commit `since` are accepted.
+    """The trend of every metric of every tracker; changes before the commit `since`, a hash or its start, are accepted.
 
-    UserError when the history has no such commit, or none at all.
+    margin: least size of a change, as in `changes`. UserError when the history has no commits, none or several that
+    match `since`, or ruptures is not installed.
     """
     names = [entry.commit for entry in history.commits]
     begin = _place(names, since) if since else 0
@@ -57,12 +58,12 @@ def trends(history: History, margin: float, since: str = "") -> list[Trend]:
 
 
 def short(commit: Commit) -> str:
-    """The hash that people read."""
+    """Abbreviated hash of a commit."""
     return commit.commit[:SHORT]
 
 
 def _left(series: Series, every: list[Change]) -> float:
-    """What was left, at the best commit since, of the first of these changes."""
+    """Remaining size of the first of these changes at the best commit since."""
     sizes = np.array([change.size for change in every])
     together = np.cumsum(sizes) if series.bigger else np.cumprod(1 + sizes) - 1
     return float(together.min())

@@ -1,6 +1,6 @@
-"""The leaderboard of a challenge: a page that any web server can serve, and its table.
+"""The leaderboard of a challenge: a static page, and its table.
 
-index.html                 ranks, scores, coverage and intervals; every sequence; what was wrong
+index.html                 ranks, scores, coverage and intervals; points by sequence; faults of submissions
 tables/leaderboard.*       Markdown, CSV, LaTeX
 leaderboard.json           lists the files
 """
@@ -44,7 +44,7 @@ CAPTION = (
 def write_leaderboard(folder: Path, scores: ListOf[SubmissionScore], title: str) -> Path:
     """Write the folder of a leaderboard, the best submission first; the path of its index.html.
 
-    UserError without a submission, where two have one name, and where they are of different challenges.
+    UserError without a submission, when two have the same name, and when they are to different challenges.
     """
     _refuse_mixed(scores)
     ranked = sorted(scores, key=lambda score: (-score.score, score.name))
@@ -115,7 +115,7 @@ def _ranking(table: Table, ranked: ListOf[SubmissionScore]) -> dict[str, Any]:
 
 
 def _by_sequence(ranked: ListOf[SubmissionScore]) -> dict[str, Any]:
-    """Points of the run that counts on each sequence, the best of a sequence bold."""
+    """Points of the counted run on each sequence, the best of a sequence bold."""
     names = list(ranked[0].runs[ranked[0].counted])
     points = {score.name: [score.runs[score.counted][name].points for name in names] for score in ranked}
     most = [max(column) for column in zip(*points.values(), strict=True)]

@@ -1,4 +1,4 @@
-"""The score of one submission to a challenge: its runs, each over all sequences, and the run that counts."""
+"""The score of one submission to a challenge: its runs, each over all sequences, and the run that is counted."""
 
 import json
 from collections.abc import Mapping
@@ -18,15 +18,15 @@ RULES = (
     "Hilti 2023 points by position error, none for a frame without a pose; mean over all sequences, of the run with "
     "the median score"
 )
-"""How a score comes about; scores by other rules are not to be compared."""
+"""How scores are computed; scores by other rules are not comparable."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceScore:
-    """Score of one run on one sequence; flight tells of which flight it is a seed.
+    """Score of one run on one sequence; flight: name of the sequence without its seed.
 
-    points from 0 to 100; success, the frames within 5 cm and 5 deg, and coverage, those with a pose, as shares of all
-    frames; RMSE in metres and degrees over the frames with a pose, None without any.
+    points: 0 to 100; success: share of frames within 5 cm and 5 deg; coverage: share of frames with a pose; ate_*: RMSE
+    over the frames with a pose, None without any.
     """
 
     flight: str
@@ -40,7 +40,10 @@ class SequenceScore:
 
 @dataclass(frozen=True, kw_only=True)
 class SubmissionScore:
-    """Score of a submission: runs by name, each with all sequences of the challenge, and what was wrong with it."""
+    """Score of a submission.
+
+    runs: by name of the run and of the sequence, each with all sequences of the challenge; faults: of the submission.
+    """
 
     name: str
     challenge: str
@@ -49,22 +52,22 @@ class SubmissionScore:
     rules: str = RULES
 
     def score_of(self, run: str) -> float:
-        """Mean points of a run, every sequence weighing the same."""
+        """Mean points (0 to 100) of a run over its sequences."""
         return float(np.mean([sequence.points for sequence in self.runs[run].values()]))
 
     @property
     def counted(self) -> str:
-        """The run with the median score; of two in the middle the worse one."""
+        """Name of the run with the median score; the lower one for an even number of runs."""
         ranked = sorted(self.runs, key=self.score_of)
         return ranked[(len(ranked) - 1) // 2]
 
     @property
     def score(self) -> float:
-        """Score of the run that counts, from 0 to 100."""
+        """Score of the counted run, from 0 to 100."""
         return self.score_of(self.counted)
 
     def by_flight(self, key: str) -> list[Array]:
-        """Values of the run that counts, NaN where there is none, as arrays over the seeds of each flight."""
+        """A field of SequenceScore of the counted run, as an array over the seeds of each flight; NaN for None."""
         flights: dict[str, list[float]] = {}
         for _, sequence in sorted(self.runs[self.counted].items()):
             value = getattr(sequence, key)
@@ -72,7 +75,7 @@ class SubmissionScore:
         return [np.array(values) for values in flights.values()]
 
     def save(self, path: Path) -> None:
-        """Write the score as JSON; UserError where the file holds the score of a submission of another name."""
+        """Write the score as JSON; UserError when the file holds the score of another submission."""
         if path.is_file() and (other := self.load(path).name) != self.name:
             raise UserError(f"{path}: holds the score of {other!r}, not of {self.name!r}; name another file with --out")
         text = json.dumps({"score": self.score, "counted": self.counted, **asdict(self)}, indent=1, allow_nan=False)
@@ -80,7 +83,7 @@ class SubmissionScore:
 
     @classmethod
     def load(cls, path: Path) -> "SubmissionScore":
-        """Read what `save` wrote; UserError for a file that is none, or was changed since."""
+        """Read what `save` wrote; UserError for a file that is no score, was edited, or was scored by other rules."""
         about = read_json(path)
         if not is_sealed(path):
             raise UserError(f"{path}: is no score as `uavbench score-submission` wrote it; score the submission again")

@@ -1,4 +1,4 @@
-"""Mean and spread of each tracker over its runs, and whether one beats another on the same runs."""
+"""Mean and spread of each tracker over its runs, and paired tests between trackers."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -22,7 +22,10 @@ from uavbench.trajectories.pose import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """Mean over runs with its interval, their standard deviation (ddof 1; None of one run), and their extremes."""
+    """Mean over runs with its interval, their standard deviation (ddof 1; None for a single run), and their extremes.
+
+    The unit is that of the values.
+    """
 
     mean: Interval
     std: float | None
@@ -43,21 +46,21 @@ class Spread:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object; NaN becomes null."""
+        """JSON object with NaN as null."""
         return {**json_values(asdict(self.mean)), "std": self.std, "min": self.least, "max": self.most}
 
 
 def comparisons(many: ManyRuns) -> dict[str, list[Comparison]]:
     """Every pair of trackers by each of METRICS (m, deg) on the paired runs, p adjusted by Holm over the pairs.
 
-    Without a metric that a paired run has no value of; empty where no runs are paired.
+    Metrics without a value for every paired run are left out; empty when no runs are paired.
     """
     found = {metric: many.paired(metric) for metric in METRICS}
     return {metric: compare_pairs(_one_truth(values)) for metric, values in found.items() if values}
 
 
 def _one_truth(values: Mapping[str, Array]) -> dict[str, list[Array]]:
-    """Values as the statistics take them: runs of one sequence."""
+    """Values as arguments of the statistics: the runs of a single sequence."""
     return {name: [v] for name, v in values.items()}
 
 
@@ -69,13 +72,13 @@ EXTRA = (
 
 
 ROUND_OFF = 1e-9
-"""Share of the largest error of a metric below which a value counts as round-off."""
+"""Fraction of a metric's largest error below which a value counts as round-off."""
 BOLD = f"Bold: best of its column; none where it is of a tracker with less than {KEEPS_UP:.0%} of the best coverage."
 """Part of the caption of a table with bold cells."""
 
 
 def extra(run: EvaluatedRun, key: str) -> float:
-    """A number of a run that is reported but not tested, NaN where there is none."""
+    """A measure of a run that is reported but not tested, by key of EXTRA; NaN where there is none."""
     if key == "coverage":
         return run.coverage
     found = run.nees and (run.nees.before if key == "nees" else run.nees.after)
@@ -83,7 +86,10 @@ def extra(run: EvaluatedRun, key: str) -> float:
 
 
 def summary(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> Table:
-    """A row for each tracker: means with 95 % intervals, and standard deviations, over its runs."""
+    """Table with a row per tracker: means with 95 % intervals, and standard deviations, over its runs.
+
+    tested: as `comparisons` returns them.
+    """
     columns = [Column(head="runs", key="runs", unit="", best="", decimals=0), EXTRA[0]]
     rows: dict[str, list[Cell]] = {
         name: [_plain(len(group), 0), _plain(100 * np.mean([run.coverage for run in group]).item(), EXTRA[0].decimals)]
@@ -135,14 +141,14 @@ def caption(many: ManyRuns, tested: Mapping[str, list[Comparison]]) -> str:
 
 
 def decimals_of(values: Array) -> int:
-    """Decimals, 2 to 6, with which the smallest of values (n,) has three digits; values within round-off count as 0."""
+    """Decimals, 2 to 6, that show three digits of the smallest of values (n,), ignoring round-off."""
     known = values[np.isfinite(values)]
     known = known[known > ROUND_OFF * known.max(initial=0.0)]
     return int(np.clip(2 - np.floor(np.log10(known.min())), 2, 6)) if len(known) else 2
 
 
 def _best(many: ManyRuns, metric: str) -> str:
-    """The tracker of the lowest mean; "" with one tracker, where runs lack a value, and where its coverage is low."""
+    """The tracker with the lowest mean; "" for one tracker, when runs lack a value, and when its coverage is low."""
     means = {name: float(values.mean()) for name, values in many.values(metric).items()}
     if len(means) < 2 or not np.isfinite(list(means.values())).all():
         return ""
@@ -152,7 +158,7 @@ def _best(many: ManyRuns, metric: str) -> str:
 
 
 def _stands(name: str, tested: list[Comparison]) -> bool:
-    """Whether every test of a tracker says that it has the lower values, at the 5 % level."""
+    """Whether a tracker has significantly lower values in each of its tests, at the 5 % level."""
     own = [c for c in tested if name in (c.first, c.second)]
     return bool(own) and all(c.significant and (c.difference.mean < 0) == (name == c.first) for c in own)
 

@@ -1,4 +1,4 @@
-"""Errors of a run over time and over the distance travelled, in equal bins, and their bands over the runs."""
+"""Errors of a run over time and over distance travelled, in equal bins, and their bands over runs."""
 
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
 BINS = 200
-"""Most bins over time or distance; as many as a figure of 3.5 in resolves."""
+"""Most bins over time or distance; a figure 3.5 in wide resolves no more."""
 BAND = (0.05, 0.95)
-"""Share of the runs below the lower and the upper border of a band."""
+"""Quantiles of the runs at the lower and the upper border of a band."""
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """Time (s) or distance (m) along the truth, in bins: edges (b + 1,), and its value (n,) at stamps (n,) in ns."""
+    """Time (s) or distance (m) along the ground truth: edges (b + 1,) of its bins, and values (n,) at stamps (n,)."""
 
     edges: Array
     stamps_ns: NDArray[np.int64]
@@ -27,11 +27,11 @@ class Axis:
 
     @property
     def middles(self) -> Array:
-        """Middles (b,) of the bins."""
+        """Centres (b,) of the bins."""
         return np.asarray((self.edges[1:] + self.edges[:-1]) / 2)
 
     def binned(self, stamps_ns: NDArray[np.int64], errors: Array) -> Array:
-        """Root mean square (b,) of errors (n,) at stamps (n,), NaN in a bin that has none."""
+        """Root mean square (b,) of errors (n,) at stamps (n,) in ns; NaN in an empty bin."""
         along = np.interp((stamps_ns - self.stamps_ns[0]) / NS, (self.stamps_ns - self.stamps_ns[0]) / NS, self.values)
         bins = len(self.edges) - 1
         width = self.edges[-1] - self.edges[0]
@@ -44,13 +44,13 @@ class Axis:
 
 
 def time_axis(truth: Trajectory) -> Axis:
-    """Time since the truth's first pose, in s."""
+    """Axis of the time in s since the first pose of the ground truth."""
     seconds = (truth.stamps_ns - truth.stamps_ns[0]) / NS
     return Axis(np.linspace(0.0, seconds[-1], _bins(truth) + 1), truth.stamps_ns, seconds)
 
 
 def distance_axis(truth: Trajectory) -> Axis:
-    """Length of the truth's path up to each of its poses, in m."""
+    """Axis of the distance travelled in m along the ground truth."""
     metres = distance_along(truth.positions_m)
     return Axis(np.linspace(0.0, metres[-1], _bins(truth) + 1), truth.stamps_ns, metres)
 
@@ -61,7 +61,7 @@ def _bins(truth: Trajectory) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Median (b,) over runs, and the borders (b,) between which 90 % of them lie; NaN where no run has a pose."""
+    """Median (b,) over runs, and the borders (b,) of their central 90 %; NaN where no run has a pose."""
 
     low: Array
     middle: Array
@@ -69,7 +69,7 @@ class Band:
 
     @classmethod
     def of(cls, curves: ListOf[Array]) -> "Band":
-        """Band of the curves (b,) of runs."""
+        """Band over the curves (b,) of one run or more."""
         table = np.array(curves)
         known = ~np.isnan(table).all(axis=0)
         out = np.full((3, table.shape[1]), np.nan)

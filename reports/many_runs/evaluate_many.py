@@ -31,7 +31,11 @@ SHOWN_POSES = 2000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EvaluatedRun:
-    """Errors of one run; curves (b,) over time and distance, position in m and rotation in deg; its path as aligned."""
+    """Errors of one run.
+
+    ate, rpe, coverage, nees: as in `Evaluation`; over_time, over_distance: RMSE (b,) of `position` in m and `rotation`
+    in deg in each bin; path_m (n, 3): estimated positions as aligned; scores: the JSON object of the `Evaluation`.
+    """
 
     run: Run
     ate: dict[str, ErrorSummary]
@@ -46,21 +50,21 @@ class EvaluatedRun:
 
     @property
     def undetermined(self) -> str:
-        """Part of the alignment that the positions leave undetermined, in words; "" where it is determined."""
+        """The part of the alignment that the positions leave undetermined, as a sentence; "" without any."""
         return str(self.record["alignment"].get("undetermined", ""))
 
     def value(self, metric: str) -> float:
-        """One of METRICS, NaN where the run has none."""
+        """One of METRICS in m or deg; NaN where it is undefined, KeyError for any other name."""
         return METRICS[metric].of(self)
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object: as `Evaluation` has it, with tracker and run."""
+        """JSON object of `Evaluation`, with tracker and run."""
         return {"group": self.run.group, "run": self.run.name, **self.scores}
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A number of a run that trackers are compared by: its name, unit, and factor from SI."""
+    """A metric by which trackers are compared; scale: factor from m or deg to `unit`."""
 
     name: str
     unit: str
@@ -69,7 +73,7 @@ class Metric:
     part: str
 
     def of(self, run: EvaluatedRun) -> float:
-        """Its value for a run, NaN where there is none."""
+        """Value of a run in m or deg; NaN where it is undefined."""
         errors = run.ate if self.key == "ate" else run.rpe
         return float("nan") if errors is None else errors[self.part].rmse
 
@@ -84,7 +88,7 @@ METRICS = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ManyRuns:
-    """Evaluated runs by tracker, the axes of their curves, how runs are paired, and the truth's path."""
+    """Evaluated runs by tracker, the axes of their curves, the pairing of runs, and the true path (n, 3) in m."""
 
     truth: dict[str, Any]
     groups: dict[str, list[EvaluatedRun]]
@@ -95,25 +99,25 @@ class ManyRuns:
 
     @property
     def runs(self) -> list[EvaluatedRun]:
-        """All of them."""
+        """The runs of all trackers."""
         return [run for group in self.groups.values() for run in group]
 
     def values(self, metric: str) -> dict[str, Array]:
-        """One of METRICS (n,) of each tracker's runs."""
+        """One of METRICS (n,) in m or deg of the runs of each tracker; NaN where it is undefined."""
         return {name: np.array([run.value(metric) for run in group]) for name, group in self.groups.items()}
 
     def paired(self, metric: str) -> dict[str, Array]:
-        """Values of the paired runs, in the same order; empty where none are paired, or one of them has no value."""
+        """Values of the paired runs, in the same order; empty when none are paired, or one of them lacks a value."""
         values = self.values(metric)
         found = {name: values[name][list(rows)] for name, rows in self.pairs.rows.items()}
         return found if all(np.isfinite(v).all() for v in found.values()) else {}
 
 
 def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOptions]) -> ManyRuns:
-    """Evaluation of runs against one truth; options as `evaluate_files` has them.
+    """Evaluation of runs against one ground truth, with the options of `evaluate_files`.
 
-    UserError for what `evaluate_files` refuses, for a file that is given twice or is the truth itself, and for files
-    that declare different frames.
+    UserError as `evaluate_files`, for the option `plot`, for a file that is given twice or is the ground truth itself,
+    and for files that declare different frames.
     """
     chosen = chosen_options(options)
     if options.get("plot") is not None:
@@ -146,7 +150,7 @@ def evaluate_many(truth: Path, runs: ListOf[Run], **options: Unpack[EvaluateOpti
 
 
 def _reduced(run: Run, found: Evaluation, time: Axis, distance: Axis) -> EvaluatedRun:
-    """A run reduced to its summaries and curves, without its poses, to save memory."""
+    """Summaries and curves of a run without its poses, to save memory."""
     position_m, rotation_rad = pose_error_sizes(found.pairs)
     errors = {"position": position_m, "rotation": np.degrees(rotation_rad)}
     stamps = found.pairs.stamps_ns
@@ -169,7 +173,7 @@ def _thinned(positions_m: Array) -> Array:
 
 
 def _refuse_twice(reference: Found, truth: Path, read: ListOf[Found], runs: ListOf[Run]) -> None:
-    """UserError when two runs are of one file, or one is the truth."""
+    """UserError when two runs are the same file, or one is the ground truth."""
     seen = {_identity(reference.file): f"the truth {truth}"}
     for found, run in zip(read, runs, strict=True):
         place = _identity(found.file)
@@ -188,7 +192,7 @@ def _identity(file: Path) -> tuple[int, int] | str:
 
 
 def _refuse_mixed(reference: Found, read: ListOf[Found], options: EvaluateOptions, align: Alignment) -> None:
-    """UserError when two of the files declare different frames, and no mount converts them."""
+    """UserError when two files declare different frames and no mount converts between them."""
     mount = options.get("mount")
     declared = next((each for each in (reference, *read) if each.frame is not None), reference)
     for each in read:

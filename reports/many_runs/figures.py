@@ -1,4 +1,4 @@
-"""Figures of many runs: error over time and distance with bands, the spread of the runs, paths, NEES."""
+"""Figures of many runs: error over time and distance with bands, spread of the runs, paths, NEES."""
 
 from collections.abc import Sequence as ListOf
 from functools import partial
@@ -23,18 +23,18 @@ from uavbench.trajectories.pose import Array
 WIDE_RANGE = 20.0
 """Ratio of largest to smallest value from which an axis is logarithmic."""
 JITTER = 0.3
-"""Half the width over which the runs of one tracker are spread out, of the distance between two trackers."""
+"""Half the width over which the dots of one tracker are spread, as a fraction of the distance between trackers."""
 SHORT_NAMES = 9
 """Total characters of tracker names that fit side by side under a panel of 1.6 in."""
 
 
 def errors_along(many: ManyRuns, stem: Path) -> list[Path]:
-    """Write `draw_errors_along` as files at a stem."""
+    """Write `draw_errors_along` as files at a stem; their paths."""
     return save_drawn(partial(draw_errors_along, many), stem, 3.6)
 
 
 def draw_errors_along(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
-    """Position and rotation error over time and over distance: median over the runs, and 90 % of them as a band."""
+    """Position (cm) and rotation (deg) error over time and over distance: median over runs, and a band of 90 %."""
     panels = figure.subplots(2, 2, sharex="col", sharey="row")
     rows: list[list[Any]] = []
     axes = (("time", many.time, "time (s)"), ("distance", many.distance, "distance travelled (m)"))
@@ -61,12 +61,12 @@ def draw_errors_along(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
 
 
 def spread(many: ManyRuns, stem: Path) -> list[Path]:
-    """Write `draw_spread` as files at a stem."""
+    """Write `draw_spread` as files at a stem; their paths."""
     return save_drawn(partial(draw_spread, many), stem, 2.3)
 
 
 def draw_spread(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
-    """Every run's errors as dots, by tracker; their mean, with its 95 % interval where there is one, beside them."""
+    """Errors of every run as dots, by tracker, with their mean and its 95 % interval."""
     known = [metric for metric in METRICS if any(np.isfinite(v).any() for v in many.values(metric).values())]
     panels = figure.subplots(1, len(known), squeeze=False)[0]
     rows: list[list[Any]] = []
@@ -85,12 +85,12 @@ def draw_spread(many: ManyRuns, figure: Figure | SubFigure) -> Drawn:
 
 
 def paths(many: ManyRuns, stem: Path) -> list[Path]:
-    """Write `draw_paths` as files at a stem."""
+    """Write `draw_paths` as files at a stem; their paths."""
     return save_panel(partial(draw_paths, many), stem, 3.0)
 
 
 def draw_paths(many: ManyRuns, panel: Axes) -> Drawn:
-    """The truth from above, and of each tracker the run whose position error is nearest to its median, as aligned."""
+    """True path, and the aligned path of the run of median position error of each tracker, from above."""
     rows: list[list[Any]] = [["truth", "", *p] for p in many.truth_path_m.tolist()]
     panel.plot(*many.truth_path_m[:, :2].T, color=GROUND_TRUTH, lw=1.4, label="truth")
     for k, (name, group) in enumerate(many.groups.items()):
@@ -104,12 +104,12 @@ def draw_paths(many: ManyRuns, panel: Axes) -> Drawn:
 
 
 def nees(many: ManyRuns, stem: Path) -> list[Path]:
-    """Write `draw_nees` as files at a stem."""
+    """Write `draw_nees` as files at a stem; their paths."""
     return save_panel(partial(draw_nees, many), stem, 2.2)
 
 
 def draw_nees(many: ManyRuns, panel: Axes) -> Drawn:
-    """Mean NEES of every run that claims covariances: as claimed (hollow), and after the alignment (filled)."""
+    """Mean NEES of every run that claims covariances: as claimed (hollow), and after alignment (filled)."""
     aligned = many.runs[0].record["align"] != "none"
     groups = {
         name: group for name, group in many.groups.items() if any(np.isfinite(extra(run, "nees")) for run in group)
@@ -133,25 +133,25 @@ def draw_nees(many: ManyRuns, panel: Axes) -> Drawn:
 
 
 def as_label(name: str) -> str:
-    """A name that a legend shows: matplotlib hides those that begin with `_`."""
+    """A name as a legend label: matplotlib hides those that begin with `_`."""
     return f" {name}" if name.startswith("_") else name
 
 
 def middle_run(group: ListOf[EvaluatedRun]) -> EvaluatedRun:
-    """The run whose position error is nearest to the median of its tracker."""
+    """The run with the position error nearest to the median of the group."""
     errors = np.array([run.value("ate_position") for run in group])
     return group[int(np.argmin(np.abs(errors - np.median(errors))))]
 
 
 def dots(panel: Axes, at: float, values: Array, index: int, *, hollow: bool = False, width: float = JITTER) -> None:
-    """The runs of a tracker around a place on the x axis, in their order from left to right."""
+    """Draw the values (n,) of a tracker's runs as dots around a place on the x axis, in order from left to right."""
     x = at + width * np.linspace(-1, 1, len(values)) if len(values) > 1 else np.array([at])
     face: dict[str, Any] = {"mfc": "white"} if hollow else {}
     panel.plot(x, values, **marker(index), ms=2.6, mew=0.6, alpha=0.75, **face)
 
 
 def mean_bar(panel: Axes, at: float, values: Array, index: int) -> None:
-    """Mean of a tracker's runs, and its interval."""
+    """Draw the mean of a tracker's values (n,), and its interval; nothing for a single run."""
     found = Spread.of(values)
     if found is None or found.std is None:
         return
@@ -162,7 +162,7 @@ def mean_bar(panel: Axes, at: float, values: Array, index: int) -> None:
 
 
 def name_trackers(panel: Axes, names: ListOf[str]) -> None:
-    """The trackers under the x axis."""
+    """Label the x axis with the names of the trackers."""
     tilted = len(names) > 3 or max(map(len, names), default=0) > SHORT_NAMES
     panel.set_xticks(range(len(names)), names, rotation=35 if tilted else 0, ha="right" if tilted else "center")
     panel.set_xlim(-0.6, len(names) - 0.4)
@@ -170,7 +170,7 @@ def name_trackers(panel: Axes, names: ListOf[str]) -> None:
 
 
 def fit_scale(panel: Axes, values: Array) -> None:
-    """A y axis from zero, or a logarithmic one where values (n,) range widely."""
+    """Scale the y axis from zero, or logarithmically when values (n,) range over a factor of more than WIDE_RANGE."""
     known = values[np.isfinite(values) & (values > 0)]
     if len(known) and known.max() > WIDE_RANGE * known.min():
         logarithmic(panel.yaxis)

@@ -13,14 +13,14 @@ from uavbench.trajectories.bags.reading import bag_topic
 from uavbench.trajectories.errors import UserError
 
 ALL = "estimate"
-"""Name of the tracker where no groups are given."""
+"""Name of the tracker when no groups are given."""
 SPOKEN = 3
-"""Number of files that an error names."""
+"""Most files that an error message names."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One estimate: its tracker, its name among the runs of that tracker, and where it is."""
+    """One estimate: its tracker, its name among the tracker's runs, and its file."""
 
     group: str
     name: str
@@ -28,10 +28,11 @@ class Run:
 
 
 def grouped(estimates: ListOf[Path], groups: ListOf[str]) -> list[Run]:
-    """Runs of estimates, by groups `NAME=PATTERN`; the order of groups is theirs, that of runs the given one.
+    """Runs of estimates by groups `NAME=PATTERN`, in the given order of groups and files.
 
-    PATTERN, a glob, chooses among the estimates, and names further files. A run is called by what the wildcards stand
-    for, or by its file. UserError naming a group or a file that is wrong.
+    PATTERN, a glob, matches among the estimates, and may add further files. A run is named by what the wildcards match,
+    or by its file. UserError without any estimate, for a malformed group or one without files, for a file that is given
+    twice or is in two groups, and for an estimate in no group.
     """
     for k, path in enumerate(estimates):
         if _place(path) in map(_place, estimates[:k]):
@@ -64,7 +65,7 @@ def grouped(estimates: ListOf[Path], groups: ListOf[str]) -> list[Run]:
 
 @dataclass(frozen=True)
 class Pairing:
-    """Runs that trackers have in common: for each group its runs in the same order, and how they were paired."""
+    """Runs that trackers have in common; rows: indices of each group's runs, in the same order; how: as a sentence."""
 
     rows: Mapping[str, ListOf[int]]
     how: str
@@ -76,7 +77,7 @@ class Pairing:
 
 
 def pairing(names: Mapping[str, ListOf[str]]) -> Pairing:
-    """Pairs of runs by their names in each group: by equal names, else in their order where there are as many."""
+    """Pairing of the runs of all groups: by equal names, else by order when all groups have as many runs."""
     if len(names) < 2:
         return Pairing({}, "one tracker: nothing to compare")
     common = [name for name in next(iter(names.values())) if all(name in others for others in names.values())]
@@ -94,7 +95,7 @@ def pairing(names: Mapping[str, ListOf[str]]) -> Pairing:
 
 
 def counted(runs: int) -> str:
-    """A number of runs in words."""
+    """A number of runs as text, `1 run`."""
     return f"{runs} run{'s' if runs != 1 else ''}"
 
 
@@ -106,7 +107,7 @@ def _parsed(spec: str) -> tuple[str, str]:
 
 
 def _matching(pattern: str, estimates: Iterable[Path]) -> list[tuple[Path, str]]:
-    """Estimates and files that a pattern matches, with what its wildcards stand for."""
+    """Estimates and files that match a pattern, with what its wildcards match."""
     shape = re.compile(_expression(_place(Path(pattern))), re.DOTALL)
     chosen = [path for path in estimates if shape.fullmatch(_place(path))]
     known = {_place(path) for path in chosen}
@@ -121,12 +122,12 @@ def _matching(pattern: str, estimates: Iterable[Path]) -> list[tuple[Path, str]]
 
 
 def _place(path: Path) -> str:
-    """Absolute path without `.` and `..`, links not followed."""
+    """Absolute path without `.` and `..`; links are not followed."""
     return os.path.normpath(path.absolute())
 
 
 def _expression(pattern: str) -> str:
-    """Regular expression of a glob pattern, a group for each wildcard; only `**` takes `/` too."""
+    """Regular expression of a glob pattern, with a group per wildcard; only `**` matches `/`."""
     out = []
     for part in re.split(r"(\*\*/|\*+|\?|\[!?\]?[^\]]*\])", pattern):
         if part == "**/":
@@ -143,7 +144,7 @@ def _expression(pattern: str) -> str:
 
 
 def _one_of(part: str) -> str:
-    """Regular expression of one `[...]`, with its ranges as `glob` has them."""
+    """Regular expression of one `[...]`, with the ranges of `glob`."""
     return translate(part).removeprefix("(?s:")[: -len(r")\Z")]
 
 

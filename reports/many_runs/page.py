@@ -3,7 +3,7 @@
 index.html            mean and spread, paired tests, figures, every run
 figures/*             .pdf, .png, and the numbers behind them
 tables/summary.*      Markdown, CSV, LaTeX; tables/runs.csv, tables/tests.csv
-evaluation.json       all of it
+evaluation.json       all results as JSON
 """
 
 import json
@@ -45,12 +45,12 @@ RUNS = (
 )
 """Columns of the page's table of runs."""
 UNSHOWN = ("runs", "RPE position sd", "RPE rotation sd")
-"""Columns of the summary that the page omits; its files have them."""
+"""Columns of the summary that only its files contain, not the page."""
 
 
 @in_parts(MARKER)
 def write_many(folder: Path, results: ManyResults) -> Path:
-    """Write the folder; the path of its index.html."""
+    """Write the folder of many runs, whole or not at all; the path of its index.html."""
     many = results.many
     (folder / "figures").mkdir(parents=True)
     write_tables(results.table, folder / "tables" / "summary")
@@ -132,7 +132,7 @@ def _bounds(*values: float) -> list[float | None]:
 
 
 def _straight(many: ManyRuns) -> list[str]:
-    """A sentence for each run whose alignment is not determined."""
+    """A sentence for each run with an undetermined alignment."""
     return [f"{run.run.group} {run.run.name}: {run.undetermined}" for run in many.runs if run.undetermined]
 
 

@@ -27,7 +27,7 @@ WIDTH = 110
 
 
 class ManyResults:
-    """The numbers of many runs, computed once."""
+    """Results of many runs; tests and table are computed once."""
 
     def __init__(self, many: ManyRuns) -> None:
         self.many = many
@@ -43,11 +43,11 @@ class ManyResults:
         return summary(self.many, self.tested)
 
     def run_rows(self) -> list[list[Any]]:
-        """A row of RUN_COLUMNS for each run; None where it has no value."""
+        """A row of RUN_COLUMNS for each run; None for an undefined value."""
         return [[None if isinstance(v, float) and np.isnan(v) else v for v in _row(run)] for run in self.many.runs]
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object: truth, each tracker's spread, paired tests, runs; in m and deg."""
+        """JSON object: ground truth, spread of each tracker, paired tests, runs; in m and deg."""
         groups = {
             name: {"runs": len(group), **{metric: _spread(self.many, metric, name) for metric in METRICS}}
             for name, group in self.many.groups.items()
@@ -107,7 +107,7 @@ class ManyResults:
 
 
 def in_columns(rows: ListOf[ListOf[str]]) -> list[str]:
-    """Rows of cells as lines, each column as wide as it must be; the first to the left, numbers to the right."""
+    """Rows of cells as lines with aligned columns, the first two to the left, the others to the right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     lines = []
     for row in rows:

@@ -2,7 +2,7 @@
 
 Conventions: stamps are integer nanoseconds; an offset is added to the stamps of the estimate; a pair may differ by
 `max_difference_s` at most, the limit included. Differences are taken between float64 seconds, as the TUM tools and evo
-take them: a stamp halfway between two others falls the same way here as there.
+do: a stamp halfway between two others is matched in the same way.
 """
 
 import heapq

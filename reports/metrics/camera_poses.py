@@ -18,7 +18,7 @@ class Poses(NamedTuple):
 
 
 def true_cameras(sequence: Sequence, frames: ListOf[int]) -> Poses:
-    """True poses at frames of a sequence."""
+    """True cam_from_world (n) at frames of a sequence."""
     ground_truth = sequence.ground_truth.select(np.asarray(frames, dtype=np.int64))
     mount = sequence.cam_from_body
     R: Array = mount.rotation @ np.swapaxes(ground_truth.rotations, 1, 2)
@@ -26,7 +26,7 @@ def true_cameras(sequence: Sequence, frames: ListOf[int]) -> Poses:
 
 
 def estimated_cameras(results: Results) -> Poses:
-    """Estimated pose of each row, NaN where there is none or it is not finite."""
+    """Estimated cam_from_world (n) of each row; NaN where it is missing or not finite."""
     R, t = np.full((len(results), 3, 3), np.nan), np.full((len(results), 3), np.nan)
     for i, row in enumerate(results.rows):
         if row.cam_from_world is not None:

@@ -1,7 +1,7 @@
-"""Pose error or loss of every frame that a tracker had to locate.
+"""Pose error of every frame that a tracker is expected to locate.
 
-Every frame counts, whether or not the tracker answered: one that is lost, was not reached, or has a non-finite pose is
-a frame without a pose. Poses are compared as `world_from_body`, in the structure's frame, without alignment.
+Every expected frame counts: one that is lost, was not reached, or has a non-finite pose is a frame without a pose.
+Poses are compared as `world_from_body`, in the structure's frame, without alignment.
 """
 
 from dataclasses import dataclass, replace
@@ -26,11 +26,10 @@ SUCCESS_DEG = 5.0
 
 @dataclass(frozen=True, eq=False)
 class FrameErrors:
-    """One row per frame that the tracker had to locate.
+    """Errors with one row per expected frame.
 
-    frames (n,) indices into the sequence; pairs (n) true and estimated `world_from_body`, the estimate NaN where there
-    is none; ok (n,) whether there is a finite pose; translation_m and angle_deg (n,) its errors, infinite where there
-    is none.
+    frames (n,): indices into the sequence; pairs (n): true and estimated `world_from_body`, the estimate NaN without a
+    pose; ok (n,): whether there is a finite pose; translation_m, angle_deg (n,): its errors, infinite without a pose.
     """
 
     frames: NDArray[np.int64]
@@ -44,7 +43,7 @@ class FrameErrors:
 
     @property
     def seconds(self) -> Array:
-        """Time (n,) since the first frame."""
+        """Time (n,) in s since the first frame."""
         return np.asarray((self.pairs.stamps_ns - self.pairs.stamps_ns[0]) / NS)
 
     @property
@@ -53,7 +52,7 @@ class FrameErrors:
         return self.within(SUCCESS_M, SUCCESS_DEG)
 
     def within(self, limit_m: float, limit_deg: float) -> NDArray[np.bool_]:
-        """Whether each frame (n,) is within these limits; written so that a NaN is not."""
+        """Whether each frame (n,) is within both limits; a NaN is not."""
         return (self.translation_m <= limit_m) & (self.angle_deg <= limit_deg)
 
     @property
@@ -66,7 +65,7 @@ class FrameErrors:
 def frame_errors(sequence: Sequence, results: Results) -> FrameErrors:
     """Errors of each expected frame: every k-th of the sequence, k its rate over the tracker's.
 
-    UserError when the results are of another sequence, or hold frames that were not to be tracked.
+    UserError when the results are of another sequence, or contain unexpected frames.
     """
     _same_sequence(sequence, results)
     expected = np.arange(0, len(sequence), stride(sequence, float(results.record["rate_hz"])))

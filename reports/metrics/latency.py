@@ -40,6 +40,6 @@ def stage_latencies(results: Results) -> dict[str, Latency]:
 
 
 def deadline_misses(results: Results) -> float | None:
-    """Share of frames that took longer than the time to the next frame; None without times."""
+    """Share (0 to 1) of frames that took longer than the interval to the next frame; None without times."""
     times = np.array([row.stage_ms["total"] for row in results.rows if "total" in row.stage_ms])
     return float((times > 1e3 / float(results.record["rate_hz"])).mean()) if len(times) else None

@@ -1,7 +1,7 @@
-"""Own quaternion arithmetic: scipy's Rotation normalizes again, which costs time and the last digit of a score.
+"""Quaternion arithmetic without scipy's Rotation, whose repeated normalization costs time and the last digit of scores.
 
-For 100 000 quaternions wxyz (n, 4), products and angles take 20 to 30 times as long there. Results lie in memory
-component by component, which makes a chain of operations on them fast.
+For 100 000 quaternions wxyz (n, 4), products and angles take 20 to 30 times as long there. Results are stored component
+by component, which makes chained operations fast.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ def multiply(a: Array, b: Array) -> Array:
 
 
 def between(a: Array, b: Array) -> Array:
-    """a^-1 b (n, 4): the rotation that leads from a to b."""
+    """Relative rotations a^-1 b (n, 4)."""
     return multiply(conjugate(a), b)
 
 
@@ -63,7 +63,7 @@ def chord(q: Array) -> Array:
 
 
 def slerp(a: Array, b: Array, w: Array) -> Array:
-    """Rotations (n, 4) a share w (n,) of the shorter way from a to b (Shoemake 1985)."""
+    """Spherical linear interpolation (n, 4) from a to b at w (n,) in [0, 1], along the shorter arc (Shoemake 1985)."""
     q = between(a, b)
     q = np.where(q[:, :1] < 0, -q, q)
     sine = _vector_norm(q)

@@ -141,7 +141,7 @@ def _nearest_ends(along: Array, delta: float, tolerance: float) -> RowPairs:
 
 
 def _accumulate(steps: Array, delta: float) -> RowPairs:
-    """Stretches one after another, each ended by the first row at which its own steps have summed to delta."""
+    """Consecutive intervals, each ending at the first row where its steps sum to delta or more."""
     ends, total = [0], 0.0
     for row, step in enumerate(steps.tolist(), start=1):
         total += step

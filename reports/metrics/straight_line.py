@@ -13,11 +13,11 @@ from uavbench.trajectories.pose import Array
 DEGENERATE = 1e-12
 """Relative round-off of coordinates, and of the second singular value against the first for collinear positions."""
 STRAIGHT = 0.01
-"""Sideways over forward spread (rms) of positions that may lie on one line: 15 cm on a way of 50 m."""
+"""Largest ratio of lateral to longitudinal spread (rms) of nearly collinear positions: 15 cm over 50 m."""
 EXACT = 1e-6
-"""The same of positions that lie on one: 1e-9 m, the last digit of most files, on a way of 1 mm."""
+"""The same ratio for exactly collinear positions: 1e-9 m, the last digit of most files, over 1 mm."""
 SHARED = 0.5
-"""Correlation of both sideways motions, turned to fit best, below which it is errors that turn them."""
+"""Least correlation of both lateral motions, after the best rotation, for it to count as more than noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def line_fit(p: Array, q: Array) -> LineFit | None:
 
 
 def vertical_fit(p: Array, q: Array) -> LineFit | None:
-    """The same for yaw alone: where positions move straight up or down, no yaw is better than none."""
+    """The same for yaw alone: vertical motion leaves the yaw undetermined, and none is applied."""
     p_centred, q_centred = p - p.mean(axis=0), q - q.mean(axis=0)
     if len(p) < 2 or not (moves(p, p_centred) and moves(q, q_centred)):
         return None
@@ -81,20 +81,20 @@ def moves(points: Array, centred: Array) -> bool:
 
 
 def _width(centred: Array) -> float:
-    """Sideways over forward spread (rms) of centred points (n, 3)."""
+    """Ratio of lateral to longitudinal spread (rms) of centred points (n, 3)."""
     second, first = np.linalg.eigvalsh(centred.T @ centred)[1:]
     return float(np.sqrt(max(second, 0.0) / first))
 
 
 def _across(direction: Array) -> Array:
-    """Two unit vectors (2, 3) across a direction (3,) and each other, right-handed about it."""
+    """Two unit vectors (2, 3) orthogonal to a direction (3,) and to each other, right-handed about it."""
     first = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(direction, first)])
 
 
 def _undetermined(straight: float, a: Array, b: Array) -> bool:
-    """Whether motions a and b (n, 2) across a line are too small, or too unlike, to turn one to the other."""
+    """Whether lateral motions a and b (n, 2) are too small, or too different, to determine a rotation between them."""
     if straight < EXACT:
         return True
     C = a.T @ b

@@ -1,4 +1,4 @@
-"""Failures on the page: the runs that failed, by tracker, the baselines last."""
+"""Failures on the page: the failed runs by tracker, the baselines last."""
 
 from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as ListOf
@@ -13,7 +13,7 @@ BASELINES = ("hold",)
 
 @dataclass(frozen=True)
 class Failure:
-    """One run that failed: its sequence, its status, a link to its first failed frame, its error message."""
+    """One failed run: sequence, status, description, link to its first failed frame ("" for none), error messages."""
 
     sequence: str
     status: str
@@ -24,7 +24,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class FailedTracker:
-    """The failures of one tracker at one rate, or of all baselines; status is the worst; shown: unfolded by default."""
+    """Failures of one tracker at one rate, or of all baselines; status: the worst; shown: unfolded by default."""
 
     title: str
     status: str
@@ -34,14 +34,11 @@ class FailedTracker:
 
 
 UNFOLDED = 3
-"""Most failures of a tracker that are unfolded by default."""
+"""Most failures of a tracker that are shown unfolded."""
 
 
 def failed_trackers(runs: ListOf[ScoredRun], pages: Mapping[str, str]) -> list[FailedTracker]:
-    """Trackers that failed, worst first, and the baselines together at the end; pages: of the sequences that have one.
-
-    None of them is left out: what did not fail is not there.
-    """
+    """All trackers with failed runs, worst first, then the baselines together; pages: by name of the sequence."""
     failed = [(run, failure) for run in worst_first(runs) if (failure := failure_of(run, runs, pages)) is not None]
     found = []
     for name in dict.fromkeys(run.name for run, _ in failed if not is_baseline(run)):
@@ -66,7 +63,7 @@ def _tracker(title: str, failed: list[Failure], runs: ListOf[ScoredRun], unfolde
 
 
 def failure_of(run: ScoredRun, runs: ListOf[ScoredRun], pages: Mapping[str, str]) -> Failure | None:
-    """Failure of a run; None for one that never failed."""
+    """Failure of a run; None for a run without one. runs: of the report, to link the run on its sequence's page."""
     begins, _ = failures(run.errors.success)
     if not len(begins) and run.score.status == "complete":
         return None
@@ -86,14 +83,14 @@ def failure_of(run: ScoredRun, runs: ListOf[ScoredRun], pages: Mapping[str, str]
 
 
 def status(run: ScoredRun) -> str:
-    """Status of a run for people: `off target` where every frame has a pose and some miss 5 cm or 5 deg."""
+    """Status of a run as shown: `off target` when every frame has a pose and some exceed 5 cm or 5 deg."""
     if run.score.status == "complete" and run.score.tracking.success < 1:
         return "off target"
     return run.score.status
 
 
 def worst_first(runs: Iterable[ScoredRun]) -> list[ScoredRun]:
-    """Runs by how badly they failed: missing, crashed, then by success."""
+    """Runs, worst first: missing, crashed, then by increasing success."""
     first = {"missing": 0, "crashed": 1}
     return sorted(runs, key=lambda run: (first.get(run.score.status, 2), run.score.tracking.success))
 
@@ -104,5 +101,5 @@ def is_baseline(run: ScoredRun) -> bool:
 
 
 def own_runs(runs: ListOf[ScoredRun]) -> list[ScoredRun]:
-    """The runs that are not of a baseline; all where there are no others."""
+    """The runs that are not of a baseline; all of them when there are no others."""
     return [run for run in runs if not is_baseline(run)] or list(runs)

@@ -23,15 +23,15 @@ ANIMATION_WIDTH_PX = 480
 
 
 def scrubbed(frames: int) -> list[int]:
-    """Frames that the page shows: every k-th, SCRUBBED_FRAMES at most."""
+    """Indices of the frames in the scrubber, for a sequence of so many: every k-th, SCRUBBED_FRAMES at most."""
     return list(range(0, frames, max(1, -(-frames // SCRUBBED_FRAMES))))
 
 
 def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[[int], None]) -> None:
-    """Write the scrubbed frames of a run's sequence as JPEG, and its overlay as an animated WebP.
+    """Write the scrubber's frames of a run's sequence as JPEG into a folder, and its overlay `moving` as animated WebP.
 
-    Model at the latest estimate in green, ground truth in white. Each image is read once; on_frame is told each frame
-    while `image_at` has its image.
+    Model at the latest estimate in green, at the true pose in white. Each image is read once; on_frame(frame) is called
+    while `image_at` has it cached. UserError when an image cannot be read.
     """
     folder.mkdir(parents=True, exist_ok=True)
     frames = scrubbed(len(run.sequence))
@@ -56,7 +56,7 @@ def write_frames(run: ScoredRun, folder: Path, moving: Path, on_frame: Callable[
 
 
 def overlay_frame(run: ScoredRun, view: View, frame: int) -> Image:
-    """One frame of the overlay, with the error written on it."""
+    """One frame of the overlay, ANIMATION_WIDTH_PX wide at most, with the error written on it."""
     scale = min(1.0, ANIMATION_WIDTH_PX / view.image.shape[1])
     small = cv2.resize(view.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     canvas: Image = np.asarray(small, dtype=np.uint8)

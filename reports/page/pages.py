@@ -1,4 +1,4 @@
-"""The pages of a report: an index, and one page per sequence, that open from disk without a network."""
+"""The pages of a report, an index and one page per sequence, which open from disk without a network."""
 
 import json
 from collections.abc import Mapping
@@ -32,14 +32,17 @@ THEMES = {
         f"in real time: {what}" for what in ("within 5 cm, 5 deg", "frames missed", "age of the pose")
     ),
 }
-"""Columns of the page's detailed tables by title, as many as fit side by side."""
+"""Columns of the page's detailed tables by title."""
 MAX_EDGES = 150
 """Most model edges that the scrubber draws per frame, the longest ones."""
 
 
 @dataclass(frozen=True)
 class SequenceOnPage:
-    """A sequence as the index and its own page show it."""
+    """A sequence as shown on the index and on its own page.
+
+    page, moving: files of the page and of the animated overlay, relative to the report; moving_text: its caption.
+    """
 
     name: str
     page: str
@@ -59,7 +62,7 @@ class Undrawn:
 
 @dataclass(frozen=True)
 class ReportNotes:
-    """Notes of an index: sequences not rendered and absent trackers, each with the reason; figures not drawn."""
+    """Title and notes of an index; unrendered: sequences, absent: trackers, each with the reason."""
 
     title: str
     unrendered: Mapping[str, str]
@@ -82,7 +85,10 @@ def write_index(
     figures: ListOf[FigureOnPage],
     sequences: ListOf[SequenceOnPage],
 ) -> Path:
-    """Write `index.html`: scores first, then failures, figures, details, and the pages of the sequences."""
+    """Write `index.html`: scores, failures, figures, details, and links to the sequences' pages; its path.
+
+    tables: the summary first.
+    """
     labels = list(dict.fromkeys(run.score.label for run in runs))
     rates = sorted({run.score.rate_hz for run in runs}, reverse=True)
     names = list(dict.fromkeys(run.sequence.name for run in runs))
@@ -112,7 +118,7 @@ def write_index(
 
 
 TABLE_FILES = ((".md", ".csv", ".tex"), (".md", ".csv", ".tex", "_one_column.tex"))
-"""Ends of the files of a table, and of the summary's."""
+"""Suffixes of the files of a table, and of the summary's."""
 
 
 def _themes(tables: ListOf[Table], runs: ListOf[ScoredRun]) -> list[dict[str, Any]]:
@@ -162,7 +168,7 @@ def write_sequence_page(
 
 
 def scrubber_data(runs: ListOf[ScoredRun], shown: SequenceOnPage) -> dict[str, Any]:
-    """Data of the frame scrubber: model edges in px, errors, states of every run at the scrubbed frames."""
+    """Data of the frame scrubber: model edges in px, errors in cm and deg, and success of every run at its frames."""
     sequence = runs[0].sequence
     frames = scrubbed(len(sequence))
     blank = np.zeros((1, 1, 3), dtype=np.uint8)
@@ -196,7 +202,7 @@ def _scrubbed_run(run: ScoredRun, view: View, frames: list[int]) -> dict[str, An
 
 
 def _edges(run: ScoredRun, view: View, frames: list[int]) -> list[list[float]]:
-    """Edges at the latest estimate of each frame; one that holds for several frames is projected once."""
+    """Projected edges at the latest estimate of each frame; a pose that holds for several frames is projected once."""
     found: list[list[float]] = []
     before: object = object()
     for frame in frames:
@@ -207,7 +213,7 @@ def _edges(run: ScoredRun, view: View, frames: list[int]) -> list[list[float]]:
 
 
 def flat(segments_px: Array) -> list[float]:
-    """Segments (k, 2, 2) as a flat list with one decimal, the longest MAX_EDGES of them."""
+    """The MAX_EDGES longest of segments (k, 2, 2) in px, as a flat list with one decimal."""
     if len(segments_px) > MAX_EDGES:
         lengths = np.linalg.norm(segments_px[:, 1] - segments_px[:, 0], axis=1)
         segments_px = segments_px[np.sort(np.argsort(-lengths)[:MAX_EDGES])]

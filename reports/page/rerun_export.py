@@ -1,4 +1,4 @@
-"""A run as a recording for the Rerun viewer (`.rrd`), behind the extra `uavbench[rerun]`."""
+"""Export of a run to a recording of the Rerun viewer (`.rrd`), with the extra `uavbench[rerun]`."""
 
 import importlib
 from pathlib import Path
@@ -20,7 +20,7 @@ TRUE, ESTIMATED = (255, 255, 255), (60, 220, 70)
 def write_rrd(run: ScoredRun, path: Path) -> None:
     """Write structure, images, true and estimated cameras, model edges and errors of a run to an `.rrd` file.
 
-    UserError when the extra is not installed.
+    UserError when the extra is not installed, or an image cannot be read.
     """
     rr = _rerun()
     recording = rr.RecordingStream("uavbench", recording_id=run.slug)

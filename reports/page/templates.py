@@ -1,4 +1,4 @@
-"""The pages' templates, the files embedded in them, and figures as a page shows them."""
+"""Templates of the pages, files embedded in them, and figures shown on them."""
 
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
 
 @dataclass(frozen=True)
 class FigureOnPage:
-    """A figure's files relative to the report's folder, with its title and caption."""
+    """A figure's files relative to the report's folder, with title and caption; up: path prefix to that folder."""
 
     files: tuple[str, ...]
     title: str
@@ -25,7 +25,7 @@ class FigureOnPage:
 
     @property
     def png(self) -> str:
-        """The picture that the page shows."""
+        """The PNG file, which the page shows."""
         return next(f for f in self.files if f.endswith(".png"))
 
     @property
@@ -34,7 +34,7 @@ class FigureOnPage:
         return Path(self.png).stem
 
     def sized(self, folder: Path) -> dict[str, Any]:
-        """Arguments of the template; width and height in CSS px."""
+        """Arguments of the template for a report in `folder`; width and height in CSS px."""
         with Image.open(folder / self.png) as picture:
             width, height = picture.size
         wide = width > 0.75 * TWO_COLUMNS_IN * PNG_DPI
@@ -45,15 +45,15 @@ class FigureOnPage:
 
 
 def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> FigureOnPage:
-    """A figure with its files relative to the report."""
+    """A figure with its files relative to the report in `folder`."""
     return FigureOnPage(tuple(path.relative_to(folder).as_posix() for path in files), title, caption)
 
 
 def environment() -> Environment:
-    """The pages' templates."""
+    """Jinja environment of the templates, with autoescape and strict undefined variables."""
     return Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=False)
 
 
 def asset(name: str) -> Markup:
-    """A file that is embedded in a page."""
+    """Content of a CSS or JavaScript file, to be embedded in a page."""
     return Markup((HERE / name).read_text(encoding="utf-8"))

@@ -1,8 +1,7 @@
 """Protocols beside the free run: reset on failure, anchored restarts, replay in real time.
 
-Conventions: a protocol drives the same tracker over the same frames as a free run does and gives the same kind of
-results. Frames near a reset are burn-in: they follow a pose that was given, so they are scored apart and left out of
-accuracy.
+Conventions: a protocol runs the same tracker on the same frames as the free run, with results of the same form. Frames
+right after a reset are burn-in: they follow a given pose, so they are excluded from accuracy.
 """
 
 from collections.abc import Sequence as ListOf
@@ -29,15 +28,15 @@ from uavbench.trajectories.pose import Array, Pose
 
 FLAGS = ("given", "counted", "failed")
 BURN_IN_FRAMES = 5
-"""Frames after a given pose that do not count for accuracy (as the VOT reset protocol leaves out ten)."""
+"""Frames after a given pose that are excluded from accuracy (ten in the VOT reset protocol)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Restarted:
-    """Results of a run that was given true poses on the way.
+    """Results of a run that was restarted from true poses.
 
-    given (n,) the row started from a true pose; counted (n,) it counts for accuracy; failed (n,) it was lost or beyond
-    5 cm or 5 deg. The record of the results tells them all.
+    given (n,): the row started from a true pose; counted (n,): it counts for accuracy; failed (n,): it was lost or
+    beyond 5 cm or 5 deg. All are stored in the record of the results.
     """
 
     results: Results
@@ -74,7 +73,7 @@ def run_with_resets(
 def run_from_anchors(
     tracker: Tracker, sequence: Sequence, *, rate_hz: float, seed: int, every_s: float = 5.0, burn_in: int = 0
 ) -> Restarted:
-    """Anchored restarts: the run starts anew from the ground truth every so many seconds, whatever happened before."""
+    """Anchored restarts: the run is restarted from the ground truth at fixed intervals, regardless of failures."""
     if not every_s > 0:
         raise UserError(f"every_s = {every_s}: must be positive")
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
@@ -84,7 +83,7 @@ def run_from_anchors(
 
 
 class ExpectedError(NamedTuple):
-    """Time (k,) since the last given pose in s, the median error (k,) then in m, the share (k,) that failed."""
+    """Time (k,) in s since the last given pose, median position error (k,) in m, and share (k,) of failed frames."""
 
     since_s: Array
     median_m: Array
@@ -92,7 +91,7 @@ class ExpectedError(NamedTuple):
 
 
 class RestartedOn(NamedTuple):
-    """A run that was given true poses on the way, and its sequence."""
+    """A run that was restarted from true poses, and its sequence."""
 
     restarted: Restarted
     sequence: Sequence
@@ -121,15 +120,16 @@ def expected_error(runs: ListOf[RestartedOn]) -> ExpectedError:
 
 
 PROTOCOLS = {"reset": run_with_resets, "anchors": run_from_anchors}
-"""Every protocol that gives true poses on the way, by its name."""
+"""Every protocol with restarts from true poses, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """Poses available in real time: at each frame of the sequence the newest pose that was out by then.
+    """Poses available in real time: at each frame of the sequence the latest pose delivered by then.
 
-    dropped: share of frames that came while the tracker was busy; age_ms: median age of the pose in hand, None when
-    none came in time; errors against the ground truth of the moment, infinite before the first pose.
+    dropped: share of frames that arrived while the tracker was busy; age_ms: median age of the available pose, None
+    without any; translation_m, rotation_deg: errors against the ground truth of the current frame; success: share of
+    frames within 5 cm and 5 deg.
     """
 
     dropped: float
@@ -140,10 +140,10 @@ class Replay:
 
 
 def replay_in_real_time(sequence: Sequence, results: Results) -> Replay | None:
-    """Replay of results by their own wall times: a busy tracker misses frames, and a pose is out only when it is done.
+    """Replay of results with their wall-clock times: a busy tracker misses frames, and poses arrive with its latency.
 
-    The poses are those of the free run; a tracker that misses frames in earnest would predict from farther back, so
-    this is the least that lateness costs. None when the results hold no times.
+    The poses are those of the free run; a tracker that really misses frames would predict over longer intervals, so
+    this is a lower bound on the cost of latency. None when the results have no times.
     """
     if not len(results) or any("total" not in row.stage_ms for row in results.rows):
         return None

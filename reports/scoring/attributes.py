@@ -1,7 +1,7 @@
 """Breakdown of success by attributes of the frames: speed, blur, occlusion, distance, contrast.
 
-Conventions: an attribute has one value per frame, NaN where it is unknown. A breakdown cuts the frames into parts of
-equal size by the attribute and gives success and error of each part.
+Conventions: an attribute has one value per frame, NaN where it is unknown. A breakdown divides the frames into
+quantiles of the attribute and gives success and error of each.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from uavbench.trajectories.pose import Array
 
 PARTS = 4
 MAX_FRAMES = 200
-"""Most frames of a breakdown, evenly spread over all sequences, with at least FEW of each."""
+"""Most frames of a breakdown, evenly spaced over all sequences, with FEW of each at least."""
 FEW = 4
 CONTRAST_OFFSET_PX = 4.0
 POINTS_PER_EDGE = 15
@@ -33,7 +33,7 @@ POINTS_PER_EDGE = 15
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """Frames whose attribute lies in low .. high: their number, share that succeed, median error (inf: lost)."""
+    """Frames whose attribute lies in [low, high]: their number, success rate, and median position error (inf: lost)."""
 
     low: float
     high: float
@@ -43,15 +43,15 @@ class Part:
 
 
 def speed_m_s(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Speed of the body (n,)."""
+    """Speed (n,) of the body in m/s."""
     return norm(sequence.ground_truth_table[list(frames), 9:12])
 
 
 def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Median way (n,) in px that points of the true edges move while the shutter is open.
+    """Median displacement (n,) in px of points of the visible edges during the exposure.
 
-    From the true poses and the exposure of the sequence's config, 0 without motion blur; NaN where the config is not
-    known, and for the last frame.
+    From the true poses and the exposure time in the sequence's config; 0 without motion blur, NaN without a config, and
+    for the last frame.
     """
     config = sequence.info.get("config")
     if not config:
@@ -74,10 +74,10 @@ def blur_px(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 
 def occlusion(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Share (n,) in percent of the length in px of the visible model edges that something else hides.
+    """Share (n,) in percent of the length of the visible model edges that other objects occlude.
 
-    The structure's own edges at the true pose against those that the renderer saw; NaN where there are no annotations
-    of edges (`annotations = ["edges"]`).
+    Compares the projected edges of the structure alone with the rendered annotations; NaN without annotations of edges
+    (`annotations = ["edges"]`).
     """
     out = np.full(len(frames), np.nan)
     for k, frame in enumerate(frames):
@@ -98,19 +98,22 @@ def visible_edge_count(sequence: Sequence, frames: ListOf[int]) -> Array:
 
 
 def distance_m(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Median depth (n,) of the visible edges at the true pose, NaN where none is in view."""
+    """Median depth (n,) in m of the visible edges at the true pose; NaN where none is in view."""
     depths = [true_edges(sequence, frame).depths_m for frame in frames]
     return np.array([float(np.median(d)) if d.size else np.nan for d in depths])
 
 
 def contrast(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Mean difference (n,) of grey levels across the true visible edges, 4 px to either side, of 255."""
+    """Mean absolute difference (n,) of grey levels (0 to 255) across visible edges, CONTRAST_OFFSET_PX to each side.
+
+    UserError when an image cannot be read.
+    """
     return np.array([contrast_at(sequence, frame) for frame in frames])
 
 
-@lru_cache(maxsize=4096)  # what draws the overlay asks for it first, while it has the image
+@lru_cache(maxsize=4096)  # filled by the drawing of the overlay, while it has the image
 def contrast_at(sequence: Sequence, frame: int) -> float:
-    """Contrast of one frame; NaN where no visible edge is long enough."""
+    """Contrast of one frame in grey levels; NaN where no visible edge is long enough."""
     segments = true_edges(sequence, frame).segments_px
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     segments, lengths = segments[lengths > 2 * CONTRAST_OFFSET_PX], lengths[lengths > 2 * CONTRAST_OFFSET_PX]
@@ -133,11 +136,14 @@ ATTRIBUTES: dict[str, tuple[str, Callable[[Sequence, ListOf[int]], Array]]] = {
     "distance": ("m", distance_m),
     "contrast": ("of 255", contrast),
 }
-"""Name -> unit, function of a sequence and its frames."""
+"""Name -> unit, and function of a sequence and frames that returns values (n,)."""
 
 
 def breakdown(values: Array, success: Array, translation_m: Array, parts: int = PARTS) -> list[Part]:
-    """Outcome of the frames (n,) in parts of equal size by an attribute; fewer parts where values repeat."""
+    """Success and error of frames (n,) in quantiles of an attribute; fewer parts where values repeat.
+
+    values: of the attribute, NaN where unknown; success: 0 or 1; translation_m: inf without a pose.
+    """
     known = np.isfinite(values)
     if not known.any():
         return []
@@ -156,7 +162,7 @@ def breakdown(values: Array, success: Array, translation_m: Array, parts: int = 
 
 
 def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
-    """Parts by attribute and run name, over all sequences of runs at one rate; attributes that are known only."""
+    """Parts by attribute and name of the run, over all sequences of runs at one rate; only attributes with values."""
     names = list(dict.fromkeys(run.name for run in runs))
     looked_at = frames_looked_at(runs)
     found: dict[str, dict[str, list[Part]]] = {}
@@ -177,7 +183,7 @@ def breakdowns(runs: ListOf[ScoredRun]) -> dict[str, dict[str, list[Part]]]:
 
 
 def frames_looked_at(runs: ListOf[ScoredRun]) -> dict[int, list[int]]:
-    """Frames of each run, by its id, that a breakdown of all of them looks at."""
+    """Frames of each run, by its id, that a breakdown of these runs uses."""
     at_most = max(FEW, MAX_FRAMES // len({id(run.sequence) for run in runs}))
     frames: dict[int, list[int]] = {id(run): run.errors.frames.tolist() for run in runs}
     return {run: of_run[:: -(-len(of_run) // at_most)] for run, of_run in frames.items()}

@@ -1,7 +1,7 @@
 """Coverage, success, failures and recovery of a tracker.
 
-Conventions: a frame succeeds within 5 cm and 5 deg; a failure begins at a frame that does not succeed
-after one that did (or at the first frame), and ends at the next that does.
+Conventions: a frame is a success within 5 cm and 5 deg; a failure begins at a frame without success after a success (or
+at the first frame), and ends at the next success.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ AUC_LIMIT_M = 0.10
 
 @dataclass(frozen=True, kw_only=True)
 class Tracking:
-    """Shares of all frames, and times in seconds.
+    """Coverage, success and failures of a run; shares of all expected frames, from 0 to 1.
 
-    coverage: frames with a pose; success: frames within 5 cm and 5 deg; success_auc: area under the share of frames
-    within a distance, from 0 to 10 cm, over 10 cm. time_to_first_loss_s: None when it never fails; time_to_recover_s:
-    mean over the failures that end, None when none does.
+    coverage: frames with a pose; success: frames within 5 cm and 5 deg; success_auc: area under the success curve from
+    0 to 10 cm, over 10 cm. time_to_first_loss_s: None without a failure; time_to_recover_s: mean over the failures that
+    end, None without any.
     """
 
     frames: int
@@ -39,7 +39,7 @@ class Tracking:
 
 
 def tracking(errors: FrameErrors) -> Tracking:
-    """Tracking figures of a run."""
+    """Tracking measures of a run."""
     success, seconds = errors.success, errors.seconds
     period = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
     begins, ends = failures(success)
@@ -63,23 +63,23 @@ def tracking(errors: FrameErrors) -> Tracking:
 
 
 class Failures(NamedTuple):
-    """First row of each failure, and the row of the success that ends it (n where none does)."""
+    """Rows of failures (k,): first one of each, and that of the success that ends it (n where none does)."""
 
     first: NDArray[np.int64]
     ended: NDArray[np.int64]
 
 
 def failures(success: NDArray[np.bool_]) -> Failures:
-    """First row of each failure, and the row of the success that ends it (n where none does)."""
+    """Failures of a run, from the success (n,) of its frames."""
     edge = np.diff(np.concatenate([[False], ~success, [False]]).astype(np.int8))
     return Failures(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1))
 
 
 def success_curve(translation_m: Array, limits_m: Array) -> Array:
-    """Share (k,) of all frames within each distance; frames without a pose are within none."""
+    """Share (k,) of all frames with an error (n,) within each limit (k,); errors are infinite without a pose."""
     return np.searchsorted(np.sort(translation_m), limits_m, side="right") / len(translation_m)
 
 
 def success_auc(translation_m: Array, limit_m: float = AUC_LIMIT_M) -> float:
-    """Area under the success curve from 0 to a limit, over the limit: 1 is perfect."""
+    """Area under the success curve from 0 to a limit, over the limit, from 0 to 1 (best)."""
     return float(np.clip(1.0 - translation_m / limit_m, 0.0, 1.0).mean())

@@ -1,10 +1,10 @@
-"""Cramer-Rao bound on the position of the body in each frame, and the errors over it.
+"""Cramer-Rao bound on the position of the body in each frame, and the ratio of the errors to it.
 
 Conventions: for unbiased estimates from one frame, E |p - q|^2 is at least the squared bound (Kay 1993, section 3.7).
-It is that of the rendered image and its noise where the sequence has it (`crlb`). Otherwise it is one of edges
-alone, and rests on an assumption: what can be measured at the true pose is the distance of each control point of the
-visible edges from its edge, along the normal, with independent Gaussian noise of sigma_px. Trackers that use more than
-one frame may go below either, and those that use more than edges below the second.
+It is that of the rendered image and its noise where the sequence has it (`crlb`). Otherwise it is that of edges alone,
+and rests on an assumption: the measurements at the true pose are the distances of the control points of the visible
+edges along their normals, with independent Gaussian noise of sigma_px. Trackers that use several frames may be below
+either bound, and those that use more than edges below the second.
 """
 
 from collections.abc import Sequence as ListOf
@@ -20,37 +20,37 @@ from uavbench.tracker.shang_shen.control_points import control_points
 from uavbench.trajectories.pose import Array, Pose, hat
 
 SIGMA_PX = 0.3
-"""Assumed noise of one edge measurement: an assumption, and written beside every ratio."""
+"""Assumed noise of one edge measurement, reported with every ratio."""
 SINGULAR = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorOverBound:
-    """Median ratio of the position error to the bound of its frame, over the n frames that have a pose and a bound."""
+    """Median ratio of the position error to the bound of its frame, over the n frames with a pose and a bound."""
 
     n: int
     median: float
 
     @classmethod
     def of(cls, sequence: Sequence, errors: FrameErrors) -> "ErrorOverBound | None":
-        """Ratio to the bounds of the images; None where no frame with a pose has one."""
+        """Ratio to the bounds of the images; None when no frame with a pose has one."""
         ratios = errors.translation_m / image_bounds(sequence, errors.frames.tolist())
         ratios = ratios[np.isfinite(ratios)]
         return cls(n=len(ratios), median=float(np.median(ratios))) if len(ratios) else None
 
 
 def image_bounds(sequence: Sequence, frames: ListOf[int]) -> Array:
-    """Bound (n,) in m on the RMS position error of the body from the image, NaN where the sequence has none."""
+    """Bound (n,) in m on the RMS position error of the body from each image; NaN where the sequence has none."""
     known, mount = sequence.pose_bounds, sequence.cam_from_body
     return np.array([_position(known[frame], mount) if frame in known else np.nan for frame in frames])
 
 
 def edge_bounds(sequence: Sequence, frames: ListOf[int], sigma_px: float = SIGMA_PX) -> Array:
-    """Bound (n,) in m on the RMS position error of the body, infinite where the edges in view do not fix the pose."""
+    """Bound (n,) in m on the RMS position error of the body from edges; infinite where the pose is undetermined."""
     return np.array([_edge_bound(sequence, frame, sigma_px) for frame in frames])
 
 
-@lru_cache(maxsize=4096)  # all trackers have the same frames
+@lru_cache(maxsize=4096)  # shared by all trackers
 def _edge_bound(sequence: Sequence, frame: int, sigma_px: float) -> float:
     points = control_points(true_edges(sequence, frame))
     if len(points) < 6:
@@ -69,7 +69,7 @@ def _edge_bound(sequence: Sequence, frame: int, sigma_px: float) -> float:
 
 
 def error_over_bound(sequence: Sequence, errors: FrameErrors) -> Array:
-    """Ratio of the position error to its bound of each frame (n,) that has one; infinite where the frame is lost."""
+    """Ratio (k,) of the position error to its bound for each frame with a bound; infinite for lost frames."""
     frames = errors.frames.tolist()
     bounds = image_bounds(sequence, frames) if sequence.pose_bounds else edge_bounds(sequence, frames)
     known = ~np.isnan(bounds)
@@ -77,6 +77,6 @@ def error_over_bound(sequence: Sequence, errors: FrameErrors) -> Array:
 
 
 def _position(covariance: Array, cam_from_body: Pose) -> float:
-    """RMS position error of the body, of a covariance of the twist of `cam_from_world`."""
+    """RMS position error in m of the body, from a covariance (6, 6) of the twist of cam_from_world."""
     M = np.hstack([-np.eye(3), hat(cam_from_body.translation)])
     return float(np.sqrt(np.trace(M @ covariance @ M.T)))

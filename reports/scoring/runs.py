@@ -1,4 +1,4 @@
-"""The runs that a report is about, opened for reading."""
+"""The runs of a report: sequences, results and scores read from their files."""
 
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ScoredRun:
-    """One tracker's results on one sequence, with their score."""
+    """One tracker's results on one sequence, with their score; colour: index of the tracker's colour."""
 
     sequence: Sequence
     results: Results
@@ -36,22 +36,22 @@ class ScoredRun:
 
     @property
     def title(self) -> str:
-        """Name for people, `lsd, 15 Hz`."""
+        """Name in figures and pages, `lsd, 15 Hz`."""
         return f"{self.score.label}, {self.score.rate_hz:g} Hz"
 
     @property
     def slug(self) -> str:
-        """Name for files: sequence and run."""
+        """Sequence, run and seed as a file name."""
         seed = f"_seed{self.score.seed}" if self.score.seed else ""
         return f"{self.sequence.name}_{self.name}{seed}".replace("/", "-").replace(" ", "-").replace(":", "-")
 
     @cached_property
     def errors(self) -> FrameErrors:
-        """Pose error or loss of every expected frame."""
+        """Pose error of every expected frame, infinite where it is lost."""
         return frame_errors(self.sequence, self.results)
 
     def frames(self) -> "DataFrame":
-        """One row per frame that was to be located; position and rotation error are NaN where there is no pose.
+        """One row per expected frame; position and rotation error are NaN without a pose.
 
         Columns: frame (in the sequence), stamp_ns, time_s since the first, position_error_m, rotation_error_deg, and
         success: within 5 cm and 5 deg.
@@ -71,20 +71,20 @@ class ScoredRun:
 
     @cached_property
     def latest_pose(self) -> list[Pose | None]:
-        """Estimated cam_from_world known at each frame of the sequence: that of the latest tracked frame."""
+        """Latest estimated cam_from_world at each frame of the sequence; None before the first and where it is lost."""
         rows = np.searchsorted(self.results.frames, np.arange(len(self.sequence)), side="right") - 1
         return [self.results.rows[row].cam_from_world if row >= 0 else None for row in rows.tolist()]
 
 
 def counts(results: Results, name: str) -> Array:
-    """A count of each row (n,), NaN where a tracker gives none."""
+    """A count (n,) of each row, such as `inliers`; NaN where the tracker gives none."""
     values = [getattr(row, name) for row in results.rows]
     return np.array([np.nan if v is None else float(v) for v in values])
 
 
 @dataclass(frozen=True)
 class ReportEntry:
-    """One scored run: the folders of its sequence and of its results, its score.json; `why` there is no such result."""
+    """One scored run: folders of sequence and results, and its score.json; why: reason for missing results, or ""."""
 
     sequence: Path
     results: Path
@@ -93,10 +93,10 @@ class ReportEntry:
 
 
 def open_runs(entries: ListOf[ReportEntry]) -> list[ScoredRun]:
-    """Runs of a report's entries; each sequence is opened once, each tracker has one colour.
+    """Runs of a report's entries; each sequence is loaded once, each tracker has one colour.
 
-    A run whose results folder is missing, or whose entry says why its results do not count, is scored as one that
-    located no frame. UserError naming the file that is wrong.
+    A run with a missing results folder, or with a reason in `why`, is scored as one without any pose. UserError naming
+    a file that is missing or wrong, or a score that was not computed from these results.
     """
     sequences: dict[Path, Sequence] = {}
     labels: dict[str, int] = {}
@@ -117,7 +117,7 @@ def open_runs(entries: ListOf[ReportEntry]) -> list[ScoredRun]:
 
 
 def _belongs(found: Score, sequence: Sequence, results: Results, path: Path) -> None:
-    """UserError unless a score is of these results and this sequence, computed as scores are computed now."""
+    """UserError unless a score is of these results and this sequence, computed in the current way."""
     for key, now in how(sequence, results).items():
         if key == "versions":
             continue
@@ -127,7 +127,7 @@ def _belongs(found: Score, sequence: Sequence, results: Results, path: Path) -> 
 
 
 def missing_results(sequence: Sequence, folder: Path, why: str = "") -> Results:
-    """Results without a row for a run that is missing; UserError unless its folder is named `LABEL@RATEhz`."""
+    """Results without rows for a missing run; UserError unless its folder is named `LABEL@RATEhz`."""
     label, _, rate = folder.name.partition("@")
     try:
         rate_hz = float(rate.removesuffix("hz"))

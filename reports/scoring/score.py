@@ -37,7 +37,7 @@ Status = Literal["complete", "lost", "crashed", "missing"]
 
 @dataclass(frozen=True, kw_only=True)
 class PoseErrors:
-    """Errors of poses or of motions, over the frames that have a pose; None where there is none to summarize."""
+    """Errors of poses or of motions over the frames with a pose; None without any; undefined: the reason, or ""."""
 
     translation_m: ErrorSummary | None
     rotation_deg: ErrorSummary | None
@@ -49,10 +49,11 @@ class Score:
     """Score of one run.
 
     status: `complete` when every frame has a pose, `lost` when some have none, `crashed` when the tracker raised an
-    error or stopped early, `missing` when there is no result at all. ate by alignment and rpe by interval (`1 frame`,
-    `1 s`) are over the frames that have a pose: read them with tracking.coverage. latency by stage, `total` first.
-    replay, model, consistency and bound: what lateness costs, errors in the structure's space and the image, NEES,
-    errors over their Cramer-Rao bound; None where times, covariances or bounds are missing.
+    error or stopped early, `missing` when there is no result at all. ate, by alignment, and rpe, by interval (`1 s`),
+    are over the frames with a pose: read them with tracking.coverage. latency: by stage, `total` first;
+    deadline_misses: share of frames. replay: real-time replay; model: errors of the structure in space and image;
+    consistency: NEES; bound: errors over their Cramer-Rao bound; each None where times, covariances or bounds are
+    missing. errors: of the tracker; record: how the score was computed.
     """
 
     label: str
@@ -83,14 +84,14 @@ class Score:
         return self.sequence.removesuffix(f"-s{self.seed}")
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
+        """The score as a JSON object."""
         value = asdict(self)
         value["errors"] = list(self.errors)
         return value
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "Score":
-        """What `to_json` gave; UserError when it is something else."""
+        """The score of an object that `to_json` returned; UserError naming the first wrong key."""
         known = {name: value[name] for name in cls.__dataclass_fields__ if name in value}
         try:
             return _ADAPTER.validate_python(known)
@@ -99,13 +100,13 @@ class Score:
             raise UserError(f"not a score: {'.'.join(map(str, first['loc']))}: {first['msg']}; score again") from None
 
     def save(self, path: Path, content_hash: str = "") -> None:
-        """Write `score.json`; the hash is of what made it."""
+        """Write `score.json`; content_hash: of its inputs."""
         text = json.dumps({"content_hash": content_hash, **self.to_json()}, indent=1, allow_nan=False)
         write_text(path, text + "\n", sealed=True)
 
     @classmethod
     def load(cls, path: Path) -> "Score":
-        """Read `score.json`; UserError naming the file."""
+        """Read `score.json`; UserError naming the file when it is missing or no score."""
         try:
             return cls.from_json(read_json(path))
         except UserError as error:
@@ -154,7 +155,7 @@ def score(sequence: Sequence, results: Results) -> Score:
 
 
 def absolute(pairs: PosePairs, kind: Alignment) -> PoseErrors:
-    """ATE under an alignment; undefined says why there is none."""
+    """ATE under an alignment; `undefined` holds the reason when there is none."""
     try:
         aligned = align(pairs, kind) if len(pairs) else pairs
     except UserError as error:
@@ -167,7 +168,7 @@ def absolute(pairs: PosePairs, kind: Alignment) -> PoseErrors:
 
 
 def relative(errors: FrameErrors, over: PairInterval) -> PoseErrors:
-    """RPE over all pairs of expected frames whose two ends have a pose."""
+    """RPE over all pairs of expected frames an interval apart that both have a pose."""
     i, j = interval_pairs(errors.pairs, over)
     both = errors.ok[i] & errors.ok[j]
     i, j = i[both], j[both]
@@ -185,7 +186,7 @@ def summary(errors: Any) -> ErrorSummary | None:
 
 
 def how(sequence: Sequence, results: Results) -> dict[str, Any]:
-    """Record of how the numbers were computed; scores with different records are not comparable."""
+    """Record of how a score is computed; scores with different records are not comparable."""
     return {
         "compared": "world_from_body with groundtruth.csv",
         "association": "by frame; every frame at the tracker's rate is expected",

@@ -1,4 +1,4 @@
-"""Scores as one tidy DataFrame, from which every table selects."""
+"""Scores as one tidy DataFrame, the source of every table."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -8,16 +8,16 @@ if TYPE_CHECKING:
 
 FIRST = ("sequence", "flight", "tracker", "rate_hz", "seed", "status")
 LEFT_OUT = ("record", "errors", "undefined")
-"""Keys of a score that are no numbers."""
+"""Keys of a score that hold no numbers."""
 UNITS = ("m", "deg", "ms", "px", "s")
 
 
 def score_frame(scores: Iterable[Mapping[str, Any]]) -> "DataFrame":
-    """Scores, as `score.json` has them, one row each, in their order.
+    """DataFrame of scores, given as the objects of `score.json`: one row each, in their order.
 
-    Columns: sequence, flight (without its seed), tracker, rate_hz, seed, status, then every number under the path of
-    its key, its unit last (`ate_none_translation_rmse_m`); NaN where a run has none. Last `error`, the first one that
-    was met, empty without any.
+    Columns: sequence, flight (sequence without its seed), tracker, rate_hz, seed, status; then every number, named by
+    the path of its keys with its unit last (`ate_none_translation_rmse_m`), NaN where a run has none; last `error`, the
+    first error of the run, "" without any.
     """
     from pandas import DataFrame
 
@@ -27,7 +27,7 @@ def score_frame(scores: Iterable[Mapping[str, Any]]) -> "DataFrame":
 
 
 def row_of(score: Mapping[str, Any]) -> dict[str, Any]:
-    """A score as a row: who and what first, then its numbers."""
+    """A score as a row: identifying columns first, then its numbers."""
     about = {**score, "tracker": score.get("label"), "flight": flight_of(score)}
     named = {name: about.get(name) for name in FIRST}
     rest = {key: value for key, value in score.items() if key not in (*FIRST, "label", "content_hash")}
@@ -40,7 +40,7 @@ def flight_of(score: Mapping[str, Any]) -> str:
 
 
 def column_of(path: tuple[str, ...]) -> str:
-    """Name of a column: the keys of its path, the unit of one before the last put last."""
+    """Name of a column: the keys of its path, with the unit of a parent key moved to the end."""
     words: list[str] = []
     unit = ""
     for key in path[:-1]:
@@ -54,7 +54,7 @@ def column_of(path: tuple[str, ...]) -> str:
 
 
 def _numbers(value: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Each number of a score with the keys that lead to it."""
+    """Each number of a score with the path of its keys."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             if key not in LEFT_OUT:

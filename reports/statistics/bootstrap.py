@@ -18,14 +18,14 @@ from uavbench.trajectories.random_streams import stream
 REPLICATES = 4000
 CONFIDENCE = 0.95
 LEAST_UNITS = 3
-"""Independent units that an interval needs: of two, a bootstrap's 95 % interval covers the true value in 61 %."""
+"""Fewest independent units of an interval: with two, a 95 % bootstrap interval covers the true value in 61 %."""
 FLIPS = 20_000
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A mean with the bounds of its two-sided interval; NaN bounds where there can be none, and why."""
+    """A mean of n values with its two-sided interval; NaN bounds where it is undefined, with the reason in `why`."""
 
     mean: float
     low: float
@@ -46,8 +46,9 @@ class Bootstrap:
         """Bootstrap of values (n_s,) of each sequence, with rounds * REPLICATES replicates.
 
         Each replicate draws sequences, then seeds within each, with replacement (Davison & Hinkley 1997, section 3.8).
-        The spread over s sequences is widened by sqrt(s / (s - 1)): that of a plain bootstrap is short by as much. With
-        one sequence only its seeds are drawn, and the result is for that sequence. UserError without values.
+        The spread over s sequences is widened by sqrt(s / (s - 1)), by which a plain bootstrap underestimates it. With
+        one sequence only its seeds are drawn, and the result holds for that sequence. UserError when there is no
+        sequence, or one without values.
         """
         if not values or any(not len(v) for v in values):
             raise UserError("statistics need at least one value per sequence")
@@ -58,11 +59,11 @@ class Bootstrap:
         return cls(mean=mean, replicates=mean + (means - mean) * np.sqrt(s / (s - 1)) if s > 1 else means)
 
     def bound(self, share: float) -> float:
-        """The quantile below which this share of the replicates lies."""
+        """Quantile of the replicates, share from 0 to 1."""
         return float(np.quantile(self.replicates, share))
 
     def p_above(self, limit: float) -> float:
-        """Evidence against `the mean is at most limit`: share of the replicates at or below it, never 0."""
+        """One-sided p of `the mean is at most limit`: share of the replicates at or below it, never 0."""
         at_or_below = int(np.searchsorted(self.replicates, limit + ROUNDING, side="right"))
         return (1 + at_or_below) / (1 + len(self.replicates))
 
@@ -73,7 +74,7 @@ def units(values: ListOf[Array]) -> Array:
 
 
 def least_units(comparisons: int = 1) -> int:
-    """Pairs that a two-sided sign-flip test needs to reach the 5 % level, adjusted by Holm over so many comparisons."""
+    """Fewest pairs with which a two-sided sign-flip test reaches the 5 % level after Holm over `comparisons` tests."""
     n = 1
     while comparisons * smallest_p(n) > 1 - CONFIDENCE:
         n += 1
@@ -81,14 +82,15 @@ def least_units(comparisons: int = 1) -> int:
 
 
 def smallest_p(n: int) -> float:
-    """The smallest two-sided p of a sign-flip test: n pairs that all differ in the same direction (Fisher 1935)."""
+    """Smallest two-sided p of a sign-flip test: all n pairs differ in the same direction (Fisher 1935)."""
     return min(1.0, 2.0 ** (1 - n))
 
 
 def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDENCE, seed: int = 0) -> Interval:
-    """Two-sided interval of the mean over sequences of the mean over seeds (n_s,), by the bootstrap.
+    """Two-sided bootstrap interval of the mean over sequences of the mean over seeds (n_s,).
 
-    NaN bounds for fewer than LEAST_UNITS units, and where all values are equal: then the spread is unknown.
+    NaN bounds for fewer than LEAST_UNITS units, and when all are equal: their spread is unknown. UserError when there
+    is no sequence, or one without values.
     """
     found, n = Bootstrap.of(values, seed=seed), sum(len(v) for v in values)
     independent = units(values)
@@ -105,10 +107,10 @@ def hierarchical_interval(values: ListOf[Array], *, confidence: float = CONFIDEN
 
 
 def sign_flip_p(differences: Array, *, seed: int = 0) -> float:
-    """One-sided p of `the differences are as likely up as down` against a mean above zero (Fisher 1935).
+    """One-sided p of a sign-flip test: differences (n,) symmetric about zero, or their mean above zero (Fisher 1935).
 
-    Exact under exchangeability within pairs. Own code: scipy.stats.permutation_test enumerates
-    few pairs and draws the signs of many in another order, so that every published p would change.
+    Exact under exchangeability within pairs. Not scipy.stats.permutation_test: it enumerates small samples and draws
+    the signs of large ones in another order, so that every published p would change.
     """
     moved = differences[differences != 0]
     if not len(moved):
@@ -120,7 +122,7 @@ def sign_flip_p(differences: Array, *, seed: int = 0) -> float:
 
 @lru_cache(maxsize=32)
 def _weights(sizes: tuple[int, ...], seed: int) -> Array:
-    """Weight (REPLICATES, n) of each value in each replicate: a replicate is a weighted sum, the same draws for all."""
+    """Weight (REPLICATES, n) of each value in each replicate, a weighted sum; equal sizes and seeds share the draws."""
     rng = stream(seed, "statistics", "bootstrap")
     drawn = rng.integers(len(sizes), size=(REPLICATES, len(sizes)))
     size, first = np.array(sizes), np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -135,9 +137,10 @@ def _weights(sizes: tuple[int, ...], seed: int) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """First tracker against second: interval of the mean paired difference, and its two-sided p, adjusted in a table.
+    """Paired comparison of two trackers.
 
-    wins: share of pairs that the first wins, ties counted half; units: pairs that differ and are independent.
+    difference: mean of first minus second, with its interval; p: two-sided, adjusted by Holm in a table; wins: share of
+    pairs in which the first is lower, ties counted half; units: number of independent pairs that differ.
     """
 
     first: str
@@ -149,7 +152,7 @@ class Comparison:
 
     @property
     def significant(self) -> bool:
-        """Whether the difference stands at the 5 % level; a NaN does not."""
+        """Whether the difference is significant at the 5 % level; a NaN is not."""
         return self.p <= 1 - CONFIDENCE
 
 
@@ -164,15 +167,18 @@ def compare_pairs(values: Mapping[str, ListOf[Array]], *, seed: int = 0) -> list
 
 
 def compare_with(first: str, values: Mapping[str, ListOf[Array]], *, seed: int = 0) -> list[Comparison]:
-    """One tracker against every other, on the same sequences and seeds; p adjusted by Holm over them."""
+    """One tracker against every other, on the same sequences and seeds; p adjusted by Holm over these comparisons.
+
+    UserError when two trackers have values for different sequences or seeds.
+    """
     return _adjusted([compare(first, second, values, seed) for second in values if second != first])
 
 
 def compare(first: str, second: str, values: Mapping[str, ListOf[Array]], seed: int = 0) -> Comparison:
     """Two trackers on the same sequences and seeds, p not adjusted; UserError when these differ.
 
-    p is the bootstrap's, but never below that of as many independent pairs that all differ to the same side. Pairs of
-    the same two values count once: they are of one flight under two names, or tell as little.
+    p is the bootstrap's, but at least `smallest_p` of the number of independent pairs that differ. Pairs with the same
+    two values count once: they may be one flight under two names.
     """
     sizes = [[len(v) for v in values[name]] for name in (first, second)]
     if sizes[0] != sizes[1]:
@@ -198,7 +204,7 @@ def _adjusted(found: list[Comparison]) -> list[Comparison]:
 
 
 def holm(p_values: ListOf[float]) -> list[float]:
-    """Adjusted p-values in the given order (Holm 1979)."""
+    """P-values adjusted for multiple comparisons, in the given order (Holm 1979)."""
     adjusted = [0.0] * len(p_values)
     running = 0.0
     for rank, index in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
@@ -209,9 +215,9 @@ def holm(p_values: ListOf[float]) -> list[float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranks:
-    """Mean rank of each tracker over n blocks, the critical difference, and the p of Friedman's test.
+    """Mean rank of each tracker over n blocks (1 is best), Nemenyi's critical difference, and the p of Friedman's test.
 
-    With too few blocks for any test the difference is infinite, and p is NaN.
+    With too few blocks for a test the difference is infinite, and p is NaN; p is NaN for two trackers, too.
     """
 
     mean_ranks: dict[str, float]
@@ -232,8 +238,7 @@ class Ranks:
 
 
 def ranks(values: Mapping[str, Array], confidence: float = CONFIDENCE) -> Ranks:
-    """Ranks of k >= 2 trackers by values (n,), n >= 2, infinite where a run failed, by Nemenyi's test (Demsar 2006,
-    3.2.2).
+    """Ranks of k >= 2 trackers by values (n,) over n >= 2 blocks, infinite for failed runs (Demsar 2006, 3.2.2).
 
     UserError with fewer trackers or blocks.
     """

@@ -1,4 +1,4 @@
-"""How often something succeeds: a share of n with its interval."""
+"""A success rate with its interval."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class Proportion:
 
     @classmethod
     def of(cls, successes: int, n: int, confidence: float = CONFIDENCE) -> "Proportion":
-        """The share with its Wilson interval; from 0 to 1 without a trial."""
+        """Proportion with its Wilson interval; the interval is [0, 1] without a trial."""
         if n == 0:
             return cls(successes=0, n=0, low=0.0, high=1.0)
         from scipy.stats import binomtest  # takes a second, and most reports have no shares

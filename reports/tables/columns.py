@@ -1,4 +1,4 @@
-"""The columns of tables: which number of a score each shows, and how."""
+"""The columns of tables: the number of a score that each shows, its unit and format."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """A column of the summary: its head, unit, which value is best, and how many decimals are shown.
+    """A column of the summary.
 
-    It shows `scale` times the column `key` of the frame of scores; where that is NaN, the column `otherwise`. short:
-    the head in LaTeX, where there is little room; the head itself where empty.
+    It shows `scale` times the column `key` of the DataFrame of scores, in `unit`; where that is NaN, the column
+    `otherwise`. best: `min`, `max`, or "" for none; short: the head in LaTeX, "" for `head`.
     """
 
     head: str
@@ -29,7 +29,7 @@ class Column:
     otherwise: str = ""
 
     def of(self, rows: "DataFrame") -> Array:
-        """Its values (n,) in these rows of a frame of scores, NaN where there is none."""
+        """Values (n,) of these rows of a DataFrame of scores, in the column's unit; NaN where there is none."""
         known = [rows[key] for key in (self.key, self.otherwise) if key in rows]
         values = known[0].fillna(known[1]) if len(known) > 1 else known[0] if known else np.full(len(rows), np.nan)
         return self.scale * np.asarray(values, dtype=np.float64)
@@ -125,6 +125,6 @@ DETAILS: tuple[Column, ...] = (
     ),
 )
 TWO_COLUMNS = ("coverage", "within 5 cm, 5 deg", "ATE position", "ATE rotation", "RPE 1 s", "failures", "frame p95")
-"""The columns of a table over both columns of a page, and of the page's first table."""
+"""Columns of a table over both columns of a page, and of the first table of the HTML page."""
 ONE_COLUMN = ("within 5 cm, 5 deg", "ATE position", "ATE rotation", "frame p95")
-"""The columns of a table in one column of a page."""
+"""Columns of a table in one column of a page."""

@@ -1,7 +1,7 @@
-"""A table of scores in LaTeX for booktabs, as wide as a column or a page of IEEE allows.
+"""A table of scores in LaTeX with booktabs, within the width of one or both columns of IEEEtran.
 
-Columns that do not fit beside each other go below each other, in further tabulars with the same rows. Widths are those
-of Times at a fixed size, the font of IEEEtran: measured with STIX, which has its metrics.
+Columns that do not fit side by side are stacked, in further tabulars with the same rows. Widths are those of Times at a
+fixed size, the font of IEEEtran, measured with STIX, which has the same metrics.
 """
 
 from functools import lru_cache
@@ -15,14 +15,14 @@ from uavbench.reports.tables.summary_table import Cell, Table
 ONE_COLUMN_PT, TWO_COLUMNS_PT = 252.0, 516.0
 """\\columnwidth and \\textwidth of IEEEtran."""
 TEXT_PT, BOUNDS_PT, GAP_PT = 8.0, 6.0, 3.0
-"""Size of the text and of the intervals under it; half the space between two columns."""
+"""Font size of the text and of the intervals under it; half the space between two columns."""
 SLACK = 1.03
-"""Room for what a font's kerning and TeX's rounding add."""
+"""Safety factor of widths, for kerning and TeX's rounding."""
 FAMILY = FontProperties(family="STIXGeneral"), FontProperties(family="STIXGeneral", weight="bold")
 
 
 def latex(table: Table, width_pt: float = TWO_COLUMNS_PT) -> str:
-    """The table in LaTeX, at most so wide; a column that is wider alone stands alone."""
+    """The table in LaTeX, width_pt wide at most, unless a single column is wider."""
     blocks = _blocks(table, width_pt)
     where = "table" if width_pt <= ONE_COLUMN_PT else "table*"
     head = [
@@ -47,7 +47,7 @@ ESCAPES = {
 
 
 def _blocks(table: Table, width_pt: float) -> list[list[int]]:
-    """Columns by tabular: as many beside each other as fit."""
+    """Indices of the columns of each tabular, as many side by side as fit."""
     names = _widest([(name, TEXT_PT, False) for name in ("tracker", *(n for n, _ in table.rows), *table.absent)])
     blocks: list[list[int]] = [[]]
     used = names
@@ -74,7 +74,7 @@ def _widest(texts: list[tuple[str, float, bool]]) -> float:
 
 @lru_cache(maxsize=4096)
 def _width_pt(text: str, size_pt: float, bold: bool) -> float:
-    """Width of a line of text."""
+    """Width of a line of text in pt."""
     font = FAMILY[bold].copy()
     font.set_size(size_pt)
     width: float = text_to_path.get_text_width_height_descent(text, font, ismath=False)[0] if text else 0.0

@@ -1,4 +1,4 @@
-"""The summary table: means with intervals, the best of a column marked."""
+"""The summary table: means with intervals, and the best of each column marked."""
 
 from collections.abc import Mapping
 from collections.abc import Sequence as ListOf
@@ -18,15 +18,16 @@ if TYPE_CHECKING:
 
 WON_BY_ALL = ("coverage", "within 5 cm, 5 deg", "AUC 10 cm")
 KEEPS_UP = 0.9
-"""Errors and times are won by trackers with this share of the best success: one that is lost has no good error."""
+"""Least share of the best success rate with which a tracker can be the best in errors and times: errors of a tracker
+that is mostly lost are not comparable."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A mean with its interval (None with one run only), from `known` of `runs` runs.
+    """A mean with its interval (None for a single run), over the `known` of `runs` runs that have a value.
 
-    best: no other row of the same rate shows a better value; significant: and it is better than each of them at the
-    5 % level.
+    best: no other row of the same rate shows a better value; significant: it is better than each of them at the 5 %
+    level.
     """
 
     mean: float | None
@@ -47,7 +48,7 @@ class Cell:
 
     @property
     def bounds(self) -> str:
-        """The interval as shown, `[low, high]`; `n/a` where there can be none, empty where there is one run only."""
+        """The interval as shown, `[low, high]`; `n/a` where it is undefined, "" for a single run."""
         if self.interval is None:
             return ""
         if self.interval.why:
@@ -56,13 +57,13 @@ class Cell:
 
     @property
     def why(self) -> str:
-        """Why there is no interval, empty where there is one or none is looked for."""
+        """Why the interval is undefined; "" when it is defined, and for a single run."""
         return self.interval.why if self.interval else ""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of named cells under columns, with what a reader must know; absent trackers have no numbers."""
+    """Rows of named cells under columns; absent: trackers that are not installed, without numbers."""
 
     caption: str
     columns: tuple[Column, ...]
@@ -70,7 +71,7 @@ class Table:
     absent: tuple[str, ...] = ()
 
     def select(self, heads: ListOf[str]) -> "Table":
-        """The table with these columns alone, in this order; UserError naming the nearest where there is none such."""
+        """The table with the columns of these heads, in this order; UserError for an unknown head."""
         known = [column.head for column in self.columns]
         for head in heads:
             if head not in known:
@@ -81,9 +82,9 @@ class Table:
 
 
 def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> Table:
-    """One row per tracker and rate, over its sequences and seeds; by rate, the worst first.
+    """One row per tracker and rate, over its sequences and seeds; highest rate first, then lowest success first.
 
-    frame: of scores, as `score_frame` makes it.
+    frame: scores, as `score_frame` returns them.
     """
     groups = runs_of(frame)
     values = {run: _of_columns(rows, columns) for run, rows in groups.items()}
@@ -106,13 +107,13 @@ def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> 
 
 
 def runs_of(frame: "DataFrame") -> dict[str, "DataFrame"]:
-    """Rows of a frame of scores by tracker and rate, `lsd@15hz`, in their order."""
+    """Rows of a DataFrame of scores by tracker and rate, `lsd@15hz`, in their order."""
     names = [f"{label}@{rate_hz:g}hz" for label, rate_hz in zip(frame["tracker"], frame["rate_hz"], strict=True)]
     return {str(name): rows for name, rows in frame.assign(run=names).groupby("run", sort=False)}
 
 
 def _caption(groups: Mapping[str, "DataFrame"], rows: ListOf[tuple[str, tuple[Cell, ...]]]) -> str:
-    """What a reader must know of the numbers, failures first."""
+    """Caption: failures, how the numbers are computed, intervals, and tests."""
     text = ""
     for run, group in groups.items():
         bad = group[group["status"].isin(["crashed", "missing"])]
@@ -149,18 +150,18 @@ def _caption(groups: Mapping[str, "DataFrame"], rows: ListOf[tuple[str, tuple[Ce
 
 
 def by_flight(rows: "DataFrame", values: Array) -> list[Array]:
-    """Values (n,) of the rows of one tracker and rate by flight, its seeds in order; a run counts once."""
+    """Values (n,) of the rows of one tracker and rate as an array over the seeds of each flight; a run counts once."""
     return [values[places] for places in _flights(rows)]
 
 
 def _of_columns(rows: "DataFrame", columns: tuple[Column, ...]) -> list[list[Array]]:
-    """What `by_flight` gives for each column: the rows are sorted once."""
+    """`by_flight` of each column; the rows are sorted once."""
     flights = _flights(rows)
     return [[values[places] for places in flights] for values in (column.of(rows) for column in columns)]
 
 
 def _flights(rows: "DataFrame") -> list[NDArray[np.int64]]:
-    """Places of the rows of one tracker and rate by flight, its seeds in order; a run counts once."""
+    """Row indices of one tracker and rate by flight, its seeds in order; the last row of a repeated run counts."""
     runs = rows[["flight", "seed"]].reset_index(drop=True).drop_duplicates(keep="last")
     return [flight.index.to_numpy() for _, flight in runs.sort_values("seed").groupby("flight")]
 
@@ -179,9 +180,9 @@ def _cell(values: list[Array], column: Column) -> Cell:
 def _mark_best(
     cells: Mapping[str, list[Cell]], values: Mapping[str, list[Array]], k: int, column: Column, fit: set[str]
 ) -> None:
-    """Mark the best cells of column k among all that have a value in every run: those that show the best value.
+    """Mark the cells of column k that show the best value among those with a value in every run.
 
-    None is marked where only trackers show it that are not fit to win.
+    None is marked when all of them are of trackers outside `fit`.
     """
     sign = -1.0 if column.best == "max" else 1.0
     shown = {
@@ -203,6 +204,6 @@ def _keeps_up(run: str, rivals: ListOf[str], success: Mapping[str, float]) -> bo
 
 
 def _beats_all(run: str, values: Mapping[str, list[Array]]) -> bool:
-    """Whether a tracker differs from every other on the same runs, at the 5 % level."""
+    """Whether a tracker differs from every other on the same runs at the 5 % level."""
     sizes = {tuple(len(v) for v in v_list) for v_list in values.values()}
     return len(sizes) == 1 and all(comparison.significant for comparison in compare_with(run, values))

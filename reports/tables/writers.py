@@ -14,19 +14,22 @@ WIDTHS = {"one": ONE_COLUMN_PT, "two": TWO_COLUMNS_PT}
 
 
 def write_tables(table: Table, stem: Path) -> list[Path]:
-    """Write `stem`.md, .csv and .tex, all columns in each."""
+    """Write `stem`.md, .csv and .tex, each with all columns; the paths."""
     return [write_table(table, stem.with_name(stem.name + suffix)) for suffix in (".md", ".csv", ".tex")]
 
 
 def write_summary(table: Table, stem: Path) -> list[Path]:
-    """Write `stem`.md and .csv with all columns, and `stem`.tex and `stem`_one_column.tex with those that fit."""
+    """Write `stem`.md and .csv with all columns, `stem`.tex and `stem`_one_column.tex with a selection; the paths.
+
+    UserError when the table lacks one of TWO_COLUMNS or ONE_COLUMN.
+    """
     wide = write_table(table.select(TWO_COLUMNS), stem.with_name(f"{stem.name}.tex"))
     narrow = write_table(table.select(ONE_COLUMN), stem.with_name(f"{stem.name}_one_column.tex"), ONE_COLUMN_PT)
     return [*(write_table(table, stem.with_name(stem.name + suffix)) for suffix in (".md", ".csv")), wide, narrow]
 
 
 def write_table(table: Table, path: Path, width_pt: float = TWO_COLUMNS_PT) -> Path:
-    """Write a table in the form that the file's name asks for; the width is that of LaTeX."""
+    """Write a table as .md, .csv or .tex, by the suffix; width_pt: of LaTeX. UserError for any other suffix."""
     if path.suffix == ".csv":
         write_csv(path, *_numbers(table))
     elif path.suffix in (".md", ".tex"):
@@ -37,7 +40,7 @@ def write_table(table: Table, path: Path, width_pt: float = TWO_COLUMNS_PT) -> P
 
 
 def heads_of(text: str) -> list[str]:
-    """Heads of columns from a list with commas, in which the heads that hold a comma stand as they are."""
+    """Column heads of a comma-separated list; heads that contain a comma are recognized."""
     parts, found = [part.strip() for part in text.split(",")], []
     commas = {column.head for column in (*COLUMNS, *DETAILS) if "," in column.head}
     while parts:
@@ -70,7 +73,7 @@ def _shown(cell: Cell) -> str:
 
 
 def _numbers(table: Table) -> tuple[list[str], list[list[object]]]:
-    """Heads and rows of the CSV: mean and interval of each column, `n/a` where there can be no interval."""
+    """Heads and rows of the CSV: mean and interval of each column, `n/a` for an undefined interval."""
     columns = ["tracker"]
     for head in heads(table):
         columns += [head, f"{head} low", f"{head} high"]

@@ -1,4 +1,4 @@
-"""Summary of NEES values: mean, share within the central 95 %, and sharpness of the claimed covariances."""
+"""Summary of NEES values: mean, share within the central 95 % interval, and sharpness of the claimed covariances."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,16 @@ from uavbench.trajectories.pose import Array
 DEGREES_OF_FREEDOM = 6
 CENTRAL = (0.025, 0.975)
 SINGULAR = 1e-14
-"""Least eigenvalue of a correlation matrix above round-off (6 x 2^-52)."""
+"""Smallest eigenvalue of a correlation matrix (6, 6) that is clearly above round-off (6 x 2^-52)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Consistency:
-    """NEES of the n frames whose covariance has an inverse; in the `singular` others that claim one it is undefined.
+    """NEES of the n frames with a regular covariance; singular: number of frames with a singular one.
 
-    mean (None where n is 0), and the interval in which the mean of a consistent tracker lies with 95 % probability if
-    its errors are independent from frame to frame; inside: share of all n + singular frames in the central 95 % of the
-    distribution; sharpness: median standard deviation of position (m) and of rotation (deg).
+    mean: None when n is 0; low, high: 95 % interval of the mean of a consistent tracker with independent errors;
+    inside: share of the n + singular frames within the central 95 % of chi-square with 6 degrees of freedom;
+    sharpness_*: median standard deviation of position and of rotation.
     """
 
     n: int
@@ -33,12 +33,12 @@ class Consistency:
 
 
 def chi_square_quantile(p: float, degrees: float) -> float:
-    """The value that a chi-square distribution of `degrees` of freedom stays below with probability p in [0, 1]."""
+    """Quantile at p in [0, 1] of the chi-square distribution with a number of degrees of freedom."""
     return float(2.0 * gammaincinv(degrees / 2.0, p))
 
 
 def consistency_of(values: Array, variances: Array) -> Consistency | None:
-    """NEES figures of values (n,) as `nees` has them, and of claimed variances (m, 6); None when none is claimed."""
+    """Summary of NEES (n,) as `nees` returns it, and of claimed variances (m, 6) in m^2 and rad^2; None without any."""
     values = values[~np.isnan(values)]
     singular = int(np.isinf(values).sum())
     values = values[np.isfinite(values)]
@@ -60,6 +60,6 @@ def consistency_of(values: Array, variances: Array) -> Consistency | None:
 
 
 def _median_sigma(variances: Array) -> float:
-    """Median over the rows (m, 3); a sum that is negative, which no covariance has, counts as 0."""
+    """Median over rows (m, 3) of the root of their sum; negative sums, impossible for a covariance, count as 0."""
     with np.errstate(over="ignore"):  # of numbers near the largest
         return float(np.median(np.sqrt(np.maximum(variances.sum(axis=1), 0.0))))

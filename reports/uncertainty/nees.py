@@ -1,8 +1,8 @@
 """Consistency of a tracker's covariances: NEES, and standard deviations of the body's pose.
 
-Conventions: a tracker's covariance is of the twist xi with cam_from_world_true = exp(xi) cam_from_world, translation
-first. NEES is xi^T P^-1 xi with the true xi; for a consistent estimator it is chi-square distributed with 6 degrees of
-freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
+Conventions: a tracker's covariance P is that of the twist xi with cam_from_world_true = exp(xi) cam_from_world,
+translation first, in m and rad. NEES is xi^T P^-1 xi; for a consistent estimator it is chi-square distributed with 6
+degrees of freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from uavbench.trajectories.pose import Array, hat
 
 
 def nees(sequence: Sequence, results: Results) -> Array:
-    """NEES of each row (n,), NaN where there is no pose or no covariance, infinite where that has no inverse."""
+    """NEES (n,) of each row; NaN without a pose or covariance, infinite for a singular covariance."""
     out = np.full(len(results), np.nan)
     for i, (frame, row) in enumerate(zip(results.frames.tolist(), results.rows, strict=True)):
         if row.cam_from_world is None or row.covariance is None:
@@ -26,13 +26,13 @@ def nees(sequence: Sequence, results: Results) -> Array:
 
 
 def consistency(sequence: Sequence, results: Results) -> Consistency | None:
-    """NEES figures of a run; None when its tracker claims no covariance."""
+    """Summary of the NEES of a run; None when its tracker claims no covariance."""
     spreads = [np.diag(r.covariance) for r in results.rows if r.covariance is not None]
     return consistency_of(nees(sequence, results), np.array(spreads))
 
 
 def is_singular(covariance: Array) -> bool:
-    """Whether a covariance (6, 6) has no inverse to the precision of float64; units of its parts do not matter."""
+    """Whether a covariance (6, 6) is singular in float64 or indefinite; independent of the units of its components."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if not (spread > 0).all():
         return True
@@ -41,10 +41,10 @@ def is_singular(covariance: Array) -> bool:
 
 
 def component_sigmas(results: Results) -> Array:
-    """Standard deviations (n, 6) of body x y z (m) and roll pitch yaw (rad), NaN where none is claimed.
+    """Standard deviations (n, 6) of the body's x y z (m) and roll pitch yaw (rad); NaN where none is claimed.
 
-    To first order: the body stands at R_wc t + p_c with t its place in the camera, so dp = R_wc (hat(t) phi - rho); its
-    rotation turns by -R_wc phi in the world, and the ZYX Euler rates follow from that.
+    To first order: the body is at R_wc t + p_c with t its position in the camera, so dp = R_wc (hat(t) phi - rho); its
+    rotation changes by -R_wc phi in the world, from which the ZYX Euler rates follow.
     """
     out = np.full((len(results), 6), np.nan)
     mount = results.cam_from_body
@@ -60,7 +60,7 @@ def component_sigmas(results: Results) -> Array:
 
 
 def euler_zyx(q: Array) -> Array:
-    """Roll, pitch, yaw (n, 3) in rad of quaternions wxyz (n, 4): R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Roll, pitch, yaw (n, 3) in rad of unit quaternions wxyz (n, 4): R = Rz(yaw) Ry(pitch) Rx(roll)."""
     w, x, y, z = q.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
@@ -69,7 +69,7 @@ def euler_zyx(q: Array) -> Array:
 
 
 def _euler_rates(R: Array) -> Array:
-    """Matrix that takes roll, pitch and yaw rates to the angular velocity in the world."""
+    """Matrix (3, 3) from roll, pitch and yaw rates to the angular velocity in the world."""
     yaw, pitch = np.arctan2(R[1, 0], R[0, 0]), np.arcsin(np.clip(-R[2, 0], -0.999999, 0.999999))
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c * np.cos(pitch), -s, 0], [s * np.cos(pitch), c, 0], [-np.sin(pitch), 0, 1.0]])

@@ -1,7 +1,8 @@
 """NEES of paired poses whose file claims covariances.
 
-Conventions: NEES is e^T P^-1 e, e the error that the covariance P is of (`PoseCovariances`); for a consistent
-estimator it is chi-square distributed with 6 degrees of freedom (Bar-Shalom, Li & Kirubarajan 2001, section 5.4).
+Conventions: NEES is e^T P^-1 e, where e is the error that the covariance P describes (`PoseCovariances`); for a
+consistent estimator it is chi-square distributed with 6 degrees of freedom (Bar-Shalom, Li & Kirubarajan 2001,
+section 5.4).
 """
 
 import numpy as np
@@ -13,11 +14,14 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory_files.covariances import PoseCovariances
 
 SMALL_RAD = 1e-5
-"""Below it the twist's coefficient is its limit, 1/12."""
+"""Angle below which the coefficient of SE(3)'s logarithm is replaced by its limit, 1/12."""
 
 
 def pose_nees(pairs: PosePairs, claimed: PoseCovariances) -> Array:
-    """NEES (n,) of pairs whose estimates claim covariances: NaN where there is none, infinite where it is singular."""
+    """NEES (n,) of n pairs; NaN where the estimate has no covariance, infinite where it is singular.
+
+    claimed: covariances (n, 6, 6) of the estimates, in the order of the pairs.
+    """
     errors = _twists(pairs) if claimed.axes == "moving" else _errors_in_world(pairs)
     out = np.full(len(pairs), np.nan)
     known = np.flatnonzero(np.isfinite(claimed.values).all(axis=(1, 2)))
@@ -33,24 +37,24 @@ def pose_nees(pairs: PosePairs, claimed: PoseCovariances) -> Array:
 
 
 def pose_consistency(pairs: PosePairs, claimed: PoseCovariances) -> Consistency | None:
-    """NEES figures of pairs; None when no pair has a covariance."""
+    """Summary of the NEES of pairs; None when no pair has a covariance."""
     variances = np.einsum("nii->ni", claimed.values)
     return consistency_of(pose_nees(pairs, claimed), variances[np.isfinite(variances).all(axis=1)])
 
 
 def _errors_in_world(pairs: PosePairs) -> Array:
-    """Error (n, 6) of the position, and rotation vector of R_true R^T, in the axes of the world."""
+    """Position error in m and rotation vector of R_true R^T in rad (n, 6), in the axes of the world."""
     turn = multiply(pairs.reference_q, conjugate(pairs.estimate_q))
     return np.column_stack([pairs.reference_m - pairs.estimate_m, _rotation_vectors(turn)])
 
 
 def _twists(pairs: PosePairs) -> Array:
-    """Twists xi (n, 6) with world_from_x_true = world_from_x exp(xi); `Pose.log` for arrays."""
+    """Twists xi (n, 6) with world_from_x_true = world_from_x exp(xi): `Pose.log`, vectorized."""
     phi = _rotation_vectors(between(pairs.estimate_q, pairs.reference_q))
     t = rotate_back(pairs.estimate_q, pairs.reference_m - pairs.estimate_m)
     angle = np.linalg.norm(phi, axis=1)
     safe = np.where(angle > SMALL_RAD, angle, 1.0)
-    # 1 - cos by the half angle, which loses no digits
+    # the half-angle form avoids cancellation in 1 - cos
     c = np.where(angle > SMALL_RAD, (1 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2, 1 / 12)
     across = np.cross(phi, t)
     return np.column_stack([t - 0.5 * across + c[:, None] * np.cross(phi, across), phi])
