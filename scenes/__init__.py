@@ -1,5 +1,5 @@
-"""Rendered sequences: cameras, structures, their surroundings, rendering, image effects, and sequences on disk.
+"""Rendered sequences: cameras, structures and environments, rendering, image effects, and sequences on disk.
 
-Rooms: structures, world, site, clutter and model_files make what is seen; rendering and effects make images of it;
-dataset writes and reads a sequence; exports writes it in other tools' formats. Imports trajectories.
+Packages: structures, world, site, clutter and model_files build the scene; rendering and effects make images of it;
+dataset writes and reads sequences; exports converts them to the formats of other tools. Imports trajectories.
 """

@@ -1,4 +1,4 @@
-"""Camera calibration from pictures of a checkerboard (Zhang 2000; Heikkila & Silven 1997), by OpenCV."""
+"""Camera calibration from images of a checkerboard (Zhang 2000; Heikkila & Silven 1997), by OpenCV."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,10 +24,9 @@ CELLS = (6, 8)
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Result of a calibration: the camera, its reprojection error, and the pictures used.
+    """Result of a calibration: the camera, its reprojection error, and the images used.
 
-    rms_px over all corners; view_rms_px (n,) per used picture; corners_px (n, k, 2); covered is the share of CELLS of
-    the image in which some corner was seen.
+    rms_px is over all corners, view_rms_px (n,) per image used; corners_px (n, k, 2) are the detected corners.
     """
 
     camera: Camera
@@ -39,7 +38,7 @@ class Calibration:
 
     @property
     def covered(self) -> float:
-        """Share of the image's cells that hold a corner."""
+        """Fraction of the CELLS of the image that contain a corner."""
         rows, columns = CELLS
         x = (self.corners_px[..., 0] / self.camera.width * columns).astype(int).clip(0, columns - 1)
         y = (self.corners_px[..., 1] / self.camera.height * rows).astype(int).clip(0, rows - 1)
@@ -47,9 +46,9 @@ class Calibration:
 
 
 def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, model: Model = "radtan") -> Calibration:
-    """Calibrate from pictures, folders of pictures, or videos of a board with (columns, rows) inner corners.
+    """Calibrate from images, folders of images, or videos of a board with (columns, rows) inner corners.
 
-    UserError when a source cannot be read, pictures differ in size, or too few show the whole board.
+    UserError when a source cannot be read, images differ in size, or too few show the whole board.
     """
     if min(board) < 2 or not square_m > 0:
         raise UserError(f"board {board[0]}x{board[1]} with squares of {square_m} m: give inner corners, as in 7x8")
@@ -77,7 +76,7 @@ def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, 
 
 
 def find_corners(image: NDArray[np.uint8], board: tuple[int, int]) -> Array | None:
-    """Inner corners (k, 2) px, row by row, to a few hundredths of a pixel; None when part of the board is missing."""
+    """Inner corners (k, 2) px, row by row, to a few hundredths of a pixel; None unless the whole board is visible."""
     grey = image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, corners = cv2.findChessboardCornersSB(grey, board, None, flags)
@@ -93,7 +92,7 @@ def find_corners(image: NDArray[np.uint8], board: tuple[int, int]) -> Array | No
 
 
 def write_coverage(calibration: Calibration, path: Path) -> None:
-    """Write a coverage picture: cells without corners are red, corners coloured by their picture."""
+    """Write a coverage image: cells without corners in red, corners coloured by image."""
     camera = calibration.camera
     picture = np.full((camera.height, camera.width, 3), 40, dtype=np.uint8)
     rows, columns = CELLS

@@ -77,7 +77,7 @@ def write_frames(
 def write_annotations(
     folder: Path, spec: SequenceSpec, frame: int, filming: Filming, image: NDArray[np.uint8], time_ns: int
 ) -> None:
-    """Write the annotations that a spec asks for of a frame exposed at a time."""
+    """Write the annotations that a spec requests of a frame exposed at time_ns."""
     if {"depth", "mask", "edges"} & set(spec.annotations):
         source, view = filming.source, filming.source.render(time_ns)
         if "depth" in spec.annotations:
@@ -98,8 +98,8 @@ def write_image(path: Path, image: NDArray[np.uint8]) -> None:
 def states_at(flight: Flight, times_ns: NDArray[np.int64]) -> Array:
     """States (n, 16) of the body at times: the columns of groundtruth.csv from px_m on.
 
-    Those of the record's row where there is one; between rows the pose moves with constant twist, as the camera does,
-    and velocities, rates and accelerations are linear.
+    Taken from the record at its rows; between rows the pose is interpolated with constant twist, as the camera's, and
+    velocities, rates and accelerations linearly.
     """
     record = np.hstack(
         [

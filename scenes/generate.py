@@ -51,10 +51,10 @@ LEAST_ABOVE_GROUND_M = 0.1
 def generate(
     spec: SequenceSpec, folder: Path, *, content_hash: str, on_frame: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write the sequence `folder`, whole or not at all; on_frame(frames done, total) reports progress.
+    """Write the sequence `folder` atomically; on_frame(frames done, total) reports progress.
 
     UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is
-    full, or the folder holds something else than a sequence.
+    full, or the folder holds anything other than a sequence.
     """
     refuse_foreign(folder, "manifest.json")
     prepare(__name__)
@@ -87,7 +87,7 @@ def cameras_of(spec: SequenceSpec) -> list[BodyCamera]:
 
 
 def folder_of(folder: Path, camera: BodyCamera) -> Path:
-    """Where the files of a camera are in a sequence's folder: those of the main one in the folder itself."""
+    """Folder of a camera's files within a sequence: the sequence folder itself for the main camera."""
     return folder if camera.name == MAIN else folder / "cameras" / camera.name
 
 
@@ -100,7 +100,7 @@ def exposures_of(spec: SequenceSpec, camera: BodyCamera, flight: Flight) -> Expo
 
 
 def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, flight: Flight) -> None:
-    """UserError when a further camera enters the structure or goes below the floor."""
+    """UserError when a further camera enters the structure or passes below the floor."""
     try:
         check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount, scene.obstacles)
     except UserError as error:
@@ -108,7 +108,7 @@ def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, f
 
 
 def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, flight: Flight) -> None:
-    """UserError when a camera enters the ground of a site that was shaped to the structure."""
+    """UserError when a camera comes closer than LEAST_ABOVE_GROUND_M to the ground of a site."""
     if site is None:
         return
     offset_m = camera.mount.cam_from_body.inverse().translation
@@ -126,7 +126,7 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """What a camera films: a scene, from a flight, at its exposures."""
+    """What a camera records: a scene, along a flight, at its exposures."""
 
     scene: Scene
     flight: Flight
@@ -136,7 +136,7 @@ class Footage:
 def film(
     folder: Path, spec: SequenceSpec, on_body: BodyCamera, footage: Footage, on_frame: Callable[[], None]
 ) -> float:
-    """Write the frames and the calibration of a camera into a folder; its delay from row to row, ns."""
+    """Write the frames and calibration of a camera into a folder; returns the delay between rows, ns."""
     scene, flight, camera = footage.scene, footage.flight, on_body.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     path, blur_px = camera_path(flight, on_body.mount.cam_from_body), on_body.camera.lens_blur_px
@@ -163,7 +163,7 @@ def film(
 
 
 def counted(on_frame: Callable[[int, int], None] | None, total: int) -> Callable[[], None]:
-    """Report to be called once for each frame that is done."""
+    """Progress callback to be called once per finished frame."""
     done = count(1)
     return lambda: on_frame(next(done), total) if on_frame is not None else None
 
@@ -171,7 +171,7 @@ def counted(on_frame: Callable[[int, int], None] | None, total: int) -> Callable
 def with_effects(
     source: CameraSimulator, effects: tuple[EffectSpec, ...], seed: int, camera: str = MAIN
 ) -> CameraSimulator:
-    """The source with the effects on it, in the order of `EFFECTS`, each with its own stream in each camera."""
+    """The camera simulator with effects in the order of `EFFECTS`, each with its own random stream per camera."""
     of_camera = () if camera == MAIN else ("camera", camera)
     order = list(EFFECTS.values())
     ranked = sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
@@ -199,7 +199,7 @@ def _by_file(spec: SequenceSpec, readings: list[str]) -> dict[str, Any]:
 
 
 def _camera_records(spec: SequenceSpec, delays: dict[str, float]) -> dict[str, Any]:
-    """What the record tells of the cameras beside the main one and of their clock, where there is anything to tell."""
+    """Entries of the record for further cameras and a non-default camera clock."""
     record: dict[str, Any] = {}
     if spec.clock.shift_ns:
         record["timeshift_cam_imu_ns"] = spec.clock.shift_ns

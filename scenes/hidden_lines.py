@@ -1,4 +1,4 @@
-"""Hidden-line removal for drawings: the parts of a structure's edges that none of its own faces hides.
+"""Hidden-line removal for drawings: the parts of a structure's edges that its own faces do not occlude.
 
 Visibility is sampled along every edge; between a visible and a hidden sample the transition is found by bisection.
 """
@@ -18,11 +18,11 @@ PROBES = 25
 BISECTIONS = 6
 """Bisections: a transition is known to 1/64 of the step between two samples, 1/4 px on an edge of 400 px."""
 MARGIN = 1e-3
-"""Relative distance within which a face does not hide a sample: the edge's own faces, and those that meet it."""
+"""Relative depth tolerance, so that an edge is not occluded by its own or adjacent faces."""
 
 
 def seen_parts(structure: Structure, eye_m: Array, segments_m: Array) -> Array:
-    """Parts (j, 2, 3) of segments (k, 2, 3) on the structure that are seen from a point (3,), all in the world, m."""
+    """Visible parts (j, 2, 3) of segments (k, 2, 3) on the structure from a viewpoint (3,), world frame, metres."""
     if not len(segments_m):
         return np.zeros((0, 2, 3))
     start, along = segments_m[:, 0], segments_m[:, 1] - segments_m[:, 0]
@@ -32,7 +32,7 @@ def seen_parts(structure: Structure, eye_m: Array, segments_m: Array) -> Array:
 
     places = np.linspace(0.0, 1.0, PROBES)
     rows = np.repeat(np.arange(len(segments_m)), PROBES - 1)
-    middles = (places[:-1] + places[1:]) / 2  # never an end: there the edges of other faces meet
+    middles = (places[:-1] + places[1:]) / 2  # not the ends, where other faces meet
     clear = seen(rows, np.tile(middles, len(segments_m))).reshape(len(segments_m), -1)
     row, left = np.nonzero(clear[:, 1:] != clear[:, :-1])
     low, high = middles[left], middles[left + 1]
@@ -52,7 +52,7 @@ def seen_parts(structure: Structure, eye_m: Array, segments_m: Array) -> Array:
 
 
 def unhidden(structure: Structure, eye_m: Array, points_m: Array) -> NDArray[np.bool_]:
-    """Whether no face of the structure lies between the eye (3,) and each point (n, 3), all in the world, m."""
+    """Mask (n,) of points (n, 3) that no face occludes from a viewpoint eye_m (3,), world frame, metres."""
     if not len(points_m):
         return np.zeros(0, dtype=np.bool_)
     rays = points_m - eye_m

@@ -75,7 +75,7 @@ def open_video(path: Path) -> cv2.VideoCapture:
         head = handle.read(16)
     if not any(head[at : at + len(word)] == word for at, word in VIDEOS.values()):
         raise UserError(f"{path}: neither an image nor a readable video (MP4, MOV, Matroska, WebM, AVI, MPEG, Ogg)")
-    video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)  # by its whole path: a name is never an address
+    video = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG)  # as an absolute path, which is never taken for a URL
     if not video.isOpened():
         raise UserError(f"{path}: not a readable video")
     check_pixels(path, int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
@@ -96,7 +96,7 @@ def image_of(path: Path, data: bytes, camera: Camera) -> NDArray[np.uint8]:
     if path.suffix == ".png" and not data.endswith(b"IEND\xaeB`\x82"):
         raise UserError(f"{path}: the image is truncated; render or copy it again")
     width, height = size_px(path, data)
-    if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF data may turn it
+    if sorted((width, height)) == sorted((camera.width, camera.height)):  # its EXIF orientation may rotate it
         image = decoded(path, data)
         height, width = image.shape[:2]
     if (width, height) != (camera.width, camera.height):

@@ -1,4 +1,4 @@
-"""Input of the renderer: textured triangle meshes, static or moving, and the lights."""
+"""Input of the renderer: textured triangle meshes, static or moving, and lights."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -17,13 +17,13 @@ Texture = NDArray[np.uint8]
 class Part:
     """One mesh with one material, in the world frame (metres, z up).
 
-    vertices (n, 3); triangles (m, 3) counter-clockwise from outside; normals (n, 3) unit, for smooth shading, or
-    None for one normal per triangle; uv (n, 2) in texture units; texture coded as the square root of linear albedo,
-    repeated outside 0..1, its fourth channel cuts holes; tint (n, 4) factor on the albedo at each vertex, and the share
-    of the lamp seen there; roughness 0.04..1; two_sided for leaves and cloth; lightmap asks for baked light in a
-    texture of its own (a parallelogram of two triangles); ripples makes it level water that mirrors the scene, with
-    slopes (R along x, G along y, 128 is none, RIPPLE_SLOPE a unit); instance is the value of the part in the instance
-    mask (0: obstacles, 1: the structure); name says which piece of the structure it is.
+    vertices (n, 3); triangles (m, 3) counter-clockwise from outside; unit normals (n, 3) for smooth shading, or None
+    for flat shading; uv (n, 2) in texture units; texture coded as the square root of linear albedo, repeated outside
+    0..1, with an alpha mask as its fourth channel; tint (n, 4), per vertex, a factor on the albedo and the visible
+    fraction of the lamp; roughness 0.04..1; two_sided for leaves and cloth; lightmap requests baked light in a texture
+    of its own (for a parallelogram of two triangles); ripples makes the part level water that mirrors the scene, with
+    slopes (R along x, G along y, zero at 128, RIPPLE_SLOPE per unit); instance is its value in the instance mask
+    (0: obstacles, 1: the structure); name identifies the piece of the structure.
     """
 
     vertices: Array
@@ -42,12 +42,12 @@ class Part:
 
     @property
     def cutout(self) -> bool:
-        """Whether the texture cuts holes into the part."""
+        """Whether the texture has an alpha mask."""
         return self.texture is not None and self.texture.shape[2] == 4
 
 
 def plain(part: Part) -> Part:
-    """The part in one colour, the mean light of its texture; one with holes stays as it is."""
+    """The part in the mean colour of its texture; unchanged where the texture has an alpha mask."""
     if part.texture is None or part.cutout:
         return part
     mean = np.sqrt(np.square(part.texture.astype(np.float64)).mean(axis=(0, 1)))
@@ -56,7 +56,7 @@ def plain(part: Part) -> Part:
 
 @dataclass(frozen=True, eq=False)
 class Mover:
-    """A part that moves: `world_from_part` gives its pose at a time in seconds."""
+    """A moving part; `world_from_part` maps a time in seconds to its pose."""
 
     part: Part
     world_from_part: Callable[[float], Pose]
@@ -64,9 +64,9 @@ class Mover:
 
 @dataclass(frozen=True, kw_only=True)
 class Roadway:
-    """The road that a structure carries along x, through its middle: half its width between kerbs, its level.
+    """The road that a structure carries along x through its centre: half its width between kerbs, and its level.
 
-    The structure ends half_length_m from its middle, at the level of the ground its front lies front_m from it.
+    The structure extends half_length_m from its centre, front_m at ground level.
     """
 
     half_width_m: float
@@ -77,10 +77,9 @@ class Roadway:
 
 @dataclass(frozen=True, eq=False)
 class BuiltStructure:
-    """A structure as the tracker gets it, as it is drawn, and what the two differ by.
+    """A structure as designed, which trackers get, and as built, which is rendered.
 
-    structure is as designed; parts are as built; deviation says in words and numbers what was changed; road is the one
-    that it carries, None for most.
+    parts are as built; deviation records the differences by name; road is the one that it carries, None for most.
     """
 
     structure: Structure
@@ -91,10 +90,10 @@ class BuiltStructure:
 
 @dataclass(frozen=True)
 class Light:
-    """Light of a scene, linear RGB: one far lamp (the sun) that throws shadows, light from above and from below.
+    """Light of a scene, linear RGB: one distant lamp (the sun) that casts shadows, and hemispherical ambient light.
 
-    to_lamp is the direction towards the lamp; shadow_map throws its shadows when drawn (otherwise they are in the
-    parts' tints); softness_m is the width of the shadows' edge; haze_per_m the share of light scattered in per metre.
+    to_lamp is the direction towards the lamp; shadow_map renders its shadows (otherwise they are baked into the tints);
+    softness_m is the width of the penumbra; haze_per_m the extinction coefficient of the haze.
     """
 
     to_lamp: tuple[float, float, float]
@@ -109,11 +108,11 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class BuiltSite:
-    """Ground that was shaped to a structure.
+    """Ground that is shaped to a structure.
 
-    parts are drawn beside the environment's; structure are those of the structure as they are drawn on it; height
-    gives that of the ground at places (n, 2), is_free whether things may stand there; shades tells that parts are to be
-    darkened by the ground too.
+    parts are drawn in addition to the environment's; structure replaces the parts of the structure; height maps points
+    (n, 2) to the height of the ground, is_free to whether clutter may stand there; shades: the ground too occludes
+    ambient light.
     """
 
     parts: tuple[Part, ...]
@@ -127,9 +126,9 @@ class BuiltSite:
 class BuiltEnvironment:
     """Ground, walls and light around a structure; sky is a panorama (h, 2h, 3) or None indoors.
 
-    The panorama is coded as the square root of light. Its columns run from azimuth -180 to 180 degrees (world x is
-    0), its rows from the zenith down. Without textures each part of the structure shows the
-    mean colour of its own, evenly lit. site shapes the ground to the structure, None for ground that is level.
+    The panorama is square-root coded. Its columns run from azimuth -180 to 180 degrees (world x is 0), its rows from
+    the zenith down. Without textures each part of the structure has the mean colour of its texture. site shapes the
+    ground to the structure, None for level ground.
     """
 
     parts: tuple[Part, ...]
@@ -141,7 +140,7 @@ class BuiltEnvironment:
 
 @dataclass(frozen=True, eq=False)
 class BuiltClutter:
-    """Still and moving things that are not the structure."""
+    """Static and moving objects that do not belong to the structure."""
 
     parts: tuple[Part, ...] = ()
     movers: tuple[Mover, ...] = ()

@@ -17,15 +17,15 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 
 SHADE_M = 20.0
-"""Ground so far around a structure shades it and itself."""
+"""Radius around a structure, metres, within which the ground occludes ambient light."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything around a flight, ready to be rendered.
+    """A scene with baked light, ready to be rendered.
 
-    parts have the light of what is around them in their tints; unlit are the same before that, for a path tracer.
-    lamp_radius is that of the lamp as its tangent; site is the ground where it was shaped to the structure.
+    parts have baked light in their tints; unlit are the same parts without, for a path tracer. lamp_radius is the
+    tangent of the lamp's angular radius; site is the ground where it is shaped to the structure.
     """
 
     built: BuiltStructure
@@ -44,13 +44,13 @@ class Scene:
 
 
 def obstacles_of(spec: SequenceSpec) -> ObstacleMesh:
-    """Obstacle mesh of a flight, without building what is only visible."""
+    """Obstacle mesh of a flight: the structure as designed."""
     structure = spec.structure.build(stream(spec.seed, "structure")).structure
     return ObstacleMesh(structure.vertices, structure.triangles)
 
 
 def build_scene(spec: SequenceSpec) -> Scene:
-    """Structure, environment and clutter of a spec, lit."""
+    """Structure, environment and clutter of a spec, with baked light; deterministic in spec and seed."""
     built = spec.structure.build(stream(spec.seed, "structure"))
     bounds = built.structure.bounds
     parts, record = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
@@ -93,14 +93,14 @@ def build_scene(spec: SequenceSpec) -> Scene:
 
 
 def _placed(clutter: ClutterSpec, bounds: Array, rng: np.random.Generator, site: BuiltSite | None) -> BuiltClutter:
-    """Clutter around the structure, where the ground of a site is free."""
+    """Clutter around the structure, on free ground of the site if there is one."""
     if site is not None and isinstance(clutter, ON_GROUND):
         return clutter.build(bounds, rng, site.is_free)
     return clutter.build(bounds, rng)
 
 
 def _near(part: Part, bounds: Array) -> Part:
-    """What of a part is near the structure."""
+    """The triangles of a part that are near the structure."""
     low, high = bounds[0] - SHADE_M, bounds[1] + SHADE_M
     corners = part.vertices[part.triangles]
     return replace(part, triangles=part.triangles[((corners < high) & (corners > low)).all(axis=(1, 2))])

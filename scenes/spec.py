@@ -1,4 +1,4 @@
-"""Everything that makes one sequence: plug-ins, their parameters, and a seed."""
+"""Specification of a sequence: plug-ins, their parameters, and a seed."""
 
 import re
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ class StructureSpec(Protocol):
     """A structure: parameters, and a method that builds it."""
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The structure standing on z = 0, same rng, same structure."""
+        """The structure standing on z = 0; deterministic in rng."""
         ...
 
 
@@ -34,15 +34,15 @@ class EnvironmentSpec(Protocol):
     """Ground, walls, sky and light around a structure of the given bounds (2, 3) in metres."""
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
-        """The environment, same rng, same environment."""
+        """The environment; deterministic in rng."""
         ...
 
 
 class ClutterSpec(Protocol):
-    """Things around a structure of the given bounds (2, 3) in metres."""
+    """Objects around a structure of the given bounds (2, 3) in metres."""
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
-        """The clutter, same rng, same clutter."""
+        """The clutter; deterministic in rng."""
         ...
 
 
@@ -50,12 +50,12 @@ class EffectSpec(Protocol):
     """An effect of the camera or its link on the images; effects act in the order of `EFFECTS`, the physical one."""
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """The source with the effect on it; frames are asked for once each, in order."""
+        """The camera simulator with the effect applied; each frame is requested once, in order."""
         ...
 
 
 Annotation = Literal["depth", "mask", "edges", "flow", "normals"]
-"""Ground truth of each frame beside its pose."""
+"""Ground truth of each frame in addition to its pose."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +63,7 @@ class CameraSpec:
     """A camera by its field of view, or by explicit intrinsics in px (all four of fx_px fy_px cx_px cy_px).
 
     The field of view is that of the pinhole without distortion. lens_blur_px is the standard deviation of the lens's
-    point spread, on top of the pixel's own area; without it edges alias as rendered ones do, with it a frame takes 16
-    renders.
+    point spread function, in addition to the pixel area; at 0 rendered edges alias, otherwise a frame takes 16 renders.
     """
 
     width: Annotated[int, Ge(16)] = 640
@@ -97,9 +96,9 @@ class CameraSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class BodyCamera:
-    """A further camera of the vehicle: its name, mount and lens, and how much later than the main one it exposes.
+    """A further camera of the vehicle: its name, mount, intrinsics, and exposure offset from the main camera.
 
-    Rate, clock, effects and annotations are those of the main camera; offset_s 0 is exactly the same time.
+    Rate, clock, effects and annotations are those of the main camera; with offset_s = 0 the exposures are simultaneous.
     """
 
     name: str
@@ -109,20 +108,20 @@ class BodyCamera:
 
 
 MAIN = "camera"
-"""Name of the main camera, which no further one may have."""
+"""Name of the main camera, reserved."""
 CAMERA_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
-"""Of a further camera: it names a folder, and topics and frames of ROS."""
+"""Valid name of a further camera: it becomes the name of a folder, and of topics and frames in ROS."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceSpec:
-    """One sequence: what is flown around, how, and what the camera does to the images.
+    """Specification of one sequence: structure, flight, environment, camera and image effects.
 
-    sensors ride on the body, those that are named and no others; deviation is what the built structure differs by from
-    the designed one; annotations names the ground truth written for every frame beside its pose; crlb_every that every
-    n-th frame of the main camera gets its Cramer-Rao bound (0: none); neither changes the images. cameras are those
-    beside the main one, of mount and camera, which trackers are given; clock says when all of them expose and how their
-    frames are stamped. UserError for two cameras of one name.
+    sensors are all sensors on the body; deviation is that of the structure as built from its design; annotations are
+    the ground truth written for every frame in addition to its pose; every crlb_every-th frame of the main camera gets
+    its Cramer-Rao bound (0: none); neither changes the images. cameras are those in addition to the main one, which
+    mount and camera specify and trackers receive; clock triggers and stamps the frames of all of them. UserError for
+    duplicate camera names.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The structure as trackers get it: planar faces and the crease edges between them."""
+"""Structure model for trackers: planar faces and the crease edges between them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from uavbench.trajectories.pose import Array
 
 CREASE_ANGLE_DEG = 15.0
-"""Two faces that meet at less than this angle are one smooth surface."""
+"""Faces whose normals differ by less than this angle are one smooth surface, without an edge between them."""
 COPLANAR_ANGLE_DEG = 0.5
-"""Neighbouring triangles whose normals differ by less than this lie in one planar face."""
+"""Adjacent triangles whose normals differ by less than this belong to one planar face."""
 WELD_M = 1e-6
-"""Vertices closer than this are one vertex."""
+"""Vertices closer than this are merged, metres."""
 
 Indices = NDArray[np.int64]
 
@@ -71,8 +71,8 @@ class Structure:
     ) -> "Structure":
         """Structure of a triangle mesh: (n, 3) metres, (m, 3) counter-clockwise from outside.
 
-        A coplanar triangulation makes no edge; collinear pieces of one edge are joined. Edges shorter
-        than min_edge_m are left out.
+        Edges within a planar face are no crease edges; collinear pieces of an edge are joined. Edges shorter than
+        min_edge_m are left out.
         """
         vertices, triangles = _weld(vertices, triangles)
         normals, areas = _triangle_normals(vertices, triangles)
@@ -95,7 +95,7 @@ class Structure:
 
 
 def _weld(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Merge vertices closer than WELD_M; drop triangles without area and vertices without triangle."""
+    """Merge vertices closer than WELD_M; drop degenerate triangles and unreferenced vertices."""
     _, first, inverse = np.unique(
         np.round(np.asarray(vertices, dtype=np.float64) / WELD_M), axis=0, return_index=True, return_inverse=True
     )
@@ -117,7 +117,7 @@ def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array
 def _triangle_edges(triangles: Indices) -> tuple[Indices, Indices]:
     """Undirected vertex pairs (k, 2) and the triangles (k, 2) beside them, -1 where there is none.
 
-    Where more than two triangles share a pair (a non-manifold edge), each further two make a row of their own.
+    Of a non-manifold edge, shared by more than two triangles, each further pair of triangles has its own row.
     """
     half = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     owner = np.repeat(np.arange(len(triangles)), 3)
@@ -135,8 +135,8 @@ def _triangle_edges(triangles: Indices) -> tuple[Indices, Indices]:
 
 
 def _components(n: int, a: Indices, b: Indices) -> Indices:
-    """Connected-component label (n,) of a graph given by its links a-b, in the order of each one's first node."""
-    from scipy.sparse import coo_array  # here, for trackers load without it
+    """Connected-component labels (n,) of a graph of n nodes and edges a-b, numbered by their first node."""
+    from scipy.sparse import coo_array  # lazy: trackers do not need it
     from scipy.sparse.csgraph import connected_components
 
     links = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
@@ -144,7 +144,7 @@ def _components(n: int, a: Indices, b: Indices) -> Indices:
 
 
 def _join_collinear(vertices: Array, pairs: Indices, faces: Indices) -> tuple[Indices, Indices]:
-    """Join pieces that follow each other in one straight line between the same two faces."""
+    """Join consecutive collinear edges between the same two faces."""
     ends: dict[tuple[int, int, int], list[int]] = {}
     for row, (pair, face) in enumerate(zip(pairs.tolist(), faces.tolist(), strict=True)):
         for vertex in pair:

@@ -1,4 +1,4 @@
-"""Rendered surfaces for ranging sensors: static and moving parts, with the holes of their textures."""
+"""Rendered surfaces as seen by ranging sensors: static and moving parts, with their alpha masks."""
 
 from collections.abc import Iterable
 from functools import cached_property
@@ -14,15 +14,15 @@ from uavbench.trajectories.geometry.surfaces import Struck, barycentric, inciden
 from uavbench.trajectories.pose import Array
 
 MOST_HOLES = 64
-"""Most holes that one ray may pass."""
+"""Most masked-out surfaces that one ray may pass."""
 STEP_BEHIND_M = 1e-6
-"""Offset behind a hole's surface at which a ray continues, metres."""
+"""Offset behind a masked-out surface point at which a ray continues, metres."""
 COARSE_NS = 50_000_000
-"""Interval at which moving parts are tested for being near a ray at all: 50 ms."""
+"""Interval of the coarse test of moving parts against rays, ns."""
 
 
 class SceneSurfaces:
-    """Parts and movers of a scene; trees are built when the first ray is cast."""
+    """Parts and movers of a scene; the bounding-volume hierarchies are built when the first ray is cast."""
 
     def __init__(self, parts: Iterable[Part], movers: tuple[Mover, ...]) -> None:
         self._parts, self._movers = tuple(part for part in parts if len(part.triangles)), movers
@@ -90,7 +90,7 @@ class SceneSurfaces:
         return Struck(distances, cosines)
 
     def _in_hole(self, rows: NDArray[np.int64], places: Array) -> NDArray[np.bool_]:
-        """Which places (k, 3) on triangles (k,) lie where the part's texture cuts a hole."""
+        """Mask (k,) of points (k, 3) on triangles (k,) at which the texture's alpha mask is transparent."""
         hole = np.zeros(len(rows), dtype=bool)
         owner = np.searchsorted(self._first, rows, side="right") - 1
         for number in np.unique(owner).tolist():
@@ -108,7 +108,7 @@ class SceneSurfaces:
 def _near(
     mover: Mover, corners_m: Array, origins_m: Array, directions: Array, times_ns: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Rays that may meet a moving part: those that pass the ball that holds it between two coarse times."""
+    """Rays that may hit a moving part: those through its bounding sphere over a coarse time step."""
     middle = (corners_m.min(axis=(0, 1)) + corners_m.max(axis=(0, 1))) / 2
     radius = float(np.linalg.norm(corners_m - middle, axis=2).max())
     first, last = int(times_ns.min()) // COARSE_NS, int(times_ns.max()) // COARSE_NS + 1

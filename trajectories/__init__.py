@@ -1,5 +1,5 @@
 """Flights: poses, trajectories, flight paths, the MuJoCo quadrotor, wind, and body sensors.
 
-Rooms: paths, vehicle, wind and simulation fly; sensors measure; trajectory_files and bags read and write trajectories;
-geometry, kernels and files are what all layers stand on. Imports no other layer.
+Packages: paths, vehicle, wind and simulation for flights; sensors for measurements; trajectory_files and bags for
+trajectory formats; geometry, kernels and files as common foundations. Imports no other layer.
 """

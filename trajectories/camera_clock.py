@@ -12,7 +12,7 @@ from uavbench.trajectories.flight_record import Flight
 from uavbench.trajectories.sensors.sensor import stamps_between
 
 MOST_JITTER = 0.4
-"""Share of the frame period; below one half, so that frames stay in order."""
+"""Greatest jitter as a fraction of the frame period; below one half, so that frames stay in order."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,8 +30,8 @@ class Exposures:
 class CameraClock:
     """The clock that triggers and stamps the frames of all cameras of a vehicle.
 
-    even: frames are exposed every 1 / rate, to the nanosecond, and the flight is interpolated to them; without it at
-    the control step, of 2 ms, that is nearest. jitter_ms: standard deviation of the exposures about even times, at most
+    even: frames are exposed every 1 / rate, to the nanosecond, and the flight is interpolated to them; otherwise at
+    the nearest control step of 2 ms. jitter_ms: standard deviation of the exposures about even times, at most
     MOST_JITTER of a period, included in the stamps. timeshift_cam_imu_s, as in Kalibr (t_imu = t_cam + shift):
     the clock's offset from that of the IMU, the other sensors and the flight's record. Stamps never fall below 0: with
     a positive shift the first frame is exposed at the time shift and stamped 0, with a negative one it is exposed at 0.
@@ -49,7 +49,7 @@ class CameraClock:
     def exposures(self, flight: Flight, rate_hz: float, rng: np.random.Generator, offset_s: float = 0.0) -> Exposures:
         """Exposures of a camera at rate_hz, offset_s after those of the main one; pass the same rng for all cameras.
 
-        UserError for a rate that the flight's record cannot serve, and where no frame is left.
+        UserError for a rate above that of the flight's record, and when no frame is left.
         """
         times = self._times(flight, rate_hz, rng) + max(self.shift_ns, 0) + round(1e9 * offset_s)
         last = int(flight.stamps_ns[-1])

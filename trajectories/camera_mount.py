@@ -15,9 +15,9 @@ CAM_FROM_FORWARD_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0,
 class Mount:
     """Camera mount; the default looks along the body's x axis from the body's origin.
 
-    The camera is turned from that default about the body's z by yaw_deg (positive to the left), then about its own
-    lateral axis by pitch_deg (positive looks up, so -20 looks 20 degrees down), then about its optical axis by
-    roll_deg (positive turns it clockwise as it sees). offset_m is the camera's centre in the body frame.
+    It is rotated from there about the body's z axis by yaw_deg (positive to the left), then about its own lateral axis
+    by pitch_deg (positive upwards: -20 looks 20 degrees down), then about its optical axis by roll_deg (positive
+    clockwise in the direction of view). offset_m is the camera centre in the body frame.
     """
 
     pitch_deg: float = 0.0
@@ -27,7 +27,7 @@ class Mount:
 
     @property
     def cam_from_body(self) -> Pose:
-        """Transform of points of the body frame into the camera frame."""
+        """Pose that maps points of the body frame to the camera frame (x right, y down, z forward)."""
         yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
         axes = rotation_exp(np.array([[0.0, 0.0, yaw], [0.0, -pitch, 0.0], [roll, 0.0, 0.0]]))
         body_from_turned = exact.product(exact.product(axes[0], axes[1]), axes[2])

@@ -23,11 +23,11 @@ def one_line(text: str) -> str:
 
 
 class Terminated(SystemExit):
-    """The process was terminated by a signal; a SystemExit raised by a plug-in is a fault, this is none."""
+    """The process was terminated by a signal, unlike a SystemExit raised by a plug-in, which is a fault."""
 
 
 class UserError(Exception):
-    """A mistake in what the user gave: names the file, key or frame, what is wrong, and what to do.
+    """Invalid input by the user; the message names the file, key or frame, the defect, and the remedy.
 
     The command line prints its message without a traceback and exits with code 2. The message is plain text.
     """
@@ -37,7 +37,7 @@ class UserError(Exception):
 
 
 def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
-    """Error for a name that is not among the valid ones; suggests the nearest valid name."""
+    """Error for an unknown name; suggests the closest valid one."""
     import difflib
 
     near = difflib.get_close_matches(name, valid, n=1)
@@ -46,7 +46,7 @@ def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
 
 
 def disk_error_message(error: OSError) -> str:
-    """Message for a disk error: the file, what is wrong, what to do."""
+    """Message for a disk error: the file, the cause, the remedy."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     advice = "free space, or name another place" if full else "name another place"
     return f"{error.filename or 'the disk'}: {error.strerror or error}; {advice}"

@@ -82,7 +82,7 @@ class Flight:
     def frame_rows(self, rate_hz: float) -> NDArray[np.int64]:
         """Rows nearest to the times of a camera at rate_hz, the first at 0; a frame's stamp is its row's own stamp.
 
-        So pose and stamp of a frame agree exactly; a frame is early or late by at most half a row.
+        Pose and stamp of a frame thus agree exactly; its deviation from the nominal time is at most half a row.
         ValueError when the camera is faster than the record.
         """
         if len(self) == 1:

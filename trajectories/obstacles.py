@@ -14,7 +14,7 @@ from uavbench.trajectories.pose import Array, read_only
 Indices = NDArray[np.int64]
 
 UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
-"""Ray direction that is not parallel to the edges of an axis-aligned mesh."""
+"""Ray direction that is parallel to no edge or face of an axis-aligned mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class ObstacleMesh:
     """Triangle mesh in the world frame, metres, z up, floor at z = 0; arrays are read-only.
 
     vertices (n, 3); triangles (m, 3) rows of vertices, counter-clockwise from outside. ValueError for a mesh without
-    triangles, an index out of range or a vertex that is not finite. surroundings: what ranging sensors see, where that
-    is more than this mesh: the structure as built and everything around it.
+    triangles, an index out of range or a vertex that is not finite. surroundings: the surfaces that ranging sensors
+    measure, if they differ from this mesh: the structure as built and everything around it.
     """
 
     vertices: Array
@@ -45,7 +45,7 @@ class ObstacleMesh:
 
     @property
     def surfaces(self) -> Surfaces:
-        """What ranging sensors see: the surroundings where they are known, otherwise this mesh and the floor."""
+        """Surfaces that ranging sensors measure: the surroundings if known, otherwise this mesh and the floor."""
         return (
             self.surroundings
             if self.surroundings is not None
@@ -72,13 +72,13 @@ class ObstacleMesh:
         return ray_distances(self.tree, read_only(origins, (-1, 3)), read_only(directions, (-1, 3)))
 
     def blocked(self, origins: Array, directions: Array, within_m: float) -> NDArray[np.bool_]:
-        """Which rays (n, k) from origins (n, 3) along unit directions (n, k, 3) meet a triangle within within_m."""
+        """Mask (n, k) of rays from origins (n, 3), unit directions (n, k, 3), that hit a triangle within within_m."""
         return rays_blocked(self.tree, np.ascontiguousarray(origins), np.ascontiguousarray(directions), within_m)
 
     def inside(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Which points (k, 3) lie inside the mesh: where both a ray up and one down leave it more often than enter it.
+        """Mask (k,) of points (k, 3) inside the mesh: rays up and down both exit it more often than they enter.
 
-        So solids may overlap or touch, and a sheet without thickness has no inside.
+        Solids may thus overlap or touch, and a sheet without thickness has no interior.
         """
         at = read_only(points, (-1, 3))
         up, down = (mesh_crossings(self.tree, at, way * UP_A_LITTLE_ASKEW) for way in (1.0, -1.0))

@@ -24,7 +24,7 @@ def read_only(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
 
 
 def hat(v: Array) -> Array:
-    """Skew matrices (..., 3, 3) of vectors (..., 3), such that the matrix of v times u is v x u."""
+    """Skew-symmetric matrices (..., 3, 3) of vectors (..., 3): the matrix of v times u is v x u."""
     out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
@@ -33,7 +33,7 @@ def hat(v: Array) -> Array:
 
 
 def rotation_exp(rotvec: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in rad (Rodrigues)."""
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in rad (Rodrigues' formula)."""
     angle = np.asarray(exact.length(rotvec))[..., None, None]
     K = hat(rotvec)
     small = angle < 1e-6
@@ -47,8 +47,7 @@ def rotation_exp(rotvec: Array) -> Array:
 def quaternion_from_rotation(R: Array) -> Array:
     """Unit quaternions wxyz (..., 4), w >= 0, of rotation matrices (..., 3, 3).
 
-    Each is the eigenvector of the largest of the four squared components (Shepperd 1978), so no
-    branch loses digits.
+    Computed from the largest of the four squared components (Shepperd 1978), so that no branch loses precision.
     """
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     squares = np.stack([1 + m00 + m11 + m22, 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22], axis=-1)
@@ -84,7 +83,7 @@ def rotation_from_quaternion(q: Array) -> Array:
 def rotation_log(R: Array) -> Array:
     """Rotation vectors (..., 3) in rad, norm in [0, pi], of rotation matrices (..., 3, 3).
 
-    Goes through the quaternion and atan2, so it keeps full precision near 0 and near pi.
+    Computed by the quaternion and atan2, with full precision near 0 and near pi.
     """
     q = quaternion_from_rotation(R)
     v = q[..., 1:]

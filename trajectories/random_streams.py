@@ -1,4 +1,4 @@
-"""Named random streams: adding one never shifts another's numbers."""
+"""Named random streams: adding one never changes the numbers of another."""
 
 import hashlib
 import hmac

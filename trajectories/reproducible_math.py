@@ -1,8 +1,8 @@
 """Functions with bit-identical results on every processor, used for everything in a flight's record.
 
-NumPy dispatches sin, exp and the like, and its BLAS products, inverses and norms, by the processor's instruction set
-(AVX-512, FMA), with differences in the last bits. Here functions are those of the C library, called per element, and
-sums have a fixed order.
+NumPy dispatches elementary functions, and its BLAS products, inverses and norms, by the processor's instruction set
+(AVX-512, FMA), with differences in the last bits. Here elementary functions are those of the C library, called per
+element, and sums have a fixed order.
 """
 
 import math
@@ -73,12 +73,12 @@ def product(a: Array, b: Array) -> Array:
 
 
 def length(v: Array) -> Array:
-    """Euclidean lengths (...) of vectors (..., n)."""
+    """Euclidean norms (...) of vectors (..., n)."""
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", v, v)))[()]
 
 
 def inverse(A: Array) -> Array:
-    """Inverse of a matrix (n, n) by Gauss-Jordan elimination with row pivots; ValueError when it is singular."""
+    """Inverse of a matrix (n, n) by Gauss-Jordan elimination with partial pivoting; ValueError when it is singular."""
     n = len(A)
     table = np.hstack([np.asarray(A, dtype=np.float64), np.eye(n)])
     for k in range(n):

@@ -17,7 +17,7 @@ LIBRARIES = ("site-packages", "dist-packages")
 """Names of library folders, in this environment or in another one on the path."""
 
 known_imports: dict[str, tuple[str, ...]] = {}
-"""Names that source files import, by their content, package, and whether what they give on demand counts."""
+"""Imported names by content of the source file, its package, and whether lazy attributes count."""
 
 Find = Callable[[str], Path | None]
 """Maps the name of a module to its source file; None for installed, built-in and missing modules."""
@@ -74,15 +74,15 @@ def file_digest(path: Path) -> str:
 
 
 def stamp(path: Path) -> tuple[int, ...]:
-    """Stamp that changes with a file: its times, size and inode."""
+    """Stamp that changes with a file: modification times, size and inode."""
     about = path.stat()
     return about.st_mtime_ns, about.st_ctime_ns, about.st_size, about.st_ino, about.st_dev
 
 
 def source_file(name: str) -> Path | None:
-    """Source file of a module of ours or the user's; None when it is installed, built in, or missing.
+    """Source file of a module of this project or the user; None when it is installed, built in, or missing.
 
-    Nothing is imported to find it.
+    The module is not imported.
     """
     top = name.partition(".")[0]
     above = getattr(sys.modules.get(top), "__file__", None)
@@ -186,11 +186,11 @@ def _spec(name: str) -> ModuleSpec | None:
             above = _spec(parent)
             places = above.submodule_search_locations if above else None
         return None if places is None else PathFinder.find_spec(name, [*places])
-    except KeyError:  # a folder without __init__.py, of a package that is not imported
+    except KeyError:  # a namespace package that is not imported
         spec = ModuleSpec(name, None, is_package=True)
         spec.submodule_search_locations = [str(Path(place, last)) for place in places or ()]
         return spec
-    except (ImportError, AttributeError, ValueError):  # what a module in sys.modules may be, is up to its author
+    except (ImportError, AttributeError, ValueError):  # sys.modules may hold anything
         return None
 
 
@@ -255,7 +255,7 @@ def _imported(statements: Iterable[ast.AST], package: list[str]) -> Iterator[str
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name
-                if alias.asname is None:  # `import a.b` binds a, and with it all that a gives on demand
+                if alias.asname is None:  # `import a.b` binds a, with all of its lazy attributes
                     yield alias.name.partition(".")[0]
         elif isinstance(node, ast.ImportFrom):
             above = package[: len(package) - node.level + 1] if node.level else []

@@ -1,5 +1,5 @@
-"""Clutter: trees, people, birds, lookalikes, and where they are placed.
+"""Clutter: trees, people, birds and lookalikes, and their placement around the structure.
 
-In: the structure, parameters and a random generator. Out: still and moving parts. Imports primitives, materials and
-structures.
+In: the structure's bounds, parameters and a random generator. Out: static and moving parts. Imports primitives,
+materials and structures.
 """

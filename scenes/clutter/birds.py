@@ -1,4 +1,4 @@
-"""Flying clutter: birds that circle, rise and sink."""
+"""Flying clutter: birds circling around the structure with varying height."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,14 +14,17 @@ INSTANCE = 4
 
 @dataclass(frozen=True)
 class Birds:
-    """Birds around and above the structure, as many as density times ten."""
+    """Birds circling around and above the structure; their number is 10 times density, rounded."""
 
     density: Annotated[float, Interval(ge=0, le=20)] = 0.5
     span_m: Annotated[float, Gt(0.01), Interval(le=5)] = 0.7
     speed_m_s: Annotated[float, Gt(0), Interval(le=40)] = 7.0
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltClutter:
-        """The birds; none flies through the structure's bounds."""
+        """Movers around a structure of bounds (2, 3) in metres, world frame; no path crosses the bounds.
+
+        Radius, height, speed, phase and plumage of each bird are drawn from rng.
+        """
         extent = float(np.linalg.norm((bounds[1] - bounds[0])[:2]) / 2)
         movers = []
         for _ in range(round(10 * self.density)):
@@ -41,7 +44,11 @@ class Birds:
 
 @dataclass(frozen=True, eq=False)
 class Circling:
-    """A circle at constant speed (negative: clockwise), banked into the turn, rising and sinking with period_s."""
+    """Circular flight at constant speed in a coordinated turn, with a sinusoidal height variation of 0.6 m.
+
+    centre (3,) in the world frame, metres; speed_m_s is negative for clockwise flight seen from above; start_rad is the
+    initial azimuth; period_s is that of the height variation. The bank angle is atan(v^2 / (g r)).
+    """
 
     centre: Array
     radius_m: float
@@ -50,7 +57,7 @@ class Circling:
     period_s: float
 
     def __call__(self, time_s: float) -> Pose:
-        """world_from_part at a time; the bird's x axis points ahead."""
+        """Pose `world_from_part` at a time in seconds; the bird's x axis points forwards."""
         angle = self.start_rad + self.speed_m_s / self.radius_m * time_s
         wave = 0.6 * np.sin(2 * np.pi * time_s / self.period_s + self.start_rad)
         place = self.centre + np.array([self.radius_m * np.cos(angle), self.radius_m * np.sin(angle), wave])
@@ -61,7 +68,7 @@ class Circling:
 
 
 def _bird(span: float, tone: float) -> Part:
-    """Body and bent wings, dark above, lighter below."""
+    """Two-sided mesh of a body and bent wings of a wingspan in metres, dark with a lighter underside."""
     s = span
     points = np.array(
         [[0.26, 0, 0], [-0.30, 0, 0], [0, 0, 0.05], [0, 0, -0.06], [0.08, 0.06, 0.01], [-0.10, 0.05, 0.0],

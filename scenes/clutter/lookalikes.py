@@ -1,4 +1,4 @@
-"""Clutter that a tracker can take for the structure: cardboard boxes of other sizes around it."""
+"""Clutter that a tracker may confuse with the structure: cardboard boxes of other sizes."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -16,14 +16,18 @@ INSTANCE = 10
 
 @dataclass(frozen=True)
 class Lookalikes:
-    """Cardboard boxes at random places around the structure, as many as density times ten."""
+    """Cardboard boxes at random positions around the structure; their number is at most 10 times density."""
 
     density: Annotated[float, Interval(ge=0, le=10)] = 0.5
     nearest_m: Annotated[float, Gt(0)] = 0.45
     furthest_m: Annotated[float, Gt(0)] = 2.2
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
-        """The boxes on free ground; none is closer than nearest_m to the structure's bounds."""
+        """Boxes on free ground around a structure of bounds (2, 3) in metres, world frame.
+
+        The gap to the circle about the bounds is uniform in nearest_m..furthest_m; a box whose position is not free is
+        left out. Each box has its own instance in the mask, from 10 up.
+        """
         parts: list[Part] = []
         centre, reach = bounds.mean(axis=0), float(np.linalg.norm((bounds[1] - bounds[0])[:2]) / 2)
         for number in range(round(10 * self.density)):

@@ -1,4 +1,4 @@
-"""Clutter of the size of people: standing figures, and figures that walk back and forth."""
+"""Human-sized clutter: standing figures, and figures walking back and forth."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -25,17 +25,17 @@ LIMBS: dict[str, tuple[Array, tuple[float, float], float]] = {
     "head": (np.array([[1.44, 0.055], [1.52, 0.055], [1.57, 0.078], [1.64, 0.095], [1.72, 0.085], [1.78, 0.02]]),
              (0.015, 0.0), 1.1),
 }  # fmt: skip
-"""Of a figure of 1.78 m: height and radius (m) along each limb, its place (ahead, aside), its depth over its width."""
+"""Limbs of a figure of 1.78 m: profile (height, radius) and offset (forwards, sideways) in m; depth-to-width ratio."""
 SIDES = 10
 TROUSERS = ((0.03, 0.04, 0.09), (0.05, 0.05, 0.05), (0.20, 0.16, 0.10))
 SHIRTS = ((0.03, 0.05, 0.14), (0.30, 0.04, 0.03), (0.70, 0.28, 0.03), (0.07, 0.09, 0.07), (0.55, 0.55, 0.52))
 SKIN, HAIR = ((0.50, 0.30, 0.21), (0.12, 0.06, 0.04)), ((0.02, 0.015, 0.01), (0.16, 0.10, 0.05))
-"""Linear colours."""
+"""Linear RGB albedo of clothes, skin and hair."""
 
 
 @dataclass(frozen=True)
 class People:
-    """Figures around the structure, as many as density times ten; the share `walking` of them walks along a line."""
+    """Human figures around the structure, 10 times density in number; the fraction `walking` of them walks."""
 
     density: Annotated[float, Interval(ge=0, le=20)] = 0.5
     walking: Annotated[float, Interval(ge=0, le=1)] = 0.5
@@ -44,7 +44,10 @@ class People:
     speed_m_s: Annotated[float, Ge(0)] = 1.2
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
-        """Standing figures as one mesh, each walking one as a mover."""
+        """The standing figures as one mesh, and a mover for each walking one; bounds (2, 3) in metres, world frame.
+
+        They stand on free ground, nearest_m to furthest_m outside the bounds.
+        """
         reach_m = self.nearest_m, self.furthest_m
         places = ring_places(bounds, round(10 * self.density), reach_m, rng, free)
         wear = materials.cloth(rng, (225.0, 225.0, 225.0))
@@ -69,7 +72,11 @@ class People:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Walking back and forth at constant speed on an arc of length_m about a centre, its middle at `offset`."""
+    """Walk back and forth at constant speed along an arc about a centre.
+
+    centre and offset (3,) in the world frame, metres: the middle of the arc is centre + offset; length_m is the length
+    of the arc; start_s shifts the phase.
+    """
 
     centre: Array
     offset: Array
@@ -78,7 +85,7 @@ class Walk:
     start_s: float
 
     def __call__(self, time_s: float) -> Pose:
-        """world_from_part at a time; the figure's x axis points ahead."""
+        """Pose `world_from_part` at a time in seconds; the figure's x axis points forwards."""
         way = (time_s + self.start_s) * self.speed_m_s
         phase = way % (2 * self.length_m)
         back = phase > self.length_m
@@ -92,7 +99,7 @@ class Walk:
 
 
 def _figure(scale: float, wear: Material, rng: np.random.Generator) -> Part:
-    """A dressed figure of two legs, trunk, two arms and head, each a surface of revolution."""
+    """A clothed figure of legs, trunk, arms and head, each an elliptical surface of revolution."""
     trousers, shirt, skin, hair = (colors[int(rng.integers(len(colors)))] for colors in (TROUSERS, SHIRTS, SKIN, HAIR))
     bands = {
         "leg": ((0.0, (0.02, 0.02, 0.02)), (0.08, trousers)),
@@ -108,7 +115,7 @@ def _figure(scale: float, wear: Material, rng: np.random.Generator) -> Part:
 
 
 def _limb(name: str, side: int, bands: tuple[tuple[float, Color], ...], wear: Material) -> Part:
-    """A surface of revolution about a vertical axis; bands are (from height, linear colour)."""
+    """A limb as an elliptical surface of revolution about a vertical axis; bands are (lowest height, linear RGB)."""
     profile, (ahead, aside), depth = LIMBS[name]
     angle = np.arange(SIDES) * 2 * np.pi / SIDES
     around = np.column_stack([depth * np.cos(angle), np.sin(angle)])

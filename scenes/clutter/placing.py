@@ -1,4 +1,4 @@
-"""Placement of clutter around a structure, clear of it."""
+"""Placement of clutter around a structure, without contact."""
 
 from collections.abc import Callable
 
@@ -8,18 +8,22 @@ from numpy.typing import NDArray
 from uavbench.trajectories.pose import Array
 
 Free = Callable[[Array], NDArray[np.bool_]]
-"""Predicate on places (n, 2): whether clutter may stand there, on level ground, not in water or on a road."""
+"""Predicate on positions (n, 2) in the world, metres: level ground, neither in water nor on a road."""
 
 
 def anywhere(places: Array) -> NDArray[np.bool_]:
-    """All places are free."""
+    """Predicate that accepts all positions."""
     return np.ones(len(places), dtype=bool)
 
 
 def ring_places(
     bounds: Array, count: int, reach_m: tuple[float, float], rng: np.random.Generator, free: Free = anywhere
 ) -> Array:
-    """Free places (count, 3) on the ground, outside the rectangle of the bounds by reach_m (least, most), by area."""
+    """Positions (count, 3) on the ground, uniform over the area at reach_m (least, most) from the bounds' rectangle.
+
+    bounds (2, 3) and positions are in the world frame, metres, with z = 0. Rejection sampling: positions that are not
+    free are redrawn, so `free` must accept some of the area.
+    """
     nearest_m, furthest_m = reach_m
     low, high = bounds[0, :2], bounds[1, :2]
     out = np.zeros((count, 3))

@@ -1,4 +1,4 @@
-"""Every kind of clutter by its name."""
+"""Registry of clutter by kind."""
 
 from uavbench.scenes.clutter.birds import Birds
 from uavbench.scenes.clutter.lookalikes import Lookalikes
@@ -6,7 +6,7 @@ from uavbench.scenes.clutter.people import People
 from uavbench.scenes.clutter.trees import Trees
 
 ON_GROUND = (Lookalikes, Trees, People)
-"""Kinds whose `build` takes the predicate of free ground."""
+"""Kinds that stand on the ground, whose `build` takes a `Free` predicate."""
 CLUTTER: dict[str, type] = {
     "lookalikes": Lookalikes,
     "trees": Trees,

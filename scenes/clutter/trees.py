@@ -1,4 +1,4 @@
-"""Trees as clutter: each a trunk with branches and a crown of leaf cards."""
+"""Trees as clutter: each a trunk with branches and a crown of alpha-tested leaf cards."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -21,7 +21,7 @@ CARDS = 70
 
 @dataclass(frozen=True)
 class Trees:
-    """Trees around the structure, as many as density times twenty, none nearer than nearest_m to its bounds."""
+    """Trees around the structure, 20 times density in number, at least nearest_m from its bounds."""
 
     density: Annotated[float, Interval(ge=0, le=20)] = 0.5
     height_m: Annotated[float, Gt(0.1), Interval(le=60)] = 6.0
@@ -29,7 +29,7 @@ class Trees:
     furthest_m: Annotated[float, Gt(0)] = 30.0
 
     def build(self, bounds: Array, rng: np.random.Generator, free: Free = anywhere) -> BuiltClutter:
-        """All trees as two meshes: wood and leaves."""
+        """All trees as two meshes, wood and leaves, on free ground around a structure of bounds (2, 3) in metres."""
         count = round(20 * self.density)
         if count == 0:
             return BuiltClutter()
@@ -86,7 +86,7 @@ def _tree(
 
 
 def _leaves(rng: np.random.Generator) -> Texture:
-    """Texture of the leaves of a twig, with transparency."""
+    """RGBA texture of the leaves of a twig."""
     n = 256
     image = np.zeros((n, n, 4), dtype=np.uint8)
     image[..., :3] = (74, 92, 44)

@@ -1,4 +1,4 @@
-"""Annotations of a frame: depth, instance mask, visible edges of the model, and poses of its rows."""
+"""Annotations of a frame: depth, instance mask, visible edges of the model, and row poses."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +22,7 @@ STEP_PX = 2.0
 NEAR_M = 0.02
 """Near plane, metres: nearer parts of an edge are ignored."""
 SIDE_PX = 2.5
-"""Distance to either side of an edge at which its contrast is measured, px."""
+"""Distance on either side of an edge at which its contrast is measured, px."""
 
 
 def write_depth(folder: Path, frame: int, source: CameraSimulator, view: View) -> None:
@@ -52,8 +52,8 @@ def write_edges(
 def visible_edges(structure: Structure, source: CameraSimulator, view: View, image: NDArray[np.uint8]) -> Array:
     """Visible parts (n, 7) of the model's edges in a view, columns as EDGE_COLUMNS.
 
-    A part is visible where it is inside the image and no surface in the depth image of the view occludes it (within
-    1 %, one pixel around). visible_share is its share of the edge's length in metres; contrast the mean difference of
+    A part is visible where it is inside the image and not occluded in the depth image of the view (tolerance 1 %, over
+    the adjacent pixels). visible_share is its fraction of the edge's length in metres; contrast the mean difference of
     grey levels SIDE_PX to its left and right.
     """
     pinhole = source.pinhole
@@ -89,7 +89,7 @@ def _samples(ends: Array, pinhole: Camera) -> EdgeSamples:
     first = np.cumsum(count) - count
     even = (np.arange(len(row)) - first[row]) / (count[row] - 1)
     near, far = (points[row, 2] for points in from_end)
-    along = even * near / (even * near + (1 - even) * far)  # even steps in the image are uneven ones in space
+    along = even * near / (even * near + (1 - even) * far)  # perspective: even steps in the image are uneven in space
     points = from_end[0][row] + along[:, None] * (from_end[1] - from_end[0])[row]
     return EdgeSamples(kept[row], begin[kept][row] + along * (end - begin)[kept][row], points)
 
@@ -104,7 +104,7 @@ class SharesInView(NamedTuple):
 def _within(ends: Array, pinhole: Camera) -> SharesInView:
     """Clip edges (n, 2, 3) in the camera frame against the view frustum (Liang & Barsky 1984).
 
-    Trackers clip by other code (`geometry_kernels.clip_segment`), whose rounding would change the bytes of edges/*.csv.
+    Not shared with the trackers' `geometry_kernels.clip_segment`, whose rounding would change the bytes of edges/*.csv.
     """
     x, y, z = (ends[..., k] for k in range(3))
     u, v = x * pinhole.fx + z * pinhole.cx, y * pinhole.fy + z * pinhole.cy
@@ -171,24 +171,24 @@ def row_poses(source: CameraSimulator, world_from_body: Callable[[int], Pose], s
 
 
 def edges_file(sequence: Sequence, frame: int) -> Path:
-    """File of a frame's edges, as `write_edges` wrote it."""
+    """Path of the edge file of a frame, as written by `write_edges`."""
     return sequence.folder / "edges" / f"{frame:06d}.csv"
 
 
 def read_depth(sequence: Sequence, frame: int) -> Array:
-    """True depth (h, w) of a frame in metres, 0 where there is nothing."""
+    """Depth (h, w) of a frame along the optical axis in metres, 0 for the background."""
     path = sequence.folder / "depth" / f"{frame:06d}.png"
     image = load_image(path, cv2.IMREAD_UNCHANGED, inside=sequence.folder)
     return np.asarray(image, dtype=np.float64) * float(sequence.info.get("depth_m_per_unit", DEPTH_M_PER_UNIT))
 
 
 def load_edges(sequence: Sequence, frame: int) -> Array:
-    """The edges of a frame (n, 7), as `write_edges` wrote them."""
+    """Visible edges (n, 7) of a frame, columns as EDGE_COLUMNS."""
     return read_numbers(edges_file(sequence, frame), EDGE_COLUMNS)
 
 
 def _as_camera(source: CameraSimulator, image: NDArray[Any]) -> NDArray[Any]:
-    """An image of the pinhole resampled to the camera behind its lens, nearest pixel."""
+    """Image of the pinhole resampled to the distorted camera, nearest neighbour."""
     if source.lens is None:
         return image
     column, row = (np.rint(source.lens[..., k]).astype(int) for k in (0, 1))

@@ -1,4 +1,4 @@
-"""The body as trackers receive it: the camera's mount, the sensors, and their samples.
+"""The body as provided to trackers: the camera mount, the sensors, and their samples.
 
 Everything that a tracker receives of a sequence beside images, camera, structure and initial pose comes from here,
 by a whitelist: of a sensor's file the columns that its class names in `measured`, of its parameters those in a data
@@ -25,9 +25,9 @@ from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.registry import SENSORS
 
 OF_THE_SCENE = frozenset({"reflectance"})
-"""Parameters of a sensor's model that belong to the scene and are in no data sheet."""
+"""Parameters of a sensor model that describe the scene and are in no data sheet."""
 CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init) - OF_THE_SCENE  # type: ignore[arg-type]
-"""Parameters of a sensor that trackers may know: rates, noise, ranges and positions on the body."""
+"""Parameters of a sensor that trackers may use: rates, noise, ranges and positions on the body."""
 RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses"})
 """Names of CSV files of a sequence other than readings."""
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
@@ -37,7 +37,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 class BodySensor:
     """A sensor on the body: its kind, the `columns` of what it measures, with their units, and its parameters by name.
 
-    The parameters are those that a data sheet or a calibration has: rate_hz, noise densities, offset_m on the body.
+    The parameters are those of a data sheet or calibration: rate_hz, noise densities, offset_m on the body.
     """
 
     kind: str
@@ -71,19 +71,19 @@ class Samples:
         return len(self.stamps_ns)
 
     def between(self, after_ns: int | None, upto_ns: int) -> "Samples":
-        """Those later than one stamp (None: from the first on) and not later than another; a copy."""
+        """Copy of the samples with after_ns < stamp <= upto_ns; after_ns None: from the first one."""
         first = 0 if after_ns is None else int(np.searchsorted(self.stamps_ns, after_ns, side="right"))
         last = int(np.searchsorted(self.stamps_ns, upto_ns, side="right"))
         return Samples(self.stamps_ns[first:last].copy(), self.values[first:last].copy())
 
     def rows(self) -> Iterator[StampedRow]:
-        """Stamp and CSV row of each; numbers read back exactly, an empty cell is no measurement."""
+        """Stamp and CSV row of each sample; numbers round-trip exactly, an empty cell is no measurement."""
         for stamp, row in zip(self.stamps_ns.tolist(), self.values.tolist(), strict=True):
             yield StampedRow(stamp, ",".join((str(stamp), *("" if value != value else repr(value) for value in row))))
 
 
 class Feed:
-    """The samples of a sequence in the order of time; each is handed out once, and not before its stamp."""
+    """Samples of a sequence in order of time; each is delivered once, and not before its stamp."""
 
     def __init__(self, sequence: Sequence) -> None:
         self.body = body_of(sequence)
@@ -91,19 +91,19 @@ class Feed:
         self._given_ns: int | None = None
 
     def upto(self, stamp_ns: int) -> Mapping[str, Samples]:
-        """By sensor, the samples not handed out before, up to and including a stamp (ns)."""
+        """Samples by sensor that were not delivered before, up to and including a stamp (ns)."""
         new = {name: samples.between(self._given_ns, stamp_ns) for name, samples in self._samples.items()}
         self._given_ns = stamp_ns
         return MappingProxyType(new)
 
 
 def body_of(sequence: Sequence) -> Body:
-    """The body of a sequence, with the sensors that it has files of; UserError naming the file that is wrong."""
+    """The body of a sequence, with the sensors that it has files of; UserError naming an invalid file."""
     return Body(sequence.cam_from_body, MappingProxyType(dict(_sensors(sequence))))
 
 
 def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:
-    """All that a sensor of a sequence measured; UserError naming the file and the line that is wrong."""
+    """All measurements of a sensor of a sequence; UserError naming file and line of an invalid one."""
     binary = inside(sequence.body_folder, f"{name}.npy")
     path = binary if binary.is_file() else inside(sequence.body_folder, f"{name}.csv")
     records = read_records(path) if path is binary else None

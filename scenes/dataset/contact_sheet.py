@@ -16,7 +16,7 @@ WHITE = (255, 255, 255)
 NEAR_M = 0.05
 LEGEND_PX = 28
 PIECES = 33
-"""Points of the polyline by which an edge is drawn, since a lens bends it."""
+"""Points of the polyline that approximates an edge under lens distortion."""
 
 
 def contact_sheet(sequence: Sequence, columns: int = 4, rows: int = 3, width_px: int = 400) -> NDArray[np.uint8]:
@@ -48,12 +48,12 @@ def write_contact_sheet(sequence: Sequence, path: Path) -> None:
 
 
 def with_edges(sequence: Sequence, frame: int) -> NDArray[np.uint8]:
-    """A frame (BGR) with those edges of the model at the true pose that no face of it hides."""
+    """A frame (h, w, 3), BGR, with the visible edges of the model at the true pose (hidden lines removed)."""
     return edges_on(sequence.image(frame).copy(), sequence.camera, sequence, frame)
 
 
 def edges_on(image: NDArray[np.uint8], camera: Camera, sequence: Sequence, frame: int) -> NDArray[np.uint8]:
-    """An image of a frame as a camera shows it, with the edges of `with_edges` drawn into it."""
+    """An image (h, w, 3) of a frame by a camera, such as an undistorted one, with the edges of `with_edges`."""
     pose = sequence.true_cam_from_world(frame)
     limit = 4 * max(camera.width, camera.height)
     eye_m = pose.inverse().translation

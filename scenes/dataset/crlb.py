@@ -7,10 +7,10 @@ without the term of the variance's own change). J is taken by central difference
 independent directions in which the image moves equally far: along the axes of the twist, aliasing would pass for
 information on directions that hardly move the image, such as a rotation that compensates a translation.
 
-Only pixels that show the structure or its outline count, since the rest of the world is not in the model. Texture and
-shading of the structure count as if its appearance were known: so a tracker of edges stays above the bound, and one
-that uses several frames may go below it. Effects of the link are left out, and so is the aliasing of the image: J is
-that of the irradiance on a pixel, from renders with FINER times the resolution where no lens blurs them.
+Only pixels that show the structure or its outline count, since the rest of the world is not in the model. The
+appearance of the structure counts as known: an edge-based tracker stays above the bound, and one that uses several
+frames may go below it. Effects of the link are left out, and so is aliasing: J is that of the irradiance of a pixel,
+from renders at FINER times the resolution where there is no lens blur.
 
     crlb.csv    frame, and the covariance's upper triangle by rows, translation first
 """

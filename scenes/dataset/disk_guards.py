@@ -1,4 +1,4 @@
-"""Guards of a dataset's folder: disk errors, and names that lead out of it, become a UserError."""
+"""Guards of a dataset folder: disk errors and path traversal become a UserError."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Path of a dataset's file, links followed; UserError when it leads out of the dataset's folder."""
+    """Path of a file of a dataset, with links resolved; UserError when it is outside the dataset's folder."""
     try:
         path = (folder / name).resolve()
     except (OSError, ValueError, RuntimeError) as error:

@@ -44,16 +44,16 @@ from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
 
 DEPTH_M_PER_UNIT = 0.001
-"""Of the 16-bit depth images: they reach to 65.5 m, and say 0 (unknown) beyond."""
+"""Metres per unit of the 16-bit depth images: up to 65.5 m, 0 (unknown) beyond."""
 EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]
-"""Of `edges/NNNNNN.csv`: a visible part of a model's edge, its ends, its share of the edge, its contrast."""
+"""Columns of `edges/NNNNNN.csv`: a visible part of a model edge, its ends, its fraction of the edge, its contrast."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
     """A sequence folder opened for reading; images are read on access.
 
-    vehicle: folder of the files that belong to no camera (readings, flight.csv), where it is not this one.
+    vehicle: folder of the files that belong to no camera (readings, flight.csv), if it is another one.
     """
 
     folder: Path
@@ -76,7 +76,7 @@ class Sequence:
         return len(self.files)
 
     def __getitem__(self, frame: int) -> "Frame":
-        """A frame, counted from 0, or from the end where negative; IndexError beyond the last."""
+        """A frame by index from 0, or from the end if negative; IndexError when out of range."""
         return Frame(self, range(len(self))[frame])
 
     def __iter__(self) -> Iterator["Frame"]:
@@ -111,7 +111,7 @@ class Sequence:
 
     @property
     def body_folder(self) -> Path:
-        """Folder of what belongs to no camera: the readings of the body's sensors, and flight.csv."""
+        """Folder of the files that belong to no camera: the readings of the body sensors, and flight.csv."""
         return self.vehicle or self.folder
 
     @property
@@ -121,7 +121,7 @@ class Sequence:
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything that made this sequence."""
+        """Hash of everything that determines this sequence: spec, seed and referenced files."""
         return str(self._said("content_hash"))
 
     @property
@@ -158,12 +158,12 @@ class Sequence:
 
     @property
     def recorded(self) -> bool:
-        """Whether its images are real: there is an initial pose, and no ground truth."""
+        """Whether this is a recorded sequence of real images, with an initial pose and no ground truth."""
         return "initial_cam_from_world" in self.info
 
     @property
     def initial_cam_from_world(self) -> Pose:
-        """Pose of the camera at the first frame: the true one, or the one that a recording comes with."""
+        """Pose of the camera at the first frame: the true one, or, of a recorded sequence, the given initial pose."""
         return self._pose("initial_cam_from_world") if self.recorded else self.true_cam_from_world(0)
 
     @cached_property

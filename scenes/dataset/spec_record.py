@@ -26,7 +26,7 @@ def described(value: Any) -> Any:
         if kind is None and type(value).__module__.split(".")[0] != "uavbench":
             kind = f"{type(value).__module__}:{type(value).__qualname__}"
             if measured := getattr(type(value), "measured", ()):
-                table["measured"] = list(measured)  # of a sensor: what trackers may be given of it
+                table["measured"] = list(measured)  # of a sensor: columns that are provided to trackers
         return table if kind is None else {"kind": kind, **table}
     if isinstance(value, list | tuple):
         return [described(item) for item in value]

@@ -13,7 +13,7 @@ from uavbench.trajectories.files.writing import write_text
 
 
 def save_structure(structure: Structure, folder: Path) -> None:
-    """Write `model.obj` and `edges.csv`, with numbers that read back exactly."""
+    """Write `model.obj` and `edges.csv`; numbers round-trip exactly."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in structure.vertices.tolist()]
     for face in range(len(structure.face_normals)):
         lines.append(f"g face_{face}")
@@ -25,7 +25,7 @@ def save_structure(structure: Structure, folder: Path) -> None:
 
 
 def load_structure(folder: Path) -> Structure:
-    """Read what `save_structure` wrote; UserError naming the file and line."""
+    """Read the files of `save_structure`; UserError naming the file and line of an error."""
     path = folder / "model.obj"
     lines = read_text(path, MODEL, inside=folder).splitlines()
     vertices: list[list[float]] = []

@@ -21,7 +21,7 @@ TABLES = ("config", "deviation", "versions")
 LONGEST_NS = 10**18
 """Largest delay or clock shift in ns: thirty years."""
 SHOWN = 60
-"""Characters of a wrong value that an error shows."""
+"""Most characters of an invalid value that an error message quotes."""
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def check_info(path: Path, info: Mapping[str, Any]) -> None:
-    """UserError naming the key of `sequence.json` whose value is none that a sequence has."""
+    """UserError naming the key of `sequence.json` whose value is invalid."""
     for key in POSITIVE:
         if not (_is_number(value := info.get(key, 1.0)) and 0 < value < float("inf")):
             raise _wrong(path, key, value, "a positive number")
@@ -73,7 +73,7 @@ def read_integers(path: Path, columns: list[str]) -> NDArray[np.int64]:
 
 
 def _converted(path: Path, columns: list[str], kind: str, convert: Callable[[str], Any]) -> "array[Any]":
-    """Values of these columns, row after row, at eight bytes each."""
+    """Values of these columns in row-major order, eight bytes each."""
     values = array(kind)
     with _rows(path, columns) as (names, rows):
         places = [names.index(column) for column in columns]
@@ -140,7 +140,7 @@ def _numbered(path: Path, lines: Iterator[list[str]], width: int) -> Iterator[Nu
 def read_records(path: Path) -> NDArray[np.void]:
     """Array (n,) of records, `stamp_ns` int64 and columns float64, as `write_records` wrote it.
 
-    UserError naming the file; its size is compared with what its header claims before memory is spent.
+    UserError naming the file; its size is compared with its header before memory is allocated.
     """
     stream = io.BytesIO(reading.read_bytes(path, TABLE, inside=path.parent))
     try:

@@ -1,4 +1,4 @@
-"""The manifest of a folder: written, and verified against its files and against another rendering."""
+"""Manifest of a folder: writing it, and verification against its files and against another rendering."""
 
 import hashlib
 import json
@@ -24,7 +24,7 @@ IMAGE = re.compile(r"(cameras/[^/]+/)?frames/")
 """Magic bytes of image files."""
 SEALED = ("manifest.json",)
 MACHINE = ("versions",)
-"""Keys of sequence.json that describe the machine, not the sequence."""
+"""Keys of sequence.json that describe the machine rather than the sequence."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Verdict:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether there are no problems."""
         return not self.problems
 
 

@@ -1,4 +1,5 @@
-"""Effects on an image in physical order: shutter, lens, sensor, link.
+"""Image effects in physical order: shutter, lens, sensor, link.
 
-In: linear images with their times, parameters and random generators. Out: 8-bit images. Imports rendering.
+In: a camera simulator of linear images, parameters and random generators. Out: a camera simulator. Imports
+rendering.
 """

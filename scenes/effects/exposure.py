@@ -26,17 +26,17 @@ from uavbench.trajectories.pose import Array
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """Rows are exposed one after the other; the middle row's exposure is centred on the frame's stamp.
+    """Rolling shutter: rows are exposed one after another; the exposure of the middle row is centred on the stamp.
 
-    readout_ms is the time from the first row to the last. Each row is warped by depth from one render at the middle of
-    the frame to the row's own pose; where pixels mix two depths the nearer one counts.
+    readout_ms is the time from the first row to the last. One render at the middle of the frame is warped by its depth
+    to the pose of each row; a pixel that mixes two depths moves with the nearer one.
     """
 
     readout_ms: Annotated[float, Gt(0), Interval(le=200)] = 20.0
     margin_px: ClassVar[int] = 24
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose rows each have their own pose."""
+        """CameraSimulator in which each row has its own pose; the generator is not used."""
         height = source.camera.height
         delay_ns = self.readout_ms * 1e6 / max(height - 1, 1)
         late_ns = np.rint((np.arange(height) - (height - 1) / 2) * delay_ns).astype(np.int64)
@@ -74,14 +74,14 @@ class RollingShutter:
 
 
 class RowKnots(NamedTuple):
-    """Rows whose poses are computed, and the weights (h, knots) of each in every row's pose."""
+    """Rows whose poses are computed, and the interpolation weights (h, knots) of each image row."""
 
     rows: list[int]
     weights: Array
 
 
 def row_knots(height: int) -> RowKnots:
-    """Knots for the linear interpolation of the poses of all rows of an image.
+    """Knots for linear interpolation of the poses of all rows of an image.
 
     Knots are at most 1/16 of the readout apart: at 10 rad/s^2 and 20 ms the error is below 1e-5 rad, 0.005 px.
     """
@@ -91,10 +91,10 @@ def row_knots(height: int) -> RowKnots:
 
 
 def moved_rows(source: CameraSimulator, view: View, rows: Array) -> Map:
-    """Sampling positions (h, w, 2) in the view for each pixel; rows (h, 3, 4): row_camera_from_view of each row."""
+    """Sampling positions (h, w, 2) in the view, px, of each pixel; rows (h, 3, 4) are `row_camera_from_view`."""
     base = source.lens if source.lens is not None else pixel_grid(source.camera.width, source.camera.height)
     nearness = np.divide(1, view.depth, out=np.zeros_like(view.depth), where=view.depth > 0)
-    nearness = np.asarray(cv2.dilate(nearness, np.ones((3, 3), dtype=np.uint8)))  # mixed pixels go with the near side
+    nearness = np.asarray(cv2.dilate(nearness, np.ones((3, 3), dtype=np.uint8)))  # mixed pixels go with the nearer
     nearest = np.asarray(cv2.dilate(nearness, np.ones((9, 9), dtype=np.uint8)), dtype=np.float32)
     out = np.empty_like(base)
     pinhole = source.pinhole
@@ -104,12 +104,12 @@ def moved_rows(source: CameraSimulator, view: View, rows: Array) -> Map:
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """Light is integrated over the exposure, centred on the frame's stamp."""
+    """Motion blur: irradiance is integrated over the exposure, centred on the frame's stamp."""
 
     exposure_ms: Annotated[float, Gt(0), Interval(le=1000)] = 8.0
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose images are integrated over the exposure."""
+        """CameraSimulator whose images are integrals over the exposure; the generator is not used."""
         half_ns = round(self.exposure_ms * 5e5)
 
         def image(stamp_ns: int) -> Radiance:

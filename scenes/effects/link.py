@@ -1,4 +1,4 @@
-"""Effects between sensor and computer: compression, an analog radio link, dropped frames."""
+"""Effects of the video link: compression, analog radio transmission, dropped and duplicated frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ Codes = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Jpeg:
-    """Every frame is compressed as JPEG."""
+    """JPEG compression of every frame, with OpenCV's quality of 1..100."""
 
     quality: Annotated[int, Interval(ge=1, le=100)] = 75
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose images are compressed and decoded again."""
+        """CameraSimulator whose images are encoded and decoded again; the generator is not used."""
 
         def compressed(codes: Codes) -> Codes:
             data = cv2.imencode(".jpg", codes, [cv2.IMWRITE_JPEG_QUALITY, self.quality])[1]
@@ -33,12 +33,12 @@ class Jpeg:
 
 @dataclass(frozen=True)
 class AnalogLink:
-    """Analog FPV video over radio, in standard definition.
+    """Analog FPV video transmission in standard definition.
 
-    jitter_px is the deviation of each scan line's start; bursts_per_frame the mean number of bands of noise of about
-    burst_rows rows; dropouts_per_frame that of bands lost to snow; snow the deviation of the noise everywhere (codes);
-    interlaced takes every other line from a field 1/60 s earlier; sharpness_px the deviation of the band limit along
-    the lines.
+    jitter_px is the standard deviation of the start of each scan line; bursts_per_frame the mean number of noise bands
+    of about burst_rows rows, dropouts_per_frame that of bands lost to noise; snow is the standard deviation of the
+    noise everywhere, in grey levels; interlaced takes every other line from a field 1/60 s earlier; sharpness_px is the
+    standard deviation of the Gaussian band limit along the lines.
     """
 
     jitter_px: Annotated[float, Interval(ge=0, le=50)] = 0.35
@@ -50,7 +50,7 @@ class AnalogLink:
     interlaced: bool = True
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator whose images are transmitted over the link."""
+        """CameraSimulator whose images pass the analog link."""
 
         def image(stamp_ns: int) -> Radiance | None:
             before = source.image(stamp_ns - round(1e9 / 60)) if self.interlaced else None
@@ -92,13 +92,13 @@ def _band(height: int, rows: float, rng: np.random.Generator) -> slice:
 
 @dataclass(frozen=True)
 class Drops:
-    """Dropped frames, and duplicated frames that replace the next one."""
+    """Dropped frames with probability `lost`; with probability `repeated` a frame is replaced by the one before."""
 
     lost: Annotated[float, Interval(ge=0, lt=1)] = 0.02
     repeated: Annotated[float, Interval(ge=0, lt=1)] = 0.02
 
     def start(self, source: CameraSimulator, rng: np.random.Generator) -> CameraSimulator:
-        """CameraSimulator that drops and duplicates frames; the first one always arrives."""
+        """CameraSimulator that drops and duplicates frames; the first frame always arrives."""
         previous: list[Radiance] = []
 
         def image(stamp_ns: int) -> Radiance | None:
@@ -116,7 +116,7 @@ class Drops:
 
 
 def _on_codes(source: CameraSimulator, change: Callable[[Codes], Codes]) -> CameraSimulator:
-    """CameraSimulator whose finished 8-bit images are changed."""
+    """CameraSimulator whose 8-bit images (h, w, 3) are passed through a function."""
 
     def image(stamp_ns: int) -> Radiance | None:
         light = source.image(stamp_ns)

@@ -1,4 +1,4 @@
-"""Every effect, in physical order: shutter, lens, sensor, link."""
+"""Registry of effects by kind, in physical order: shutter, lens, sensor, link."""
 
 from uavbench.scenes.effects.exposure import MotionBlur, RollingShutter
 from uavbench.scenes.effects.image_sensor import AutoExposure, Noise, Quantization, Vignetting

@@ -1,5 +1,5 @@
-"""Sequences in other tools' formats: EuRoC, TUM, KITTI, BOP, video, ROS 2 bags, COLMAP, nerfstudio.
+"""Export of sequences: EuRoC, TUM, KITTI, BOP, video, ROS 2 bags, COLMAP, nerfstudio.
 
-In: a sequence folder. Out: what the other format can hold, and notes on what it cannot. Imports the dataset and its
-rendering kernels.
+In: a sequence folder. Out: a dataset in the other format, and notes on what the format cannot represent. Imports
+the dataset and its rendering kernels.
 """

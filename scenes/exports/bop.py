@@ -17,13 +17,13 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
 DEPTH_SCALE = 1.0
-"""Millimetres per unit of a depth image: 16 bits reach to 65.5 m, as far as a sequence's own depth."""
+"""Millimetres per unit of a depth image: 16 bits cover 65.5 m, the range of a sequence's own depth."""
 LARGEST = 65535
 """Largest 16-bit value."""
 NEAR_M = 0.01
 """Near plane of silhouettes, metres."""
 CANVAS = 3
-"""Size of the canvas on which silhouettes are counted, over that of the image, as in bop_toolkit's calc_gt_info."""
+"""Ratio of the canvas for silhouettes to the image, per side, as in bop_toolkit's calc_gt_info."""
 LEAST_TARGET_SHARE = 0.1
 """Visible share of the object from which a frame is a target of BOP's challenges (Hodan et al. 2018)."""
 
@@ -116,14 +116,14 @@ def _write_images(shown: Shown, frame: int, scene: Path) -> dict[str, Any]:
     whole = silhouette(shown.sequence, frame, shown.camera)
     inner = whole[(slice(h, 2 * h), slice(w, 2 * w))]  # a view: what is set there is set on the canvas
     if visible is not None:
-        inner |= visible  # a border of the rendered one may lie a fraction of a pixel further out
+        inner |= visible  # the rendered border may extend a fraction of a pixel further
     _write_mask(scene / "mask" / f"{frame:06d}_000000.png", inner)
     box = _box(whole)
     info: dict[str, Any] = {"bbox_obj": [box[0] - w, box[1] - h, *box[2:]] if whole.any() else box}
     info["px_count_all"] = int(whole.sum())
     if depth is not None:
         units = np.rint(1000 * depth / DEPTH_SCALE)
-        units[units > LARGEST] = 0  # further than 16 bits reach: unknown, never wrapped
+        units[units > LARGEST] = 0  # beyond 16 bits: unknown, never wrapped
         (scene / "depth").mkdir(exist_ok=True)
         (scene / "depth" / f"{frame:06d}.png").write_bytes(png(units.astype(np.uint16)))
         info["px_count_valid"] = int((inner & (units > 0)).sum())
@@ -145,7 +145,7 @@ def silhouette(sequence: Sequence, frame: int, camera: Camera) -> NDArray[np.boo
 
 
 def beyond(triangles: Array, near_m: float) -> Array:
-    """The parts of triangles (n, 3, 3) that lie further than near_m along z, as triangles."""
+    """Triangles (n, 3, 3) clipped against the near plane z = near_m, as triangles."""
     ahead = (triangles[..., 2] >= near_m).sum(axis=1)
     out = [triangles[ahead == 3]]
     for triangle in triangles[(ahead > 0) & (ahead < 3)]:

@@ -33,7 +33,7 @@ class Posed:
 def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
     """`images/`, `masks/` and `sparse/0` with cameras.txt, images.txt and points3D.txt; the world is the structure's.
 
-    Points are drawn on the model's surface; every frame that shows one observes it exactly.
+    Points are sampled on the model's surface; each is observed, without error, by every frame in which it is visible.
     """
     cameras, model = shown.cameras, folder / "sparse" / "0"
     (folder / "images").mkdir()
@@ -92,7 +92,7 @@ def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
 
 
 def camera_line(camera: Camera) -> str:
-    """Model, size and parameters of a camera as in cameras.txt; every lens of ours has a model there."""
+    """Model, size and parameters of a camera as in cameras.txt; every distortion model has a counterpart."""
     parameters = [camera.fx, camera.fy, camera.cx + CENTRE_PX, camera.cy + CENTRE_PX, *camera.distortion]
     name = {"none": "PINHOLE", "radtan": "OPENCV", "equidistant": "OPENCV_FISHEYE"}[camera.distortion_model]
     if camera.distortion_model == "radtan" and len(camera.distortion) == 5:
@@ -105,7 +105,7 @@ def _image(frame: int) -> str:
 
 
 def _at_once(cameras: dict[str, Shown]) -> bool:
-    """Whether images of the same number were exposed at the same time by all cameras."""
+    """Whether all cameras exposed images of the same number at the same time."""
     first, *others = (each.sequence.stamps_ns for each in cameras.values())
     return all(np.array_equal(first, stamps) for stamps in others)
 

@@ -16,7 +16,7 @@ from uavbench.trajectories.files.writing import tree, write_text
 
 CROISSANT = "croissant.json"
 MOST_NAMED = 8
-"""Files of one kind in a folder that are described one by one; more are a set."""
+"""Most files of one kind in a folder that are described individually; more become a FileSet."""
 ENCODINGS = {
     ".png": "image/png",
     ".jpg": "image/jpeg",
@@ -70,7 +70,7 @@ CONTEXT: dict[str, Any] = {
     "subField": "cr:subField",
     "transform": "cr:transform",
 }
-"""The JSON-LD context that the specification gives."""
+"""The JSON-LD context of the specification."""
 SIMULATED = {
     "rai:dataCollection": (
         "Rendered: a simulated quadrotor flies around a model of a structure, and a simulated camera records it. The "
@@ -121,7 +121,7 @@ def write_croissant(sequence: Sequence, folder: Path, held: Held, not_held: Iter
 
 
 def _files(folder: Path) -> list[dict[str, Any]]:
-    """A FileObject with its digest for each file, a FileSet for many of one kind in one folder."""
+    """A FileObject with digest per file, or a FileSet for many of one kind in one folder."""
     kinds: dict[tuple[str, str], list[str]] = defaultdict(list)
     for name in tree(folder):
         kinds[PurePosixPath(name).parent.as_posix(), PurePosixPath(name).suffix].append(name)
@@ -146,7 +146,7 @@ def _files(folder: Path) -> list[dict[str, Any]]:
 
 
 def _images(file_set: dict[str, Any]) -> dict[str, Any]:
-    """The record set of a set of images: a record for each."""
+    """The RecordSet of a set of images, with one record per image."""
     name = f"images-of-{PurePosixPath(file_set['@id']).parent.as_posix()}"
     source = {"fileSet": {"@id": file_set["@id"]}}
     field = {"@type": "cr:Field", "@id": f"{name}/image", "dataType": "sc:ImageObject"}

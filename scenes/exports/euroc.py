@@ -30,14 +30,14 @@ NOISE = {
     "accelerometer_noise_density": ("accel_noise_m_s2_sqrt_hz", "m / s^2 / sqrt(Hz)"),
     "accelerometer_random_walk": ("accel_walk_m_s3_sqrt_hz", "m / s^3 / sqrt(Hz)"),
 }
-"""Keys of an IMU's sensor.yaml, the parameters that they are, and their units."""
+"""Keys of an IMU's sensor.yaml, the corresponding parameters, and their units."""
 MODELS = {"none": "radial-tangential", "radtan": "radial-tangential", "equidistant": "equidistant"}
 COEFFICIENTS = 4
-"""Of both distortion models of the format: k1 k2 p1 p2, or k1 k2 k3 k4."""
+"""Coefficients of both distortion models of the format: k1 k2 p1 p2, or k1 k2 k3 k4."""
 
 
 def holds_lens(camera: Camera) -> bool:
-    """Whether the format can hold this lens, which has at most four coefficients there."""
+    """Whether the format can represent this distortion: at most four coefficients."""
     return not any(camera.distortion[COEFFICIENTS:])
 
 
@@ -45,7 +45,7 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
     """`mav0/` with cam0, cam1 ..., imu0, imu1 ... and state_groundtruth_estimate0.
 
     Ground truth is the state of the body (its T_BS is the identity) at every row of the flight's record and at every
-    image, with the true biases of imu0; T_BS of camera and IMUs take their own frames into the body's.
+    image, with the true biases of imu0; T_BS of camera and IMUs map from the sensor frame to the body frame.
     """
     sequence, mav = shown.sequence, folder / "mav0"
     cameras = shown.cameras
@@ -91,7 +91,7 @@ def _write_camera(shown: Shown, folder: Path, on_frame: Callable[[], None]) -> N
 
 
 def yaml_number(value: float) -> str:
-    """A number that YAML 1.1 reads as a number: with a decimal point where it has an exponent."""
+    """A number in the syntax of YAML 1.1, which requires a decimal point before an exponent."""
     text = repr(float(value))
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 

@@ -20,7 +20,7 @@ CHAIN = "camchain-imucam.yaml"
 def export_kalibr(shown: Shown, folder: Path, on_frame: Callable[[int, int], None]) -> Held:
     """`camchain-imucam.yaml` of all cameras and imu0, and a file of the noise of each IMU; no images and no poses.
 
-    T_cn_cnm1 takes points of the camera before into this one, T_cam_imu those of imu0 into the camera, and
+    T_cn_cnm1 maps points of the previous camera to this one, T_cam_imu points of imu0 to the camera, and
     t_imu = t_cam + timeshift_cam_imu. Without an IMU there is no T_cam_imu: the chain is that of the cameras alone.
     """
     sequence = shown.sequence

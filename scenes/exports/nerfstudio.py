@@ -66,11 +66,11 @@ def export_transforms(shown: Shown, folder: Path, on_frame: Callable[[int, int],
 
 
 def camera_keys(camera: Camera) -> dict[str, Any]:
-    """Keys of a camera as in transforms.json; every lens of ours has its model there."""
+    """Keys of a camera as in transforms.json; every distortion model has a counterpart."""
     model = "OPENCV_FISHEYE" if camera.distortion_model == "equidistant" else "OPENCV"
     keys = {"camera_model": model, "w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy}
     keys |= {"cx": camera.cx + CENTRE_PX, "cy": camera.cy + CENTRE_PX}
-    lens = dict(zip(COEFFICIENTS[camera.distortion_model], camera.distortion, strict=False))  # k3 is not always there
+    lens = dict(zip(COEFFICIENTS[camera.distortion_model], camera.distortion, strict=False))  # k3 is optional
     return {**keys, **(lens or {"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0})}
 
 

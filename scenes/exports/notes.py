@@ -1,4 +1,4 @@
-"""README.md and export.json of an export: its content, and what its format cannot hold."""
+"""README.md and export.json of an export: its content, and what its format cannot represent."""
 
 import json
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ def tables_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
 
 
 def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
-    """A sentence for each thing of the sequence that an export does not hold."""
+    """One sentence for each part of the sequence that an export does not contain."""
     info = sequence.info
     lines = list(held.limits)
     lenses = {"": sequence.camera} | {f" of `{name}`": sequence.cameras[name].camera for name in held.cameras}
@@ -94,7 +94,7 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
 
 
 def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undistorted: bool) -> tuple[str, ...]:
-    """Write the README and export.json of an export; what it does not hold."""
+    """Write README and export.json of an export; returns the sentences on what it does not contain."""
     missing = not_held(sequence, held, undistorted)
     about: dict[str, Any] = {
         "format": format,

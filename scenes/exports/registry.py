@@ -1,4 +1,4 @@
-"""Sequences in the formats of others: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video, bags, COLMAP, nerfstudio."""
+"""Registry of export formats: EuRoC ASL, TUM RGB-D, KITTI odometry, BOP, video, bags, COLMAP, nerfstudio."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ LARGEST = 65535
 
 @dataclass(frozen=True)
 class Format:
-    """Writer of a format, whether it can hold a lens, and whether it can hold several cameras."""
+    """Writer of a format, whether it can represent a camera's distortion, and whether several cameras."""
 
     write: Write
     holds_lens: Callable[[Camera], bool]
@@ -50,10 +50,10 @@ def export(
     undistort: bool = False,
     **settings: Any,
 ) -> tuple[str, ...]:
-    """Write a sequence into `folder` in one of EXPORTS, whole or not at all; what the format does not hold.
+    """Write a sequence into `folder` in one of EXPORTS, atomically; returns what the format does not represent.
 
     settings: fields of BagExport, for a bag. UserError for settings of another format, for an unknown format, and for a
-    lens that the format has no place for unless `undistort` takes its distortion out of the images.
+    distortion that the format cannot represent, unless `undistort` removes it from the images.
     """
     if format not in EXPORTS:
         raise unknown_name("export format", format, list(EXPORTS))
@@ -72,14 +72,14 @@ def export(
         try:
             held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
             not_held = write_notes(sequence, format, new, held, undistort)
-        except (ValueError, TypeError, OverflowError) as error:  # of numbers that are none, no poses, not in order
+        except (ValueError, TypeError, OverflowError) as error:  # invalid numbers, missing poses, unordered stamps
             raise UserError(f"{sequence.folder}: holds what cannot be exported: {error}; render it again") from error
         write_croissant(sequence, new, held, not_held)
         return not_held
 
 
 def _with_settings(format: str, settings: dict[str, Any]) -> Write:
-    """How a format is written with these settings; UserError where it has none of them."""
+    """Writer of a format with these settings; UserError when the format has no such settings."""
     write = EXPORTS[format].write
     if isinstance(write, BagExport):
         return replace(write, **settings)
@@ -105,7 +105,7 @@ def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
             (folder / "depth").mkdir(exist_ok=True)
             units = np.rint(TUM_UNITS_PER_M * depth)
             measured, far = measured + int((units > 0).sum()), far + int((units > LARGEST).sum())
-            units[units > LARGEST] = 0  # no measurement, as the format has it, and never a wrong one
+            units[units > LARGEST] = 0  # no measurement in this format, rather than a wrong one
             (folder / "depth" / name).write_bytes(png(units.astype(np.uint16)))
             lists.setdefault("depth", []).append(f"{seconds(stamp)} depth/{name}")
         on_frame(frame + 1, len(sequence))

@@ -1,4 +1,4 @@
-"""The images of a sequence as an export shows them: distorted as recorded, or undistorted."""
+"""Images of a sequence for an export: distorted as recorded, or undistorted."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.pose import Array
 
 OUTSIDE = -1e4
-"""Sampling position of a pixel that the lens does not see."""
+"""Sampling position of a pixel outside the field of view of the lens."""
 ROUND_TRIP_PX = 0.1
 """Round-trip error in px beyond which the distortion folds over, so that a pixel has no unique source."""
 
@@ -41,7 +41,7 @@ class Shown:
 
     @property
     def camera(self) -> Camera:
-        """The camera that the images are of."""
+        """The camera of the images: the recorded one, or the pinhole of undistorted ones."""
         return self.sequence.camera.without_distortion if self.undistorted else self.sequence.camera
 
     @property
@@ -79,7 +79,7 @@ class Shown:
         return depth
 
     def mask(self, frame: int) -> NDArray[np.bool_] | None:
-        """Where (h, w) the structure is seen; None where the sequence has no masks."""
+        """Mask (h, w) of the visible structure; None where the sequence has no masks."""
         if not self.has("mask", frame):
             return None
         path = self.sequence.folder / "mask" / f"{frame:06d}.png"
@@ -88,7 +88,7 @@ class Shown:
 
     @cached_property
     def _places(self) -> Map | None:
-        """Place (h, w, 2) in the image as it is of each pixel that is shown, None where they are the same."""
+        """Position (h, w, 2) in the recorded image of each exported pixel; None where they are the same."""
         lens = self.sequence.camera
         if not self.undistorted or lens.distortion_model == "none":
             return None
@@ -108,7 +108,7 @@ class Shown:
 
 
 def write_masks(shown: Shown, folder: Path, name: Callable[[int], str]) -> bool:
-    """Write where each frame shows the structure (255), if every frame has a mask; whether it was written."""
+    """Write masks of the structure (255), if every frame has one; returns whether they were written."""
     if not all(shown.has("mask", frame) for frame in range(len(shown.sequence))):
         return False
     folder.mkdir()

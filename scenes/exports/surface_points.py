@@ -1,4 +1,4 @@
-"""Points on the model's surface, and where each frame sees them: exact projections, no features."""
+"""Points on the model's surface and their exact projections into each frame, instead of features."""
 
 from collections.abc import Sequence as ListOf
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.random_streams import stream
 
 POINTS = 5000
-"""Points on the whole surface: a frame of a box shows some 1,700 of them, about as many as COLMAP finds features."""
+"""Points on the whole surface; a frame of a box shows some 1,700, about as many as COLMAP finds features."""
 NEAR_M = 0.01
 """Near plane, metres."""
 
@@ -29,7 +29,7 @@ class OnSurface:
 
     @classmethod
     def drawn(cls, structure: Structure, count: int = POINTS) -> "OnSurface":
-        """Points spread evenly over the area of a structure; the same for the same structure."""
+        """Points sampled uniformly over the area of a structure; deterministic."""
         rng = stream(0, "exports", "surface points")
         corners = structure.vertices[structure.triangles]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -41,9 +41,9 @@ class OnSurface:
         return cls(points, structure.face_normals[structure.triangle_face[rows]])
 
     def seen(self, shown: Shown, frame: int) -> "Seen":
-        """The points that a frame shows: before the camera, in the image, and hidden by nothing that is known.
+        """The points visible in a frame: in front of the camera, inside the image, and not occluded.
 
-        The structure itself hides; all else (trees, people) where the sequence has masks.
+        Occluders are the structure itself, and anything else (trees, people) if the sequence has masks.
         """
         pose, camera = shown.sequence.true_cam_from_world(frame), shown.camera
         eye = pose.inverse().translation
@@ -67,7 +67,7 @@ class OnSurface:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Rows (k,) of the points that a frame shows, and their pixels (k, 2), pixel centres at whole numbers."""
+    """Rows (k,) of the points visible in a frame, and their pixels (k, 2), pixel centres at integer coordinates."""
 
     rows: Rows
     pixels: Array
@@ -75,7 +75,7 @@ class Seen:
 
 @dataclass(eq=False)
 class PointCloud:
-    """The points that frames have shown so far, each in the colour of the first frame that did."""
+    """The points observed so far, each in the colour of its first observation."""
 
     surface: OnSurface
     by_frame: list[Seen] = field(default_factory=list)
@@ -98,7 +98,7 @@ class PointCloud:
 
     @property
     def rows(self) -> Rows:
-        """Rows (m,) of the points that some frame shows: the others are left out of an export."""
+        """Rows (m,) of the points observed by any frame; the others are left out of an export."""
         return np.flatnonzero(self.known)
 
     def limits(self, shown: Shown) -> ListOf[str]:

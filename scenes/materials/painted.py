@@ -1,4 +1,7 @@
-"""Painted surfaces that tile: concrete, brick, steel, asphalt, grass, glass, cloth; each from its own rng."""
+"""Procedural, tileable materials: concrete, brick, steel, asphalt, grass, glass, cloth.
+
+Colours are sRGB (0..255); the textures are drawn from the random generator alone.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +17,7 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A texture that covers tile_m (along u, along v) metres, and how rough the surface is."""
+    """A tileable texture that covers tile_m metres (along u, along v), and the roughness of the surface (0..1)."""
 
     texture: Texture
     tile_m: tuple[float, float]
@@ -22,7 +25,7 @@ class Material:
 
 
 def concrete(rng: np.random.Generator, color: Color = (168.0, 164.0, 156.0), boards: bool = True) -> Material:
-    """Fair-faced concrete, 4 m square: formwork joints and tie holes, pores, streaks of rain."""
+    """Fair-faced concrete, 4 m square: formwork joints and tie holes (if boards), pores, rain streaks, stains."""
     n = 1024
     px = n / 4.0
     shade = 1 + 0.045 * noise.fractal((n, n), 300, rng, octaves=7, gain=0.65)
@@ -47,7 +50,7 @@ def concrete(rng: np.random.Generator, color: Color = (168.0, 164.0, 156.0), boa
 
 
 def brick(rng: np.random.Generator, color: Color = (150.0, 94.0, 76.0)) -> Material:
-    """Bricks 240 x 71 mm in running bond with 12 mm of mortar; 24 courses, 12 bricks long."""
+    """Bricks of 240 x 71 mm in running bond with 12 mm mortar joints: 24 courses of 12 bricks."""
     rows, columns, h, w = 24, 12, 1536, 2268
     course, length = h // rows, w // columns
     joint_v, joint_u = round(course * 12 / 83), round(length * 12 / 252)
@@ -75,7 +78,7 @@ def brick(rng: np.random.Generator, color: Color = (150.0, 94.0, 76.0)) -> Mater
 
 
 def painted_steel(rng: np.random.Generator, color: Color = (92.0, 112.0, 104.0), rust: float = 1.0) -> Material:
-    """Old paint on steel, 3 m square: faded patches, runs of rust, rivets along two lines."""
+    """Weathered paint on steel, 3 m square: faded patches, rust spots and streaks, two rows of rivets."""
     n = 1024
     shade = 1 + 0.05 * noise.fractal((n, n), 260, rng, octaves=6, gain=0.6) + 0.02 * noise.tiling((n, n), 2, rng)
     image = noise.paint(color, shade)
@@ -100,7 +103,7 @@ def painted_steel(rng: np.random.Generator, color: Color = (92.0, 112.0, 104.0),
 
 
 def asphalt(rng: np.random.Generator) -> Material:
-    """Road surface, 4 m square: stones, patches, cracks."""
+    """Asphalt pavement, 4 m square: aggregate, patches, cracks."""
     n = 1024
     shade = 1 + 0.14 * noise.tiling((n, n), 2.2, rng) + 0.06 * noise.fractal((n, n), 400, rng, octaves=5)
     image = noise.paint((104, 104, 106), shade)
@@ -110,7 +113,7 @@ def asphalt(rng: np.random.Generator) -> Material:
 
 
 def grass(rng: np.random.Generator) -> Material:
-    """Meadow, 8 m square: blades, tufts, dry and bare spots."""
+    """Meadow, 8 m square: blades, tufts, dry and bare patches, flowers."""
     n = 1536
     blades = noise.tiling((n, n), (7, 1.7), rng) + noise.tiling((n, n), (2.3, 5.3), rng)
     tufts = noise.fractal((n, n), 68, rng, octaves=5, gain=0.7)
@@ -132,7 +135,7 @@ def gravel(rng: np.random.Generator) -> Material:
 
 
 def panels(rng: np.random.Generator, color: Color = (196.0, 192.0, 182.0)) -> Material:
-    """Facade panels of 1.5 x 1.0 m with open joints, 6 x 4 m."""
+    """Facade panels of 1.5 x 1.0 m with open joints; the texture covers 6 x 4 m."""
     h, w = 1024, 1536
     image = np.zeros((h, w, 3), dtype=np.float32)
     joint = np.zeros((h, w), dtype=np.float32)
@@ -149,7 +152,7 @@ def panels(rng: np.random.Generator, color: Color = (196.0, 192.0, 182.0)) -> Ma
 
 
 def plaster(rng: np.random.Generator, color: Color = (206.0, 186.0, 150.0)) -> Material:
-    """Rendered wall, 5 m square: grain, weathering under sills."""
+    """Rendered wall (plaster), 5 m square: grain and vertical weathering streaks."""
     n = 1024
     shade = 1 + 0.03 * noise.tiling((n, n), 2.5, rng) + 0.035 * noise.fractal((n, n), 400, rng, octaves=6)
     shade -= 0.03 * np.clip(noise.tiling((n, n), (400, 12), rng) - 0.5, 0, 3)
@@ -157,7 +160,7 @@ def plaster(rng: np.random.Generator, color: Color = (206.0, 186.0, 150.0)) -> M
 
 
 def window(rng: np.random.Generator, panes: tuple[int, int] = (2, 2), frame: Color = (232.0, 230.0, 224.0)) -> Material:
-    """A window, 1 m square: sky reflected in its panes, curtains behind some, a frame and glazing bars."""
+    """A window, stretched to its opening: reflected sky, curtains in some, a frame, panes (columns, rows)."""
     h, w = 384, 288
     y = np.linspace(0, 1, h, dtype=np.float32)[:, None] * np.ones((1, w), dtype=np.float32)
     image = noise.paint((64, 78, 92), 1.5 - y)
@@ -186,7 +189,7 @@ def window(rng: np.random.Generator, panes: tuple[int, int] = (2, 2), frame: Col
 
 
 def door(rng: np.random.Generator, color: Color = (84.0, 58.0, 44.0)) -> Material:
-    """A panelled door, 1 m square."""
+    """A panelled wooden door, stretched to its opening."""
     h, w = 512, 256
     grain = 1 + 0.06 * noise.tiling((h, w), (120, 3), rng) + 0.03 * noise.tiling((h, w), 3, rng)
     image = noise.paint(color, grain)
@@ -224,4 +227,4 @@ PAINTS: dict[str, Callable[[np.random.Generator], Material]] = {
     "panels": panels,
     "plaster": plaster,
 }
-"""Materials that a config may name."""
+"""Materials by the names used in configs."""

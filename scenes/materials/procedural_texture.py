@@ -1,4 +1,4 @@
-"""Seeded, tileable noise images: the grain of every painted surface."""
+"""Seeded, tileable noise images, and operations on images, for procedural materials."""
 
 import cv2
 import numpy as np
@@ -8,11 +8,14 @@ from uavbench.scenes.rendering import pixel_kernels as kernels
 
 Image = NDArray[np.float32]
 CUT_OFF = 1.05
-"""Cycles per feature size above which the noise has less than 0.00002 of its greatest power."""
+"""Cycles per feature size above which the power spectrum is below 2e-5 of its maximum."""
 
 
 def tiling(shape: tuple[int, int], size_px: float | tuple[float, float], rng: np.random.Generator) -> Image:
-    """Tileable smooth noise (h, w), zero mean, unit standard deviation; features of size_px (along y, along x)."""
+    """Tileable smooth noise (h, w) of zero mean and unit standard deviation.
+
+    size_px is the feature size, isotropic or (along y, along x).
+    """
     sizes = (float(size_px), float(size_px)) if isinstance(size_px, int | float) else size_px
     return _shaped(shape, [(1.0, *sizes)], rng)
 
@@ -24,15 +27,19 @@ def fractal(
     octaves: int = 5,
     gain: float = 0.6,
 ) -> Image:
-    """Tileable fractal noise: each octave has half the feature size and `gain` times the amplitude of the last one."""
+    """Tileable fractal noise (h, w) of zero mean and unit standard deviation.
+
+    The first octave has features of largest_px; each further one has half the feature size and `gain` times the
+    amplitude of the one before.
+    """
     sizes = [largest_px / 2**octave for octave in range(octaves)]
     return _shaped(shape, [(gain**k, size, size) for k, size in enumerate(sizes)], rng)
 
 
 def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], rng: np.random.Generator) -> Image:
-    """Gaussian noise whose power is the sum of that of its octaves (height, size along y, along x).
+    """Gaussian noise (h, w) whose power spectrum is the sum of its octaves (amplitude, size along y, along x).
 
-    Synthesized in the frequency domain, up to the highest frequency that has power.
+    Synthesized in the frequency domain, up to the cut-off of the finest octave.
     """
     (h, w), (_, finest_y, finest_x) = shape, octaves[-1]
     rows, columns = (min(n // 2, int(np.ceil(CUT_OFF * n / size))) for n, size in ((h, finest_y), (w, finest_x)))
@@ -46,10 +53,10 @@ def _shaped(shape: tuple[int, int], octaves: list[tuple[float, float, float]], r
         one[0, 0] = 0
         power += np.float32(height**2 / max(float(one.sum()), 1e-12)) * one
     half = rng.standard_normal((len(ky), len(kx), 2), dtype=np.float32).view(np.complex64)[..., 0] * np.sqrt(power)
-    half[:, 0] *= np.float32(np.sqrt(2))  # the real part of this column alone counts
+    half[:, 0] *= np.float32(np.sqrt(2))  # the inverse transform keeps the real part of this column only
     spectrum = np.zeros((h, len(kx)), dtype=np.complex64)
     spectrum[ky] = half
-    import scipy.fft  # takes an eighth of a second, and every command loads this file
+    import scipy.fft  # lazy: it takes 1/8 s, and every command imports this module
 
     noise: Image = scipy.fft.irfft(scipy.fft.ifft(spectrum, axis=0, overwrite_x=True), n=w, axis=1)
     noise *= np.float32(1 / max(float(cv2.meanStdDev(noise)[1].item()), 1e-12))
@@ -64,7 +71,7 @@ def paint(color: tuple[float, float, float], shade: Image) -> Image:
 
 
 def blend(under: Image, over: Image | tuple[float, float, float], mask: Image) -> Image:
-    """`over` laid on `under` where the mask (h, w) is 1."""
+    """Alpha blending (h, w, 3) of `over`, an image or a colour, onto `under` with the mask (h, w) in 0..1."""
     layer, share = np.asarray(over, dtype=np.float32), np.asarray(mask, dtype=np.float32)
     out = np.empty(under.shape, dtype=np.float32)
     if layer.ndim == 1:
@@ -75,12 +82,12 @@ def blend(under: Image, over: Image | tuple[float, float, float], mask: Image) -
 
 
 def blurred(image: Image, sigma_px: float) -> Image:
-    """Gaussian blur."""
+    """The image after a Gaussian blur of standard deviation sigma_px."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), dtype=np.float32)
 
 
 def finish(image: Image) -> NDArray[np.uint8]:
-    """The image quantized to 8 bits."""
+    """The image rounded and clipped to 8 bits."""
     out = np.empty(image.shape, dtype=np.uint8)
     kernels.round_off(np.ascontiguousarray(image).reshape(-1), out.reshape(-1))
     return out

@@ -1,5 +1,5 @@
-"""Users' own models: OBJ, STL, PLY, glTF, ViSP's CAO, IFC.
+"""Structures from model files of the user: OBJ, STL, PLY, glTF, ViSP's CAO, IFC.
 
-In: a file in the config's folder. Out: a structure that is checked before anything is rendered. Imports primitives
-and materials; nothing of rendering.
+In: a file relative to the config. Out: a structure, validated before anything is rendered. Imports primitives and
+materials; nothing of rendering.
 """

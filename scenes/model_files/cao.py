@@ -1,6 +1,6 @@
-"""Reader of ViSP's CAO models: points, faces of points or lines, cylinders, circles (markerless model-based tracking).
+"""Reader of CAO models, the format of ViSP's model-based tracker: points, faces of points or lines, cylinders, circles.
 
-`cao_writing` writes them.
+The writer is `cao_writing`.
 """
 
 import math
@@ -20,20 +20,20 @@ from uavbench.trajectories.files.reading import read_text
 from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
 MOST_LOADS = 1000
-"""Pieces of one model, each counted as often as it is loaded; the largest of ViSP's own models load 20."""
+"""Most pieces of one model, each counted once per load; the largest of ViSP's own models have 20."""
 MOST_CORNERS = 1000
-"""Corners of one face: cutting it into triangles takes time with their square."""
+"""Most corners of one face; ear clipping is at least quadratic in their number."""
 LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*((?:,\s*\w+\s*=\s*\[[^\]]*\]\s*)*)\)""", re.IGNORECASE)
 PARAMETER = re.compile(r"(\w+)\s*=\s*\[([^\]]*)\]")
 UNITS = {"": 1.0, "rad": 1.0, "deg": math.pi / 180}
 """Radians per unit of an angle."""
 SIZES = {"t": 3, "tu": 3, "R": 9}
-"""Numbers of each parameter of a load: translation, theta-u vector, or rotation matrix by rows (ViSP 3.7)."""
+"""Components of each parameter of a load: translation, theta-u vector, row-major rotation matrix (ViSP 3.7)."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """The own rows of one file of a model, numbered, and the pose that its loads give it."""
+    """Numbered rows of one file of a model, without its loads, and the pose composed of the loads above it."""
 
     path: Path
     rows: list[tuple[int, str]]
@@ -41,18 +41,19 @@ class Piece:
 
 
 def read_cao(path: Path) -> Loaded:
-    """Triangles of a CAO model and of those that it loads; UserError naming the file and the line that is wrong.
+    """Triangle mesh of a CAO model, loaded files included; UserError naming file and line when it is invalid.
 
-    A load may place its model: `load("part.cao", t=[x; y; z], tu=[a; b; c])`, t in metres and tu (the axis times the
-    angle) in radians, or each with `deg` behind it; points go to exp(tu) p + t, loads in loads one after the other.
-    What is round becomes flat pieces (`cylinders`); a circle that ends a cylinder is that cylinder's end already.
+    A load may have a pose: `load("part.cao", t=[x; y; z], tu=[a; b; c])`, with t in metres and tu (axis times angle) in
+    radians, or in degrees with the suffix `deg`. A point p maps to exp(tu) p + t; nested loads are composed. Cylinders
+    and circles are tessellated (`cylinders`); a circle that coincides with an end of a cylinder is skipped, since
+    cylinders are closed.
     """
     pieces = _files(path)
     return _joined([_placed(_piece(piece), piece.model_from_piece) for piece in pieces], path.stem)
 
 
 def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | None = None) -> list[Piece]:
-    """The files of a model and their own rows, those that are loaded before the one that loads them."""
+    """All files of a model with their rows and poses, each after the files that it loads."""
     above, model_from_file = (*above, path.resolve()), model_from_file or Pose.identity()
     out, own = [], []
     for number, row in _rows(path):
@@ -77,7 +78,7 @@ def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | Non
 
 
 def _placement(text: str) -> Pose:
-    """Pose `file_from_loaded` of the parameters of a load; ValueError saying what is wrong with them."""
+    """Pose `file_from_loaded` from the parameters of a load; ValueError when they are invalid."""
     given: dict[str, list[float]] = {}
     for name, values in PARAMETER.findall(text):
         if name not in SIZES:
@@ -97,7 +98,7 @@ def _placement(text: str) -> Pose:
 
 
 def _angle(word: str) -> float:
-    """Radians of an angle such as `90 deg`, `1.57 rad` or `1.57`."""
+    """Angle in radians from text such as `90 deg`, `1.57 rad` or `1.57`."""
     found = re.fullmatch(r"(.*?)\s*(deg|rad|)", word.strip())
     assert found
     return _number(found[1]) * UNITS[found[2]]
@@ -115,16 +116,16 @@ def _placed(piece: Loaded, model_from_piece: Pose) -> Loaded:
 
 
 def _beside(file: Path, above: tuple[Path, ...]) -> bool:
-    """Whether a file lies in the model's folder and is none of those that load it."""
+    """Whether a file lies in the model's folder and is not among the files that load it (no cycle)."""
     try:
         place = file.resolve()
-    except (OSError, ValueError, RuntimeError):  # a null character in its name, a loop of links
+    except (OSError, ValueError, RuntimeError):  # a null character in the name, a cycle of links
         return False
     return place not in above and place.is_relative_to(above[0].parent)
 
 
 def _check_loads(path: Path, number: int, depth: int, loaded: list[Piece]) -> None:
-    """UserError when loads make a model too large: two loads in each of 21 files are two million pieces."""
+    """UserError when nested loads make a model too large: two loads in each of 21 files make two million pieces."""
     rows = sum(len(piece.rows) for piece in loaded)
     if depth > MOST_NESTING or len(loaded) > MOST_LOADS or rows > MOST_ROWS:
         raise UserError(
@@ -134,7 +135,7 @@ def _check_loads(path: Path, number: int, depth: int, loaded: list[Piece]) -> No
 
 
 def _piece(piece: Piece) -> Loaded:
-    """Triangles of what a model's own rows say, in its own frame."""
+    """Triangle mesh of the rows of one file, in its own frame."""
     path, rows = piece.path, iter(piece.rows)
 
     def numbers(what: str) -> list[str]:
@@ -170,7 +171,7 @@ def _piece(piece: Piece) -> Loaded:
     number, first = next(rows, (0, ""))
     if first.upper() != "V1":
         raise UserError(f"{path}: line {number}: a CAO model begins with V1, got {first!r}")
-    if len(piece.rows) == 1:  # it does nothing but load others
+    if len(piece.rows) == 1:  # it only loads others
         return Loaded(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
     table = [[float(v) for v in row[:3]] for row in block("points")]
     if any(len(row) != 3 for row in table):
@@ -202,7 +203,7 @@ def _piece(piece: Piece) -> Loaded:
 
 
 def _joined(pieces: list[Loaded], name: str) -> Loaded:
-    """Pieces as one."""
+    """Concatenation of pieces."""
     shift = np.cumsum([0, *(len(piece.vertices) for piece in pieces[:-1])])
     return Loaded(
         np.concatenate([piece.vertices for piece in pieces]),
@@ -212,7 +213,7 @@ def _joined(pieces: list[Loaded], name: str) -> Loaded:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
-    """Numbered lines without comments and empty ones."""
+    """Numbered lines of a file, without comments and blank lines."""
     for number, line in enumerate(read_text(path, MODEL).splitlines(), start=1):
         bare = line.split("#")[0].split("//")[0].strip()
         if bare:
@@ -220,7 +221,7 @@ def _rows(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _values(row: str) -> list[str]:
-    """The numbers of a row; ViSP's trailing options (name=..., minLineLengthThreshold=...) are left out."""
+    """Numbers of a row, without ViSP's trailing options (name=..., minLineLengthThreshold=...)."""
     values = [word for word in row.split() if "=" not in word]
     for word in values:
         if not abs(float(word)) <= LARGEST_COORDINATE_M:
@@ -229,14 +230,14 @@ def _values(row: str) -> list[str]:
 
 
 def _whole(word: str) -> int:
-    """Whole number of a word, which ViSP also takes as `4.0`; ValueError when it is none."""
+    """Integer from text, where ViSP also accepts `4.0`; ValueError when it is not an integer."""
     if not float(word).is_integer():
         raise ValueError(f"{word} is no whole number")
     return int(float(word))
 
 
 def _count(path: Path, number: int, what: str, values: list[str]) -> int:
-    """The number of rows to come; UserError when it is none."""
+    """Number of rows in a block; UserError when it is not an integer within 0 .. MOST_ROWS."""
     try:
         count = _whole(values[0])
         if not 0 <= count <= MOST_ROWS:
@@ -252,7 +253,7 @@ def _count_if_any(path: Path, rows: Iterator[tuple[int, str]], what: str) -> int
 
 
 def _chained(pieces: list[list[int]]) -> list[int]:
-    """Points of a polygon whose sides are given in order, each either way round."""
+    """Vertices of a polygon from its sides in order, each in either direction; ValueError when they do not connect."""
     a, b = pieces[0]
     if a in pieces[1]:
         a, b = b, a
@@ -265,7 +266,7 @@ def _chained(pieces: list[list[int]]) -> list[int]:
 
 
 def _triangles(corners: Array) -> np.ndarray:
-    """Triangles of a planar polygon (n, 3), turning as it does."""
+    """Triangles (n - 2, 3) of a planar polygon (n, 3), of the same orientation."""
     normal = np.cross(corners, np.roll(corners, -1, axis=0)).sum(axis=0)
     normal /= np.linalg.norm(normal)
     u = np.cross(normal, [0.0, 0.0, 1.0] if abs(normal[2]) < 0.9 else [1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Writer of ViSP's CAO models: one polygon for each planar face of a structure, without diagonals of triangles."""
+"""Writer of ViSP's CAO models: one polygon per planar face of a structure, without the triangulation."""
 
 from pathlib import Path
 
@@ -9,11 +9,11 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
 STRAIGHT = 1e-6
-"""Sine of the angle below which two sides of a polygon are one."""
+"""Sine of the angle below which two consecutive sides of a polygon are collinear."""
 
 
 def write_cao(structure: Structure, path: Path) -> None:
-    """Write the faces as polygons, counter-clockwise from outside; the border of a hole is that of the faces in it."""
+    """Write the outer boundary of each planar face, counter-clockwise from outside, in metres; holes are filled."""
     polygons = [p for face in range(len(structure.face_normals)) if (p := face_polygon(structure, face))]
     used = sorted({corner for polygon in polygons for corner in polygon})
     number = {corner: k for k, corner in enumerate(used)}
@@ -24,7 +24,7 @@ def write_cao(structure: Structure, path: Path) -> None:
 
 
 def face_polygon(structure: Structure, face: int) -> list[int]:
-    """Vertices of a planar face's outer border, corners only, counter-clockwise from outside."""
+    """Vertex indices of the outer boundary of a planar face, corners only, counter-clockwise from outside."""
     triangles = structure.triangles[structure.triangle_face == face].tolist()
     sides = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
     follows: dict[int, list[int]] = {}
@@ -45,12 +45,12 @@ def face_polygon(structure: Structure, face: int) -> list[int]:
 
 
 def _area(polygon: Array, normal: Array) -> float:
-    """Area of a planar polygon (n, 3); negative where it turns the other way, as a hole does."""
+    """Signed area of a planar polygon (n, 3) about a normal (3,); negative for clockwise ones, such as holes."""
     return float(np.cross(polygon, np.roll(polygon, -1, axis=0)).sum(axis=0) @ normal / 2)
 
 
 def _corners(at: Array, polygon: list[int]) -> list[int]:
-    """The polygon without the vertices that lie on a straight side."""
+    """The polygon without collinear vertices."""
     side = at[np.roll(polygon, -1)] - at[polygon] if polygon else np.zeros((0, 3))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     turn = np.linalg.norm(np.cross(np.roll(side, 1, axis=0), side), axis=1)

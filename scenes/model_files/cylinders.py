@@ -1,4 +1,4 @@
-"""Round shapes as flat pieces: a closed cylinder, a disc."""
+"""Tessellation of round shapes: a closed cylinder, a disc."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ from uavbench.scenes.model_files.mesh_piece import Loaded
 from uavbench.trajectories.pose import Array
 
 SIDES = 36
-"""Pieces of a turn; they lie within 0.4 % of the radius."""
+"""Segments of a full circle; their chordal deviation is 0.4 % of the radius."""
 CIRCLE = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(SIDES) / SIDES])
 SAME_PART = 1e-3
-"""Part of the radius within which two circles are one."""
+"""Tolerance, relative to the radius, within which two circles coincide."""
 
 
 def cylinder(start: Array, end: Array, radius: float) -> Loaded:
-    """Closed cylinder about the axis from start (3,) to end (3,); ValueError when it has no length or radius."""
+    """Closed cylinder about the axis from start (3,) to end (3,), metres; ValueError for zero length or radius."""
     along = end - start
     if not (radius > 0 and np.linalg.norm(along) > 0):
         raise ValueError("a cylinder without length or radius")
@@ -31,7 +31,10 @@ def cylinder(start: Array, end: Array, radius: float) -> Loaded:
 
 
 def disc(radius: float, centre: Array, one: Array, two: Array) -> Loaded:
-    """Disc in the plane of three points (3,), seen where they turn counter-clockwise; ValueError when on a line."""
+    """Disc in the plane of three points (3,), facing the side from which they are counter-clockwise.
+
+    ValueError when the radius is not positive or the points are collinear.
+    """
     u, v = one - centre, two - centre
     normal = np.cross(u, v)
     if not (radius > 0 and np.linalg.norm(normal) > 1e-9 * np.linalg.norm(u) * np.linalg.norm(v)):
@@ -42,6 +45,6 @@ def disc(radius: float, centre: Array, one: Array, two: Array) -> Loaded:
 
 
 def is_end(centre: Array, radius: float, start: Array, end: Array, cylinder_radius: float) -> bool:
-    """Whether a circle is one end of a cylinder."""
+    """Whether a circle coincides with one end of a cylinder, to SAME_PART of the radius."""
     away = min(float(np.linalg.norm(centre - start)), float(np.linalg.norm(centre - end)))
     return away < SAME_PART * radius and abs(radius - cylinder_radius) < SAME_PART * radius

@@ -14,7 +14,10 @@ SKIPPED = ("IfcSpace", "IfcOpeningElement", "IfcAnnotation", "IfcGrid")
 
 
 def read_ifc(path: Path) -> list[Loaded]:
-    """One piece for each element and material, metres, z up; UserError when IfcOpenShell is missing or fails."""
+    """Pieces of an IFC model, one per element and material, in metres, z up.
+
+    UserError when IfcOpenShell is missing or cannot read the file.
+    """
     try:
         ifcopenshell: Any = importlib.import_module("ifcopenshell")
         geom: Any = importlib.import_module("ifcopenshell.geom")

@@ -1,4 +1,4 @@
-"""Checks of a user's model before it is rendered, and where possible before it is read."""
+"""Validation of a user's model before it is rendered, and where possible before it is parsed."""
 
 import re
 from pathlib import Path
@@ -15,11 +15,15 @@ from uavbench.trajectories.pose import Array
 MOST_TRIANGLES = 2_000_000
 LARGEST_M, SMALLEST_M = 2000.0, 0.02
 UNREADABLE = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
-"""glTF extensions that pack meshes or images in ways that trimesh does not unpack."""
+"""glTF extensions for compressed meshes or images that trimesh cannot decode."""
 
 
 def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: bool) -> None:
-    """UserError when a mesh (metres) is empty, huge, out of scale, open or inside out."""
+    """Validate a mesh of vertices (n, 3) in metres and triangles (m, 3).
+
+    UserError when it is empty, has non-finite vertices, is too large, of implausible scale, open (unless allow_open) or
+    inside out.
+    """
     if len(triangles) == 0:
         raise UserError(f"{path}: the model has no triangles; export it as a surface mesh")
     check_count(path, len(triangles))
@@ -47,14 +51,17 @@ def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: boo
 
 
 class Closedness(NamedTuple):
-    """Directed edges without their opposite, 0 for a closed mesh, and the signed volume, negative when inside out."""
+    """Number of directed edges without their opposite (0: closed), and signed volume, negative when inside out."""
 
     open_edges: int
     volume_m3: float
 
 
 def closedness(vertices: Array, triangles: np.ndarray) -> Closedness:
-    """Open edges and volume of a mesh (n, 3) in metres, (m, 3), after merging equal vertices."""
+    """Open edges and signed volume of a mesh of vertices (n, 3) in metres and triangles (m, 3).
+
+    Identical vertices are merged first.
+    """
     scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
     _, same = np.unique(np.round(vertices / (1e-7 * scale)), axis=0, return_inverse=True)
     corners = same.reshape(-1)[triangles].astype(np.int64)
@@ -71,7 +78,7 @@ def closedness(vertices: Array, triangles: np.ndarray) -> Closedness:
 
 
 def check_file(path: Path, data: bytes) -> None:
-    """UserError for a file that is too large, compressed in a way that cannot be read, or lacks a file it refers to."""
+    """UserError for a file that is too large, uses an unsupported compression, or refers to a missing file."""
     kind = path.suffix.lower()
     _check_size(path, data)
     wanted = _obj_wants(path, data) if kind == ".obj" else _gltf_wants(path, data) if kind in (".gltf", ".glb") else []
@@ -83,15 +90,15 @@ def check_file(path: Path, data: bytes) -> None:
 
 
 def _beside(path: Path, name: str) -> bool:
-    """Whether a file that a model refers to lies in the model's folder, links followed."""
+    """Whether a referenced file lies in the model's folder, with symbolic links resolved."""
     try:
         return (path.parent / name).resolve().is_relative_to(path.parent.resolve())
-    except (OSError, ValueError, RuntimeError):  # a null character, a loop of links
+    except (OSError, ValueError, RuntimeError):  # a null character, a cycle of links
         return False
 
 
 def _obj_wants(path: Path, data: bytes) -> list[str]:
-    """Material libraries of an OBJ file, and the images that they name."""
+    """Material libraries that an OBJ file refers to, and their textures."""
     wanted = []
     for line in re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t]*$", data, re.MULTILINE):
         library = line.decode("utf-8", "replace").strip()
@@ -103,7 +110,7 @@ def _obj_wants(path: Path, data: bytes) -> list[str]:
 
 
 def _gltf_wants(path: Path, data: bytes) -> list[str]:
-    """Buffers and images beside a glTF file; UserError when it needs an extension that cannot be read, or is huge."""
+    """External buffers and images of a glTF file; UserError for an unsupported extension or too many triangles."""
     binary = data[:4] == b"glTF"  # GLB: magic, version, length; length and type of its first chunk, the JSON
     text = data[20 : 20 + int.from_bytes(data[12:16], "little")] if binary else data
     try:
@@ -121,7 +128,7 @@ def _gltf_wants(path: Path, data: bytes) -> list[str]:
 
 
 def check_textures(path: Path, pixels: int) -> None:
-    """UserError when the textures of a model have more than MOST_PIXELS together."""
+    """UserError when the textures of a model have more than MOST_PIXELS in total."""
     if pixels > MOST_PIXELS:
         raise UserError(
             f"{path}: its textures have {pixels:,} pixels together, more than {MOST_PIXELS:,}; scale them down"
@@ -129,7 +136,7 @@ def check_textures(path: Path, pixels: int) -> None:
 
 
 def check_count(path: Path, triangles: int) -> None:
-    """UserError when a model has more than MOST_TRIANGLES."""
+    """UserError when a model has more than MOST_TRIANGLES triangles."""
     if triangles > MOST_TRIANGLES:
         raise UserError(
             f"{path}: {triangles:,} triangles are more than the {MOST_TRIANGLES:,} that can be handled; "
@@ -138,7 +145,7 @@ def check_count(path: Path, triangles: int) -> None:
 
 
 def _check_size(path: Path, data: bytes) -> None:
-    """UserError from the header or a glance at the lines, before millions of triangles fill the memory."""
+    """UserError when the header or a scan of the lines announces too many triangles, before they are parsed."""
     counts = {".stl": _stl_count, ".ply": _ply_count, ".obj": _obj_count, ".off": _off_count}
     check_count(path, counts.get(path.suffix.lower(), lambda _: 0)(data))
 
@@ -149,14 +156,14 @@ def _stl_count(data: bytes) -> int:
 
 
 def _ply_count(data: bytes) -> int:
-    """Faces, or a third of the vertices (or whatever else) where that is more."""
+    """Number of faces, or a third of the number of vertices or other elements if that is more."""
     header = data[:65536].split(b"end_header")[0]
     found = {name: int(count) for name, count in re.findall(rb"^element (\w+) (\d{1,18})\s*$", header, re.MULTILINE)}
     return max([found.pop(b"face", 0), *(count // 3 for count in found.values())])
 
 
 def _obj_count(data: bytes) -> int:
-    """Faces, or a third of the vertices where that is more; a face of many corners counts as what it becomes."""
+    """Number of triangles after triangulation, or a third of the number of vertices if that is more."""
     if len(data) < 4 * MOST_TRIANGLES:
         return 0
     return max(data.count(b"\nf "), data.count(b"\nv ") // 3)

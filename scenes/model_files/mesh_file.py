@@ -1,4 +1,4 @@
-"""A user's own structure: OBJ, STL, PLY, glTF, ViSP's CAO, IFC; checked before anything is rendered."""
+"""A structure from a model file: OBJ, STL, PLY, glTF, ViSP's CAO, IFC; validated before anything is rendered."""
 
 import io
 from dataclasses import dataclass, replace
@@ -27,18 +27,19 @@ from uavbench.trajectories.pose import Array
 
 UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
 FINE_TRIANGLES = 20_000
-"""Pieces of fewer triangles are cut finer, so that shade can fall on them."""
+"""Pieces of fewer triangles are subdivided, so that baked light has enough vertices."""
 Z_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 TRIMESH_KINDS = (".obj", ".stl", ".ply", ".gltf", ".glb", ".off")
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A structure from a file; it is put on the ground with its middle above the origin unless `keep_origin`.
+    """A structure from a model file, placed on the ground and centred above the origin unless `keep_origin`.
 
-    up is the file's upward axis (auto: y for glTF, as it is defined there, z for the others). Edges between faces that
-    meet at less than crease_angle_deg, and edges shorter than min_edge_m, are not given to trackers. A mesh with
-    holes is refused unless allow_open; one with inward faces unless flip. surface covers what has no texture.
+    up is the file's upward axis (auto: y for glTF, as its specification says, z for other formats). Edges between faces
+    whose normals differ by less than crease_angle_deg, and edges shorter than min_edge_m, are not given to trackers. An
+    open mesh is rejected unless allow_open, an inside-out one unless flip. surface is the material of pieces without
+    texture or colour.
     """
 
     path: str
@@ -53,11 +54,11 @@ class MeshFile:
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """The files that the model loads, whose content enters the sequence's hash."""
+        """The files that the model refers to, whose content enters the sequence's hash."""
         return parts_of(Path(self.path))
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The structure; UserError naming the file, what is wrong with it, and the key that helps."""
+        """The structure; UserError naming the file, the defect, and the config key that resolves it."""
         path = Path(self.path)
         pieces = [self._placed(piece) for piece in read(path)]
         vertices, triangles = _whole(pieces)
@@ -86,12 +87,12 @@ class MeshFile:
 
 
 def read(path: Path) -> list[Loaded]:
-    """Pieces of a mesh file as they are in it; UserError when it cannot be read."""
+    """Pieces of a model file in its own unit and axes; UserError when it cannot be read."""
     kind = path.suffix.lower()
     if kind == ".cao":
         return [read_cao(path)]
     if kind == ".ifc":
-        with opened(path, MODEL):  # IfcOpenShell opens it by its name
+        with opened(path, MODEL):  # IfcOpenShell opens it by path
             return read_ifc(path)
     if kind not in TRIMESH_KINDS:
         raise UserError(f"{path}: cannot read models of type {kind or 'without ending'}; "
@@ -134,7 +135,7 @@ def read(path: Path) -> list[Loaded]:
 
 
 def _pixels(path: Path, visual: Any, drawn: dict[int, int]) -> int:
-    """Pixels of all textures so far, this piece's with them; trimesh decodes none before it is asked for."""
+    """Total pixels of the textures so far, this piece's included; trimesh decodes textures lazily."""
     material = getattr(visual, "material", None)
     for image in (getattr(material, "baseColorTexture", None), getattr(material, "image", None)):
         if image is not None:
@@ -153,7 +154,7 @@ def _whole(pieces: list[Loaded]) -> tuple[Array, np.ndarray]:
 
 
 def _part(piece: Loaded, bare: Material, two_sided: bool) -> Part:
-    """The piece as it is drawn: with its own texture and colour, or covered with a material."""
+    """The piece as a renderable part: with its own texture or colour, otherwise with the material `bare`."""
     if piece.texture is not None and piece.uv is not None:
         return Part(
             vertices=piece.vertices,
@@ -170,7 +171,7 @@ def _part(piece: Loaded, bare: Material, two_sided: bool) -> Part:
         plain = covered(Solid(piece.vertices, piece.triangles, bare, piece.name), longest_m=longest)
         return replace(plain, two_sided=two_sided)
     if len(piece.tint) > 1:
-        longest = 1e9  # a colour at each corner: cutting would lose them
+        longest = 1e9  # a colour per vertex, which subdivision would lose
     plain = covered(Solid(piece.vertices, piece.triangles, _grain(), piece.name), longest_m=longest)
     tint = (
         piece.tint[piece.triangles.reshape(-1)]
@@ -181,6 +182,6 @@ def _part(piece: Loaded, bare: Material, two_sided: bool) -> Part:
 
 
 def _grain() -> Material:
-    """Faint grain over a plain colour, always the same, so that a coloured wall is not a flat tone."""
+    """Material of faint, fixed grain on near-white, so that surfaces of plain colour are not uniform."""
     shade = 1 + 0.05 * noise.fractal((512, 512), 120, np.random.default_rng(0), octaves=7, gain=0.7)
     return Material(noise.finish(noise.paint((238.0, 238.0, 238.0), shade)), (3.0, 3.0))

@@ -1,4 +1,4 @@
-"""A piece of a model as a file gives it: triangles, and what they look like."""
+"""A piece of a model as read from a file: triangles and their appearance."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,12 +10,12 @@ from uavbench.scenes.structure import Indices
 from uavbench.trajectories.pose import Array
 
 UNSAID = (102, 102, 102, 255)
-"""The diffuse colour that trimesh gives a material of which the file says nothing."""
+"""Default diffuse colour of trimesh for a material without one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """Vertices (n, 3), triangles (m, 3), and if the file says so uv (n, 2) with a texture, a tint (n or 1, 4)."""
+    """Vertices (n, 3), triangles (m, 3), and, where the file has them, uv (n, 2) with a texture, tint (n or 1, 4)."""
 
     vertices: Array
     triangles: Indices
@@ -25,17 +25,17 @@ class Loaded:
     name: str = ""
 
     def moved(self, matrix: Array, shift: Array) -> "Loaded":
-        """The piece with its vertices times matrix (3, 3) plus shift."""
+        """The piece with its vertices mapped to matrix (3, 3) @ vertex + shift (3,)."""
         return replace(self, vertices=self.vertices @ matrix.T + shift)
 
     def flipped(self) -> "Loaded":
-        """The piece with its faces turned to the other side."""
+        """The piece with the orientation of its triangles reversed."""
         return replace(self, triangles=self.triangles[:, ::-1])
 
     def dressed(self, visual: Any) -> "Loaded":
-        """The piece with what trimesh knows of its look: texture, colour of the material, or colours of vertices.
+        """The piece with the appearance from a trimesh visual: texture, material colour or vertex colours.
 
-        The factor on a texture counts in glTF alone: the Kd beside an OBJ's map is whatever its exporter leaves there.
+        The colour factor of a texture applies to glTF only: Kd next to map_Kd in an MTL file depends on the exporter.
         """
         material = getattr(visual, "material", None)
         if material is None:
@@ -62,7 +62,7 @@ class Loaded:
 
 
 def _linear(colors: Array, power: float = 2.2) -> Array:
-    """Tints (n, 4) of colours (n, 3 or 4), 8 bits or in 0..1: sRGB, or (power 1) linear as the factors of glTF are."""
+    """Tints (n, 4) from colours (n, 3 or 4), 8-bit or 0..1; power 1 for linear ones, such as the factors of glTF."""
     rgb = colors[:, :3].astype(np.float64)
     rgb = rgb / 255.0 if np.issubdtype(colors.dtype, np.integer) or rgb.max() > 1.0 else rgb
     return np.column_stack([rgb**power, np.ones(len(rgb))])

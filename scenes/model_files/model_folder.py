@@ -1,4 +1,4 @@
-"""Files that a model refers to (materials, buffers, textures), from the model's own folder only."""
+"""Guarded access to the files that a model refers to (materials, buffers, textures), within its own folder."""
 
 from pathlib import Path
 from typing import Any, NoReturn
@@ -13,9 +13,9 @@ from uavbench.trajectories.files.reading import read_bytes
 
 
 class ModelFolder(Resolver):
-    """The files beside a model, as trimesh asks for them.
+    """trimesh resolver restricted to the folder of a model.
 
-    trimesh goes on without what it cannot get; `refused` keeps what was wrong with it, for the user.
+    trimesh ignores files that it cannot resolve; `refused` collects their error messages for the user.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -23,7 +23,7 @@ class ModelFolder(Resolver):
         self.refused: list[str] = []
 
     def get(self, name: str) -> bytes:
-        """Content of the file; UserError when it is missing, too large, no regular file, or out of the folder."""
+        """Content of a file; UserError when it is missing, too large, not a regular file, or outside the folder."""
         words = [name.strip(), unquote(name.strip()), name.split()[-1] if name.split() else ""]
         there = [word for word in words if self._is_there(word)]
         try:
@@ -47,9 +47,9 @@ class ModelFolder(Resolver):
         return [path.name for path in self.folder.iterdir() if path.is_file()]
 
     def namespaced(self, namespace: str) -> NoReturn:
-        """A model has one folder."""
+        """Not supported: a model has one folder."""
         raise NotImplementedError(namespace)
 
     def write(self, name: str, data: Any) -> NoReturn:
-        """Nothing is written beside a model."""
+        """Not supported: models are read only."""
         raise NotImplementedError(name)

@@ -1,4 +1,4 @@
-"""The files that a model's file refers to: materials, textures, buffers, further models."""
+"""Files that a model file refers to: materials, textures, buffers, further models."""
 
 import json
 import re
@@ -16,15 +16,18 @@ REFERENCES = {
     ".cao": (re.compile(r"""load\s*\(\s*["']([^"']+)["']""", re.IGNORECASE), ".cao"),
     ".gltf": (re.compile(r'"uri"\s*:\s*("(?:[^"\\]|\\.)*")'), ""),
 }
-"""Kind of file -> (what is a reference in it, the kind of what is referred to)."""
+"""File type -> (pattern of a reference, type of the referenced file)."""
 LONGEST = 4096
-"""Characters of a reference: as many as a path may have."""
+"""Greatest length of a reference in characters, that of a path."""
 HEADER_BYTES = 1 << 16
-"""As much of a PLY file as is searched: its header."""
+"""Bytes of a PLY file that are searched for its header."""
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """The files that a model refers to and that are there, at any depth, each once; more rather than fewer."""
+    """Existing files that a model refers to, recursively, each once.
+
+    Ambiguous references yield all of their interpretations: too many files rather than too few.
+    """
     found: dict[Path, Path] = {}
     waiting = [(path, path.suffix.lower().replace(".glb", ".gltf"))]
     while waiting:
@@ -40,13 +43,13 @@ def parts_of(path: Path) -> tuple[Path, ...]:
 
 @lru_cache(maxsize=1024)
 def _named(path: Path, _: tuple[int, ...], kind: str) -> tuple[str, ...]:
-    """All that the references in a file may mean."""
+    """All interpretations of the references in a file; cached by its stamp."""
     matches = REFERENCES[kind][0].finditer(_text(path, kind))
     return tuple(dict.fromkeys(name for match in matches for name in _names(match[1][:LONGEST])))
 
 
 def _text(path: Path, kind: str) -> str:
-    """The part of a file that can hold references."""
+    """Text of the part of a file that can hold references."""
     with path.open("rb") as file:
         if kind == ".ply":
             return file.read(HEADER_BYTES).split(b"end_header")[0].decode("utf-8", "replace")
@@ -56,7 +59,7 @@ def _text(path: Path, kind: str) -> str:
 
 
 def _names(given: str) -> Iterator[str]:
-    """What a reference may mean: all of it, or what follows the options before it."""
+    """Interpretations of a reference: the whole text, or what follows leading options."""
     if given.startswith('"'):
         try:
             given = unquote(json.loads(given))
@@ -73,5 +76,5 @@ def _names(given: str) -> Iterator[str]:
 def _there(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # too long for a name, or a null character in it
+    except (OSError, ValueError):  # a name that is too long, or has a null character
         return False

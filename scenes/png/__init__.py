@@ -1,4 +1,4 @@
-"""Lossless images as files: an encoder whose bytes follow from the pixels alone.
+"""Lossless image files: a PNG encoder whose output depends on the pixels alone.
 
 In: images. Out: PNG files. Imports compiled kernels.
 """

@@ -1,4 +1,4 @@
-"""Compiled deflate (RFC 1951) of literals and of runs of one byte, with Huffman codes of their own for every block."""
+"""Compiled deflate (RFC 1951): literals and run-length matches at distance 1, dynamic Huffman codes per block."""
 
 from typing import Any
 
@@ -8,29 +8,29 @@ from uavbench.scenes.png.huffman import code_lengths, codes
 from uavbench.trajectories.kernels.compiled import compiled
 
 BLOCK = 1 << 17
-"""Bytes that share their codes: some 68 rows of 640 x 3 bytes; what tells the codes takes 45 to 160 bytes."""
+"""Input bytes per block, some 68 rows of 640 x 3 bytes; the header with its codes takes 45 to 160 bytes."""
 END = 256
-"""Symbol of a block's end, after those of the bytes."""
+"""Symbol of the end of a block, after those of the literals."""
 SYMBOLS = 286
 SHORTEST, LONGEST = 3, 258
-"""Runs that deflate knows (section 3.2.5)."""
+"""Shortest and longest match of deflate (section 3.2.5)."""
 TOKENS = END + LONGEST + 1
-"""Bytes, the end, and END + n for a run of n."""
+"""Tokens: literals, the end of a block, and END + n for a run of n bytes."""
 CODE_BITS, META_BITS = 15, 7
-"""Longest codes of symbols, and of the lengths of codes (section 3.2.7)."""
+"""Greatest lengths, in bits, of codes of symbols and of codes of code lengths (section 3.2.7)."""
 META_ORDER = np.array([16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15], dtype=np.int64)
-"""Order in which the lengths of the codes of lengths are told (section 3.2.7)."""
+"""Order in which the lengths of the code length codes are written (section 3.2.7)."""
 
 
 def room_words(size: int) -> int:
-    """Words of 64 bits that the deflated stream of so many bytes may take at most."""
+    """Upper bound of the 64-bit words in the compressed stream of `size` bytes."""
     blocks = -(-size // BLOCK)
     return size * (CODE_BITS + 1) // 64 + blocks * (SYMBOLS * META_BITS // 64 + 4) + 2
 
 
 @compiled("u1 w1!")
 def deflate(data: Any, out: Any) -> int:
-    """Number of bits of the deflated data, which are put into out (room_words,) from the lowest bit on."""
+    """Compress data (n,) of bytes into out (room_words,), least significant bit first; returns the number of bits."""
     tokens = np.empty(BLOCK, dtype=np.uint16)
     counts, lengths = np.empty(SYMBOLS, dtype=np.int64), np.empty(SYMBOLS, dtype=np.int64)
     symbol_codes = np.empty(SYMBOLS, dtype=np.uint64)
@@ -51,12 +51,12 @@ def deflate(data: Any, out: Any) -> int:
 
 @compiled
 def _tokens(data: Any, start: int, stop: int, tokens: Any, counts: Any) -> int:
-    """Number of tokens that the data from start to stop make, and how often each symbol occurs in them."""
+    """Tokenize data[start:stop] and count its symbols; returns the number of tokens."""
     counts[:] = 0
     number, i = 0, start
     while i < stop:
         value = data[i]
-        # one branch in place of three, each of which would be mispredicted often in noise
+        # one branch instead of three, each of which noise would often mispredict
         is_run = 0 < i < stop - 2 and (value ^ data[i - 1]) | (value ^ data[i + 1]) | (value ^ data[i + 2]) == 0
         if is_run:
             end, furthest = i + SHORTEST, min(stop, i + LONGEST)
@@ -76,7 +76,7 @@ def _tokens(data: Any, start: int, stop: int, tokens: Any, counts: Any) -> int:
 
 @compiled
 def _run_extra(run: int) -> int:
-    """Bits that tell a run beside its symbol (section 3.2.5)."""
+    """Number of extra bits of a run length (section 3.2.5)."""
     extra = 0
     while run < LONGEST and (run - SHORTEST) >> (extra + 3):
         extra += 1
@@ -85,14 +85,14 @@ def _run_extra(run: int) -> int:
 
 @compiled
 def _run_symbol(run: int) -> int:
-    """Symbol of a run (section 3.2.5)."""
+    """Symbol of a run length (section 3.2.5)."""
     extra = _run_extra(run)
     return END + 1 + (28 if run == LONGEST else 4 * extra + ((run - SHORTEST) >> extra))
 
 
 @compiled
 def _stream_words(lengths: Any, symbol_codes: Any, words: Any, bits: Any) -> None:
-    """What the stream takes for each token: of a run its symbol, its extra bits, and a 0 for the distance 1."""
+    """Bit pattern and length of each token: for a run its code, its extra bits, and a 0 for distance 1."""
     words[: END + 1], bits[: END + 1] = symbol_codes[: END + 1], lengths[: END + 1]
     for run in range(SHORTEST, LONGEST + 1):
         symbol, extra = _run_symbol(run), _run_extra(run)
@@ -103,7 +103,7 @@ def _stream_words(lengths: Any, symbol_codes: Any, words: Any, bits: Any) -> Non
 
 @compiled
 def _put_lengths(out: Any, at: int, lengths: Any) -> int:
-    """Tell the lengths of all codes, and that distances have one code of one bit (section 3.2.7)."""
+    """Write the lengths of all codes, with one distance code of one bit (section 3.2.7); returns the next bit."""
     at = _put(out, at, SYMBOLS - 257, 5)
     at = _put(out, at, 0, 5)
     at = _put(out, at, META_ORDER.size - 4, 4)
@@ -123,7 +123,7 @@ def _put_lengths(out: Any, at: int, lengths: Any) -> int:
 
 @compiled
 def _put(out: Any, at: int, word: int, count: int) -> int:
-    """Put `count` bits of a word, which has no others, at a bit of the stream; where the next ones go."""
+    """Write the lowest `count` bits of a word, whose other bits are 0, at bit `at`; returns the next bit."""
     k, shift = at >> 6, at & 63
     if shift == 0:
         out[k] = np.uint64(word)
@@ -136,7 +136,7 @@ def _put(out: Any, at: int, word: int, count: int) -> int:
 
 @compiled
 def _put_tokens(out: Any, at: int, tokens: Any, words: Any, bits: Any) -> int:
-    """Put the words of tokens, as `_put` does, with the word of the stream that is being filled at hand."""
+    """Write the bit patterns of all tokens, as `_put` with the current output word buffered; returns the next bit."""
     k, fill = at >> 6, at & 63
     buffer = out[k] if fill else np.uint64(0)
     for token in tokens:

@@ -1,4 +1,4 @@
-"""The PNG encoder: one filter for all rows, runs and Huffman codes; its bytes depend on no library or processor."""
+"""PNG encoder with one filter for all rows; its bytes depend on no library version or processor."""
 
 import struct
 import zlib
@@ -14,10 +14,10 @@ from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.filters import AVERAGE, UP, filter_rows
 
 ENCODING = "uavbench 1"
-"""Version of the bytes that the same pixels give; to be raised with every change of them."""
+"""Version of the encoding; raise it with every change of the bytes that the same pixels give."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 ZLIB_HEADER = b"\x78\x01"
-"""Deflate with a window of 32 KiB, fastest (RFC 1950)."""
+"""Deflate with a window of 32 KiB, fastest compression level (RFC 1950)."""
 GREY, RGB = 0, 2
 """Colour types (PNG specification, third edition, section 11.2.1)."""
 
@@ -25,7 +25,7 @@ GREY, RGB = 0, 2
 def png(image: NDArray[Any], *, smooth: bool = False) -> bytes:
     """PNG file of an image (h, w) or (h, w, 3) BGR of 8 or 16 bits, the same bytes for the same pixels everywhere.
 
-    Rows are less the mean of their neighbours, as suits noise, or, of a smooth image, less the row above.
+    Rows are filtered by AVERAGE, which suits noisy images, or by UP for smooth ones.
     """
     h, w = image.shape[:2]
     color = image.ndim == 3
@@ -44,12 +44,12 @@ def png(image: NDArray[Any], *, smooth: bool = False) -> bytes:
 
 @lru_cache(maxsize=4)
 def _room(rows: int, columns: int) -> tuple[NDArray[np.uint8], NDArray[np.uint64]]:
-    """Room for filtered rows and for their stream, kept from image to image: new memory takes as long as filtering."""
+    """Buffers of filtered rows and of the stream, reused between images: allocation takes as long as filtering."""
     return np.empty((rows, columns), dtype=np.uint8), np.empty(room_words(rows * columns), dtype=np.uint64)
 
 
 def _chunk(kind: bytes, *data: Any) -> list[Any]:
-    """Pieces of a chunk (PNG specification, third edition, section 5.3)."""
+    """A chunk as a list of buffers (PNG specification, third edition, section 5.3)."""
     crc = zlib.crc32(kind)
     for piece in data:
         crc = zlib.crc32(piece, crc)

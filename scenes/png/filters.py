@@ -12,9 +12,9 @@ UP, AVERAGE = 2, 3
 
 @compiled("u2 i0 i0 u2!")
 def filter_rows(rows: Any, pixel: int, kind: int, out: Any) -> None:
-    """Rows (h, n) of bytes less the row above (UP), or less the mean of that and of the left pixel (AVERAGE).
+    """Residuals of rows (h, n) of bytes against the row above (UP), or its mean with the pixel to the left (AVERAGE).
 
-    out (h, 1 + n) has the filter's type before each row; pixel is the number of bytes of one.
+    out (h, 1 + n) has the filter type before each row; pixel is the number of bytes per pixel.
     """
     h, n = rows.shape
     above = np.zeros(n, dtype=np.uint8)

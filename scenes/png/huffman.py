@@ -1,4 +1,4 @@
-"""Compiled Huffman codes of limited length (RFC 1951, section 3.2)."""
+"""Compiled length-limited Huffman codes (RFC 1951, section 3.2)."""
 
 from typing import Any
 
@@ -7,15 +7,15 @@ import numpy as np
 from uavbench.trajectories.kernels.compiled import compiled
 
 DEEPEST = 64
-"""Bits that no code of less than 2^44 symbols reaches."""
+"""Bound of the depth of the tree: a code of 64 bits takes more than 2^44 occurrences (Fibonacci counts)."""
 
 
 @compiled("i1 i0 i1!", inner=True)
 def code_lengths(counts: Any, longest: int, lengths: Any) -> None:
-    """Bits of the code of each symbol by how often it occurs, 0 where it does not, none above longest.
+    """Code length (n,) in bits of each symbol from its count (n,): 0 where it does not occur, at most longest.
 
-    Two symbols or more must occur. Huffman's tree with a queue of leaves and one of inner nodes (van Leeuwen 1976);
-    codes beyond longest are cut, and shorter ones made longer until Kraft's sum is 1.
+    At least two symbols must occur. Huffman's algorithm with a queue of leaves and one of inner nodes (van Leeuwen
+    1976); codes above longest are truncated, and shorter ones lengthened until the Kraft sum is 1.
     """
     size = counts.size
     order = np.empty(size, dtype=np.int64)
@@ -57,7 +57,7 @@ def code_lengths(counts: Any, longest: int, lengths: Any) -> None:
 
 @compiled
 def _limit(per_depth: Any, longest: int) -> None:
-    """Make codes longer, deepest first, until as many as are counted by their bits find room in one tree."""
+    """Lengthen codes, deepest first, until the counts per code length satisfy the Kraft inequality."""
     excess = -(1 << longest)
     for depth in range(1, longest + 1):
         excess += per_depth[depth] << (longest - depth)
@@ -73,7 +73,7 @@ def _limit(per_depth: Any, longest: int) -> None:
 
 @compiled("i1 w1!", inner=True)
 def codes(lengths: Any, out: Any) -> None:
-    """Canonical codes (section 3.2.2) of these lengths, their first bit lowest, as a stream takes them."""
+    """Canonical codes (section 3.2.2) of code lengths (n,), bit-reversed, as they are written to the stream."""
     per_depth, code = np.zeros(DEEPEST, dtype=np.int64), np.zeros(DEEPEST, dtype=np.int64)
     for symbol in range(lengths.size):
         per_depth[lengths[symbol]] += 1

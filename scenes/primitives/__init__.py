@@ -1,4 +1,4 @@
-"""Closed solids and small meshes that structures and environments are made of.
+"""Closed solids and simple meshes from which structures and environments are built.
 
-In: sizes in metres and materials. Out: renderable parts. Imports materials.
+In: dimensions in metres and materials. Out: renderable parts. Imports materials.
 """

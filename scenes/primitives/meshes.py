@@ -1,4 +1,4 @@
-"""Small meshes that parts are made of: grids on planes, boxes, and how they are joined."""
+"""Simple meshes: planar grids, boxes, and their concatenation."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -19,14 +19,14 @@ BOX_TRIANGLES: Indices = np.array(
 
 
 class TriangleMesh(NamedTuple):
-    """Vertices (n, 3) in metres, and triangles (m, 3), counter-clockwise from outside."""
+    """Vertices (n, 3) in metres and triangles (m, 3), counter-clockwise seen from outside."""
 
     vertices: Array
     triangles: Indices
 
 
 class Grid(NamedTuple):
-    """A mesh on a parallelogram: vertices (n, 3) in metres, triangles (m, 3) facing u x v, (u, v) in 0..1 (n, 2)."""
+    """Mesh of a parallelogram: vertices (n, 3) in metres, triangles (m, 3) with normal u x v, uv (n, 2) in 0..1."""
 
     vertices: Array
     triangles: Indices
@@ -34,14 +34,14 @@ class Grid(NamedTuple):
 
 
 def box(low: Array | Iterable[float], high: Array | Iterable[float]) -> TriangleMesh:
-    """Axis-aligned box between its lowest and highest corner (3,), metres."""
+    """Axis-aligned box between its lowest and highest corners (3,), metres."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     return TriangleMesh(np.array([[x, y, z] for z in (z0, z1) for x, y in corners]), BOX_TRIANGLES.copy())
 
 
 def joined(meshes: Iterable[TriangleMesh]) -> TriangleMesh:
-    """One mesh of several."""
+    """The meshes concatenated; vertices are not merged."""
     vertices, triangles, count = [], [], 0
     for points, corners in meshes:
         vertices.append(points)
@@ -56,7 +56,7 @@ def panel(
     along_v: Array | Iterable[float],
     step_m: float,
 ) -> Grid:
-    """Grid on the parallelogram of two sides (3,) from an origin (3,), its lines at most step_m apart."""
+    """Grid on the parallelogram spanned by two sides (3,) at an origin (3,), lines at most step_m metres apart."""
     o, u, v = (np.array(list(x), dtype=np.float64) for x in (origin, along_u, along_v))
     nu = max(1, int(np.ceil(np.linalg.norm(u) / step_m)))
     nv = max(1, int(np.ceil(np.linalg.norm(v) / step_m)))
@@ -64,7 +64,7 @@ def panel(
 
 
 def grid(origin: Array, u: Array, v: Array, us: Array, vs: Array) -> Grid:
-    """Like `panel`, with the grid lines at the given shares of u and v."""
+    """Grid on a parallelogram, as `panel`, with lines at the given fractions us (k,) of u and vs (l,) of v."""
     s, t = np.meshgrid(us, vs)
     uv = np.column_stack([s.ravel(), t.ravel()])
     corner = (np.arange(len(vs) - 1)[:, None] * len(us) + np.arange(len(us) - 1)).ravel()
@@ -76,7 +76,7 @@ def grid(origin: Array, u: Array, v: Array, us: Array, vs: Array) -> Grid:
 
 
 def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
-    """The parts merged into one for each texture, material and instance, which look the same."""
+    """The parts merged into one per texture, material, instance and set of vertex attributes; renders identically."""
     alike: dict[tuple[object, ...], list[Part]] = {}
     for part in parts:
         key = (id(part.texture), part.roughness, part.two_sided, part.casts_shadow, part.instance, id(part.ripples))
@@ -86,7 +86,7 @@ def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
 
 
 def merge(parts: Iterable[Part]) -> Part:
-    """One part of several that share texture and material; all or none of them have uv, normals and tint."""
+    """Concatenation of parts that share texture and material; each of uv, normals and tint is set in all or none."""
     several = list(parts)
     vertices, triangles = joined(TriangleMesh(p.vertices, p.triangles) for p in several)
 

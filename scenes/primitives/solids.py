@@ -1,4 +1,4 @@
-"""Closed solids that structures are made of, and the texture mapping of their faces."""
+"""Closed solids from which structures are built, and the texture mapping of their faces."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -14,12 +14,12 @@ from uavbench.scenes.structure import Indices, Structure
 from uavbench.trajectories.pose import Array
 
 SLENDER_M = 0.25
-"""Narrower triangles are not subdivided: shading that varies along them is not visible."""
+"""Triangles of less height than this, metres, are not subdivided: shading gradients on them are not visible."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed mesh of one material; `name` is what deviations from the design refer to."""
+    """A closed mesh of one material: vertices (n, 3) in metres, triangles (m, 3); deviations refer to its `name`."""
 
     vertices: Array
     triangles: Indices
@@ -28,15 +28,15 @@ class Solid:
 
 
 def block(low: Iterable[float], high: Iterable[float], material: Material, name: str = "") -> Solid:
-    """Axis-aligned box."""
+    """Axis-aligned box between its lowest and highest corners (3,), metres."""
     return Solid(*box(low, high), material, name)
 
 
 def prism(profile: Array, start: Iterable[float], end: Iterable[float], material: Material, name: str = "") -> Solid:
-    """A polygon (n, 2), counter-clockwise, swept from start to end.
+    """Prism of a simple, counter-clockwise polygon (n, 2) swept from start (3,) to end (3,), metres.
 
-    The polygon's first axis is horizontal and to the left of the sweep, its second completes a right-handed frame
-    (upwards for a level sweep). A sweep straight up takes the first axis along y.
+    The polygon's first axis is horizontal, to the left of the sweep direction, and its second completes a right-handed
+    frame (upwards for a horizontal sweep). For a vertical sweep the first axis is y.
     """
     a, b = np.array(list(start), dtype=np.float64), np.array(list(end), dtype=np.float64)
     along = (b - a) / np.linalg.norm(b - a)
@@ -53,15 +53,15 @@ def prism(profile: Array, start: Iterable[float], end: Iterable[float], material
 
 
 def _outward(sides: Indices, caps: Indices, n: int) -> Indices:
-    """Triangles of a prism, outside counter-clockwise: left x up = along, so the far cap keeps the polygon's turn."""
+    """Triangles of a prism, counter-clockwise from outside: left x up = along, so the far cap keeps its orientation."""
     return np.concatenate([sides[:, ::-1], caps[:, ::-1], caps + n]).astype(np.int64)
 
 
 def ear_clip(polygon: Array) -> Indices:
-    """Triangles (n - 2, 3) of a simple counter-clockwise polygon (n, 2) (Meisters 1975).
+    """Ear-clipping triangulation (n - 2, 3) of a simple counter-clockwise polygon (n, 2) (Meisters 1975).
 
-    Own code: trimesh triangulates by earcut or triangle, neither of which it installs, and another triangulation would
-    change the bytes of every rendered structure.
+    ValueError when the polygon is not simple or not counter-clockwise. Implemented here since trimesh's triangulation
+    needs earcut or triangle, which it does not install, and another triangulation would change the rendered datasets.
     """
     left = list(range(len(polygon)))
     out: list[list[int]] = []
@@ -85,14 +85,18 @@ def ear_clip(polygon: Array) -> Indices:
 
 
 def circle(radius: float, sides: int) -> Array:
-    """Regular polygon (sides, 2) of the same area as the circle."""
+    """Regular polygon (sides, 2) about the origin, of the same area as a circle of this radius."""
     angle = (np.arange(sides) + 0.5) * 2 * np.pi / sides
     r = radius * np.sqrt(2 * np.pi / sides / np.sin(2 * np.pi / sides))
     return np.asarray(r * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 def covered(solid: Solid, instance: int = 1, longest_m: float = 3.0) -> Part:
-    """The solid as a part: its triangles cut to longest_m, each face mapped in metres along its two main axes."""
+    """The solid as a textured part.
+
+    Triangles are bisected until no side exceeds longest_m metres; texture coordinates are metres along the horizontal
+    and the slope of each face (x and y for level faces), over the tile size of the material.
+    """
     points = solid.vertices[solid.triangles]
     points = _cut(points, longest_m)
     normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
@@ -115,12 +119,12 @@ def covered(solid: Solid, instance: int = 1, longest_m: float = 3.0) -> Part:
 
 
 def cover_all(solids: Iterable[Solid], instance: int = 1, longest_m: float = 3.0) -> tuple[Part, ...]:
-    """Parts of all solids."""
+    """Textured parts of all solids, as `covered`."""
     return tuple(covered(solid, instance, longest_m) for solid in solids)
 
 
 def structure_of(solids: Iterable[Solid]) -> Structure:
-    """Structure of solids that may touch but do not share faces: each solid keeps its own edges."""
+    """Structure of solids that may touch but share no faces: each solid keeps all of its crease edges."""
     several = [Structure.from_mesh(s.vertices, s.triangles) for s in solids]
     points = np.cumsum([0] + [len(s.vertices) for s in several])
     faces = np.cumsum([0] + [len(s.face_normals) for s in several])
@@ -141,7 +145,7 @@ def _shifted(faces: Indices, by: int) -> Indices:
 
 
 def cells(xs: Array, ys: Array, zs: Array, filled: NDArray[np.bool_], material: Material, name: str = "") -> Solid:
-    """Closed surface of the filled cells (nx, ny, nz) of a grid with these lines (nx + 1), (ny + 1), (nz + 1)."""
+    """Closed surface of the filled cells (nx, ny, nz) of a grid with lines xs (nx + 1,), ys, zs, metres."""
     shape = (len(xs), len(ys), len(zs))
     number = np.arange(np.prod(shape)).reshape(shape)
     triangles = []
@@ -160,7 +164,7 @@ def cells(xs: Array, ys: Array, zs: Array, filled: NDArray[np.bool_], material: 
 
 
 def _square(u: int, v: int) -> Indices:
-    """Steps to the four corners of a cell's face, counter-clockwise about u x v."""
+    """Index offsets (4, 3) of the corners of a cell face, counter-clockwise about u x v."""
     steps = np.zeros((4, 3), dtype=np.int64)
     steps[1:3, u] = 1
     steps[2:4, v] = 1
@@ -168,7 +172,7 @@ def _square(u: int, v: int) -> Indices:
 
 
 def picture(origin: Array, u: Array, v: Array, material: Material, instance: int = 1, inset: float = 0.002) -> Part:
-    """A rectangle (origin, sides u and v) that shows the material's texture once, less an inset at its borders."""
+    """Rectangle (origin, sides u and v (3,), metres) that shows the texture once, cropped by `inset` on each side."""
     normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
     return Part(
         vertices=np.array([origin, origin + u, origin + u + v, origin + v]),
@@ -182,7 +186,7 @@ def picture(origin: Array, u: Array, v: Array, material: Material, instance: int
 
 
 def moved(part: Part, rotation: Array, translation: Array) -> Part:
-    """The part rotated, then translated."""
+    """The part with its vertices rotated by rotation (3, 3), then translated by translation (3,), metres."""
     return replace(
         part,
         vertices=part.vertices @ rotation.T + translation,
@@ -191,7 +195,7 @@ def moved(part: Part, rotation: Array, translation: Array) -> Part:
 
 
 def subdivided(part: Part, longest_m: float, below_m: float) -> Part:
-    """The part with all triangles that reach below a height bisected until their sides are at most longest_m long."""
+    """The part with triangles that reach below z = below_m bisected until no side exceeds longest_m, metres."""
     given = [name for name in ("normals", "uv", "tint") if getattr(part, name) is not None]
     columns = np.hstack([part.vertices, *(getattr(part, name) for name in given)])
     corners = columns[part.triangles]
@@ -215,7 +219,7 @@ def subdivided(part: Part, longest_m: float, below_m: float) -> Part:
 
 
 def _cut(triangles: Array, longest_m: float) -> Array:
-    """Triangles (n, 3, 3) bisected at their longest sides until each is at most longest_m long, or slender."""
+    """Triangles (n, 3, 3) bisected at their longest sides until none exceeds longest_m, except slender ones."""
     done = []
     while len(triangles):
         sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)

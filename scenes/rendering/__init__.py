@@ -1,5 +1,5 @@
-"""From parts to images: GL context, shaders, shadows, baked light, and the camera simulator.
+"""Rendering: GL context, shaders, shadow maps, baked light, and the camera simulator.
 
-In: renderable parts and a moving camera. Out: linear radiance, depth and instances at any time. Only this room knows
-OpenGL's axes. Imports nothing of structures or datasets.
+In: renderable parts and a moving camera. Out: linear radiance, depth and instances at any time. OpenGL's axis
+convention is confined to this package. Imports nothing of structures or datasets.
 """

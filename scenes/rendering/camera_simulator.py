@@ -1,4 +1,4 @@
-"""The camera simulator: images of a rendered scene from a moving camera, at any time."""
+"""Camera simulator: images of a rendered scene from a moving camera at any time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,18 +19,18 @@ from uavbench.trajectories.pose import Array, Pose, rotation_log
 FLOW_STEP = 2
 SLICE_PX = 3.0
 STILL_PX = 0.4
-"""Motion during an exposure that is negligible: it adds less than 0.014 px^2 to the variance of an edge."""
+"""Image motion during an exposure that is neglected: it adds less than 0.014 px^2 to the variance of an edge."""
 MAX_SLICES = 64
 LARGEST_RENDER = 4.0
-"""Largest size of the rendered pinhole over that of a distorted camera."""
+"""Largest ratio of the rendered pinhole image to that of a distorted camera, per side."""
 LEAST_ROUND_TRIP_PX = 0.01
-"""Largest round-trip error of undistortion and distortion, beyond which a pixel has no ray."""
+"""Round-trip error of undistortion and distortion above which a pixel has no valid ray."""
 Map = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A pinhole image at one instant: codes of the renderer, and depth in metres (0: background)."""
+    """Pinhole image at one instant: square-root coded colour (h, w, 3) BGR, depth (h, w) in metres (0: background)."""
 
     color: NDArray[np.uint8]
     depth: NDArray[np.float32]
@@ -39,14 +39,14 @@ class View:
 
 
 class Geometry(NamedTuple):
-    """What each pixel shows: depth (h, w) along the optical axis, metres, 0 where nothing; instances (h, w)."""
+    """Depth (h, w) along the optical axis in metres, 0 for the background, and instances (h, w)."""
 
     depth_m: NDArray[np.float32]
     instances: NDArray[np.uint8]
 
 
 class SceneRenderer(Protocol):
-    """Interface of renderers: `Renderer`, or a path tracer."""
+    """Interface of renderers, such as `Renderer` or a path tracer."""
 
     def color(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera."""
@@ -57,18 +57,18 @@ class SceneRenderer(Protocol):
         ...
 
     def nearest_m(self, eye: Array) -> float:
-        """Lower bound of the distance from a point to what is drawn and does not move."""
+        """Lower bound of the distance in metres from a point (3,) in the world to all static parts."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class CameraSimulator:
-    """A simulated camera; an effect takes one and returns another.
+    """A simulated camera; an effect maps one to another.
 
-    pinhole is what is rendered, lens the place (h, w, 2) in it of each pixel of the camera, None where they are the
-    same. render gives a view; expose gives the mean light over a time interval; image is what the camera delivers
-    of a frame, None when the frame is lost. The stamp of a frame is the middle of its exposure, for a rolling
-    shutter the middle of its middle row's.
+    pinhole is the camera that is rendered; lens (h, w, 2) the position in its image, px, of each pixel of the camera,
+    None where the two are the same. render returns a view at a stamp; expose the mean irradiance over a time interval;
+    image the frame that the camera delivers, None when it is dropped. Times are in ns. The stamp of a frame is the
+    middle of its exposure, for a rolling shutter that of the middle row. row_delay_ns is the delay between rows.
     """
 
     camera: Camera
@@ -89,7 +89,7 @@ def ideal_camera(
     cam_from_world: Callable[[int], Pose],
     blur_px: float = 0.0,
 ) -> CameraSimulator:
-    """An ideal camera: a lens that spreads light by blur_px (pixels of the pinhole), global shutter, no noise."""
+    """Ideal camera: global shutter, no noise, Gaussian point spread of standard deviation blur_px (pinhole pixels)."""
 
     @lru_cache(maxsize=2)
     def color(stamp_ns: int) -> NDArray[np.uint8]:
@@ -132,9 +132,9 @@ def ideal_camera(
 def through_lens(
     renderer: SceneRenderer, cam_from_world: Pose, pinhole: Camera, time_s: float, blur_px: float
 ) -> NDArray[np.uint8]:
-    """Codes (h, w, 3) of the renderer seen through a lens: the mean light of renders shifted by its point spread.
+    """Square-root coded image (h, w, 3) through a lens: the mean irradiance of renders shifted by its point spread.
 
-    Samples that are shifted lie closer together, so that edges lie where their light does to a few thousandths of a px.
+    The shifts refine the sampling, so that the position of an edge is accurate to a few thousandths of a pixel.
     """
     if blur_px == 0.0:
         return renderer.color(cam_from_world, pinhole, time_s)
@@ -148,15 +148,15 @@ def through_lens(
 
 @cache
 def normal_spread() -> Array:
-    """Quantiles (4,) of a normal point spread, of unit deviation."""
-    from scipy.special import ndtri  # takes a fifth of a second, and every command loads this file
+    """Four quantiles (4,) of the normal distribution, scaled to unit standard deviation."""
+    from scipy.special import ndtri  # lazy: it takes 0.2 s, and every command imports this module
 
     quantiles = ndtri((np.arange(4) + 0.5) / 4)
     return np.asarray(quantiles / np.std(quantiles))
 
 
 def _still(renderer: SceneRenderer, pinhole: Camera, before: Pose, after: Pose) -> bool:
-    """Whether no static surface can move by STILL_PX in the image between two poses."""
+    """Whether the image motion of every static surface between two poses is bounded by STILL_PX."""
     step = after @ before.inverse()
     nearest = renderer.nearest_m(before.inverse().translation)
     widest = 1 + (max(pinhole.cx, pinhole.width - pinhole.cx) / pinhole.fx) ** 2
@@ -166,7 +166,10 @@ def _still(renderer: SceneRenderer, pinhole: Camera, before: Pose, after: Pose) 
 
 
 def flow_between(view: View, pinhole: Camera, before: Pose, after: Pose) -> Map:
-    """Motion (h, w, 2) in px, from the pose before to the one after, of what each pixel shows."""
+    """Optical flow (h, w, 2) in px from pose `before` to pose `after`, both `cam_from_world`, at the pixels of a view.
+
+    Evaluated at every FLOW_STEP-th pixel and interpolated; background counts as infinitely far.
+    """
     world_from_cam = view.cam_from_world.inverse()
     h, w = view.depth.shape
     flow = np.empty(((h + FLOW_STEP - 1) // FLOW_STEP, (w + FLOW_STEP - 1) // FLOW_STEP, 2), dtype=np.float32)
@@ -177,7 +180,7 @@ def flow_between(view: View, pinhole: Camera, before: Pose, after: Pose) -> Map:
 
 
 def add_motion_blur(color: NDArray[np.uint8], flow: Map, lens: Map | None, weight: float, out: Radiance) -> None:
-    """Add the mean light along each pixel's motion (h, w, 2), weighted."""
+    """Add to out the mean irradiance along the flow (h, w, 2) of each pixel, times weight."""
     taps = max(1, int(np.ceil(float(np.abs(flow).max()) * 1.25 + 0.2)))
     place = pixel_grid(color.shape[1], color.shape[0]) if lens is None else lens
     if lens is not None:
@@ -189,28 +192,28 @@ def add_motion_blur(color: NDArray[np.uint8], flow: Map, lens: Map | None, weigh
 
 
 def light_of(color: NDArray[np.uint8]) -> Radiance:
-    """Linear light of the renderer's codes; only light can be interpolated and summed without bias."""
+    """Linear radiance of a square-root coded image; only linear values can be averaged without bias."""
     return np.asarray(cv2.LUT(color, RENDERED), dtype=np.float32)
 
 
 def add(light: Radiance, weight: float, out: Radiance) -> None:
-    """Out += weight * light."""
+    """Accumulate in place: out += weight * light."""
     cv2.scaleAdd(light, weight, out, out)
 
 
 def pixel_grid(width: int, height: int) -> Map:
-    """Coordinates (h, w, 2) of the pixels themselves."""
+    """Coordinates (h, w, 2) of all pixel centres: column, row."""
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
 
 
 def sample(image: NDArray[Any], place: Map) -> NDArray[Any]:
-    """The image (h, w, channels) at fractional places (h', w', 2), bilinear, its border repeated outside."""
+    """The image (h, w, channels) at positions (h', w', 2) in px, by bilinear interpolation with replicated border."""
     none: Any = None
     return np.asarray(cv2.remap(image, place, none, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 class RenderCamera(NamedTuple):
-    """The pinhole camera that is rendered, and the place (h, w, 2) in it of each pixel of the camera behind a lens.
+    """The pinhole camera that is rendered, and the position (h, w, 2) in its image, px, of each pixel of a camera.
 
     lens: None where the two cameras are the same.
     """
@@ -220,10 +223,10 @@ class RenderCamera(NamedTuple):
 
 
 def render_camera(camera: Camera, margin_px: int = 0) -> RenderCamera:
-    """Pinhole camera that sees all that a camera does, with a margin, and the place in it of each of its pixels.
+    """Pinhole camera that covers the field of view of a camera plus a margin in px, and the map between their pixels.
 
-    Its focal lengths are the camera's own, so that the middle of the image keeps its sharpness. UserError when a
-    pixel looks so far aside that no pinhole of sensible size can see it.
+    It has the focal lengths of the camera, so that the centre of the image keeps its resolution. UserError when the
+    pinhole would exceed LARGEST_RENDER times the image, or when the distortion is not invertible within it.
     """
     if camera.distortion_model == "none" and margin_px == 0:
         return RenderCamera(camera, None)

@@ -1,8 +1,8 @@
 """Creation of the OpenGL context, with workarounds for pyrender and PyOpenGL.
 
-pyrender 0.1.45 uses `np.infty` (gone in numpy 2), pins PyOpenGL 3.1.0 (which does not know the name that
-Python 3.12 gave to ctypes' argument objects, and has no OSMesaCreateContextAttribs), and does not let OSMesa keep
-its framebuffers. Nothing else imports OpenGL or pyrender before `context()` has run.
+pyrender 0.1.45 uses `np.infty` (removed in numpy 2), pins PyOpenGL 3.1.0 (which lacks Python 3.12's name of ctypes
+argument objects, and OSMesaCreateContextAttribs), and disables framebuffer objects with OSMesa. No other module may
+import OpenGL or pyrender before `context()` has run.
 """
 
 import ctypes
@@ -21,14 +21,15 @@ PACKAGES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libosmesa6"
 
 
 class GLUnavailableError(UserError):
-    """No OpenGL context can be made; says why and which packages are missing."""
+    """No OpenGL context can be created; the message says why and which packages to install."""
 
 
 @functools.cache
 def context() -> Any:
-    """The GL context of this process (a pyrender platform), made current; GLUnavailableError when there is none.
+    """The GL context of this process (a pyrender platform), made current.
 
-    UAVBENCH_GL=egl|osmesa chooses; otherwise EGL, and OSMesa where EGL fails.
+    UAVBENCH_GL=egl|osmesa selects the platform; by default EGL is tried first, then OSMesa. GLUnavailableError when no
+    context can be created.
     """
     wanted = os.environ.get("UAVBENCH_GL", "")
     probes = {"egl": _probe_egl, "osmesa": _probe_osmesa}
@@ -44,13 +45,13 @@ def context() -> Any:
 
 
 def name() -> str:
-    """`egl` or `osmesa`: what `context()` uses."""
+    """Platform of `context()`: `egl` or `osmesa`."""
     context()
     return os.environ["PYOPENGL_PLATFORM"]
 
 
 def version() -> str:
-    """Renderer and version of the GL library, as it names itself."""
+    """Renderer and version strings of the GL implementation."""
     context()
     from OpenGL import GL
 
@@ -59,7 +60,7 @@ def version() -> str:
 
 def _make(kind: str) -> Any:
     os.environ["PYOPENGL_PLATFORM"] = kind
-    os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe's threads gain nothing and take cores
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe's threads occupy cores without a speed-up
     if not hasattr(np, "infty"):
         setattr(np, "infty", np.inf)  # noqa: B010  (an assignment is what ruff rewrites)
     _without_viewer()
@@ -82,14 +83,14 @@ def _make(kind: str) -> Any:
 
 
 def _without_viewer() -> None:
-    """Keep pyrender from importing its window, which needs X11's libraries even where no window is opened."""
+    """Keep pyrender from importing its viewer, which needs the X11 libraries even without a window."""
     viewer = types.ModuleType("pyrender.viewer")
     setattr(viewer, "Viewer", None)  # noqa: B010  (the name that pyrender's __init__ asks for)
     sys.modules.setdefault(viewer.__name__, viewer)
 
 
 def _make_hashable() -> None:
-    """PyOpenGL 3.1.0 keeps its notes by context, whose type it lets OSMesa use but not hash."""
+    """Make the context type hashable: PyOpenGL 3.1.0 keeps data by context, and that of OSMesa has no hash."""
     import OpenGL.platform
 
     current = OpenGL.platform.PLATFORM.GetCurrentContext()
@@ -102,7 +103,7 @@ def _make_hashable() -> None:
 
 
 class _OSMesaPlatform:
-    """OSMesa context with a core profile; it draws into framebuffer objects, so its own buffer stays small."""
+    """OSMesa context with a core profile; rendering goes to framebuffer objects, so its own buffer is minimal."""
 
     FORMAT, PROFILE, CORE, MAJOR, MINOR, DEPTH_BITS = 0x22, 0x33, 0x34, 0x36, 0x37, 0x30
     RGBA, UNSIGNED_BYTE = 0x1908, 0x1401
@@ -131,7 +132,7 @@ class _OSMesaPlatform:
 
 
 def _load(library: str) -> ctypes.CDLL:
-    """The shared library; OSError when there is none."""
+    """Load a shared library by its base name; OSError when it is missing."""
     found = ctypes.util.find_library(library)
     if found is None:
         raise OSError(f"no lib{library} on this machine")
@@ -139,7 +140,7 @@ def _load(library: str) -> ctypes.CDLL:
 
 
 def _probe_osmesa() -> str | None:
-    """None when OSMesa can make a core context, otherwise why not."""
+    """None when OSMesa can create a core context, otherwise the reason."""
     try:
         _load("OSMesa").OSMesaCreateContextAttribs  # noqa: B018  (looks the symbol up)
     except (OSError, AttributeError) as error:
@@ -148,9 +149,9 @@ def _probe_osmesa() -> str | None:
 
 
 def _probe_egl() -> str | None:
-    """None when EGL can make a desktop-GL context, otherwise why not.
+    """None when EGL can create a desktop OpenGL context, otherwise the reason.
 
-    Asked through ctypes, since PyOpenGL cannot change its platform once it is imported.
+    Probed through ctypes, since PyOpenGL cannot change its platform once it is imported.
     """
     try:
         egl = _load("EGL")

@@ -1,4 +1,4 @@
-"""Planes of all rendered triangles in float64, from which the surface point of a pixel and its motion are computed."""
+"""Planes of all rendered triangles in float64, for the surface point of a pixel and its motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from uavbench.trajectories.pose import Array, Pose
 NONE = -1
 """Row of no facet: background or sky."""
 ON_BORDER = 1e-9
-"""Share of a triangle by which a place on its border may seem to lie outside."""
+"""Tolerance of barycentric coordinates for points on the border of a triangle."""
 Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """Planes `normal . x = offset` of facets in the world at one time.
+    """Planes `normal . x = offset` of facets in the world frame at one time.
 
-    normals (n, 3) unit, offsets_m (n,); corners_m (n, 3, 3) of the facets.
+    normals (n, 3) are unit vectors; offsets_m (n,); corners_m (n, 3, 3) are the vertices of the facets.
     """
 
     normals: Array
@@ -30,14 +30,14 @@ class Planes:
     corners_m: Array
 
     def along(self, rows: Rows, origin: Array, rays: Array) -> Array:
-        """Ray parameters (k,) at which rays (k, 3) from an origin meet the planes of their facets; inf: never."""
+        """Ray parameters (k,) at which rays (k, 3) from an origin (3,) meet the planes of facets; inf: none."""
         normals = self.normals[rows]
         with np.errstate(divide="ignore", invalid="ignore"):
             share = (self.offsets_m[rows] - normals @ origin) / np.einsum("ij,ij->i", normals, rays)
         return np.where(share > 0, share, np.inf)
 
     def through(self, rows: Rows, origin: Array, rays: Array) -> Array:
-        """As `along`, but inf where a ray misses the facet itself, or the row is NONE."""
+        """Ray parameters (k,) as `along`, but inf where a ray misses the facet itself, or its row is NONE."""
         share = np.full(len(rows), np.inf)
         there = np.flatnonzero(rows != NONE)
         share[there] = self.along(rows[there], origin, rays[there])
@@ -49,7 +49,7 @@ class Planes:
 
 
 class DrawnPart(NamedTuple):
-    """A part that is drawn, and its motion, None where it stands still."""
+    """A part that is drawn, and its motion, None for a static part."""
 
     part: Part
     mover: Mover | None
@@ -57,10 +57,10 @@ class DrawnPart(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """Triangles of all drawn meshes, one after the other.
+    """Triangles of all drawn meshes, concatenated.
 
-    first (m,): row of each mesh's first triangle; corners_m (n, 3, 3) in the frame of the part that they belong to, the
-    world unless it moves; movers: of each moving mesh its rows and its motion; has_sky: whether there is sky behind.
+    first (m,): row of the first triangle of each mesh; corners_m (n, 3, 3) in the frame of the part, which is the world
+    for static parts; movers: rows and motion of each moving mesh; has_sky: whether the background is a sky.
     """
 
     first: Rows
@@ -70,7 +70,7 @@ class Facets:
 
     @classmethod
     def of(cls, drawn: Sequence[DrawnPart], *, has_sky: bool) -> "Facets":
-        """Facets of parts in the order in which they are drawn."""
+        """Facets of parts in drawing order."""
         counts = np.array([len(part.triangles) for part, _ in drawn], dtype=np.int64)
         first = np.cumsum(counts) - counts
         corners = [part.vertices[part.triangles] for part, _ in drawn]
@@ -82,7 +82,7 @@ class Facets:
         return cls(first, np.concatenate([np.zeros((0, 3, 3)), *corners]), movers, has_sky)
 
     def planes(self, time_s: float) -> Planes:
-        """Planes of all facets at a time."""
+        """Planes of all facets at a time in seconds, world frame."""
         corners = self.corners_m
         if self.movers:
             corners = corners.copy()
@@ -95,7 +95,7 @@ class Facets:
         return Planes(normals, np.einsum("ij,ij->i", normals, a), corners)
 
     def carried(self, rows: Rows, points_m: Array, from_s: float, to_s: float) -> Array:
-        """Points (k, 3) of the world on facets (k,), moved with their facets from one time to another."""
+        """Points (k, 3) in the world on facets (k,), moved with their facets from one time to another, in seconds."""
         out = points_m.copy()
         for span, mover in self.movers:
             on = (rows >= span.start) & (rows < span.stop)

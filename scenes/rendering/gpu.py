@@ -11,7 +11,7 @@ from uavbench.trajectories.pose import Array
 
 
 class Program:
-    """A linked shader program; each uniform is looked up once."""
+    """A linked shader program with cached uniform locations; RuntimeError when it does not compile or link."""
 
     def __init__(self, GL: Any, vertex: str, fragment: str) -> None:
         self._gl, self._at = GL, dict[str, int]()
@@ -60,7 +60,7 @@ class Program:
 
 
 class Mesh:
-    """A part's vertices on the GPU (as a pyrender primitive), ready to draw; lit when some of it may face the lamp."""
+    """Vertices of a part on the GPU, as a pyrender primitive; lit when some of its faces may face the lamp."""
 
     def __init__(self, GL: Any, part: Part, texture: int, lit: bool) -> None:
         from pyrender import Primitive
@@ -74,11 +74,11 @@ class Mesh:
 
     @property
     def cutout(self) -> bool:
-        """Whether the texture cuts holes into the part."""
+        """Whether the texture has an alpha mask."""
         return self.part.cutout
 
     def draw(self) -> None:
-        """Draw it with the program in use."""
+        """Draw the mesh with the current program."""
         GL = self._gl
         GL.glBindTexture(GL.GL_TEXTURE_2D, self.texture)
         if self.part.two_sided:
@@ -90,7 +90,10 @@ class Mesh:
 
 
 class Target:
-    """An image to draw into, with depth: `samples` per pixel (readable as a texture), or one."""
+    """Framebuffer with depth: a multisample texture of `samples` per pixel, or, for 0, a plain texture.
+
+    RuntimeError when the framebuffer is incomplete.
+    """
 
     def __init__(self, GL: Any, width: int, height: int, samples: int, storage: int) -> None:
         self._gl = GL
@@ -112,14 +115,14 @@ class Target:
             raise RuntimeError(f"OpenGL cannot draw into {width} x {height} px with {samples} samples")
 
     def delete(self) -> None:
-        """Free it."""
+        """Release the GPU resources."""
         self._gl.glDeleteFramebuffers(1, [self.id])
         self._gl.glDeleteTextures([self.texture])
         self._gl.glDeleteRenderbuffers(1, [self._depth])
 
 
 def upload(GL: Any, image: Texture, mipmap: bool) -> int:
-    """Texture of an image (h, w, 3 or 4), repeated outside 0..1."""
+    """Upload an image (h, w, 3 or 4) as a texture that repeats outside 0..1; returns its GL name."""
     texture = int(GL.glGenTextures(1))
     data = np.ascontiguousarray(image[::-1])
     h, w, channels = data.shape
@@ -136,7 +139,7 @@ def upload(GL: Any, image: Texture, mipmap: bool) -> int:
 
 
 def _corners(part: Part) -> tuple[Array, Array, Array, Array, Any]:
-    """Vertex attributes and indices; a part without normals gets a corner of its own per triangle."""
+    """Positions, normals, uv, tint, indices; without normals, vertices are duplicated per triangle (flat shading)."""
     n = len(part.vertices)
     uv = np.zeros((n, 2)) if part.uv is None else part.uv
     tint = np.ones((n, 4)) if part.tint is None else part.tint

@@ -1,4 +1,4 @@
-"""Baked light by ray casting: ambient occlusion of each vertex, and its visible share of the lamp."""
+"""Light baking by ray casting: ambient occlusion per vertex, and the visible fraction of the lamp."""
 
 from dataclasses import replace
 
@@ -12,17 +12,17 @@ from uavbench.trajectories.pose import Array
 OFFSET_M = 1e-4
 GRID = 96
 BOUNCED = 0.35
-"""Share of the ambient light that reaches a closed corner by way of other surfaces."""
+"""Fraction of the ambient light that reaches a fully occluded point by interreflection."""
 TEXTURE_PX = 2048
 
 
 def bake(
     parts: tuple[Part, ...], occluder: ObstacleMesh, light: Light, reach_m: float, rays: int = 48, lamp_rays: int = 24
 ) -> tuple[Part, ...]:
-    """The parts with tints darkened by ambient occlusion.
+    """Parts with ambient occlusion baked into their tints.
 
-    Ambient occlusion (Zhukov et al. 1998) within reach_m by cosine-weighted rays; where the light throws no
-    shadow map, also the share of a round lamp seen, whose radius makes shadows of width softness_m at reach_m.
+    Ambient occlusion (Zhukov et al. 1998) by cosine-weighted rays up to reach_m metres; without a shadow map, also the
+    visible fraction of a disc-shaped lamp, whose penumbra is softness_m wide at a distance of reach_m.
     """
     return tuple(_bake_part(part, occluder, light, reach_m, rays, lamp_rays) for part in parts)
 
@@ -40,7 +40,7 @@ def _bake_part(part: Part, occluder: ObstacleMesh, light: Light, reach_m: float,
 
 
 def _bake_texture(part: Part, occluder: ObstacleMesh, light: Light, reach_m: float, rays: int, lamp_rays: int) -> Part:
-    """The parallelogram with the light on it in its texture: the paint resampled, times light over open light."""
+    """Parallelogram with a lightmap: its resampled texture times the ratio of occluded to unoccluded light."""
     assert part.uv is not None and part.texture is not None
     corner, u, v = part.vertices[0], part.vertices[1] - part.vertices[0], part.vertices[3] - part.vertices[0]
     normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
@@ -59,7 +59,7 @@ def _bake_texture(part: Part, occluder: ObstacleMesh, light: Light, reach_m: flo
 
 
 def _resampled(part: Part) -> Texture:
-    """Paint (TEXTURE_PX, TEXTURE_PX, 3) of a parallelogram, its first side to the right, its last upwards."""
+    """Texture (TEXTURE_PX, TEXTURE_PX, 3) resampled over a parallelogram, first side to the right, last one upwards."""
     assert part.uv is not None and part.texture is not None
     h, w = part.texture.shape[:2]
     size = np.array([w, -h])
@@ -76,7 +76,7 @@ def _resampled(part: Part) -> Texture:
 def _seen(
     points: Array, normals: Array, occluder: ObstacleMesh, light: Light, reach_m: float, rays: int, lamp_rays: int
 ) -> Array:
-    """Factors (n, 4) on ambient light, three times, and on the lamp's, at points (n, 3) of a surface."""
+    """Factors (n, 4) at surface points (n, 3): ambient light for R, G and B, and the visible fraction of the lamp."""
     alike = np.rint(np.hstack([points / OFFSET_M, normals * 1e4])).astype(np.int64)
     _, first, same = np.unique(alike, axis=0, return_index=True, return_inverse=True)
     points, normals = points[first], normals[first]
@@ -95,13 +95,13 @@ def _seen(
 
 
 def _from_outside(at: Array, seen: Array, occluder: ObstacleMesh) -> Array:
-    """What is `seen` (n, 4) from points (n, 3); points inside the occluder take that of the nearest one outside.
+    """Factors (n, 4) with those of points (n, 3) inside the occluder replaced by those of the nearest point outside.
 
-    So the dark under a thing does not leak out from below it.
+    This keeps interpolation from leaking darkness out from under an object.
     """
     inside = occluder.inside(at) if len(at) else np.zeros(0, dtype=bool)
     if inside.any() and not inside.all():
-        from scipy.spatial import cKDTree  # takes a third of a second, and trackers load this file too
+        from scipy.spatial import cKDTree  # lazy: it takes 0.3 s, and trackers import this module too
 
         nearest = cKDTree(at[~inside]).query(at[inside])[1]
         seen[inside] = seen[~inside][nearest]
@@ -109,7 +109,7 @@ def _from_outside(at: Array, seen: Array, occluder: ObstacleMesh) -> Array:
 
 
 def smooth_corners(part: Part) -> Part:
-    """The part with a normal at each vertex; without normals, each triangle gets corners of its own."""
+    """The part with a normal per vertex; without normals, vertices are duplicated per triangle (flat shading)."""
     if part.normals is not None:
         return part
     flat = part.triangles.reshape(-1)
@@ -127,19 +127,19 @@ def smooth_corners(part: Part) -> Part:
 
 
 def _open(at: Array, directions: Array, occluder: ObstacleMesh, reach_m: float) -> Array:
-    """Share (n,) of directions (n, k, 3) from points (n, 3) that meet nothing within reach_m."""
+    """Fraction (n,) of directions (n, k, 3) from points (n, 3) that are unoccluded up to reach_m metres."""
     return 1 - occluder.blocked(at, directions, reach_m).mean(axis=1) if len(at) else np.zeros(0)
 
 
 def _hemisphere(count: int) -> Array:
-    """Cosine-weighted directions (count, 3) about +z: a Fibonacci spiral on the disc, lifted."""
+    """Cosine-weighted directions (count, 3) about +z: a Fibonacci spiral on the disc, projected to the hemisphere."""
     i = np.arange(count) + 0.5
     radius, angle = np.sqrt(i / count), i * np.pi * (3 - np.sqrt(5))
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - i / count)])
 
 
 def _about(axes: Array, directions: Array) -> Array:
-    """Directions (n, k, 3): those about +z (k, 3) turned about each axis (n, 3)."""
+    """Directions (n, k, 3): directions (k, 3) about +z rotated to each axis (n, 3)."""
     helper = np.where(np.abs(axes[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     x = np.cross(helper, axes)
     x /= np.linalg.norm(x, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Planar reflection in level water: the scene mirrored at its surface, rendered before each image at half the size."""
+"""Planar reflection in level water: the mirrored scene, rendered before each image at half the resolution."""
 
 from typing import Any
 
@@ -8,11 +8,11 @@ from uavbench.scenes.rendering.gpu import Target
 from uavbench.trajectories.pose import Array
 
 SHARE = 2
-"""Reduction of the mirrored image in columns and rows; ripples blur it anyway."""
+"""Downsampling factor of the mirrored image; ripples blur it anyway."""
 
 
 class Mirror:
-    """The image of the scene in water at level_m."""
+    """Reflection of the scene in a water surface at z = level_m, metres."""
 
     def __init__(self, GL: Any, width: int, height: int, level_m: float) -> None:
         self._gl, self.level_m = GL, level_m
@@ -30,17 +30,17 @@ class Mirror:
         self.turned_over[2, 3] = 2 * level_m
 
     def eye(self, eye: Array) -> Array:
-        """The eye point mirrored at the water's surface."""
+        """The viewpoint (3,) mirrored at the water surface."""
         return np.array([eye[0], eye[1], 2 * self.level_m - eye[2]])
 
     def begin(self) -> None:
-        """Render into the mirrored image: winding is reversed, geometry under water is clipped."""
+        """Set the state for the mirrored image: reversed winding, geometry under water clipped."""
         GL = self._gl
         GL.glFrontFace(GL.GL_CW)
         GL.glEnable(GL.GL_CLIP_DISTANCE0)
 
     def end(self) -> None:
-        """Restore the state, with the mirrored image at the third texture unit."""
+        """Restore the state and bind the mirrored image to the third texture unit."""
         GL = self._gl
         GL.glFrontFace(GL.GL_CCW)
         GL.glDisable(GL.GL_CLIP_DISTANCE0)
@@ -49,5 +49,5 @@ class Mirror:
         GL.glActiveTexture(GL.GL_TEXTURE0)
 
     def delete(self) -> None:
-        """Free it."""
+        """Release the GPU resources."""
         self.target.delete()

@@ -1,4 +1,4 @@
-"""Compiled loops over pixels."""
+"""Compiled kernels over pixels."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from uavbench.trajectories.kernels.compiled import compiled
 
 @compiled
 def mix(x: np.uint64) -> np.uint64:
-    """SplitMix64 finalizer (Steele, Lea & Flood 2014): one well-mixed word of a counter."""
+    """SplitMix64 finalizer (Steele, Lea & Flood 2014): a hash of a 64-bit counter."""
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
@@ -17,9 +17,9 @@ def mix(x: np.uint64) -> np.uint64:
 
 @compiled("s1 f0 f0 w0 s1 s1!")
 def add_noise(image: Any, gain: float, floor: float, key: np.uint64, normal: Any, out: Any) -> None:
-    """Out = image + sqrt(gain * image + floor) * n, with n standard normal and independent.
+    """Out = image + sqrt(gain * image + floor) * n, with n independent and standard normal.
 
-    normal (65536,) holds the quantiles of the normal distribution; a 64-bit word gives four numbers.
+    normal (65536,) holds the quantiles of the standard normal distribution; each 64-bit hash gives four samples.
     """
     size = image.size
     for block in range((size + 3) // 4):
@@ -35,7 +35,7 @@ def add_noise(image: Any, gain: float, floor: float, key: np.uint64, normal: Any
 
 @compiled("s1 u1 u1!")
 def code(image: Any, table: Any, out: Any) -> None:
-    """8-bit codes of linear light by a table over 0..1; light outside is clipped, and what is no number is dark."""
+    """8-bit codes of linear radiance by a lookup table over 0..1; values outside are clipped, NaN counts as 0."""
     top = np.float32(table.size - 1)
     for i in range(image.size):
         value = image[i] * top + np.float32(0.5)
@@ -44,10 +44,10 @@ def code(image: Any, table: Any, out: Any) -> None:
 
 @compiled("s2 i0 (f0 f0 f0 f0) f2 f2 s3!")
 def displacement(depth: Any, step: int, intrinsics: Any, before: Any, after: Any, out: Any) -> None:
-    """Motion in px between two poses of what every step-th pixel shows.
+    """Optical flow in px between two poses, at every step-th pixel.
 
-    depth (h, w) of the view in the middle, 0: infinitely far; intrinsics fx fy cx cy; before and after
-    (3, 4) take points of the middle camera to the cameras at the two times; out (h', w', 2).
+    depth (h, w) in metres of the view in the middle, 0: at infinity; intrinsics fx fy cx cy; before and after (3, 4)
+    map points of the middle camera to the cameras at the two times; out (h', w', 2).
     """
     fx, fy, cx, cy = intrinsics
     for i in range(out.shape[0]):
@@ -72,16 +72,17 @@ def displacement(depth: Any, step: int, intrinsics: Any, before: Any, after: Any
 
 CELL_PX = 4
 CELL_ERROR_PX = 0.02
-"""Within a cell whose middle is interpolated as well as this, all pixels are."""
+"""Interpolation error at the centre of a cell, px, below which all of its pixels are interpolated."""
 
 
 @compiled("s2 s2 s3 (f0 f0 f0 f0) f3 s3!")
 def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: Any, out: Any) -> None:
-    """Where in a view (nearness (h, w): 1 / depth) lies what each pixel sees from the pose of its own row.
+    """Sampling position (h', w', 2) in a view of each pixel of a rolling-shutter image, from the pose of its row.
 
-    base (h', w', 2) is the pixel's place without motion; rows (h', 3, 4) take points of the view's camera to the row's;
-    nearest is the greatest nearness around each pixel: if that surface covers the pixel, it hides the others.
-    Worked out at the corners of cells and at their middles; at every pixel where a cell is not smooth.
+    nearness (h, w) is the inverse depth of the view, 1/m; nearest its maximum around each pixel: a surface that covers
+    the pixel occludes those behind. base (h', w', 2) is the position without motion; rows (h', 3, 4) map points of the
+    view's camera to that of the row. Computed at the corners and centres of cells and interpolated where smooth,
+    otherwise at every pixel.
     """
     h, w = base.shape[0], base.shape[1]
     for i in range(0, h, CELL_PX):
@@ -118,7 +119,7 @@ def row_places(nearness: Any, nearest: Any, base: Any, intrinsics: Any, rows: An
 
 @compiled
 def _row_place(nearness: Any, nearest: Any, intrinsics: Any, T: Any, base: Any) -> tuple[float, float]:
-    """Place (u, v) in the view of what one pixel sees from its row."""
+    """Sampling position (u, v) in the view of one pixel, by fixed-point iteration on its depth."""
     fx, fy, cx, cy = intrinsics
     h, w = nearness.shape
     u0, v0 = float(base[0]), float(base[1])
@@ -137,7 +138,7 @@ def _row_place(nearness: Any, nearest: Any, intrinsics: Any, T: Any, base: Any) 
             dv = v0 - (fy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] + T[1, 3] * k) / z + cy)
             u += du
             v += dv
-            if du * du + dv * dv < 0.04:  # what is left is some percent of this step
+            if du * du + dv * dv < 0.04:  # the remaining error is a few percent of this step
                 break
         ci, cj = min(max(int(v + 0.5), 0), h - 1), min(max(int(u + 0.5), 0), w - 1)
         if nearer_first == 0 and abs(nearness[ci, cj] - near) < 0.02 * near:
@@ -176,14 +177,14 @@ def lay_color(under: Any, color: Any, mask: Any, out: Any) -> None:
 
 @compiled("f1 u1! | s1 u1!")
 def round_off(values: Any, out: Any) -> None:
-    """Values rounded to 8 bits, clipped to 0..255."""
+    """Out = values rounded to 8 bits, clipped to 0..255."""
     for i in range(values.size):
         out[i] = np.uint8(min(max(values[i], 0.0), 255.0) + 0.5)
 
 
 @compiled("f3 u2!")
 def fill_triangles(corners: Any, out: Any) -> None:
-    """Set the pixels of out (h, w) whose centre lies in one of the triangles (n, 3, 2) of pixels, or on its border."""
+    """Rasterize triangles (n, 3, 2) in px: set the pixels of out (h, w) whose centre is inside one or on its border."""
     h, w = out.shape
     for k in range(corners.shape[0]):
         ax, ay = corners[k, 0, 0], corners[k, 0, 1]

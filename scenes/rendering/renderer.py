@@ -1,6 +1,7 @@
-"""Draws parts under a light, with shaders and passes of our own on pyrender's context and primitives.
+"""Renderer of lit parts, with its own shaders and passes on pyrender's context and primitives.
 
-The only module that knows OpenGL's axes (camera looks along -z, y up). Pixel centres at integer coordinates.
+OpenGL's camera axes (x right, y up, view along -z) are used in this module only. Pixel centres are at integer
+coordinates.
 """
 
 import ctypes
@@ -32,7 +33,7 @@ WHITE: Texture = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
 class Renderer:
-    """A scene on the GPU (or in llvmpipe), drawn at one image size; close it when done."""
+    """A scene on the GPU (or in llvmpipe) rendered at one image size; a context manager, or call `close`."""
 
     def __init__(
         self,
@@ -92,7 +93,7 @@ class Renderer:
         self.close()
 
     def color(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.uint8]:
-        """Image (h, w, 3) BGR, the square root of linear light, of a pinhole camera of this renderer's size."""
+        """Square-root coded image (h, w, 3) BGR of a pinhole camera of this renderer's image size."""
         GL = self._gl
         view_projection = _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix
         eye = cam_from_world.inverse().translation
@@ -116,7 +117,7 @@ class Renderer:
     def _draw(
         self, surface: dict[bool, tuple[Program, Program]], view_projection: Array, eye: Array, time_s: float
     ) -> None:
-        """Draw everything by these programs, then the sky; water by its own, and not into the mirror."""
+        """Draw all meshes with these programs, then the sky; water has its own program and is not mirrored."""
         GL = self._gl
         programs = [*surface[True], *surface[False]]
         if self._mirror is not None and surface is self._surface:
@@ -142,13 +143,13 @@ class Renderer:
             self._sky_program.use()
             self._sky_program.matrix("world_from_clip", np.linalg.inv(view_projection))
             GL.glDepthFunc(GL.GL_LEQUAL)
-            GL.glDisable(GL.GL_CULL_FACE)  # in the mirror its triangle is turned over
+            GL.glDisable(GL.GL_CULL_FACE)  # the mirror reverses its winding
             GL.glBindTexture(GL.GL_TEXTURE_2D, self._sky)
             GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
             GL.glDepthFunc(GL.GL_LESS)
 
     def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
-        """Depth and instances (h, w) at pixel centres of a pinhole camera of this renderer's size."""
+        """Depth in metres and instances (h, w) at the pixel centres of a pinhole camera of this renderer's size."""
 
         def values(number: int, mesh: Mesh, program: Program) -> None:
             program.vector("depth_row", cam_from_world.matrix[2])
@@ -159,7 +160,7 @@ class Renderer:
         return Geometry(np.asarray(depth, dtype=np.float32), instances.astype(np.uint8))
 
     def facets_seen(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> NDArray[np.int64]:
-        """Rows (h, w) of `facets` seen at pixel centres: NONE where there is nothing, or only sky."""
+        """Rows (h, w) of `facets` visible at the pixel centres; NONE for background or sky."""
 
         def values(number: int, mesh: Mesh, program: Program) -> None:
             program.number("mesh", float(number + 1))
@@ -170,7 +171,7 @@ class Renderer:
 
     @cached_property
     def facets(self) -> Facets:
-        """Every triangle that is drawn."""
+        """All triangles that are drawn."""
         drawn = [DrawnPart(mesh.part, mover) for mesh, mover in self._meshes]
         return Facets.of(drawn, has_sky=self._sky is not None)
 
@@ -186,7 +187,7 @@ class Renderer:
         time_s: float,
         values: Callable[[int, Mesh, Program], None],
     ) -> NDArray[np.float32]:
-        """Image (h, w, 2) of programs that write two numbers a pixel; values sets what each mesh is drawn with."""
+        """Image (h, w, 2) of programs with two outputs per pixel; values sets the uniforms of each mesh."""
         GL = self._gl
         self._begin(self._floats)
         for program in programs:
@@ -203,14 +204,14 @@ class Renderer:
         return np.asarray(cv2.flip(both, 0), dtype=np.float32)
 
     def nearest_m(self, eye: Array) -> float:
-        """Lower bound of the distance from a point to what is drawn and does not move."""
+        """Lower bound of the distance in metres from a point (3,) in the world to all static parts."""
         if self._boxes.size == 0:
             return FAR_M
         gap = np.maximum(np.maximum(self._boxes[:, 0] - eye, eye - self._boxes[:, 1]), 0.0)
         return float(np.linalg.norm(gap, axis=1).min())
 
     def close(self) -> None:
-        """Free everything that this renderer holds on the GPU."""
+        """Release all GPU resources of this renderer."""
         GL = self._gl
         for mesh, _ in self._meshes:
             mesh.primitive.delete()
@@ -243,13 +244,13 @@ class Renderer:
         self._gl.glReadPixels(0, 0, self.width, self.height, layout, kind, out.ctypes.data_as(ctypes.c_void_p))
 
     def _programs(self, fragment: str, *switches: str) -> tuple[Program, Program]:
-        """The program of solid parts, and that of parts with holes."""
+        """The program of opaque parts, and that of parts with an alpha mask."""
         vertex = shaders.with_switches(shaders.VERTEX, *switches)
         solid = Program(self._gl, vertex, shaders.with_switches(fragment, *switches))
         return solid, Program(self._gl, vertex, shaders.with_switches(fragment, *switches, "CUTOUT"))
 
     def _lit_programs(self) -> list[Program]:
-        """Every program with light uniforms."""
+        """All programs with light uniforms."""
         sets = [self._surface] if self._mirror is None else [self._surface, self._mirrored]
         water = [] if self._mirror is None else [*self._water]
         return [*chain.from_iterable(chain.from_iterable(each.values()) for each in sets), *water]
@@ -284,7 +285,7 @@ class Renderer:
 
 
 def _projection(camera: Camera) -> Array:
-    """OpenGL projection (4, 4) of a pinhole camera; the image spans -0.5 .. size - 0.5 px."""
+    """OpenGL projection matrix (4, 4) of a pinhole camera; the image spans -0.5 .. size - 0.5 px."""
     w, h = camera.width, camera.height
     depth = FAR_M - NEAR_M
     return np.array(

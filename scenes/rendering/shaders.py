@@ -1,7 +1,7 @@
-"""GLSL of the renderer: lit surfaces, the sky behind them, shadow depth, the resolve of samples, geometry, facets.
+"""GLSL shaders: lit surfaces, water, sky, shadow depth, multisample resolve, geometry, facets.
 
-Light is linear; images are coded as its square root, so that 8 bits hold it. Samples are averaged as light, and turned
-to rows from the top and to BGR, so that what is read needs no more work.
+Shading is linear; images are square-root coded, so that 8 bits suffice. The resolve averages samples in linear light,
+flips rows to start from the top, and swaps channels to BGR, so that the read-back needs no further conversion.
 """
 
 VERTEX = """#version 330 core
@@ -219,12 +219,12 @@ void main() {
 
 
 RIPPLE_SLOPE = 0.004
-"""Slope of a unit of a ripple texture: 8 bits reach to 0.5."""
+"""Slope per unit of a ripple texture: 8 bits cover +-0.5."""
 NEARER = 0.6
-"""Ripples shift what is mirrored by this share of the shift of what is infinitely far: what is over a river is near."""
+"""Fraction of the reflection's shift by ripples that applies to infinity: most of what a river mirrors is near."""
 
 
 def with_switches(source: str, *switches: str) -> str:
-    """The source with these switches defined."""
+    """The source with these preprocessor macros defined."""
     source = source.replace("RIPPLE_SLOPE", str(RIPPLE_SLOPE)).replace("NEARER", str(NEARER))
     return source.replace("SWITCHES", "\n".join(f"#define {name}" for name in switches))

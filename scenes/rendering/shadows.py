@@ -1,4 +1,4 @@
-"""Shadow mapping of the lamp: faces turned to it, and the depth map seen from it."""
+"""Shadow mapping: faces turned towards the lamp, and the depth map from its view."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -20,9 +20,9 @@ class HalfPart(NamedTuple):
 
 
 def split_by_lamp(part: Part, light: Light) -> list[HalfPart]:
-    """The faces turned to the lamp and those turned away, which are cheaper to shade.
+    """Split a part into faces turned towards the lamp and faces turned away, which are cheaper to shade.
 
-    A part seen from both sides is not split, nor any where no shadow map is drawn.
+    Two-sided parts are not split, and no part is without a shadow map.
     """
     if not light.shadow_map or part.two_sided:
         return [HalfPart(part, True)]
@@ -36,7 +36,7 @@ def split_by_lamp(part: Part, light: Light) -> list[HalfPart]:
 
 
 class ShadowMap:
-    """Depth map of the static parts that cast shadows, seen from the lamp, rendered once."""
+    """Depth map of the static, shadow-casting parts from the view of the lamp, rendered once."""
 
     def __init__(self, GL: Any, light: Light, meshes: list[Mesh], programs: tuple[Program, Program]) -> None:
         self._gl = GL
@@ -73,13 +73,13 @@ class ShadowMap:
             mesh.draw()
 
     def delete(self) -> None:
-        """Free it."""
+        """Release the GPU resources."""
         self._gl.glDeleteTextures([self.texture])
         self._gl.glDeleteFramebuffers(1, [self._target])
 
 
 def _lamp_view(points: Array, to_lamp: Array) -> tuple[Array, Array]:
-    """Orthographic clip_from_world (4, 4) of a far lamp that sees all points, and its half extents (3,) in metres."""
+    """Orthographic `clip_from_world` (4, 4) of a distant lamp covering all points, and half extents (3,) in metres."""
     forward = -to_lamp / np.linalg.norm(to_lamp)
     side = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.99 else [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)

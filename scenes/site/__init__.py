@@ -1,5 +1,5 @@
-"""The site of a structure outdoors: terrain, water or a road beneath, embankments, markings, plants, shading.
+"""The site of an outdoor structure: terrain, a river or road underneath, embankments, markings, vegetation, shading.
 
-In: a structure with its road and feet, and parameters. Out: parts that are no part of the structure's model. Imports
-primitives and materials.
+In: a structure with its roadway and footprints, and parameters. Out: parts that do not belong to the structure's
+model. Imports primitives and materials.
 """

@@ -1,4 +1,4 @@
-"""Plants that a mower leaves: tufts of grass and herbs at the feet of walls and piers, reeds along water."""
+"""Unmown vegetation: tufts of grass and herbs along walls and piers, reeds along water."""
 
 from dataclasses import dataclass
 
@@ -11,33 +11,36 @@ from uavbench.scenes.site.terrain import BANK_SLOPE, WATER_M, Terrain
 from uavbench.trajectories.pose import Array
 
 INSTANCE = 2
-"""Of plants in the mask, as of trees."""
+"""Value of plants in the instance mask, shared with trees."""
 TUFT_M = (0.12, 0.55)
-"""Heights of grasses and ruderal herbs at walls (Ellenberg & Leuschner 2010, trampled and ruderal stands)."""
+"""Heights of grasses and ruderal herbs along walls, m (Ellenberg & Leuschner 2010, trampled and ruderal stands)."""
 REED_M = (0.8, 2.0)
-"""Heights of reeds at the water's edge (Haslam 1972, Phragmites communis: 0.5 to 3 m)."""
+"""Heights of reeds at the water's edge, m (Haslam 1972, Phragmites communis: 0.5 to 3 m)."""
 ASIDE_M = 0.30
-"""How far from a wall its tufts stand at most."""
+"""Scale of the distance of tufts from a wall, metres; its mean is a quarter of this."""
 TUFTS_PER_M, REEDS_PER_M = 6.0, 3.0
-"""At density 1."""
+"""Plants per metre of wall or bank at density 1."""
 REEDS_ALONG_M = 45.0
-"""Reeds stand so far to both sides of the structure."""
+"""Length of the bank with reeds on either side of the structure, metres."""
 
 
 BOTH_SIDES = ((0, 1, 2), (0, 2, 3), (0, 2, 1), (0, 3, 2))
-"""Triangles of a card."""
+"""Triangles of a card, front and back."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stand:
-    """Places (n, 2) of plants, and the heights (n,) of each."""
+    """Positions (n, 2) of plants in the world, and their heights (n,), metres."""
 
     places: Array
     heights_m: Array
 
 
 def at_feet(terrain: Terrain, density: float, rng: np.random.Generator) -> Stand:
-    """Tufts round each foot of the structure, where the ground is dry."""
+    """Tufts along the footprints of the structure, on dry ground outside the carriageway.
+
+    Heights are log-normal, clipped to TUFT_M; density 1 is TUFTS_PER_M.
+    """
     places = []
     for (x0, y0), (x1, y1) in terrain.feet:
         around = 2 * (x1 - x0 + y1 - y0)
@@ -65,7 +68,7 @@ def at_feet(terrain: Terrain, density: float, rng: np.random.Generator) -> Stand
 
 
 def at_water(terrain: Terrain, density: float, rng: np.random.Generator) -> Stand:
-    """Reeds along both edges of a river, in clumps."""
+    """Clumps of reeds along both banks of a river, except underneath the structure; none without a river."""
     course = terrain.course
     if course is None or course.kind != "river":
         return Stand(np.zeros((0, 2)), np.zeros(0))
@@ -84,7 +87,7 @@ def at_water(terrain: Terrain, density: float, rng: np.random.Generator) -> Stan
 def cards(stand: Stand, terrain: Terrain, texture: Texture, wide: float, rng: np.random.Generator) -> Part:
     """Two crossed upright cards for each plant, `wide` times as wide as high.
 
-    Each is there twice, once for each side, so that both take the light that comes from above.
+    Each card has a triangle pair per side, all with upward normals, so that both sides are lit from above.
     """
     n = len(stand.places)
     z = terrain.height(stand.places) - 0.02
@@ -99,7 +102,7 @@ def cards(stand: Stand, terrain: Terrain, texture: Texture, wide: float, rng: np
             corners[:, k, c, 2] = z + up * stand.heights_m
     first = 4 * np.arange(2 * n)[:, None]
     tone = np.repeat(rng.uniform(0.7, 1.15, n), 8)
-    shade = tone * np.tile([0.6, 0.6, 1.3, 1.3], 2 * n)  # dark at the roots
+    shade = tone * np.tile([0.6, 0.6, 1.3, 1.3], 2 * n)  # darker at the roots
     return Part(
         vertices=corners.reshape(-1, 3),
         triangles=np.concatenate([first + np.array(corner) for corner in BOTH_SIDES]),
@@ -114,7 +117,7 @@ def cards(stand: Stand, terrain: Terrain, texture: Texture, wide: float, rng: np
 
 
 def blades(rng: np.random.Generator, count: int, color: tuple[float, float, float], bow: float) -> Texture:
-    """Texture with holes: blades that rise from the middle of the lower edge and bow to the sides."""
+    """RGBA texture of blades that rise from the middle of the lower edge and bend sideways; color in sRGB (0..255)."""
     n = 256
     image = np.zeros((n, n, 4), dtype=np.uint8)
     image[..., :3] = np.array(color, dtype=np.uint8)

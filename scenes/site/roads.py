@@ -1,4 +1,4 @@
-"""Roads with markings: strips of asphalt and of paint side by side, as drivers see them."""
+"""Roads with markings, meshed as adjacent strips of asphalt and paint."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,20 +11,21 @@ from uavbench.scenes.renderables import Part, Texture
 from uavbench.trajectories.pose import Array
 
 LINE_M = 0.15
-"""Width of a line: 4 to 6 inches (MUTCD 2009, section 3A.06: "normal line")."""
+"""Width of a line, metres: 4 to 6 inches (MUTCD 2009, section 3A.06: "normal line")."""
 DASH_M, GAP_M = 3.05, 9.14
-"""A broken line: segments of 10 feet and gaps of 30 (MUTCD 2009, section 3A.06)."""
+"""A broken line, metres: segments of 10 feet and gaps of 30 feet (MUTCD 2009, section 3A.06)."""
 EDGE_M = 0.25
-"""From the edge of the asphalt to the edge line."""
+"""Distance from the edge of the asphalt to the edge line, metres."""
 PAINT_ALBEDO = 0.55
-"""Linear albedo of white markings in use (EN 1436:2018, luminance factor class B5: 0.6 and more when new)."""
+"""Linear albedo of worn white markings (EN 1436:2018, luminance factor class B5: at least 0.6 when new)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Carriageway:
-    """A straight road: from start_m to end_m along x, half its width to each side of y = 0, its surface at level_m.
+    """A straight road along x from start_m to end_m, centred on y = 0.
 
-    instance and name are those of its parts.
+    half_m is half its width, level_m the height of its surface; world frame, metres. instance and name are those of its
+    parts.
     """
 
     start_m: float
@@ -35,7 +36,7 @@ class Carriageway:
     name: str = ""
 
     def parts(self, asphalt: Material, paint: Texture, marked: bool) -> list[Part]:
-        """Asphalt, and the paint in it: edge lines and a broken line in the middle."""
+        """The asphalt and, if marked, the paint: two edge lines and a broken centre line."""
         if not marked:
             return [self._strips([(-self.half_m, self.half_m)], asphalt.texture, asphalt, self._cuts())]
         edge, line = self.half_m - EDGE_M, LINE_M / 2
@@ -47,7 +48,7 @@ class Carriageway:
         return [merge([dark, *gaps]), merge([white, *dashes])]
 
     def _cuts(self) -> Array:
-        """Places along the road at which every strip is cut, so that strips side by side share their corners."""
+        """Positions x (n,) at which every strip is cut, so that adjacent strips share their vertices."""
         first = np.ceil(self.start_m / (DASH_M + GAP_M)) * (DASH_M + GAP_M)
         starts = np.arange(first - DASH_M - GAP_M, self.end_m, DASH_M + GAP_M)
         inner = np.sort(np.concatenate([starts + shift for shift in (0.0, DASH_M, DASH_M + GAP_M / 2)]))
@@ -55,7 +56,7 @@ class Carriageway:
         return np.array([self.start_m, *inner, self.end_m])
 
     def _middle(self, strip: tuple[float, float], what: tuple[Texture, bool], asphalt: Material) -> list[Part]:
-        """The dashes of the middle line, or what lies between them."""
+        """The dashes of the centre line, or the gaps between them."""
         texture, painted = what
         cuts = self._cuts()
         out = []
@@ -66,7 +67,7 @@ class Carriageway:
         return out
 
     def _strips(self, strips: list[tuple[float, float]], texture: Texture, asphalt: Material, cuts: Array) -> Part:
-        """One part of strips (from, to) across the road."""
+        """One part of the strips between pairs of lateral positions (low, high), metres."""
         parts = []
         for low, high in strips:
             axes = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

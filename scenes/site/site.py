@@ -1,4 +1,4 @@
-"""The parameters of a site, and how it is shaped to the structure that stands on it."""
+"""Parameters of a site, and its adaptation to the structure that stands on it."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -18,34 +18,34 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 
 LOW_M = 0.3
-"""Height below which pieces of a structure count as standing on the ground, metres."""
+"""Pieces of a structure that reach below this height, metres, count as standing on the ground."""
 RIVER_SHARE = 0.62
-"""Width of a river between its banks' crests, in parts of what lies between the outermost feet."""
+"""Width of a river between the crests of its banks, as a fraction of the distance between the outermost footprints."""
 LANE_M = 3.5
-"""Of a rural road (AASHTO Green Book 2018, section 4.3: 2.7 to 3.6 m)."""
+"""Lane width of a rural road, metres (AASHTO Green Book 2018, section 4.3: 2.7 to 3.6 m)."""
 ROADSIDE_M = 0.8
-"""From a road's edge to the nearest foot, at least."""
+"""Least distance from the edge of a road to the nearest footprint, metres."""
 PLINTH_M = 0.45
 """Overhang of a footing beyond the piers on it, metres."""
 CONTACT_M = (0.1, 0.4, 1.2)
-"""Distances from feet at which the ground has corners that take their shade."""
+"""Distances from footprints at which the ground mesh has vertices for their contact shadow, metres."""
 WALL_CUT_M, WALL_HIGH_M = 0.5, 1.5
-"""Longest side of the structure's triangles where shade is to show, and how far up from the ground it is."""
+"""Longest side of the structure's triangles in the zone of contact shadows, and the height of that zone, metres."""
 
 
 TONE = 0.08
-"""Deviation of the ground's brightness from place to place."""
+"""Standard deviation of the ground's relative brightness between vertices."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """Details of a site, each off by default and drawn from the sequence's seed.
+    """Site around a structure outdoors; each detail is off by default and drawn from the sequence's seed.
 
-    beneath: what passes under the structure along y, a river of WATER_M beneath its banks or a road with markings;
-    embankments carry the structure's road to both of its ends; markings are painted on it; plants is how densely grass
-    and reeds stand at feet and water (0: none, 1: a wall nobody tends); contact_shadows darken what is close to the
-    ground or to other things, finely enough to be seen. Nothing of it is part of the structure's model: it is 0 in the
-    mask, plants 2.
+    beneath: what passes under the structure along y, a river WATER_M below its banks or a road with markings;
+    embankments carry the structure's road up to both ends; markings are painted on that road; plants is the density of
+    grass along footprints and reeds along water (0: none, 1: an unmaintained site); contact_shadows bakes ambient
+    occlusion near the ground on a finer mesh. A site is not part of the structure's model: its value in the instance
+    mask is 0, that of plants 2.
     """
 
     beneath: Literal["ground", "river", "road"] = "ground"
@@ -55,7 +55,10 @@ class Site:
     contact_shadows: bool = False
 
     def build(self, ground: Material, built: BuiltStructure, rng: np.random.Generator) -> BuiltSite:
-        """The site around a structure; UserError where it asks for a road that the structure does not carry."""
+        """The site around a structure; ground is the material of the level ground.
+
+        UserError when embankments or markings are set for a structure without a road, or no road fits beneath it.
+        """
         if (self.embankments or self.markings) and built.road is None:
             raise UserError("environment.site: embankments and markings need a structure that carries a road: a bridge")
         terrain = self._terrain(built, rng)
@@ -102,7 +105,7 @@ class Site:
         return Course("road", (a + b) / 2, half)
 
     def _approaches(self, road: Roadway, bounds: Array, shared: "_Shared") -> list[Part]:
-        """The road from the structure's ends on, and the walls that hold the fill up to where its crest begins."""
+        """The approach roads at both ends of the structure, and the wing walls that retain the fill up to its crest."""
         parts: list[Part] = []
         wide = float(np.abs(bounds[:, 1]).max())
         start = Embankment.of(road).start_m
@@ -127,7 +130,7 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class _Shared:
-    """Materials of a site."""
+    """Materials shared by the parts of a site."""
 
     ground: Material
     gravel: Material
@@ -136,7 +139,7 @@ class _Shared:
 
 
 def _feet(parts: tuple[Part, ...]) -> Array:
-    """Boxes (n, 2, 2) on the ground in which the structure's pieces stand, none inside another."""
+    """Footprints (n, 2, 2) of the structure's pieces as lowest and highest (x, y), metres, none inside another."""
     boxes = [p.vertices[p.vertices[:, 2] < LOW_M, :2] for p in parts if p.vertices[:, 2].min() < LOW_M]
     found = np.array([[box.min(axis=0), box.max(axis=0)] for box in boxes]).reshape(-1, 2, 2)
     within = (found[:, None, 0] >= found[None, :, 0] - 1e-6) & (found[:, None, 1] <= found[None, :, 1] + 1e-6)
@@ -147,7 +150,7 @@ def _feet(parts: tuple[Part, ...]) -> Array:
 
 
 def _clear(feet: Array, ends: tuple[float, float]) -> tuple[float, float]:
-    """From where to where along x the way beneath is open but for feet in its middle."""
+    """Range (low, high) along x between the end supports, in which only intermediate footprints lie."""
     middle = sum(ends) / 2
     left = max((float(b) for b in feet[:, 1, 0] if b < middle - 0.25 * (ends[1] - ends[0])), default=float(ends[0]))
     right = min((float(a) for a in feet[:, 0, 0] if a > middle + 0.25 * (ends[1] - ends[0])), default=float(ends[1]))
@@ -155,7 +158,7 @@ def _clear(feet: Array, ends: tuple[float, float]) -> tuple[float, float]:
 
 
 def _widest_gap(feet: Array, left: float, right: float) -> tuple[float, float]:
-    """The widest stretch along x between feet."""
+    """The widest interval along x without footprints."""
     stops = [(float(a), float(b)) for (a, _), (b, _) in feet if b > left and a < right]
     at, best = left, (left, left)
     for a, b in [*sorted(stops), (right, right)]:
@@ -166,7 +169,7 @@ def _widest_gap(feet: Array, left: float, right: float) -> tuple[float, float]:
 
 
 def _ground_parts(terrain: Terrain, shared: _Shared, rng: np.random.Generator) -> list[Part]:
-    """The ground: gravel by roads and under water, what the environment names elsewhere."""
+    """The ground mesh: gravel along roads and under water, elsewhere the material of the environment."""
     vertices, triangles = terrain.mesh()
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     faces = np.cross(b - a, c - a)
@@ -202,7 +205,7 @@ def _ground_parts(terrain: Terrain, shared: _Shared, rng: np.random.Generator) -
 
 
 def _plinths(built: BuiltStructure, terrain: Terrain, concrete: Material) -> list[Part]:
-    """Footings under what stands in the water, from the bed to the level ground, pointed towards the current."""
+    """Footings of piers in the water, from the bed to the level ground, with pointed cutwaters along the current."""
     groups: dict[str, list[Array]] = {}
     for part in built.parts:
         low = part.vertices[part.vertices[:, 2] < LOW_M, :2]
@@ -224,7 +227,7 @@ def _paint() -> NDArray[np.uint8]:
 
 
 def _road_beneath(course: Course, asphalt: Material) -> list[Part]:
-    """A road along y, through the rim of the field."""
+    """A road along y that extends beyond the rim of hills."""
     way = Carriageway(start_m=-FAR_M / 6, end_m=FAR_M / 6, half_m=course.half_m, level_m=0.0)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return [
@@ -234,7 +237,7 @@ def _road_beneath(course: Course, asphalt: Material) -> list[Part]:
 
 
 def _marked(parts: tuple[Part, ...], road: Roadway, asphalt: Material) -> tuple[Part, ...]:
-    """The structure with markings on its road: the upper side of the road is drawn anew, where it was built."""
+    """The structure with the upper face of its road, as built, replaced by one with markings."""
     out: list[Part] = []
     for part in parts:
         if part.name != "road" or part.normals is None:
@@ -258,7 +261,7 @@ def _marked(parts: tuple[Part, ...], road: Roadway, asphalt: Material) -> tuple[
 
 
 def _plants(terrain: Terrain, density: float, rng: np.random.Generator) -> list[Part]:
-    """Tufts at feet, reeds at water."""
+    """Tufts along footprints, reeds along water."""
     grass = plants.blades(rng, 70, (98.0, 118.0, 52.0), 0.16)
     reed = plants.blades(rng, 26, (118.0, 126.0, 66.0), 0.07)
     stands = ((plants.at_feet(terrain, density, rng), grass, 0.9), (plants.at_water(terrain, density, rng), reed, 0.55))
@@ -266,5 +269,5 @@ def _plants(terrain: Terrain, density: float, rng: np.random.Generator) -> list[
 
 
 def _cut_low(part: Part) -> Part:
-    """The part with its triangles near the ground cut small."""
+    """The part with its triangles near the ground subdivided."""
     return subdivided(part, WALL_CUT_M, below_m=WALL_HIGH_M)

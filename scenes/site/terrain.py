@@ -1,4 +1,4 @@
-"""The shape of the ground at a site: a channel or a road bed along y, embankments along x, and its mesh."""
+"""Terrain of a site: a river channel or road bed along y, embankments along x, and the ground mesh."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -15,25 +15,28 @@ BANK_SLOPE = 2.0
 FILL_SLOPE = 1.5
 """Run over rise of an embankment of granular fill (FHWA NHI-06-088, section 7: 1.5:1 to 2:1)."""
 SHOULDER_M = 1.0
-"""Verge between a road's edge and the crest of its embankment."""
+"""Width of the verge between the edge of a road and the crest of its embankment, metres."""
 BED_M, WATER_M = 1.6, 0.7
-"""How far the bed and the water lie below the level ground."""
+"""Depth of the river bed and of the water surface below the level ground, metres."""
 GRASSED_M = 0.35
-"""Depth below the bank's crest down to which grass grows; below are stones."""
+"""Depth below the bank's crest, metres, down to which grass grows; gravel lies below."""
 SUNK_M = 0.2
-"""How far the ground lies below a road that covers it."""
+"""Depth of the ground under a road that covers it, metres."""
 APART_M = 0.09
-"""Distance below which lines of the mesh are merged, metres."""
+"""Grid lines of the mesh closer than this are merged, metres."""
 STEP_M = 2.0
 FAR_M = 1080.0
 """Spacing of the mesh near the structure, and where it ends: behind the rim of hills."""
 STRAIGHT_M = 6.0
-"""A channel is straight so far beside the structure."""
+"""Distance beside the structure over which a channel is straight, metres."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """What runs along y beneath a structure: centre and half width in x; bends are metres, 1/m and phase of each."""
+    """A river or road along y beneath a structure, its centre and half width along x in metres.
+
+    bends: amplitude (m), wave number (rad/m) and phase (rad) of each sine of the centre line beyond straight_to_m.
+    """
 
     kind: str
     centre_m: float
@@ -42,19 +45,22 @@ class Course:
     bends: tuple[tuple[float, float, float], ...] = ()
 
     def aside(self, y: Array) -> Array:
-        """Shift (n,) of its centre line in x."""
+        """Lateral offset (n,) of the centre line along x at positions y (n,), metres."""
         away = np.clip((np.abs(y) - self.straight_to_m) / 40.0, 0.0, 1.0)
         ease = away * away * (3 - 2 * away)
         return np.asarray(ease * sum((a * np.sin(f * y + p) for a, f, p in self.bends), np.zeros_like(y)))
 
     def across(self, points: Array) -> Array:
-        """Distance (n,) of points (n, 2) from its centre line, along x."""
+        """Absolute distance (n,) of points (n, 2) from the centre line along x, metres."""
         return np.asarray(np.abs(points[:, 0] - self.centre_m - self.aside(points[:, 1])))
 
 
 @dataclass(frozen=True)
 class Embankment:
-    """Fill that carries a road along x to both ends of a structure: its crest begins at start_m from the middle."""
+    """Embankment of a road along x at both ends of a structure.
+
+    The crest begins at |x| = start_m and has half width half_m; metres.
+    """
 
     road: Roadway
     start_m: float
@@ -62,11 +68,11 @@ class Embankment:
 
     @classmethod
     def of(cls, road: Roadway) -> "Embankment":
-        """The embankment whose foot meets the front of the structure's ends."""
+        """The embankment of a road whose toe meets the front of the structure's ends."""
         return cls(road, road.front_m + FILL_SLOPE * road.level_m, road.half_width_m + SHOULDER_M)
 
     def height(self, points: Array) -> Array:
-        """Height (n,) of the fill at points (n, 2)."""
+        """Height (n,) of the fill above the level ground at points (n, 2), metres."""
         x, y = np.abs(points[:, 0]), np.abs(points[:, 1])
         away = np.hypot(np.maximum(self.start_m - x, 0.0), np.maximum(y - self.half_m, 0.0))
         return np.asarray(np.maximum(self.road.level_m - SUNK_M - away / FILL_SLOPE, 0.0))
@@ -74,7 +80,11 @@ class Embankment:
 
 @dataclass(frozen=True)
 class Terrain:
-    """Ground at z = 0, but for a course and an embankment; feet are boxes (n, 2, 2) that stand on it."""
+    """Ground at z = 0 except for a course and an embankment.
+
+    bounds (2, 3) are those of the structure, feet (n, 2, 2) its footprints as lowest and highest (x, y); contact_m are
+    distances from feet at which the mesh gets extra lines. World frame, metres.
+    """
 
     bounds: Array
     feet: Array
@@ -83,7 +93,7 @@ class Terrain:
     contact_m: tuple[float, ...] = field(default=())
 
     def height(self, points: Array) -> Array:
-        """Height (n,) of the ground at points (n, 2)."""
+        """Height z (n,) of the ground at points (n, 2), metres."""
         out = np.zeros(len(points))
         if self.embankment is not None:
             out = self.embankment.height(points)
@@ -96,12 +106,12 @@ class Terrain:
         return out
 
     def is_free(self, points: Array) -> NDArray[np.bool_]:
-        """Whether the ground at points (n, 2) is level and open, so that things may stand on it."""
+        """Mask (n,) of points (n, 2) on level, open ground, where clutter may stand."""
         free = np.abs(self.height(points)) < 1e-6
         return free if self.course is None else free & (self.course.across(points) > self.course.half_m + SHOULDER_M)
 
     def mesh(self) -> TriangleMesh:
-        """The ground as a grid with a line wherever the slope changes, and beside feet."""
+        """The ground as a grid with lines at every change of slope and around footprints."""
         xs, ys = self._lines(0, self._breaks_x()), self._lines(1, self._breaks_y())
         one = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
         vertices, triangles, _ = grid(np.zeros(3), *one, xs, ys)

@@ -1,4 +1,4 @@
-"""The surface of a river: level, mirrored by the renderer, with ripples."""
+"""The water surface of a river: level, with ripples, and planar reflections by the renderer."""
 
 import numpy as np
 
@@ -9,15 +9,15 @@ from uavbench.scenes.rendering.shaders import RIPPLE_SLOPE
 from uavbench.scenes.site.terrain import BANK_SLOPE, STEP_M, WATER_M, Terrain
 
 BODY = (0.020, 0.030, 0.018)
-"""Linear albedo of the water under its surface, that of a green and somewhat turbid river (Mobley 1994, chapter 3)."""
+"""Linear RGB albedo of the water body of a green, moderately turbid river (Mobley 1994, chapter 3)."""
 SLOPE_RMS = 0.039
-"""Of the ripples, along each axis: 0.003 over both, a calm (Cox & Munk 1954); a river lies in the lee of its banks."""
+"""Rms slope of the ripples along each axis: a mean square slope of 0.003 in total, for calm air (Cox & Munk 1954)."""
 TILE_M, TILE_PX = 8.0, 512
 FAR_M = 400.0
 
 
 def surface(terrain: Terrain, rng: np.random.Generator) -> Part:
-    """The water of a river's course, from bank to bank."""
+    """The water surface between the banks of the terrain's river, with ripples."""
     course = terrain.course
     assert course is not None
     half = course.half_m - BANK_SLOPE * WATER_M + 0.1
@@ -42,7 +42,7 @@ def surface(terrain: Terrain, rng: np.random.Generator) -> Part:
 
 
 def ripples(rng: np.random.Generator) -> Texture:
-    """Slopes of a gently moving surface, 8 m square: waves of 2 m down to 10 cm, longer across the current."""
+    """Slope texture of a gently rippled surface, 8 m square: isotropic noise with features of 2 m to 0.1 m."""
     height = noise.fractal((TILE_PX, TILE_PX), 2.0 / TILE_M * TILE_PX, rng, octaves=5, gain=0.5)
     slopes = [np.roll(height, -1, axis) - np.roll(height, 1, axis) for axis in (1, 0)]
     scaled = [SLOPE_RMS / float(slope.std()) * slope for slope in slopes]

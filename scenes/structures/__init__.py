@@ -1,5 +1,5 @@
 """Structures to inspect: box, wall, bridge, building, truss, checkerboard.
 
-In: parameters and a random generator. Out: a built structure, its true edges and what is rendered of it. Imports
-primitives, materials and model files.
+In: parameters and a random generator. Out: the structure as designed, with its edges, and the parts that are rendered
+as built. Imports primitives, materials and model files.
 """

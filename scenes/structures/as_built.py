@@ -1,4 +1,4 @@
-"""Deviations of the rendered, as-built structure from the as-designed model that trackers get."""
+"""Deviations of the rendered, as-built structure from the as-designed model given to trackers."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
@@ -13,7 +13,7 @@ Record = dict[str, float | str]
 
 
 class AsBuilt(NamedTuple):
-    """The parts as built, and what was changed by name: factors, metres, displaced and missing pieces."""
+    """The parts as built, and a record of the deviations by name: scale factors, displacements, missing pieces."""
 
     parts: tuple[Part, ...]
     record: Record
@@ -21,12 +21,12 @@ class AsBuilt(NamedTuple):
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far the built structure may be from the designed one, drawn from the sequence's seed.
+    """Random deviation of the structure as built from its design, drawn from the sequence's seed.
 
-    scale_percent: each dimension is off by a normal deviate of this; displaced_share of the pieces are shifted by a
-    normal deviate of displaced_m in each direction; missing_share of the pieces were never built; bend_m is the sag of
-    the middle of the longest side (down for a structure that is longer than high, else sideways). The largest piece
-    is neither shifted nor left out.
+    scale_percent is the standard deviation of the scale error along each axis; the fraction displaced_share of the
+    pieces is shifted by a normal deviate of displaced_m along each axis; the fraction missing_share is missing; bend_m
+    is the deflection at the middle of the longest side (downwards for a structure that is longer than high, otherwise
+    sideways). The largest piece is neither displaced nor missing.
     """
 
     scale_percent: Annotated[float, Interval(ge=0, le=20)] = 0.0
@@ -36,7 +36,7 @@ class Deviation:
     bend_m: Annotated[float, Interval(ge=-10, le=10)] = 0.0
 
     def apply(self, parts: tuple[Part, ...], bounds: Array, rng: np.random.Generator) -> AsBuilt:
-        """Deviate the parts of a structure within bounds (2, 3) in metres."""
+        """Parts with the deviations applied; bounds (2, 3) of the structure as designed, world frame, metres."""
         record: Record = {}
         draws = rng.random((len(parts), 2))
         shifts = self.displaced_m * rng.standard_normal((len(parts), 3))
@@ -64,7 +64,7 @@ class Deviation:
 
 
 def _bent(vertices: Array, bounds: Array, bend_m: float) -> Array:
-    """Vertices displaced along a parabola over the longest side: by zero at its ends, by bend_m at its middle."""
+    """Vertices (n, 3) deflected by a parabola over the longest side: zero at its ends, bend_m at its middle."""
     size = bounds[1] - bounds[0]
     along = int(np.argmax(size))
     across = 2 if along < 2 else 0

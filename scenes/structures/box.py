@@ -1,4 +1,4 @@
-"""A cardboard box: kraft paper, flaps and tape, printed marks, a shipping label."""
+"""A cardboard box: kraft paper, flaps, tape, handling symbols and a shipping label."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -31,7 +31,7 @@ class Box:
     height_m: Annotated[float, Gt(0), Interval(le=5)] = 0.30
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The box and its six printed faces."""
+        """The box centred above the origin, with its six printed faces."""
         x, y, z = self.length_m / 2, self.width_m / 2, self.height_m
         structure = Structure.from_mesh(*box((-x, -y, 0), (x, y, z)))
         faces = [
@@ -63,7 +63,7 @@ class Box:
 
 
 def _inside(uv: np.ndarray, texture: Texture) -> np.ndarray:
-    """Texture coordinates inset by half a texel, so that the repeated texture never bleeds in."""
+    """Texture coordinates inset by half a texel, against bleeding across the border of the repeated texture."""
     size = np.array([texture.shape[1], texture.shape[0]])
     return np.asarray((uv * (size - 1) + 0.5) / size)
 
@@ -73,7 +73,7 @@ def _px(length_m: float) -> int:
 
 
 def _plain(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
-    """Kraft paper over corrugation: blotches, fibres, flutes, worn borders."""
+    """Kraft paper on corrugated board: blotches, fibres, flutes, worn edges."""
     h, w = max(16, _px(size_m[0])), max(16, _px(size_m[1]))
     shade = 1 + 0.030 * noise.fractal((h, w), 160, rng, octaves=6, gain=0.55)
     fibres = noise.tiling((h, w), (2, 14), rng) + 0.5 * noise.tiling((h, w), (5, 2), rng)
@@ -98,7 +98,7 @@ def _share(mask: Drawing) -> Image:
 
 
 def _stamp(image: Image, mask: Drawing, color: tuple[float, float, float], rng: np.random.Generator) -> Image:
-    """Ink pressed on paper: uneven, a little of the paper showing through."""
+    """Image with the mask printed in one colour, unevenly, with some paper showing through."""
     cover = 0.86 + 0.07 * noise.tiling(mask.shape, 5, rng) + 0.05 * noise.tiling(mask.shape, 40, rng)
     return noise.blend(image, color, np.clip(noise.blurred(_share(mask), 0.7) * cover, 0, 1))
 
@@ -110,7 +110,7 @@ def _text(mask: Drawing, text: str, at: tuple[int, int], height_px: float, bold:
 
 
 def _arrows(mask: Drawing, x: int, y: int, size: int) -> None:
-    """The mark "this side up": two arrows over a bar (ISO 780, symbol 3)."""
+    """The handling symbol "this way up": two arrows over a bar (ISO 780, symbol 3)."""
     for k in (0, 1):
         cx = x + round((0.28 + 0.44 * k) * size)
         shaft = round(0.05 * size)
@@ -121,7 +121,7 @@ def _arrows(mask: Drawing, x: int, y: int, size: int) -> None:
 
 
 def _glass(mask: Drawing, x: int, y: int, size: int) -> None:
-    """The mark "fragile": a broken wine glass (ISO 780, symbol 1)."""
+    """The handling symbol "fragile": a broken wine glass (ISO 780, symbol 1)."""
     bowl = np.array([[0.2, 0.05], [0.8, 0.05], [0.74, 0.42], [0.56, 0.56], [0.44, 0.56], [0.26, 0.42]]) * size
     cv2.fillPoly(mask, [np.rint(bowl + np.array([x, y])).astype(np.int32)], 255, cv2.LINE_AA)
     crack = np.array([[0.5, 0.05], [0.42, 0.2], [0.54, 0.28], [0.46, 0.42]]) * size
@@ -143,7 +143,7 @@ def _glass(mask: Drawing, x: int, y: int, size: int) -> None:
 
 
 def _side(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
-    """A long side: marks, words and a shipping label."""
+    """A long side: handling symbols, text and a shipping label."""
     image = _plain(size_m, rng)
     h, w = image.shape[:2]
     mask = np.zeros((h, w), dtype=np.uint8)
@@ -161,7 +161,7 @@ def _side(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
 
 
 def _label(image: Image, x: int, y: int, width: int, rng: np.random.Generator) -> Image:
-    """A white sticker with lines of text and a bar code, slightly rotated."""
+    """A white label with lines of text and a barcode, slightly rotated."""
     height = round(0.62 * width)
     h, w = image.shape[:2]
     sheet = np.full((height, width), 0.95, dtype=np.float32)
@@ -189,7 +189,7 @@ def _label(image: Image, x: int, y: int, width: int, rng: np.random.Generator) -
 
 
 def _tape(image: Image, low: int, high: int, start: int, stop: int, rng: np.random.Generator) -> Image:
-    """Brown tape over rows low..high and columns start..stop, wrinkled, its ends torn."""
+    """Brown tape over rows low..high and columns start..stop, wrinkled, with torn ends."""
     h, w = image.shape[:2]
     yy, xx = np.mgrid[:h, :w].astype(np.float32)
     tear = 3 * np.sign(np.sin(yy * 0.9)) + 2 * noise.tiling((h, w), 12, rng)
@@ -201,7 +201,7 @@ def _tape(image: Image, low: int, high: int, start: int, stop: int, rng: np.rand
 
 
 def _top(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
-    """The top: two flaps that meet in the middle, taped."""
+    """The top: two flaps meeting in the middle, taped."""
     image = _plain(size_m, rng)
     h, w = image.shape[:2]
     middle = h / 2 + 0.0016 * PX_PER_M * noise.tiling((1, w), 500, rng)[0] * 0.4
@@ -213,7 +213,7 @@ def _top(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
 
 
 def _end(size_m: tuple[float, float], rng: np.random.Generator) -> Image:
-    """A short side: tape from the top, a hand hole, small print."""
+    """A short side: the end of the tape, a hand hole, small print."""
     image = _plain(size_m, rng)
     h, w = image.shape[:2]
     drawn = np.zeros((h, w), dtype=np.uint8)

@@ -18,7 +18,7 @@ GIRDER_M = 0.9
 CAP_M = 0.7
 ROAD_M = 0.06
 FRONT_M = 0.6
-"""How far the front of an abutment lies before the end of the deck."""
+"""Distance from the front of an abutment to the end of the deck, metres."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Bridge:
     railing: bool = True
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The bridge, weathered."""
+        """The bridge in concrete, asphalt and painted steel, with its roadway."""
         steel, rail = materials.painted_steel(rng), materials.painted_steel(rng, (150.0, 156.0, 158.0), rust=0.5)
         concrete = materials.concrete(rng)
         road = materials.asphalt(rng)
@@ -77,7 +77,7 @@ class Bridge:
         return [prism(profile, (-x, y, z), (x, y, z), steel, f"girder {k}") for k, y in enumerate(self._girder_lines())]
 
     def _frames(self, steel: Material) -> list[Solid]:
-        """Cross frames: two chords and a K between neighbouring girders; stiffeners on the webs."""
+        """Cross frames between adjacent girders, two chords with K bracing, and web stiffeners."""
         out = []
         lines = self._girder_lines()
         count = max(2, round(self.length_m / 4.0))

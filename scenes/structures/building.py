@@ -13,7 +13,7 @@ from uavbench.scenes.structures import facade
 from uavbench.scenes.structures.facade import COPING_M, OVERHANG_M, REVEAL_M, Opening, Side, filled, inside, lines
 
 PARAPET_M = (0.35, 0.9)
-"""Thickness and height of the parapet."""
+"""Thickness and height of the parapet, metres."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Building:
     surface: Literal["brick", "panels", "plaster", "concrete"] = "plaster"
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The building, its middle at the origin."""
+        """The building, centred on the origin."""
         surface = materials.PAINTS[self.surface](rng)
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
         z = self.height_m
@@ -59,7 +59,7 @@ class Building:
         return out
 
     def _coping(self, face: Side, beyond: float, stone: materials.Material) -> Solid:
-        """Coping on the parapet; on the long sides it covers the corners (beyond > 0), on others it fits between."""
+        """Coping of one parapet: `beyond` metres past both ends, or, where that is 0, fitted between the other two."""
         inner = PARAPET_M[0] + OVERHANG_M
         start, stop = (-beyond, face.width_m + beyond) if beyond else (inner, face.width_m - inner)
         top = face.height_m

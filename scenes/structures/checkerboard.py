@@ -1,4 +1,4 @@
-"""An upright checkerboard: the structure for camera calibration."""
+"""An upright checkerboard for camera calibration."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -20,9 +20,9 @@ BLACK, WHITE = 22, 236
 
 @dataclass(frozen=True)
 class Checkerboard:
-    """A board with columns x rows inner corners, facing -y, its lower edge lift_m above the ground.
+    """A checkerboard of columns x rows inner corners, facing -y, its lower edge lift_m above the ground.
 
-    One square of white border surrounds the pattern.
+    The pattern has a white border of one square.
     """
 
     columns: Annotated[int, Interval(ge=2, le=50)] = 7
@@ -31,7 +31,7 @@ class Checkerboard:
     lift_m: Annotated[float, Interval(ge=0, le=10)] = 0.0
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The board; its pattern is painted on the front."""
+        """The board, with the pattern as the texture of its front."""
         width, height = (self.columns + 3) * self.square_m, (self.rows + 3) * self.square_m
         low, high = (-width / 2, 0.0, self.lift_m), (width / 2, THICKNESS_M, self.lift_m + height)
         vertices, triangles = box(low, high)
@@ -44,7 +44,7 @@ class Checkerboard:
 
     @property
     def corners_m(self) -> np.ndarray:
-        """World positions (rows * columns, 3) of the inner corners, row by row from the upper left, as seen."""
+        """Inner corners (rows * columns, 3) in the world, metres, row by row from the upper left as seen from -y."""
         width, height = (self.columns + 3) * self.square_m, (self.rows + 3) * self.square_m
         x = -width / 2 + (2 + np.arange(self.columns)) * self.square_m
         z = self.lift_m + height - (2 + np.arange(self.rows)) * self.square_m

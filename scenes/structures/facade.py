@@ -13,14 +13,14 @@ from uavbench.trajectories.pose import Array
 
 REVEAL_M = 0.18
 SILL_M, PLINTH_M, COPING_M = 0.08, 0.45, 0.1
-"""Heights of a sill, the plinth and the coping."""
+"""Heights of a sill, the plinth and the coping, metres."""
 OVERHANG_M = 0.06
 PIPE_M = 0.05
 
 
 @dataclass(frozen=True)
 class Opening:
-    """A recess in a facade: x0..x1 along it, z0..z1 up, in metres; a door or a window."""
+    """A door or window opening in a facade: x0..x1 along it and z0..z1 upwards, in metres."""
 
     x0: float
     x1: float
@@ -31,7 +31,10 @@ class Opening:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """A vertical, axis-aligned face of a building: its lower left corner seen from outside, and two unit vectors."""
+    """A vertical, axis-aligned face of a building.
+
+    corner (3,) is the lower left one seen from outside, in metres; along and outward (3,) are unit vectors.
+    """
 
     corner: Array
     along: Array
@@ -40,19 +43,19 @@ class Side:
     height_m: float
 
     def at(self, along_m: float, up_m: float, out_m: float = 0.0) -> Array:
-        """Point (3,) at a place on the facade, out_m in front of it."""
+        """Point (3,) in the world frame, metres: along_m and up_m from the corner, out_m in front of the facade."""
         return np.asarray(self.corner + along_m * self.along + out_m * self.outward + [0.0, 0.0, up_m])
 
     def block(
         self, low: tuple[float, float, float], high: tuple[float, float, float], material: Material, name: str
     ) -> Solid:
-        """Block between two corners (along, up, out)."""
+        """Axis-aligned block between two corners (along, up, out) in metres."""
         ends = np.array([self.at(*low), self.at(*high)])
         return block(ends.min(axis=0), ends.max(axis=0), material, name)
 
 
 def openings(width_m: float, height_m: float, bays: int, storeys: int, door_bay: int | None) -> tuple[Opening, ...]:
-    """A window in the middle of each bay of each storey, and a door in the ground floor's door_bay."""
+    """A window centred in each bay of each storey, and a door in bay door_bay of the ground floor (None: no door)."""
     bay, storey = width_m / bays, height_m / storeys
     w, h = min(0.45 * bay, 1.4), min(0.52 * storey, 1.7)
     out = []
@@ -95,7 +98,7 @@ def downpipe(side: Side, along_m: float) -> Solid:
 
 
 def filled(holes: tuple[Opening, ...], side: Side, looks: list[Material], rng: np.random.Generator) -> list[Part]:
-    """Panels with windows and doors at the back of their recesses; looks are textures of windows, the last of doors."""
+    """Textured panels at the back of the openings; looks are the materials of windows, the last one that of doors."""
     parts = []
     for o in holes:
         corner = side.at(o.x0, o.z0, 0.002 - REVEAL_M)
@@ -105,16 +108,16 @@ def filled(holes: tuple[Opening, ...], side: Side, looks: list[Material], rng: n
 
 
 def window_and_door_looks(rng: np.random.Generator) -> list[Material]:
-    """Textures of several windows, and of a door."""
+    """Materials of several windows, and of a door as the last."""
     return [*(materials.window(rng) for _ in range(5)), materials.door(rng)]
 
 
 def lines(low: float, high: float, cuts: list[float]) -> Array:
-    """Grid lines from low to high through all cuts, each once."""
+    """Sorted, distinct grid lines from low to high through all cuts."""
     return np.unique(np.round([low, high, *cuts], 9))
 
 
 def inside(grid: Array, low: float, high: float) -> NDArray[np.bool_]:
-    """Which cells of the grid lines lie between low and high."""
+    """Mask (n - 1,) of the cells of grid lines (n,) that lie between low and high."""
     middle = (grid[1:] + grid[:-1]) / 2
     return (middle > low) & (middle < high)

@@ -1,4 +1,4 @@
-"""Every structure by its name."""
+"""Registry of structures by kind."""
 
 from uavbench.scenes.model_files.mesh_file import MeshFile
 from uavbench.scenes.structures.box import Box

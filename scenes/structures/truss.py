@@ -1,4 +1,4 @@
-"""A lattice tower of square steel sections on concrete feet: four legs, rings and crossed diagonals."""
+"""A lattice tower of square hollow sections on concrete footings: four legs, horizontal rings and X bracing."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,7 +14,7 @@ from uavbench.trajectories.pose import Array
 
 @dataclass(frozen=True)
 class Truss:
-    """A tower that tapers from base_m to top_m, in panels, standing at the origin."""
+    """A lattice tower at the origin that tapers from base_m to top_m over a number of panels."""
 
     height_m: Annotated[float, Gt(1), Interval(le=100)] = 8.0
     base_m: Annotated[float, Gt(0.3), Interval(le=50)] = 2.4
@@ -23,7 +23,7 @@ class Truss:
     leg_m: Annotated[float, Gt(0.01), Interval(le=2)] = 0.14
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The tower."""
+        """The tower in painted steel, on concrete footings."""
         steel = materials.painted_steel(rng, (142.0, 62.0, 48.0))
         concrete = materials.concrete(rng, boards=False)
         foot = 0.4

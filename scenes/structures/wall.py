@@ -1,4 +1,4 @@
-"""A facade: windows and a door set back, sills, a parapet with its coping; brick, panels, plaster or concrete."""
+"""A facade: recessed windows and door, sills, coping; in brick, panels, plaster or concrete."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -26,7 +26,7 @@ class Wall:
     surface: Literal["brick", "panels", "plaster", "concrete"] = "brick"
 
     def build(self, rng: np.random.Generator) -> BuiltStructure:
-        """The facade, its middle at the origin."""
+        """The facade, centred on the origin."""
         surface = materials.PAINTS[self.surface](rng)
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
         looks = facade.window_and_door_looks(rng)

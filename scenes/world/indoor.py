@@ -1,4 +1,4 @@
-"""An indoor environment: floor, walls with a door, a window and pictures, and a ceiling lamp."""
+"""An indoor environment: floor, walls with a door, a window and pictures, ceiling, and a ceiling lamp."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -20,7 +20,7 @@ SKIRTING_M = 0.09
 
 @dataclass(frozen=True)
 class Indoor:
-    """A room around the structure, turned by a random angle, lit by a broad lamp under its ceiling."""
+    """A room around the structure at a random heading, lit by an area lamp under the ceiling."""
 
     floor: Literal["planks", "carpet", "concrete"] = "planks"
     room_m: Annotated[float, Gt(1), Interval(le=60)] = 7.0
@@ -28,7 +28,7 @@ class Indoor:
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
-        """The room, enlarged where the structure does not fit."""
+        """The room around a structure of bounds (2, 3) in metres, enlarged if the structure does not fit."""
         centre = bounds.mean(axis=0)
         extent = float((bounds[1] - bounds[0])[:2].max())
         side, height = max(self.room_m, 4 * extent), max(self.height_m, 1.6 * float(bounds[1, 2]))
@@ -51,7 +51,7 @@ class Indoor:
     def _floor(
         self, side: float, structure_at: Array, extent: float, turn: Array, rng: np.random.Generator
     ) -> list[Part]:
-        """The floor, split into the part that the structure's shadow falls on and the rest."""
+        """The floor in two meshes: the region that receives the structure's shadow, with a lightmap, and the rest."""
         painted = {"planks": _planks, "carpet": _carpet, "concrete": _concrete}[self.floor](rng)
         near, half, middle = side / 2, 1.8 * extent, (structure_at @ turn)[:2]
         low, high = np.maximum(middle - half, -0.98 * near), np.minimum(middle + half, 0.98 * near)
@@ -80,7 +80,7 @@ class Indoor:
 
 
 def _planks(rng: np.random.Generator) -> Image:
-    """Oak laminate: rows of boards with staggered ends, grain along them, dark joints."""
+    """Oak laminate: rows of boards with staggered joints and grain along the boards."""
     n = TILE_PX
     rows, boards = 12, 2
     color, image = np.array([176.0, 138.0, 98.0]), np.zeros((n, n, 3), dtype=np.float32)
@@ -102,7 +102,7 @@ def _planks(rng: np.random.Generator) -> Image:
 
 
 def _grain(shape: tuple[int, int], rng: np.random.Generator) -> Image:
-    """Growth rings cut lengthwise: contours of a stretched noise, with pores."""
+    """Flat-sawn wood grain: contour lines of anisotropic noise, with pores."""
     h = shape[0]
     bent = noise.tiling(shape, (60, 700), rng) * rng.uniform(1.5, 3.0) + 0.15 * noise.tiling(shape, (12, 250), rng)
     across = np.arange(h, dtype=np.float32)[:, None] / h * rng.uniform(3, 8)

@@ -1,4 +1,4 @@
-"""An outdoor environment: sun and sky with clouds, ground, and distant trees and hills."""
+"""An outdoor environment: sun, sky with clouds, ground, and distant trees and hills."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -20,16 +20,16 @@ SKY_PX = (1024, 2048)
 RIM_M = 180.0
 ZENITH, HORIZON = (88.0, 142.0, 212.0), (202.0, 220.0, 236.0)
 CLOUD, CLOUD_SHADE, GROUND = (246.0, 246.0, 244.0), (164.0, 170.0, 180.0), (132.0, 136.0, 112.0)
-"""Colours of the sky, its clouds, and the ground below the horizon."""
+"""sRGB colours (0..255) of the sky, the clouds, and the ground below the horizon."""
 
 
 @dataclass(frozen=True)
 class Outdoor:
-    """A field around the structure under a sky.
+    """An open field around the structure under a sky.
 
-    sun_elevation_deg and sun_azimuth_deg place the sun (azimuth from x towards y, random when None); cloudiness 0 is a
-    clear sky, 1 an overcast one, without direct sunlight and without sharp shadows. site shapes the ground to the
-    structure; by default the field is level and empty.
+    sun_elevation_deg and sun_azimuth_deg give the direction of the sun (azimuth from x towards y, random when None);
+    cloudiness ranges from 0, a clear sky, to 1, an overcast one without direct sunlight and sharp shadows. haze_per_km
+    is the extinction coefficient. site shapes the ground to the structure; by default it is level and empty.
     """
 
     ground: Literal["grass", "gravel", "asphalt", "concrete"] = "grass"
@@ -41,7 +41,7 @@ class Outdoor:
     site: Site = field(default_factory=Site)
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
-        """Ground, distant trees and sky; the ground near the structure has its ambient occlusion."""
+        """Ground, distant trees and hills, light and sky panorama for a structure of bounds (2, 3) in metres."""
         azimuth = np.radians(rng.uniform(0, 360) if self.sun_azimuth_deg is None else self.sun_azimuth_deg)
         elevation = np.radians(self.sun_elevation_deg)
         to_sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
@@ -100,10 +100,10 @@ def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
-    """Panorama: blue that pales towards the horizon and the sun, clouds seen in perspective."""
+    """Equirectangular panorama: blue that pales towards the horizon and the sun, and a plane of clouds above."""
     h, w = SKY_PX
     image = np.full((h, w, 3), GROUND, dtype=np.float32)
-    rows = h // 2 + 8  # further down the ground alone is seen
+    rows = h // 2 + 8  # further down only ground is visible
     elevation = ((0.5 - (np.arange(rows, dtype=np.float32)[:, None] + 0.5) / h) * np.pi).astype(np.float32)
     azimuth = (((np.arange(w, dtype=np.float32) + 0.5) / w * 2 - 1) * np.pi).astype(np.float32)
     up, level = np.sin(elevation), np.cos(elevation)
@@ -130,7 +130,7 @@ def _sky(to_sun: Array, cloudiness: float, rng: np.random.Generator) -> Image:
 
 
 def _rim(bounds: Array, rng: np.random.Generator) -> list[Part]:
-    """Distant hills and a belt of trees: two bands around the field with an irregular upper edge."""
+    """Distant hills and a belt of trees: two alpha-tested cylindrical bands with an irregular skyline."""
     centre = bounds.mean(axis=0)[:2]
     out = []
     for distance, height, color, rough in (

@@ -1,4 +1,4 @@
-"""Every environment by its name."""
+"""Registry of environments by kind."""
 
 from uavbench.scenes.world.indoor import Indoor
 from uavbench.scenes.world.outdoor import Outdoor

@@ -1,4 +1,4 @@
-"""A studio: the structure in plain colours in front of uniform grey, without shadows: the best case for a tracker."""
+"""A studio: the structure in plain colours on a uniform grey background, without shadows; a tracker's best case."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -11,22 +11,22 @@ from uavbench.trajectories.pose import Array
 
 SKY_PX = (8, 16)
 ABOVE, BELOW = 1.0, 0.2
-"""Light from above and from below: with the light along x, any two faces of a box differ by a fifth or more."""
+"""Light from above and from below; with its gradient along x, any two faces of a box differ by a fifth or more."""
 
 
 @dataclass(frozen=True)
 class Studio:
-    """The structure alone: each surface in one colour, the mean of its texture, in front of uniform grey.
+    """The structure alone: each surface in the mean colour of its texture, on a uniform grey background.
 
-    Light comes from all around, more of it from above and along x; there is no lamp, and so no shadow. backdrop is
-    the linear light of what is behind the structure.
+    Light is ambient, stronger from above and along x; there is no lamp, and hence no shadow. backdrop is the linear
+    radiance of the background.
     """
 
     brightness: Annotated[float, Gt(0), Interval(le=10)] = 1.0
     backdrop: Annotated[float, Interval(ge=0, le=1)] = 0.02
 
     def build(self, bounds: Array, rng: np.random.Generator) -> BuiltEnvironment:
-        """The light and the backdrop; nothing in them is random."""
+        """The light and the background; both are deterministic."""
         light = Light(
             to_lamp=(1.0, 0.0, 0.0),
             lamp=(0.0, 0.0, 0.0),

@@ -49,7 +49,7 @@ class BagPoses:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Stamps and poses (position, quaternion w x y z) of one frame in another, as they were recorded.
+    """Stamps and poses (position, quaternion w x y z) of one frame in another, as recorded.
 
     covariances: 36 numbers of each pose, none where its type has none.
     """
@@ -64,7 +64,7 @@ class _Rows:
 def read_poses(source: BagTopic) -> BagPoses:
     """Trajectory of a topic of a bag; where no topic is named, of the only one with poses.
 
-    Stamps are those of the message headers, sorted. UserError naming the bag, topic or message that is wrong.
+    Stamps are those of the message headers, sorted. UserError naming the invalid bag, topic or message.
     """
     with opened_bag(source.bag) as bag:
         topic, _, ends = (source.topic or _only(bag)).partition(":")
@@ -79,7 +79,7 @@ def read_poses(source: BagTopic) -> BagPoses:
 
 
 def _only(bag: Bag) -> str:
-    """The one topic of a bag that has poses."""
+    """The only topic of a bag with poses; UserError when there is none or more than one."""
     found = bag.of_types(POSES)
     if len(found) == 1:
         return found[0]

@@ -17,7 +17,7 @@ UNTRUSTED = "which a recording has not; it is not to be trusted"
 
 
 def check_database(path: Path) -> None:
-    """UserError unless a database holds plain tables: views and generated columns can be of any size."""
+    """UserError unless a database has plain tables only: views and generated columns can be of any size."""
     if found := [letter for letter in OF_A_URI if letter in str(path)]:
         raise UserError(f"{path}: a name with {found[0]!r} cannot be opened; rename the file or its folder")
     try:

@@ -1,6 +1,6 @@
-"""File lists of folders that uavbench made: names and digests in a sealed JSON file of the folder, its marker.
+"""File lists of folders written by uavbench: names and digests in a sealed JSON file of the folder, its marker.
 
-The presence of a marker proves nothing: it may have been copied to another folder, and a file edited since.
+A marker alone is no proof: it may have been copied to another folder, and a file edited since.
 """
 
 import hashlib
@@ -47,7 +47,7 @@ class Listed:
             if name not in self.files or not stat.S_ISREG(path.lstat().st_mode):
                 return False
             return (SEALED in self.files[name] and is_sealed(path)) or file_digest(path) in self.files[name]
-        except OSError:  # gone, or not this user's to read
+        except OSError:  # missing, or not readable by this user
             return False
 
 

@@ -15,7 +15,7 @@ from uavbench.trajectories.files.limits import JSON, LONGEST_LINE, MOST_NESTING,
 DOTTED = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_NESTING}}}(?=[\w"'-])"""
 )
-"""A dotted key that is deeper than tables may be."""
+"""A dotted key that is nested deeper than MOST_NESTING."""
 HOLDS = {dict: "object", list: "list", str: "string", int: "number", float: "number", bool: "boolean"}
 
 
@@ -25,17 +25,17 @@ def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: st
     UserError naming the file when it is missing (the hint follows), is no regular file, lies elsewhere or is too large.
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: some devices act when they are
+        if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: opening has side effects on some devices
             raise UserError(f"{path}: is no regular file (but a folder, a pipe or a device)")
         if inside is not None and not path.resolve().is_relative_to(inside.resolve()):
             raise _outside(path, inside)
         handle = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
     except FileNotFoundError:
         raise UserError(f"{path}: no such file{hint}") from None
-    except (OSError, ValueError, RuntimeError) as error:  # no rights, a loop of links, a null character in the name
+    except (OSError, ValueError, RuntimeError) as error:  # no permission, a cycle of links, a null character
         raise UserError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     try:
-        found = os.fstat(handle.fileno())  # of what is open now: the file may have been swapped since
+        found = os.fstat(handle.fileno())  # of the open file: it may have been swapped since
         if not stat.S_ISREG(found.st_mode):
             raise UserError(f"{path}: is no regular file (but a pipe or a device)")
         if inside is not None and not _place(handle.fileno(), path).is_relative_to(inside.resolve()):
@@ -101,7 +101,7 @@ def read_json(path: Path, *, limit: FileLimit = JSON, inside: Path | None = None
 
 def toml_table(text: str) -> dict[str, Any]:
     """Table of TOML text; ValueError when it is none, or nested too deep."""
-    if DOTTED.search(text):  # tomllib takes time with the square of the depth
+    if DOTTED.search(text):  # tomllib is quadratic in the depth
         raise ValueError(_TOO_DEEP)
     try:
         table = tomllib.loads(text)
@@ -125,7 +125,7 @@ _TOO_DEEP = f"it is nested deeper than {MOST_NESTING} levels"
 
 
 def _shallow(value: Any) -> None:
-    """ValueError when a value is nested too deep for those who walk through it."""
+    """ValueError when a value is nested too deep for recursive processing."""
     level = [value]
     for _ in range(MOST_NESTING):
         level = [
@@ -141,7 +141,7 @@ def _shallow(value: Any) -> None:
 
 
 def _place(number: int, path: Path) -> Path:
-    """Where an open file lies; by its name where the system does not tell."""
+    """Path of an open file by its descriptor, or its name where the system has no such look-up."""
     try:
         return Path(f"/proc/self/fd/{number}").readlink()
     except OSError:

@@ -1,7 +1,6 @@
-"""Seals: a file that uavbench wrote ends with the digest of its content, which proves its origin.
+"""Seals: a file written by uavbench ends with the digest of its content, which proves its origin.
 
-A seal stands in a comment of the file's own format. A file that somebody changed, or that only looks alike, has none
-that holds.
+A seal is a comment in the file's own format. An edited or foreign file has no valid seal.
 """
 
 import hashlib
@@ -25,7 +24,7 @@ TABLE = ".csv"
 IEND = bytes.fromhex("0000000049454e44ae426082")
 """The last chunk of every PNG file."""
 TAIL_BYTES = 300
-"""Bytes at the end of a file in which a seal is looked for."""
+"""Bytes at the end of a file that are searched for a seal."""
 PATTERN = re.compile(SEAL + rb"([0-9a-f]{64})(.*)", re.DOTALL)
 
 
@@ -36,7 +35,7 @@ def seal_table(path: Path) -> None:
 
 
 def seal(path: Path, beside: Path | None = None) -> None:
-    """Append a seal to a file, and to a file beside it; formats without comments are left as they are."""
+    """Append a seal to a file, and to a file beside it; formats without comments are left unchanged."""
     data = path.read_bytes()
     about = b"" if beside is None else _beside(beside)
     if path.suffix == ".json" and data.endswith(b"\n}\n"):

@@ -1,4 +1,4 @@
-"""Temporary names with an owner, and the removal of what a killed process left under them.
+"""Temporary names with an owner, and the removal of leftovers of killed processes.
 
 Before `.NAME-uavbench-TOKEN` there is `.NAME-uavbench-TOKEN.owner`: a dangling symbolic link whose text names the
 token and the process. Links are created atomically, so whatever carries a token belongs to its owner; the link is
@@ -58,7 +58,7 @@ def temporary(path: Path) -> Iterator[Temporary]:
 
 
 def is_temporary(name: str) -> bool:
-    """Whether a name has the form of ours."""
+    """Whether a name has the form of these temporary names."""
     return TEMPORARY.fullmatch(name) is not None
 
 
@@ -125,7 +125,7 @@ def _machine() -> str:
 
 
 def _remove(path: Path) -> bool:
-    """Remove a file or a folder; whether nothing is left of it."""
+    """Remove a file or folder; returns whether it is gone."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, onerror=_make_writable)
     else:

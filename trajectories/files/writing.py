@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders, which overwrites nothing but output of uavbench.
+"""Atomic writing of files and folders, which overwrites only output of uavbench.
 
 Proof of origin is a seal at the end of a file (`seals`), the digest of a file in the sealed list of its folder
 (`listed`), or a job's record of what it wrote (`owning`).
@@ -120,13 +120,13 @@ def in_parts(
 
 
 def write_text(path: Path, text: str, *, sealed: bool = False) -> None:
-    """Write `text` as UTF-8, whole or not at all; see `new_file`."""
+    """Write `text` as UTF-8 atomically; see `new_file`."""
     with new_file(path, sealed=sealed) as new:
         new.write_text(text, encoding="utf-8", newline="\n")
 
 
 def refuse_foreign(folder: Path, marker: str) -> None:
-    """UserError when `folder` is no folder, or holds what uavbench did not write; names the first of it."""
+    """UserError when `folder` is not a folder, or has content not written by uavbench; names the first such file."""
     if folder.is_symlink():
         raise UserError(f"{folder}: is a link; name the folder itself, or a new one")
     _refuse_no_folder(folder)
@@ -143,7 +143,7 @@ def _refuse_no_folder(folder: Path) -> None:
 
 
 def foreign(folder: Path, marker: str) -> Iterator[str]:
-    """Names in a folder of what uavbench did not write."""
+    """Names in a folder of files not written by uavbench."""
     if not folder.is_dir():
         return
     listed = Listed.of(folder / marker) if marker else Listed()
@@ -155,7 +155,7 @@ def foreign(folder: Path, marker: str) -> Iterator[str]:
 
 
 def refuse_foreign_file(path: Path) -> None:
-    """UserError when `path` is there and is not a file as uavbench wrote it."""
+    """UserError when `path` exists and is not an unmodified file of uavbench."""
     if not os.path.lexists(path):
         return
     if not _is_regular(path):

@@ -16,8 +16,8 @@ MAX_DEPTH = 64
 
 class Tree(NamedTuple):
     """Balanced tree: low, high (k, 3) boxes of the nodes; first, counts (k,) the triangles of a leaf (counts 0: inner);
-    child (k,) the first of the two children, which follow each other; corners (m, 3, 3) triangles in leaf order, and
-    rows (m,) where each one stood before.
+    child (k,) the first of two consecutive children; corners (m, 3, 3) triangles in leaf order, and rows (m,) their
+    original indices.
     """
 
     low: Array

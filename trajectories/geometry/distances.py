@@ -53,7 +53,7 @@ def _box_squared(p: Array, low: Array, high: Array) -> float:
 
 @compiled
 def _triangle_squared(p: Array, a: Array, b: Array, c: Array) -> float:
-    """Squared distance of a point to a triangle: to its plane above its inside, else to the nearest side."""
+    """Squared distance of a point to a triangle: to its plane above the interior, otherwise to the nearest side."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     wx, wy, wz = p[0] - a[0], p[1] - a[1], p[2] - a[2]

@@ -20,7 +20,7 @@ def ray_distances(tree: Tree, origins: Array, directions: Array) -> Array:
 
 
 class Hit(NamedTuple):
-    """Distance to a triangle and its place in the tree, -1 where there is none."""
+    """Distance to a triangle and its index in the tree, -1 for none."""
 
     distance: float
     place: int
@@ -28,7 +28,7 @@ class Hit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """First triangles that rays meet: distances (k,), inf where there is none, and rows (k,) of the mesh, then -1."""
+    """First hits of rays: distances (k,), inf for none, and rows (k,) of the mesh, -1 for none."""
 
     distances: Array
     rows: NDArray[np.int64]
@@ -42,7 +42,7 @@ def first_hits(tree: Tree, origins: Array, directions: Array) -> Hits:
 
 
 def rays_blocked(tree: Tree, origins: Array, directions: Array, within: float) -> NDArray[np.bool_]:
-    """Which rays (n, k), in unit directions (n, k, 3) from origins (n, 3), meet a triangle nearer than `within`."""
+    """Mask (n, k) of rays from origins (n, 3) along unit directions (n, k, 3) that hit a triangle within `within`."""
     out = np.empty(directions.shape[:2])
     _distances(tree, origins, directions, within, True, out)
     return out < within
@@ -57,7 +57,7 @@ def mesh_crossings(tree: Tree, origins: Array, direction: Array) -> NDArray[np.i
 
 @compiled
 def _first(tree: Tree, o: Array, d: Array, within: float, any_will_do: bool, stack: NDArray[np.int64]) -> Hit:
-    """The first triangle that a ray meets nearer than `within`, or any; `stack` (MAX_DEPTH,) is room for the search."""
+    """The first, or any, triangle that a ray hits nearer than `within`; `stack` (MAX_DEPTH,) is traversal memory."""
     best, place = within, -1
     stack[0] = 0
     top = 1
@@ -89,7 +89,7 @@ def _distances(tree: Tree, origins: Array, directions: Array, within: float, any
 
 @compiled("Tree f2 f2 f1! i1!", Tree=TREE)
 def _hits(tree: Tree, origins: Array, directions: Array, out: Array, place: NDArray[np.int64]) -> None:
-    """Distance (k,) to the first triangle, inf for none, and its place (k,) in the tree, -1 for none."""
+    """Distance (k,) to the first triangle, inf for none, and its index (k,) in the tree, -1 for none."""
     stack = np.empty(MAX_DEPTH, dtype=np.int64)
     for i in range(origins.shape[0]):
         hit = _first(tree, origins[i], directions[i], np.inf, False, stack)
@@ -121,7 +121,7 @@ def _crossings(tree: Tree, origins: Array, direction: Array, out: NDArray[np.int
 
 @compiled("f1~ f1~ f1 f1 f0", inner=True)
 def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float) -> bool:
-    """Whether a ray meets a box within `far`."""
+    """Whether a ray hits a box within `far`."""
     near = 0.0
     for k in range(3):
         if direction[k] == 0.0:
@@ -136,7 +136,7 @@ def _enters(origin: Array, direction: Array, low: Array, high: Array, far: float
 
 @compiled
 def _side(direction: Array, a: Array, b: Array, c: Array) -> int:
-    """1 where a ray leaves through a triangle's outside, -1 where it enters."""
+    """1 where a ray exits through a triangle, -1 where it enters."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     along = direction[0] * (uy * vz - uz * vy) + direction[1] * (uz * vx - ux * vz) + direction[2] * (ux * vy - uy * vx)

@@ -42,7 +42,7 @@ class MeshOnFloor:
     tree: Tree
 
     def strike(self, origins_m: Array, directions: Array, times_ns: NDArray[np.int64]) -> Struck:
-        """First hits of rays from origins (k, 3) along unit directions (k, 3); the mesh stands still."""
+        """First hits of rays from origins (k, 3) along unit directions (k, 3); the mesh is static."""
         down = np.maximum(-directions[:, 2], 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             to_floor = np.where(down > 0, origins_m[:, 2] / down, np.inf)
@@ -65,7 +65,7 @@ def incidence(corners_m: Array, directions: Array) -> Array:
 
 
 def barycentric(corners_m: Array, places_m: Array) -> Array:
-    """Weights (k, 3) of the corners of triangles (k, 3, 3) at places (k, 3) on them; all at least 0 inside."""
+    """Weights (k, 3) of the corners of triangles (k, 3, 3) at points (k, 3) in their planes; all at least 0 inside."""
     a, b, c = (corners_m[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     size = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)

@@ -1,4 +1,4 @@
 """Compiled kernels: the decorator, argument types, the cache on disk, and compilation ahead of use.
 
-In: functions. Out: machine code that gives the same bits on every run. Imports files and source files only.
+In: functions. Out: machine code with bit-identical results on every run. Imports files and source files only.
 """

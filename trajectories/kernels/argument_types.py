@@ -1,4 +1,4 @@
-"""The types of a kernel's arguments, in short.
+"""Compact notation for the argument types of kernels.
 
 One word for each argument: its element (f float64, s float32, i int64, u uint8, w uint64, b bool) and its number of
 dimensions, 0 for a number. An array is contiguous and only read; `!` after it says that it is written in place, `~`

@@ -71,11 +71,11 @@ class KernelCache(NullCache):
         try:
             found = self._file(sig, target_context.codegen()).read_bytes()
             runtime: Any = rtsys
-            runtime.initialize(target_context)  # a refresh takes a quarter of a second more
+            runtime.initialize(target_context)  # a refresh takes 0.25 s more
             kept_for, payload = pickle.loads(found)  # noqa: S301, ours
             rebuilt: Any = CompileResult
             return rebuilt._rebuild(target_context, *payload) if kept_for == sig else None
-        except Exception:  # unpickling a broken file raises whatever it meets
+        except Exception:  # unpickling a broken file may raise anything
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -86,7 +86,7 @@ class KernelCache(NullCache):
             path = self._file(sig, data.codegen)
             with temporary(path) as own:
                 own.made.write_bytes(dumps((sig, data._reduce())))  # type: ignore[no-untyped-call]
-                own.made.replace(path)  # in a folder of ours, a name that stands for its content: another's is the same
+                own.made.replace(path)  # content-addressed: a file by another process is identical
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         if self.folder is None:
@@ -134,7 +134,7 @@ def folder_of_module(module: str) -> Path | None:
 
 
 def sources_of(modules: Iterable[str]) -> frozenset[Path]:
-    """Source files of modules and of all that they import, as `made_of` finds them, from what is kept of before."""
+    """Source files of modules and of all that they import, as `made_of` finds them, using cached imports."""
     with remembered(folder_of):
         return made_of(modules).files
 
@@ -190,7 +190,7 @@ def remove_old(home: Path) -> None:
     for folder in home.iterdir():
         if not KEY.fullmatch(folder.name) or folder.is_symlink():
             continue
-        with contextlib.suppress(OSError):  # not ours, or another process removes it too
+        with contextlib.suppress(OSError):  # a foreign folder, or removed by another process
             if (folder / MARKER).lstat().st_mtime < oldest:
                 for path in [*folder.glob("*.nbc"), folder / IMPORTS, folder / MARKER]:
                     path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The decorator of compiled kernels, and the list of them all.
+"""The decorator of compiled kernels, and their registry.
 
 Compiled without fast-math and without threads, so that the same input gives the same bytes in every process.
 """
@@ -34,7 +34,7 @@ class Kernel(CPUDispatcher):
         self._cache = cache_of(function, inner)
 
     def compile(self, sig: Any) -> Any:
-        """Machine code for the declared types, whatever those of a call are; kept on disk."""
+        """Machine code for the declared types, whatever those of a call are; cached on disk."""
         if not self.overloads:
             try:
                 for types in self.declared:

@@ -1,4 +1,4 @@
-"""Imports of source files, kept beside the kernels: to read them anew in each process takes half a second."""
+"""Cache of the imports of source files, next to the kernels: parsing them takes half a second per process."""
 
 import contextlib
 import hashlib
@@ -13,15 +13,15 @@ from uavbench.trajectories.files.temporary_names import temporary
 
 FILE = "imports.json"
 MOST_KEPT = 5000
-"""Source files whose imports are kept at most, over a megabyte; the sources of all trackers are 300."""
+"""Most source files with cached imports, over a megabyte; the sources of all trackers are 300."""
 
 BROKEN = (OSError, ValueError, TypeError, AttributeError, RecursionError)
-"""What a file that is absent or not as it was written raises."""
+"""Exceptions of reading a missing or damaged file."""
 
 
 @contextlib.contextmanager
 def remembered(place: Callable[[str], Path | None]) -> Iterator[None]:
-    """Know the imports of every source file that any process has read, and keep those that are read within this.
+    """Context with the cached imports of all processes, which stores the imports parsed within it.
 
     place gives the folder of a key, None where nothing can be kept. The imports are known by the content of a file.
     """
@@ -43,7 +43,7 @@ def _key() -> str:
 
 @cache
 def _recall(path: Path) -> None:
-    with contextlib.suppress(*BROKEN):  # the imports are read and kept anew
+    with contextlib.suppress(*BROKEN):  # the imports are parsed and stored again
         kept = {key: _names(value) for key, value in json.loads(path.read_bytes()).items()}
         source_files.known_imports.update(kept)
 

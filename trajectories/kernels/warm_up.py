@@ -49,7 +49,7 @@ def prepare(*modules: str) -> None:
                     missing[k].compile(None)
                     tell()
             for kernel in missing:
-                kernel.compile(None)  # where the helper has kept it, it is loaded
+                kernel.compile(None)  # loaded if the helper has cached it
 
 
 def kernels_of(modules: Iterable[str]) -> list[Kernel]:

@@ -1,5 +1,5 @@
 """Flight paths: the reference that the vehicle flies.
 
 In: obstacles around the structure, the camera's mount and a random generator. Out: reference rows for the controller,
-one for each control step. Imports geometry, trajectory files and the vehicle; never the simulation.
+one per control step. Imports geometry, trajectory files and the vehicle; never the simulation.
 """

@@ -21,9 +21,9 @@ from uavbench.trajectories.paths.timing import timed_rows
 from uavbench.trajectories.pose import Array
 
 YAW_RATE_RAD_S = np.radians(45.0)
-"""How fast a planned path turns on the spot."""
+"""Yaw rate of a planned path at rest."""
 MOST_LANES = 10_000
-"""Of one facade: a kilometre at 10 cm."""
+"""Most lanes of one facade: a kilometre at 10 cm."""
 
 
 @dataclass(frozen=True)
@@ -47,17 +47,17 @@ class Frame:
         return cls(along, across, *extents)
 
     def point(self, ahead: float, aside: float, height: float) -> list[float]:
-        """World coordinates of a place."""
+        """World coordinates of a point of this frame, metres."""
         return [*(ahead * self.along + aside * self.across), height]
 
 
 @dataclass(frozen=True)
 class FacadeRaster:
-    """A lawn-mower pattern before a facade, looking straight at it; it stops at every corner of the pattern.
+    """Lawn-mower pattern in front of a facade, facing it, with a stop at every corner of the pattern.
 
     The facade faces the bearing facade_deg. Lanes run across it, lane_spacing_m apart, from from_height_m to
-    to_height_m (by default that of the structure), distance_m before it, and end margin_m inside its edges.
-    All of it takes duration_s, or is flown at speed_m_s (0.8 where neither is given).
+    to_height_m (by default that of the structure), distance_m in front of it, and end margin_m inside its edges.
+    The whole path takes duration_s, or is flown at speed_m_s (default 0.8).
     """
 
     facade_deg: float = 0.0
@@ -98,12 +98,12 @@ class FacadeRaster:
 
 @dataclass(frozen=True)
 class GirderFollow:
-    """Along one side of a long structure and back, looking at it, turned look_ahead_deg towards the way it goes.
+    """Path along one side of a long structure and back, facing it with the heading turned look_ahead_deg forwards.
 
     The structure runs along the bearing along_deg; the vehicle keeps distance_m from its side at height_m and flies
-    overrun_m beyond its ends (less than 0: stays inside them). stretch_m flies only a part of it: from and to, in
-    metres along the bearing from the structure's middle.
-    All of it takes duration_s, or is flown at speed_m_s (0.8 where neither is given).
+    overrun_m beyond its ends (negative: stops short of them). stretch_m restricts the path to a part: from and to, in
+    metres along the bearing from the structure's centre.
+    The whole path takes duration_s, or is flown at speed_m_s (default 0.8).
     """
 
     along_deg: float = 0.0
@@ -119,7 +119,7 @@ class GirderFollow:
     usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
-        """Plan of the way there and back; UserError when overrun_m leaves no way."""
+        """Plan of the path in both directions; UserError when overrun_m or stretch_m leaves none."""
         frame = Frame.of(obstacles, self.along_deg)
         start, end = _run(frame, self.overrun_m, self.stretch_m)
         left = self.side == "left"
@@ -133,12 +133,12 @@ class GirderFollow:
 
 @dataclass(frozen=True)
 class UndersidePass:
-    """Beneath a bridge along it, looking ahead; tilt the camera's mount upwards to see the deck.
+    """Path underneath a bridge, along it, facing forwards; pitch the camera mount upwards to see the deck.
 
-    The bridge runs along the bearing along_deg; the lanes lie offsets_m to the left of its middle, at height_m, and
-    reach overrun_m beyond its ends (less than 0: stay inside them). stretch_m flies only a part of it, such as one
-    span between two piers: from and to, in metres along the bearing from the bridge's middle.
-    All of it takes duration_s, or is flown at speed_m_s (0.8 where neither is given).
+    The bridge runs along the bearing along_deg; the lanes are offsets_m to the left of its axis, at height_m, and
+    extend overrun_m beyond its ends (negative: stop short of them). stretch_m restricts the path to a part, such as one
+    span between two piers: from and to, in metres along the bearing from the bridge's centre.
+    The whole path takes duration_s, or is flown at speed_m_s (default 0.8).
     """
 
     along_deg: float = 0.0
@@ -152,7 +152,7 @@ class UndersidePass:
     usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
-        """Plan of the lanes, every other one backwards; UserError when overrun_m leaves no way."""
+        """Plan of the lanes in alternating directions; UserError when overrun_m or stretch_m leaves none."""
         if not self.offsets_m:
             raise UserError("offsets_m names no lane")
         frame = Frame.of(obstacles, self.along_deg)
@@ -169,7 +169,7 @@ class UndersidePass:
 def _stopping(
     path: "FacadeRaster | GirderFollow | UndersidePass | Waypoints", points: Array, yaws: Array, dwell_s: float = 0.0
 ) -> Planned:
-    """Plan through points (k, 3), at rest at each of them, in the path's duration or at its speed."""
+    """Plan through points (k, 3) in metres, yaws (k,) in rad, at rest at each, with the path's duration or speed."""
 
     def through(speed_m_s: float) -> Array:
         return np.column_stack(stop_and_go(points, yaws, speed_m_s, path.acceleration_m_s2, YAW_RATE_RAD_S, dwell_s))
@@ -200,8 +200,8 @@ def _run(frame: Frame, overrun_m: float, stretch_m: tuple[float, float] | None) 
 class Waypoints:
     """Straight lines through the points of a CSV file with the columns x_m, y_m, z_m, yaw_deg.
 
-    With stop the vehicle rests at each point (dwell_s longer than it must); without, it cuts the corners.
-    All of it takes duration_s, or is flown at speed_m_s (0.5 where neither is given).
+    With stop the vehicle rests at each point for at least dwell_s; without, it cuts the corners.
+    The whole path takes duration_s, or is flown at speed_m_s (default 0.5).
     """
 
     file: str = "waypoints.csv"

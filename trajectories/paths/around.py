@@ -32,7 +32,7 @@ def bearing(degrees: float) -> Array:
 
 
 def facing(positions: Array, target: Array) -> Array:
-    """Unwrapped yaws (n,) that look from positions (n, 3) towards a place (2,); UserError above it."""
+    """Unwrapped yaws (n,) in rad that face a target (2,) from positions (n, 3), metres; UserError straight above it."""
     to = target - positions[:, :2]
     if np.linalg.norm(to, axis=1).min() < 1e-3:
         raise UserError("the path passes straight above what it looks at, where no heading does; move it aside")
@@ -41,11 +41,11 @@ def facing(positions: Array, target: Array) -> Array:
 
 @dataclass(frozen=True)
 class Orbit:
-    """Circles around the structure's centre at one height, looking at it.
+    """Circular orbit around the structure's centre at constant height, facing it.
 
     The circle lies distance_m outside the corners of the structure's bounds and begins at start_deg. It takes
-    duration_s, or is flown at speed_m_s (0.3 where neither is given); where its curve asks for more than
-    acceleration_m_s2, it is flown slower. It begins and ends at rest.
+    duration_s, or is flown at speed_m_s (default 0.3), slower where the centripetal acceleration would exceed
+    acceleration_m_s2. It begins and ends at rest.
     """
 
     distance_m: Annotated[float, Gt(0)] = 1.0
@@ -66,11 +66,11 @@ class Orbit:
 
 @dataclass(frozen=True)
 class PierSpiral:
-    """A helix around a pier, from one height to another, looking at its axis.
+    """Helix around a pier from one height to another, facing its axis.
 
-    The axis stands at centre_m, by default that of the structure; radius_m is from the axis; rise_m is per turn. It
-    takes duration_s, or is flown at speed_m_s (0.8 where neither is given), slower where its curve asks for more than
-    acceleration_m_s2.
+    The axis is at centre_m (x, y), by default the centre of the structure; radius_m is from the axis; rise_m is per
+    turn. It takes duration_s, or is flown at speed_m_s (default 0.8), slower where the centripetal acceleration would
+    exceed acceleration_m_s2.
     """
 
     radius_m: Annotated[float, Gt(0)] = 3.0
@@ -95,7 +95,7 @@ class PierSpiral:
 def _helix(path: Orbit | PierSpiral, centre: Array, radius: float, angle: float, low: float, high: float) -> Planned:
     """Plan of a helix through `angle` radians around a vertical axis."""
     per_radian = math.hypot(radius, (high - low) / angle)
-    # Centripetal acceleration is radius (speed / per_radian)^2; half of the limit is left for speeding up.
+    # Centripetal acceleration is radius (speed / per_radian)^2; half of the limit is left for acceleration.
     fastest = per_radian * float(np.sqrt(0.5 * path.acceleration_m_s2 / radius))
 
     def way_at(speed_m_s: float) -> Array:
@@ -116,10 +116,10 @@ def _helix(path: Orbit | PierSpiral, centre: Array, radius: float, angle: float,
 
 @dataclass(frozen=True)
 class Approach:
-    """Straight towards the structure and back again, looking at it, `cycles` times.
+    """Straight approach towards the structure and back, facing it, `cycles` times.
 
-    Distances are horizontal, from the corners of the structure's bounds, along the bearing from_deg. All of it takes
-    duration_s, or is flown at speed_m_s (0.3 where neither is given).
+    Distances are horizontal, from the corners of the structure's bounds, along the bearing from_deg. The path takes
+    duration_s, or is flown at speed_m_s (default 0.3).
     """
 
     far_m: Annotated[float, Gt(0)] = 3.0
@@ -153,7 +153,7 @@ class Approach:
 
 @dataclass(frozen=True)
 class Hover:
-    """Hovers in front of the structure, camera towards it; distance_m is from the corners of its bounds."""
+    """Hover in front of the structure, facing it; distance_m is measured from the corners of its bounds."""
 
     duration_s: Annotated[float, Gt(0)] = 20.0
     distance_m: Annotated[float, Gt(0)] = 1.0
@@ -171,11 +171,11 @@ class Hover:
 
 @dataclass(frozen=True)
 class FigureEight:
-    """A lying eight (Gerono's lemniscate) before the structure, once around in period_s, looking at it.
+    """Horizontal figure-8 (lemniscate of Gerono) in front of the structure, facing it, with a period of period_s.
 
-    Its middle lies distance_m outside the corners of the structure's bounds; width_m runs across the view, depth_m
-    along it and rise_m upwards. The vehicle speeds up for one period, flies `loops` of them at full rate and slows
-    down for one.
+    Its centre is distance_m outside the corners of the structure's bounds; width_m is its extent across the view,
+    depth_m along it and rise_m upwards. The vehicle accelerates over one period, flies `loops` periods at full rate and
+    decelerates over one.
     """
 
     period_s: Annotated[float, Gt(0)] = 6.0
@@ -188,9 +188,9 @@ class FigureEight:
     from_deg: float = 30.0
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
-        """Plan of the eight."""
+        """Plan of the figure-8."""
         rate = 2 * np.pi / self.period_s
-        # Windows of 1, 1/2, 1/4 and 1/8 times 8/15 of a period: it speeds up for one, in which it gets half around.
+        # Windows of 1, 1/2, 1/4 and 1/8 times 8/15 of a period: it accelerates over one, half a loop.
         phase = progress(2 * np.pi * (self.loops + 1), rate, rate / (self.period_s * 8 / 15))
         forward = bearing(self.from_deg)
         side = np.array([-forward[1], forward[0]])

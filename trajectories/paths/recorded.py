@@ -1,4 +1,4 @@
-"""The path `recorded`: a trajectory from a file, flown as given."""
+"""The path `recorded`: a trajectory from a file, replayed exactly."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,18 +18,18 @@ from uavbench.trajectories.trajectory_files.formats import declared_frame, read_
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 LONGEST_GAP_S = 1.0
-"""Longest time between two recorded poses that is still bridged."""
+"""Longest gap between two recorded poses that is interpolated."""
 FRAMES = {"body": "world_from_body", "camera": "world_from_cam"}
 """Declared frames that a file may have, by `frame`."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recorded trajectory (tum, euroc or kitti) whose poses are kept to the digit; no vehicle is simulated.
+    """A recorded trajectory (tum, euroc or kitti) whose poses are reproduced exactly; no vehicle is simulated.
 
     Between the recorded poses the motion is a cubic spline of position and of rotation (twice continuously
-    differentiable, so the body sensors see no jumps). `frame` says whether the file holds poses of the vehicle's
-    body or of the camera. Stamps are counted from the file's first.
+    differentiable, so inertial measurements have no steps). `frame` says whether the file has poses of the vehicle's
+    body or of the camera. Stamps are relative to the first one of the file.
     """
 
     file: str = "trajectory.tum"
@@ -65,8 +65,8 @@ class Recorded:
 
 
 def resampled(given: Trajectory) -> Array:
-    """Record (n, 30) of a trajectory at the steps from its first stamp to its last; its motors stand still."""
-    from scipy.interpolate import CubicSpline  # here, for they are slow to load and rarely needed
+    """Record (n, 30) of a trajectory at the steps from its first stamp to its last; with motors off."""
+    from scipy.interpolate import CubicSpline  # lazy: slow to import and rarely needed
     from scipy.spatial.transform import Rotation, RotationSpline
 
     offsets = given.stamps_ns - given.stamps_ns[0]

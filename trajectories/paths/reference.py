@@ -23,7 +23,7 @@ class VehicleState:
 
 
 class Guidance(Protocol):
-    """Gives the controller its reference rows, block by block, in order.
+    """Source of the controller's reference rows, block by block, in order.
 
     Steps count from 0 at the first row of the record; `warm_up` steps before it are flown and not recorded.
     """
@@ -56,7 +56,7 @@ class Planned:
         return len(self.table)
 
     def rows(self, first: int, count: int, state: VehicleState | None) -> Array:
-        """Rows of the table; its first one, at rest, before it begins."""
+        """Rows of the table; during the warm-up its first row, at rest."""
         at = np.arange(first, first + count)
         out = self.table[np.maximum(at, 0)]
         out[at < 0, 3:9] = 0.0
@@ -66,7 +66,7 @@ class Planned:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """A motion that is known already: the record (n, 30) of a flight, see `RECORD`."""
+    """A known motion: the record (n, 30) of a flight, columns as in `RECORD`."""
 
     record: Array
 

@@ -1,4 +1,4 @@
-"""The paths that can be flown, by name."""
+"""Registry of flight paths by name."""
 
 from typing import Protocol
 
@@ -14,10 +14,10 @@ from uavbench.trajectories.paths.reference import Guidance, Replay
 
 
 class PathSpec(Protocol):
-    """A way to fly: a frozen dataclass of its parameters."""
+    """A flight path: a frozen dataclass of its parameters."""
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance | Replay:
-        """Guidance along the path, or a motion known already; UserError when the obstacles leave no room for it."""
+        """Guidance along the path, or a known motion to replay; UserError when the obstacles leave no room for it."""
         ...
 
 

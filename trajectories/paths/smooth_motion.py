@@ -1,8 +1,8 @@
 """Smooth motions with bounded speed and acceleration, one sample per control step.
 
-A motion of piecewise constant velocity is averaged over moving windows. An average never exceeds what it averages, so
-the speed limit holds; after the first window of length speed / acceleration the acceleration limit holds too; the
-shorter windows after it make jerk and snap finite (Biagiotti & Melchiorri 2012, FIR filters for trajectory planning).
+A motion of piecewise constant velocity is filtered by moving averages. An average never exceeds its input, so the
+speed limit holds; after the first window of length speed / acceleration the acceleration limit holds too; the shorter
+windows that follow make jerk and snap finite (Biagiotti & Melchiorri 2012, FIR filters for trajectory planning).
 """
 
 from typing import NamedTuple
@@ -44,7 +44,7 @@ def stop_and_go(
 def fly_through(
     points: Array, yaws_rad: Array, speed: float, acceleration: float, yaw_rate_rad_s: float
 ) -> PlacesAndYaws:
-    """A motion past points (k, 3) in metres with yaws (k,) without stopping, which cuts the corners.
+    """Motion past points (k, 3) in metres with yaws (k,) in rad without stopping, cutting the corners.
 
     The first window is twice as long, because the velocity may reverse at a corner. Limits and errors as `stop_and_go`.
     """
@@ -63,7 +63,7 @@ def _through(
 
 
 def _ramp(table: Array, seconds: Array, rest: int) -> Array:
-    """Samples of straight lines between rows, each `seconds` long, with `rest` samples of standing still at a row."""
+    """Samples of straight lines between rows, each `seconds` long, with `rest` samples at rest at each row."""
     knots, times = [], []
     now = 0.0
     for i, row in enumerate(table):
@@ -89,7 +89,7 @@ def _windows(speed: float, acceleration: float) -> Array:
 
 
 def _smoothed(samples: Array, speed: float, acceleration: float) -> Array:
-    """Moving averages of samples (n, k) that stand still before and after; longer by the windows."""
+    """Moving averages of samples (n, k), at rest before and after; the result is longer by the windows."""
     windows = _windows(speed, acceleration).astype(int)
     start = samples[0]
     out = samples - start

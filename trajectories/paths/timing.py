@@ -22,31 +22,31 @@ def check_flight_time(seconds: float) -> None:
 
 
 class TimedPath(Protocol):
-    """A path that takes a duration or a speed, and how fast it is flown where neither is given."""
+    """A path with an optional duration or speed, and a default speed."""
 
     @property
     def speed_m_s(self) -> float | None:
-        """Highest speed asked for."""
+        """Requested maximum speed."""
         ...
 
     @property
     def duration_s(self) -> float | None:
-        """Time asked for, from rest to rest."""
+        """Requested duration, from rest to rest."""
         ...
 
     @property
     def acceleration_m_s2(self) -> float:
-        """Highest acceleration."""
+        """Maximum acceleration."""
         ...
 
     @property
     def usual_speed_m_s(self) -> float:
-        """Speed where neither is asked for."""
+        """Default speed."""
         ...
 
 
 def requested_speed(path: object) -> float | None:
-    """Speed that a path was asked to be flown at, or is by default; None where a duration rules, or it has none."""
+    """Requested or default speed of a path; None when a duration is given, or the path has no speed."""
     speed = getattr(path, "speed_m_s", None)
     if speed is None and getattr(path, "duration_s", None) is None:
         speed = getattr(path, "usual_speed_m_s", None)
@@ -56,7 +56,7 @@ def requested_speed(path: object) -> float | None:
 def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: float) -> Array:
     """Rows (n, ...) of a path, one per control step, at its speed or of its duration; rows_at(speed) plans them.
 
-    UserError when both are given, or when its acceleration does not let it be flown in that time.
+    UserError when both are given, or when the duration is infeasible within the acceleration limit.
     """
     if path.duration_s is None:
         return rows_at(path.usual_speed_m_s if path.speed_m_s is None else path.speed_m_s)
@@ -65,13 +65,13 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
     check_flight_time(path.duration_s)
     wanted = round(path.duration_s / STEP_S) + 1
     average = max(length_m, 1e-3) / path.duration_s
-    speed = slower = average  # a path from rest to rest takes longer than that
+    speed = slower = average  # a lower bound: a path from rest to rest takes longer
     rows = rows_at(speed)
     least = len(rows)
     while len(rows) > wanted:
         slower, speed = speed, FASTER * speed
         rows = rows_at(speed)
-        if len(rows) >= least:  # beyond the fastest
+        if len(rows) >= least:  # past the optimum
             slower = average
             speed = _fastest(rows_at, min(average, (path.acceleration_m_s2 * max(length_m, 1e-3)) ** 0.5))
             rows = rows_at(speed)
@@ -95,9 +95,9 @@ def timed_rows(path: TimedPath, rows_at: Callable[[float], Array], length_m: flo
 
 
 def _fastest(rows_at: Callable[[float], Array], speed: float) -> float:
-    """Speed of the fastest plan: the time falls with the speed up to the best one, and then rises.
+    """Speed of the fastest plan: the duration decreases with the speed up to the optimum, and then increases.
 
-    speed: to begin at; that which the acceleration reaches on half of the way is beyond the best.
+    speed: start of the search; the speed that the acceleration reaches at half the path is past the optimum.
     """
     fewest = len(rows_at(speed))
     for step in (0.5, 1 / FASTER, FASTER):

@@ -1,4 +1,4 @@
-"""A barometer as on small vehicles."""
+"""Barometer of a small vehicle."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Barometer:
-    """Air pressure with white noise and a slow drift, and the height above the floor by the standard atmosphere.
+    """Air pressure with white noise and a slow drift, and height above the floor by the standard atmosphere.
 
     noise_pa is the standard deviation of a reading, 1 Pa as in PX4's simulated barometer (sitl_gazebo, about 8 cm of
-    height). The drift is a first-order process of drift_pa and drift_s, for what doors, warmth and weather do; there is
-    none by default, as it is the place's and not the sensor's: take it from a record of your own sensor at rest.
+    height). The drift is a first-order Gauss-Markov process of drift_pa and drift_s, for doors, temperature and
+    weather; it is 0 by default, as it depends on the site: estimate it from a record of your own sensor at rest.
     """
 
     measured: ClassVar[tuple[str, ...]] = ("pressure_pa", "height_m")
@@ -56,7 +56,7 @@ class Barometer:
 
 
 TEMPERATURE_K, LAPSE_K_M, EXPONENT = 288.15, 0.0065, 5.25588
-"""Standard atmosphere (ISO 2533) at sea level: temperature, its fall with height, and g M / (R L)."""
+"""Standard atmosphere (ISO 2533) at sea level: temperature, lapse rate, and exponent g M / (R L)."""
 
 
 def pressure_at(height_m: Array, floor_pressure_pa: float) -> Array:

@@ -1,4 +1,4 @@
-"""A GNSS receiver whose satellites the structure occludes."""
+"""GNSS receiver with satellites occluded by the structure."""
 
 import math
 from dataclasses import dataclass
@@ -31,14 +31,14 @@ class SatelliteView(NamedTuple):
 
 @dataclass(frozen=True)
 class Gnss:
-    """Position fixes from the satellites in view: those above mask_deg that the structure does not hide.
+    """Position fixes from the satellites in view: above the mask angle mask_deg and not occluded by the structure.
 
-    Each satellite's range errs by a slow part (slow_m, correlated over slow_s: orbit, clock, atmosphere, multipath) and
-    by white noise (white_m); each fix is their least-squares solution with those in view, so it degrades with
-    the geometry and jumps when a satellite is lost. Fewer than four satellites, or a position dilution of precision
-    above greatest_pdop, make no fix. Velocity comes from Doppler errors of doppler_m_s in the same way. The sky is that
-    over latitude_deg at epoch_s; the world's y axis points north_deg counter-clockwise from north. Defaults are of the
-    size of the GPS standard's user range error (SPS performance standard 2020: up to 2 m RMS single satellite).
+    Each pseudorange has a correlated error (slow_m, time constant slow_s: orbit, clock, atmosphere, multipath) and
+    white noise (white_m); a fix is the least-squares solution of those in view, so that it degrades with the geometry
+    and jumps when a satellite is lost. Fewer than four satellites, or a position dilution of precision above
+    greatest_pdop, give no fix. Velocity is solved from range rates with errors of doppler_m_s. The sky is that over
+    latitude_deg at epoch_s; the world's y axis points north_deg counter-clockwise from north. Defaults are of the size
+    of the GPS standard's user range error (SPS performance standard 2020: up to 2 m RMS single satellite).
     """
 
     measured: ClassVar[tuple[str, ...]] = (

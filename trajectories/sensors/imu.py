@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Imu:
-    """Gyroscope and accelerometer with white noise and a bias that walks; the defaults are EuRoC's ADIS16448.
+    """Gyroscope and accelerometer with white noise and bias random walk; the defaults are EuRoC's ADIS16448.
 
     Noise densities and random walks are those of Kalibr's model: at a step dt the noise has the standard deviation
-    density / sqrt(dt), and the bias walks by walk * sqrt(dt). The biases begin at random values of the given
-    standard deviations. The unit sits at offset_m on the body, along its axes. Readings end at the ranges.
+    density / sqrt(dt), and the bias steps by walk * sqrt(dt). Initial biases are random with the given standard
+    deviations. The unit is at offset_m on the body, aligned with its axes. Readings saturate at the ranges.
     """
 
     measured: ClassVar[tuple[str, ...]] = ("wx_rad_s", "wy_rad_s", "wz_rad_s", "ax_m_s2", "ay_m_s2", "az_m_s2")
@@ -39,7 +39,7 @@ class Imu:
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
-        """Rates and specific forces in the body, and the biases that are in them."""
+        """Angular rates and specific forces in the body, and the biases that they contain."""
         stamps = sample_stamps(flight, self.rate_hz)
         columns = [f"{name}{axis}_{unit}" for name, unit in _NAMES for axis in "xyz"]
         return Table(tuple(columns), stamps, self._readings(flight, stamps, self._noise(len(stamps), rng)))
@@ -51,7 +51,7 @@ class Imu:
     def _noise(self, n: int, rng: np.random.Generator) -> Array:
         """White noise and biases (n, 12) of the readings: of the gyroscope and the accelerometer each."""
         dt = 1.0 / self.rate_hz
-        gyro_rng, accel_rng, *bias_rngs = rng.spawn(4)  # so that a longer flight begins with the same noise
+        gyro_rng, accel_rng, *bias_rngs = rng.spawn(4)  # a longer flight starts with the same noise
         biases = [
             start * bias_rng.standard_normal(3)
             + walk * np.sqrt(dt) * np.cumsum(bias_rng.standard_normal((n, 3)), axis=0)
@@ -96,7 +96,7 @@ class InertialGroundTruth(NamedTuple):
 
 
 def inertial_ground_truth(flight: Flight, offset_m: Array) -> InertialGroundTruth:
-    """What an ideal IMU at offset_m (3,) on the body measures at each row of a flight.
+    """Measurements of an ideal IMU at offset_m (3,) on the body at each row of a flight.
 
     f = R' (a - g) + alpha x r + omega x (omega x r).
     """

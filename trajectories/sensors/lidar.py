@@ -1,4 +1,4 @@
-"""Turning lidars: one ring of rays in a plane, or several above each other."""
+"""Scanning lidars with one or several rings."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
 
 MOST_RINGS = 128
-"""Of the largest lidars on the market."""
+"""Rings of the largest lidars on the market."""
 RING_COLUMNS = tuple(f"range_{ring:02d}_m" for ring in range(MOST_RINGS))
 
 
 @dataclass(frozen=True)
 class Lidar2d(LaserRanging):
-    """A lidar that turns about its z axis; the defaults are those of Hokuyo's UTM-30LX by its data sheet.
+    """A lidar that scans about its z axis; the defaults are those of Hokuyo's UTM-30LX by its data sheet.
 
-    In each of rate_hz turns a second it reads from -field_deg / 2 to field_deg / 2, counter-clockwise, x ahead, every
-    step_deg: 40 turns, 270 degrees, 0.25 degrees. From 0.1 m to 30 m on white paper, taken as 90 % reflectance, with a
-    standard deviation of 10 mm to 10 m and 30 mm beyond, in steps of 1 mm. elevations_deg are those of its rings, from
-    below; every step reads all rings at once. Each step has its own stamp, and is taken where the vehicle is then.
+    It makes rate_hz scans a second, from -field_deg / 2 to field_deg / 2 counter-clockwise about x, in steps of
+    step_deg: 40 scans, 270 degrees, 0.25 degrees. Range 0.1 m to 30 m on white paper, taken as 90 % reflectance, with a
+    standard deviation of 10 mm up to 10 m and 30 mm beyond, in steps of 1 mm. elevations_deg are those of its rings,
+    from below; a step measures all rings at once. Each step has its own stamp and the pose of the vehicle at that time.
     """
 
     measured: ClassVar[tuple[str, ...]] = ("azimuth_rad", *RING_COLUMNS)
@@ -57,21 +57,21 @@ class Lidar2d(LaserRanging):
     def azimuths_rad(self) -> Array:
         """Azimuths (n,) of the steps of one turn."""
         steps = int(self.field_deg / self.step_deg + 1e-9)
-        steps += self.field_deg < 360.0  # a whole turn ends before it begins again
+        steps += self.field_deg < 360.0  # a full turn has no last step, which would repeat the first
         return np.asarray(np.radians(-self.field_deg / 2 + self.step_deg * np.arange(max(steps, 1))))
 
     @property
     def steps_per_s(self) -> float:
-        """Steps a second, each a row of the readings."""
+        """Steps per second, each of which is a row of the readings."""
         return self.rate_hz * len(self.azimuths_rad)
 
     @property
     def rays_per_s(self) -> float:
-        """Rays a second."""
+        """Rays per second."""
         return self.steps_per_s * len(self.elevations_deg)
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
-        """Azimuth and range of each ring at each step, none where no light comes back, and the true ranges."""
+        """Azimuth, range of each ring at each step (none without a return), and the true ranges."""
         self.check(flight, obstacles)
         stamps, azimuths = self._steps(flight)
         rings = len(self.elevations_deg)
@@ -82,7 +82,7 @@ class Lidar2d(LaserRanging):
         return Table(columns, stamps, np.column_stack([azimuths, values]))
 
     def _steps(self, flight: Flight) -> tuple[NDArray[np.int64], Array]:
-        """Stamps and azimuths (n,) of all steps of the turns that end within the flight."""
+        """Stamps and azimuths (n,) of all steps of the scans that end within the flight."""
         first, last = int(flight.stamps_ns[0]), int(flight.stamps_ns[-1])
         period = Fraction(10**9) / Fraction(str(self.rate_hz))
         turns = int(Fraction(last - first) / period)
@@ -94,7 +94,7 @@ class Lidar2d(LaserRanging):
         return (begins[:, None] + late).reshape(-1), np.tile(azimuths, turns)
 
     def _ways(self, azimuths_rad: Array) -> Array:
-        """Unit vectors (n, rings, 3) in the sensor's axes."""
+        """Unit ray directions (n, rings, 3) in the sensor frame."""
         level = np.column_stack([exact.cos(azimuths_rad), exact.sin(azimuths_rad), np.ones(len(azimuths_rad))])
         up = np.radians(np.array(self.elevations_deg))
         tilt = np.column_stack([exact.cos(up), exact.cos(up), exact.sin(up)])
@@ -105,9 +105,9 @@ class Lidar2d(LaserRanging):
 class Lidar3d(Lidar2d):
     """A lidar of 16 rings; the defaults are those of Velodyne's VLP-16 (user manual 63-9243 rev. D).
 
-    10 turns a second (of 5 to 20), 360 degrees every 0.2, rings from -15 to 15 degrees every 2, to 100 m in steps of
-    2 mm; its typical accuracy of 3 cm is taken as one standard deviation. The manual names no target for the 100 m;
-    rated_reflectance 0.8 is assumed. The rings of the unit fire within 37 microseconds, here at once.
+    10 scans a second (of 5 to 20), 360 degrees in steps of 0.2, rings from -15 to 15 degrees every 2, up to 100 m in
+    steps of 2 mm; its typical accuracy of 3 cm is taken as one standard deviation. The manual names no target for the
+    100 m; rated_reflectance 0.8 is assumed. The rings of the unit fire within 37 microseconds, here simultaneously.
     """
 
     rate_hz: Annotated[float, Gt(0), Le(500)] = 10.0

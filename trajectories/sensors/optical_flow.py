@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlowDeck:
-    """Points along the body's -z: motion of the ground in px since the last reading, and the range to it.
+    """Downward optical flow and range along the body's -z: image motion in px since the last reading, and distance.
 
     Flow follows the measurement model of the Crazyflie's firmware (mm_flow.c): pixels / aperture_rad per radian of
     flow, v_x / range - w_y along x and v_y / range + w_x along y, where its two constants are 35 px and 0.71674 rad.
-    Counts are whole, as from the chip, and what is left over counts next time; flow_noise_px is their noise, 0.25 px as
+    Counts are integers, as from the chip, with the remainder carried over; flow_noise_px is their noise, 0.25 px as
     the firmware's filter first assumed (flowdeck_v1v2.c). Range noise follows zranger2.c: 2.5 mm, growing exponentially
-    beyond 2.5 m to 0.2 m at 4 m, where the range ends. Below least_range_m the chip sees no flow (PMW3901 data sheet:
+    beyond 2.5 m to 0.2 m at 4 m, the maximum range. Below least_range_m the chip measures no flow (PMW3901 data sheet:
     from 80 mm).
     """
 
@@ -40,7 +40,7 @@ class FlowDeck:
     greatest_range_m: Annotated[float, Gt(0)] = 4.0
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
-        """Flow dx, dy in px (whole counts) and range in m; none where the ground is out of range."""
+        """Flow dx, dy in px (integer counts) and range in m; none where the ground is out of range."""
         stamps = sample_stamps(flight, self.rate_hz)
         return Table(self.measured, stamps, self.begin(len(stamps), obstacles, rng).read(flight, stamps))
 
@@ -50,7 +50,7 @@ class FlowDeck:
 
 
 class FlowReader:
-    """Reader of a flow deck in flight; it keeps the fractions of counts that are left over."""
+    """Reader of a flow deck in flight; it carries over fractions of counts."""
 
     def __init__(self, deck: FlowDeck, obstacles: "ObstacleMesh", rng: np.random.Generator) -> None:
         self._deck, self._obstacles = deck, obstacles
@@ -62,7 +62,7 @@ class FlowReader:
         """The next readings (n, 3)."""
         deck = self._deck
         flow, distance = flow_ground_truth(flight, self._obstacles)
-        # Flow gathered since the last reading: the integral of the rate from row to row.
+        # Flow accumulated since the last reading: the integral of the rate from row to row.
         step_s = np.diff(flight.stamps_ns, prepend=flight.stamps_ns[0])[:, None] / 1e9
         before = np.concatenate([flow[:1], flow[:-1]])
         gathered = np.cumsum(np.nan_to_num(0.5 * (flow + before)) * step_s, axis=0)

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RangeFinder(LaserRanging):
-    """A ray along the sensor's x axis; the defaults are those of Garmin's LIDAR-Lite v3 (operation manual, 2016).
+    """Laser range finder along the sensor's x axis; the defaults are those of Garmin's LIDAR-Lite v3 (manual, 2016).
 
     40 m on a target of 70 % reflectance, from 5 cm, in steps of 1 cm, up to 500 Hz; its accuracy of 2.5 cm below 5 m
-    and of 10 cm beyond is taken as one standard deviation. For one that looks down give pitch_deg = -90.
+    and of 10 cm beyond is taken as one standard deviation. Set pitch_deg = -90 for a downward one.
     """
 
     measured: ClassVar[tuple[str, ...]] = ("range_m",)
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
-        """Range in m, none where no light comes back, and the true distance along the ray."""
+        """Range in m (none without a return), and the true distance along the ray."""
         self.check(flight, obstacles)
         stamps = sample_stamps(flight, self.rate_hz)
         values = self._readings(obstacles, flight, stamps, rng.standard_normal((len(stamps), 1)))

@@ -17,25 +17,25 @@ if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
 
 EVERY = 5
-"""Rows of a flight, 10 ms, from one at which a sensor's place is checked to the next."""
+"""Stride in rows of a flight, 10 ms, at which a sensor's position is checked."""
 BLOCK = 65_536
 """Rays cast at a time: some 10 MB."""
 
 
 @dataclass(frozen=True)
 class LaserRanging:
-    """A laser that measures the distance to the first surface along an infinitely thin ray.
+    """Laser ranging: the distance to the first surface along an infinitely thin ray.
 
-    The sensor's axes are the body's (x forward, y left, z up), turned by yaw_deg (positive to the left), then pitch_deg
-    (positive up: -90 looks down), then roll_deg; it sits at offset_m on the body.
+    The sensor's axes are the body's (x forward, y left, z up), rotated by yaw_deg (positive to the left), then
+    pitch_deg (positive upwards: -90 looks down), then roll_deg; it is at offset_m on the body.
 
-    A range r is measured where enough light returns. By the lidar equation for a Lambertian surface wider than the beam
-    (Wagner et al. 2006, ISPRS J. 60; Hoefle & Pfeifer 2007, ISPRS J. 62) the returned power is proportional to
+    A range r is measured where the returned power suffices. By the lidar equation for a Lambertian surface wider than
+    the beam (Wagner et al. 2006, ISPRS J. 60; Hoefle & Pfeifer 2007, ISPRS J. 62) the returned power is proportional to
     reflectance cos(incidence) / r^2, and the least that is detected is that of the data sheet's target, of
-    rated_reflectance at normal incidence at greatest_range_m: so r <= greatest_range_m sqrt(reflectance
-    cos(incidence) / rated_reflectance), and r always lies between least_range_m and greatest_range_m. All surfaces have
-    the same reflectance at the laser's wavelength; 0.3, a medium grey, is assumed. Range errors are normal with the
-    standard deviation noise_m, far_noise_m from far_m on; readings come in steps of resolution_m (0: continuous).
+    rated_reflectance at normal incidence at greatest_range_m: so r <= greatest_range_m sqrt(reflectance cos(incidence)
+    / rated_reflectance), and r always lies between least_range_m and greatest_range_m. All surfaces have the same
+    reflectance at the laser's wavelength; 0.3, a medium grey, is assumed. Range errors are normal with the standard
+    deviation noise_m, far_noise_m from far_m on; readings come in steps of resolution_m (0: continuous).
     """
 
     rate_hz: Annotated[float, Gt(0), Le(500)] = 50.0
@@ -60,7 +60,7 @@ class LaserRanging:
 
     @property
     def body_from_sensor(self) -> Array:
-        """Rotation (3, 3) of the sensor's axes into the body's."""
+        """Rotation `body_from_sensor` (3, 3)."""
         yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
         turns = rotation_exp(np.array([[0.0, 0.0, yaw], [0.0, -pitch, 0.0], [roll, 0.0, 0.0]]))
         return exact.product(exact.product(turns[0], turns[1]), turns[2])
@@ -86,7 +86,7 @@ class LaserRanging:
             )
 
     def places(self, flight: Flight, stamps_ns: NDArray[np.int64]) -> Array:
-        """Places (n, 3) of the sensor in the world, metres."""
+        """Positions (n, 3) of the sensor in the world, metres."""
         turned = np.einsum("nij,j->ni", self.world_from_body(flight, stamps_ns), np.array(self.offset_m))
         return np.asarray(sampled(flight, flight.positions_m, stamps_ns) + turned)
 
@@ -98,9 +98,9 @@ class LaserRanging:
     def ranges(
         self, flight: Flight, stamps_ns: NDArray[np.int64], ways: Array, noise: Array, obstacles: "ObstacleMesh"
     ) -> Array:
-        """Ranges read and true ranges (n, 2 rings) along unit ways (n, rings, 3) of the sensor at stamps (n,), metres.
+        """Measured and true ranges (n, 2 rings), metres, along unit directions (n, rings, 3) in the sensor frame.
 
-        noise (n, rings) is standard normal. NaN where no light returned; in the true ranges, where nothing is hit.
+        noise (n, rings) is standard normal. NaN without a return, and in the true ranges without a hit.
         """
         rings = ways.shape[1]
         out = np.empty((len(stamps_ns), 2 * rings))

@@ -1,4 +1,4 @@
-"""The body sensors, by name, and the files of a flight: its record and the sensors' measurements."""
+"""Registry of body sensors by name, and the files of a flight: its record and the sensors' measurements."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,7 +45,7 @@ def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
 def measure(sensors: tuple[SensorSpec, ...], flight: Flight, obstacles: "ObstacleMesh", seed: int) -> dict[str, Table]:
     """Table of each sensor by its name on the body.
 
-    Every sensor draws from a stream of its own name, so adding one never changes another's readings. UserError naming
+    Every sensor has a random stream of its own name, so adding one never changes another's readings. UserError naming
     the sensor that cannot measure on this flight.
     """
     return {name: _measured(name, sensor, flight, obstacles, seed) for name, sensor in named(sensors).items()}
@@ -82,7 +82,7 @@ def write_flight(
 ) -> list[str]:
     """Write `flight.csv` and one file per sensor into a folder; the names of the files of readings, `flight.csv` first.
 
-    A sensor that is `binary` has NAME.npy for what it measures and NAME_truth.npy for what is true.
+    A `binary` sensor has NAME.npy for its measurements and NAME_truth.npy for the ground truth.
     """
     write_table(flight_table(flight), folder / "flight.csv")
     files = ["flight.csv"]

@@ -1,4 +1,4 @@
-"""A constellation of navigation satellites and where they stand in the sky."""
+"""Constellation of navigation satellites, and their directions in the sky."""
 
 import math
 
@@ -8,7 +8,7 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.pose import Array
 
 EARTH_RADIUS_M = 6_371_000.0
-"""Mean radius (IUGG)."""
+"""Mean radius of the Earth (IUGG)."""
 ORBIT_RADIUS_M = 26_560_000.0
 INCLINATION_RAD = np.radians(55.0)
 PLANES = 6
@@ -16,13 +16,13 @@ PER_PLANE = 4
 ORBIT_PERIOD_S = 43_077.0
 """GPS: six planes of four, 55 degrees, half a sidereal day (GPS SPS performance standard 2020, section 3.2)."""
 EARTH_RATE_RAD_S = 7.2921151467e-5
-"""WGS 84."""
+"""Angular velocity of the Earth (WGS 84)."""
 
 
 def sky(times_s: Array, latitude_deg: float) -> Array:
     """Unit vectors (n, 24, 3), east north up, from a receiver on the ground to the satellites at times (n,).
 
-    The planes are evenly spread; the satellites within a plane too, each plane a quarter of a slot ahead of the last.
+    Planes are evenly spaced, as are the satellites within a plane; each plane is a quarter of a slot ahead of the last.
     """
     slot = np.arange(PLANES * PER_PLANE)
     plane = slot // PER_PLANE

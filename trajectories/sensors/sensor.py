@@ -39,10 +39,9 @@ class Table:
 class SensorSpec(Protocol):
     """A body sensor: a frozen dataclass of its parameters.
 
-    Trackers are given the columns of its table that the class names in `measured`, a tuple of names, and none where it
-    has no such attribute: what is true and not measured, as a bias, stays out of it. One whose class says
-    `binary = True` has more readings than a CSV file is good for: they are written as an array, and what is true and
-    not measured into another one.
+    Trackers receive only the columns of its table that the class names in `measured`, a tuple of names, and none
+    without this attribute: true values such as a bias are not among them. A class with `binary = True` has too many
+    readings for a CSV file: they are written as an array, and the true values as another one.
     """
 
     def measure(self, flight: Flight, obstacles: "ObstacleMesh", rng: np.random.Generator) -> Table:
@@ -51,15 +50,15 @@ class SensorSpec(Protocol):
 
 
 class LiveSensorSpec(SensorSpec, Protocol):
-    """A body sensor that can be read in flight too, where nobody knows what is to come."""
+    """A body sensor that can also be read in flight (causally)."""
 
     @property
     def rate_hz(self) -> float:
-        """Readings a second."""
+        """Readings per second."""
         ...
 
     def begin(self, readings: int, obstacles: "ObstacleMesh", rng: np.random.Generator) -> "Reader":
-        """Reader of the sensor in flight; it gives the readings that `measure` gives with the same rng."""
+        """Reader of the sensor in flight; its readings equal those of `measure` with the same rng."""
         ...
 
 
@@ -76,7 +75,7 @@ class Reader(Protocol):
 
 
 class RowByRow:
-    """Reader of a sensor whose readings each depend on their own moment and their own row of noise (n, m) only."""
+    """Reader of a memoryless sensor: each reading depends on its own time and row of noise (n, m) only."""
 
     def __init__(self, noise: Array, readings: Callable[[Flight, NDArray[np.int64], Array], Array]) -> None:
         self._noise, self._readings, self._done = noise, readings, 0
@@ -101,7 +100,7 @@ def stamps_between(first: int, last: int, rate_hz: float) -> NDArray[np.int64]:
 
 def sampled(flight: Flight, values: Array, stamps_ns: NDArray[np.int64]) -> Array:
     """Values (n, k) at stamps (m,): of the row where there is one, else linear between the rows 2 ms apart."""
-    if len(stamps_ns) == 1:  # in flight: the same, without arrays of one number
+    if len(stamps_ns) == 1:  # in flight: the same without one-element arrays
         return _sampled_once(flight, values, int(stamps_ns[0]))
     row = np.clip(np.searchsorted(flight.stamps_ns, stamps_ns, side="right") - 1, 0, max(len(flight) - 2, 0))
     after = np.minimum(row + 1, len(flight) - 1)
@@ -122,7 +121,7 @@ def _sampled_once(flight: Flight, values: Array, stamp_ns: int) -> Array:
 
 
 def write_table(table: Table, path: Path) -> None:
-    """Write a CSV file: stamp_ns, then the columns; numbers read back exactly, an empty cell is no measurement."""
+    """Write a CSV file: stamp_ns, then the columns; numbers round-trip exactly, an empty cell is no measurement."""
     lines = [",".join(("stamp_ns", *table.columns))]
     for stamp, row in zip(table.stamps_ns.tolist(), table.values.tolist(), strict=True):
         lines.append(",".join((str(stamp), *("" if value != value else repr(value) for value in row))))

@@ -1,5 +1,5 @@
-"""The flight loop: guidance, control, motors and air, integrated by MuJoCo.
+"""The flight loop: guidance, control, motors and aerodynamics, integrated by MuJoCo.
 
-In: a flight's description and obstacles. Out: a flight record, or a named reason why it cannot be flown. Imports
+In: a flight's specification and obstacles. Out: a flight record, or an error that says why it cannot be flown. Imports
 geometry, kernels, paths, vehicle and wind; nothing of sensors.
 """

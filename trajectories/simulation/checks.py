@@ -12,9 +12,9 @@ from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S, Quadrotor
 
 STRIDE = 10
-"""Steps between two places at which a plan is checked: 20 ms."""
+"""Stride in control steps at which a plan is checked: 20 ms."""
 THRUST_SHARE = 0.9
-"""Share of the maximum thrust that a plan may need; the rest is reserved for control."""
+"""Fraction of the maximum thrust that a plan may require; the rest is reserved for control."""
 
 
 def check_plan(
@@ -45,7 +45,7 @@ def check_plan(
 def needed_thrusts(plan: Planned, vehicle: Quadrotor, mean_wind_m_s: Array) -> Array:
     """Collective thrust (n,), N, that each row of a plan needs against gravity, inertia and drag.
 
-    The drag is that at the rotor speed of hover.
+    The drag is evaluated at the rotor speed of hover.
     """
     speeds = 4 * vehicle.rotor_speeds(np.array(vehicle.hover_thrust_n))
     airspeed = plan.table[:, 3:6] - mean_wind_m_s

@@ -33,8 +33,8 @@ __all__ = ["Flight", "FlightSpec", "fly", "path_name"]
 class FlightSpec:
     """A flight: path, vehicle, controller, wind, and requirements.
 
-    A plan must keep clearance_m between the vehicle's sphere and everything else. Motors may be at their limits for
-    saturation_share of the time. A crash is an error, or, with on_crash "record", ends the record there.
+    A plan must keep clearance_m between the vehicle's bounding sphere and all obstacles. Motors may saturate for
+    saturation_share of the time. A crash is an error, or, with on_crash "record", ends the record.
     """
 
     path: PathSpec = field(default_factory=HandPilot)
@@ -60,7 +60,7 @@ def fly(spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh, seed: int) -> F
 
 
 def fly_through(simulation: Simulation, spec: FlightSpec, mount: Mount, obstacles: ObstacleMesh) -> Flight:
-    """The flight of a simulation that `begin` made, flown to its end on its true state; UserError as `fly`."""
+    """Flight of a simulation from `begin`, flown to its end on the true state; UserError as `fly`."""
     vehicle = Quadrotor.from_mjcf(spec.airframe.build(mount))
     with _told_with_path(spec):
         return _checked(simulate(simulation), spec, mount, obstacles, vehicle)
@@ -103,7 +103,7 @@ def begin(
     seed: int,
     guide: Callable[[Guidance], Guidance] | None = None,
 ) -> Simulation:
-    """A flight at its start, to be advanced step by step.
+    """Simulation of a flight at its start, to be advanced step by step.
 
     guide: wraps the guidance of the path. UserError for a path without clearance or beyond the available thrust, and
     for a recorded motion.

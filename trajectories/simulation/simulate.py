@@ -1,4 +1,4 @@
-"""The flight loop: guidance, control, motors and air, integrated by MuJoCo."""
+"""The flight loop: guidance, control, motors and aerodynamics, integrated by MuJoCo."""
 
 import math
 from typing import Any, NamedTuple
@@ -94,7 +94,7 @@ class Simulation:
         return self.step >= self.steps
 
     def observe(self) -> None:
-        """Fill the record's row of this step but for the commands, and apply the air's drag."""
+        """Fill the record's row of this step except for the commands, and apply the aerodynamic drag."""
         at = (self.step + self._guidance.warm_up) % BLOCK
         if at == 0:
             first = self.step + self._guidance.warm_up
@@ -138,7 +138,7 @@ def _observe(plant: Plant, wind: Array, qpos: Array, qvel: Array, act: Array, pu
     speed_sum = rotor_speed_sum(plant, act)
     drag = drag_force(plant, R, subtract(velocity, vector(wind)), speed_sum)
     linear, angular = accelerations(plant, R, omega, act, drag)
-    # MuJoCo holds the push for a whole step, so it gets the drag of the step's middle.
+    # MuJoCo holds a force for a whole step, so it gets the drag of the step's midpoint.
     halfway = add(subtract(velocity, vector(wind)), scale(STEP_S / 2, linear))
     held = drag_force(plant, R, halfway, speed_sum)
     for k in range(3):

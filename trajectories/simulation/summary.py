@@ -17,14 +17,14 @@ from uavbench.trajectories.simulation.flight import FlightSpec, path_name
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 NEARLY_STILL = 0.1
-"""Share of the highest speed below which a vehicle counts as nearly still."""
+"""Fraction of the highest speed below which a vehicle counts as nearly still."""
 REACHED = 0.99
-"""Share of the requested speed from which it counts as reached."""
+"""Fraction of the requested speed from which it counts as reached."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlightSummary:
-    """A flight in a few numbers; None where not requested, not planned ahead, or not flown yet.
+    """Key figures of a flight; None where not requested, not planned ahead, or not flown yet.
 
     Speeds are the highest ones. nearly_still_s is the time at the beginning before the vehicle reaches a tenth of its
     highest speed.

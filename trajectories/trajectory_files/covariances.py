@@ -1,4 +1,4 @@
-"""Covariances that a file claims of its poses, and the errors that they refer to.
+"""Pose covariances claimed by a file, and the errors that they refer to.
 
 `moving`: of the twist xi with world_from_x_true = world_from_x exp(xi), in the axes of what moves; uavbench's own form,
 of `cam_from_world_true = exp(xi) cam_from_world`, is the same but for the sign of xi. `fixed`: of the error of the

@@ -1,4 +1,4 @@
-"""Trajectory files: TUM, EuRoC and KITTI, read exactly and written so that they read back exactly.
+"""Trajectory files: TUM, EuRoC and KITTI, with numbers that round-trip exactly.
 
 tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark); after them may come a covariance
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
@@ -37,7 +37,7 @@ LEAST_NS_STEP = 1000
 """Stamps that are whole numbers at least so far apart are nanoseconds, never seconds."""
 TUM_VALUES = 8
 COVARIANT_TUM_VALUES = (TUM_VALUES + 21, TUM_VALUES + 36)
-"""Of a line whose pose is followed by its covariance: the upper triangle by rows, or all of it."""
+"""Values per line whose pose is followed by its covariance: the upper triangle by rows, or the full matrix."""
 FRAME_COMMENT = re.compile(r"#\s*frame:\s*([a-z]+_from_[a-z]+)\s*$", re.MULTILINE)
 FRAME_NAME = re.compile(r"(?<![a-z])(world_from_(?:body|cam))(?![a-z])")
 

@@ -63,7 +63,7 @@ class NumberLines:
 
 
 def read_lines(path: Path, layout: Layout) -> NumberLines:
-    """All lines of numbers of a file; UserError naming the first line that is wrong, and for a file without any."""
+    """All lines of numbers of a file; UserError naming the first invalid line, or when there is none."""
     parts: list[NumberLines] = []
     rows = 0
     for first, block in _blocks(path):
@@ -140,7 +140,7 @@ def _plain(block: bytes, number: int, layout: Layout) -> NumberLines | None:
         return None
     used = [sign for sign in (",", " ", "\t") if sign.encode() in block]
     between = used[0] if len(used) == 1 and b"  " not in block else ""
-    import pandas as pd  # here, for a vehicle reads no long files
+    import pandas as pd  # lazy: a vehicle reads no long files
 
     try:
         table = pd.read_csv(
@@ -151,7 +151,7 @@ def _plain(block: bytes, number: int, layout: Layout) -> NumberLines | None:
             na_filter=False,
             quoting=csv.QUOTE_NONE,
         )
-    except ValueError:  # of another width, or no numbers; the careful way tells which
+    except ValueError:  # another width, or no numbers; `_careful` reports which
         return None
     values = table.to_numpy()
     rows, width = values.shape
@@ -188,7 +188,7 @@ def _plain_stamps(text: NDArray[np.uint8], decimals: int) -> NDArray[np.int64] |
 
 
 def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLines:
-    """The lines of any block; UserError naming the first that is wrong."""
+    """The lines of any block; UserError naming the first invalid one."""
     numbers, stamps, values = array("q"), array("q"), array("d")
     for line_number, line in _filled(path, block, number):
         cells = cells_of(line)

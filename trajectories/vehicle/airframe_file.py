@@ -13,7 +13,7 @@ from uavbench.trajectories.files.reading import read_text, toml_table
 from uavbench.trajectories.vehicle.airframes import PRESETS, Crazyflie, with_camera
 
 GROWING = ("replicate", "composite", "flexcomp", "flex", "skin", "hfield", "texture", "extension", "plugin", "size")
-"""Elements of MJCF that take memory beyond their text, or load code."""
+"""MJCF elements that expand beyond their text, or load code."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ TEMPLATE = Path(__file__).with_name("quadrotor.xml")
 
 
 def x_layout(arm_m: float) -> tuple[Planar, Planar, Planar, Planar]:
-    """Rotor places (x, y) of a symmetric X: front right, back right, back left, front left."""
+    """Rotor positions (x, y) of a symmetric X, metres: front right, back right, back left, front left."""
     d = round(arm_m / np.sqrt(2.0), 9)
     return ((d, -d), (-d, -d), (-d, d), (d, d))
 

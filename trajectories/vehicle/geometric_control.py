@@ -41,7 +41,7 @@ class Geometric:
     """Gains of the tracking controller; the defaults are those of the Crazyflie's firmware (controller_lee.c).
 
     There the attitude gains are 0.007, 0.007, 0.008 N m and the rate gains 0.00115, 0.00115, 0.002 N m s for an
-    inertia of 1.66e-5, 1.66e-5, 2.93e-5 kg m^2. The integral gain is ours: it takes out steady wind.
+    inertia of 1.66e-5, 1.66e-5, 2.93e-5 kg m^2. The integral gain is an addition: it compensates for steady wind.
     """
 
     position_1_s2: Annotated[float, Gt(0)] = 7.0
@@ -52,7 +52,7 @@ class Geometric:
     rate_1_s: tuple[float, float, float] = (69.0, 69.0, 68.0)
 
     def gains(self) -> "Gains":
-        """The numbers as the compiled law reads them."""
+        """Gains for the compiled control law."""
         return Gains(
             self.position_1_s2,
             self.velocity_1_s,
@@ -95,7 +95,7 @@ class BodyState(NamedTuple):
 def thrust_commands(
     plant: Plant, gains: Gains, reference: Array, state: BodyState, integral: Array, command: Array
 ) -> None:
-    """Fill `command` (4,) with thrusts of the rotors, N, within their limits; move `integral` (3,), m/s^2, on.
+    """Fill `command` (4,) with thrusts of the rotors, N, within their limits; update `integral` (3,), m/s^2.
 
     The drag of the reference motion is fed forward, and the thrust is corrected for the motors' lag.
     """
@@ -146,7 +146,7 @@ def attitude_error(R: Matrix, R_d: Matrix) -> Vector:
 def allocate(plant: Plant, thrust: float, torque: Vector, command: Array) -> None:
     """Fill `command` (4,) with thrusts that make a collective thrust and a torque, each within its limits.
 
-    Where they do not fit, the collective thrust is reduced before the torques: lost height can be regained.
+    On saturation the collective thrust is reduced before the torques: attitude has priority over height.
     """
     lowest, highest = inf, -inf
     for i in range(4):

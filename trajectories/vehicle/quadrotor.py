@@ -41,7 +41,7 @@ def physics() -> ModuleType:
 class Quadrotor:
     """One rigid body with four thrust sites, read from MJCF.
 
-    mass_kg; inertia_kg_m2 (3, 3) about the body's origin and axes; allocation (4, 4) takes the four thrusts (N) to
+    mass_kg; inertia_kg_m2 (3, 3) about the body's origin and axes; allocation (4, 4) maps the four thrusts (N) to
     collective thrust (N) and body torque (N m); min_thrust_n, max_thrust_n per rotor; thrust_map_n c0 c1 c2 of
     thrust over rotor speed; rotor_drag_kg and body_drag_kg_m by body axis; radius_m of the sphere to keep clear.
     """
@@ -99,7 +99,7 @@ class Quadrotor:
 
     @property
     def hover_thrust_n(self) -> float:
-        """Thrust of each rotor that holds the vehicle in still air."""
+        """Thrust of each rotor in hover in still air, N."""
         return self.mass_kg * GRAVITY_M_S2 / 4
 
 

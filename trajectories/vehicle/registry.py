@@ -1,4 +1,4 @@
-"""The airframes, by name."""
+"""Registry of airframes by name."""
 
 from typing import Protocol
 

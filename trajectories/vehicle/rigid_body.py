@@ -25,7 +25,7 @@ from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, Quadrotor
 
 
 class Plant(NamedTuple):
-    """Numbers of a `Quadrotor` for compiled functions."""
+    """Parameters of a `Quadrotor` for compiled functions."""
 
     mass: float
     lag: float
@@ -44,7 +44,7 @@ PLANT = named_tuple(Plant, "f0 f0 f0 f0 f1 f1 f1 f2 f2 f2 f2")
 
 
 def plant(vehicle: Quadrotor) -> Plant:
-    """Numbers of a vehicle for compiled functions."""
+    """Parameters of a vehicle for compiled functions."""
     return Plant(
         vehicle.mass_kg,
         vehicle.motor_time_constant_s,
@@ -74,7 +74,7 @@ def rotor_speed_sum(plant: Plant, thrusts: Array) -> float:
 def drag_force(plant: Plant, R: Matrix, airspeed: Vector, speed_sum: float) -> Vector:
     """Drag in the world, N, at an airspeed in the world.
 
-    By body axis: that of the rotors, -d sum(w) u (Foerster 2015, the aerodynamic drag), and of the body, -c |u| u.
+    Per body axis: rotor drag -d sum(w) u (Foerster 2015, aerodynamic drag) and body drag -c |u| u.
     """
     u = rotate(transpose(R), airspeed)
     size = length(u)

@@ -25,7 +25,7 @@ class Air:
     near_m: float = 1.0
 
     def at(self, first: int, count: int, position_m: Array, obstacles: "ObstacleMesh") -> Array:
-        """Wind (count, 3) of steps first, first + 1, ... at a place (3,)."""
+        """Wind (count, 3) of steps first, first + 1, ... at a position (3,), metres."""
         strength = 1.0
         if self.near_gain > 0.0:
             distance = float(obstacles.distance(position_m[None])[0])

@@ -1,8 +1,8 @@
 """Dryden turbulence of MIL-F-8785C at low altitude, discretized exactly.
 
 The filters of the specification are driven by white noise. Their states are stepped by their transition matrix with
-noise of the covariance that the white noise gathers within a step, and start in their stationary distribution; so the
-produced standard deviation is the one asked for, whatever the step.
+noise of the covariance that the white noise accumulates within a step, and start in their stationary distribution; so
+the standard deviation is the specified one for any step.
 """
 
 import math
@@ -29,7 +29,7 @@ class Dryden:
     """Mean wind with Dryden turbulence (MIL-F-8785C, 3.7.2 to 3.7.3: low altitude).
 
     w20_m_s is the wind 20 ft above ground; the mean at height_m follows from the logarithmic profile. The turbulence is
-    carried past the vehicle at the mean wind and flight_speed_m_s together. Near the structure it grows by near_gain
+    advected past the vehicle at the sum of the mean wind and flight_speed_m_s. Near the structure it grows by near_gain
     exp(-distance / near_m). from_deg counts counter-clockwise from the world's x axis.
     """
 
@@ -65,7 +65,7 @@ class Dryden:
         """Air of `steps` steps of step_s seconds."""
         speed = math.hypot(self.mean_m_s, self.flight_speed_m_s)
         lags = self.lengths_m / speed
-        one_each = rng.spawn(3)  # so that a longer flight begins with the same wind
+        one_each = rng.spawn(3)  # a longer flight starts with the same wind
         u = first_order(steps, step_s, lags[0], one_each[0])
         v = second_order(steps, step_s, lags[1], one_each[1])
         w = second_order(steps, step_s, lags[2], one_each[2])
@@ -91,10 +91,10 @@ def second_order(steps: int, step_s: float, lag_s: float, rng: np.random.Generat
     This is the lateral and vertical filter, as the cascade z1 = w / (1 + T s), z2 = z1 / (1 + T s) with the output
     sqrt(T) (sqrt(3) z1 + (1 - sqrt(3)) z2).
     """
-    from scipy.special import gammainc  # takes a fifth of a second, and every command loads this file
+    from scipy.special import gammainc  # lazy: it takes 0.2 s, and every command imports this module
 
     x = 2 * step_s / lag_s
-    # Covariance of (z1, z2) gathered in a step, times T; gammainc(k, x) is 1 when stationary, x = inf.
+    # Covariance of (z1, z2) accumulated in a step, times T; gammainc(k, x) is 1 when stationary, x = inf.
     q11, q12, q22 = gammainc(1, x) / 2, gammainc(2, x) / 4, gammainc(3, x) / 4
     white = rng.standard_normal((steps, 2)).T
     n1 = np.sqrt(q11) * white[0]

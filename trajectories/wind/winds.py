@@ -1,4 +1,4 @@
-"""The wind models, by name, and those without turbulence."""
+"""Registry of wind models by name, and the models without turbulence."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -26,7 +26,7 @@ class Still:
 
 @dataclass(frozen=True)
 class Steady:
-    """Wind of one speed from one side; from_deg counts counter-clockwise from the world's x axis."""
+    """Constant wind of speed_m_s from from_deg, which counts counter-clockwise from the world's x axis."""
 
     speed_m_s: Annotated[float, Ge(0)] = 2.0
     from_deg: float = 0.0
@@ -41,8 +41,8 @@ class Steady:
 class Gust:
     """Steady wind with 1-cosine gusts on top of it (MIL-F-8785C, 3.7.1.3): rise, hold and fall.
 
-    The first comes first_s after take-off (the record begins some seconds later), then one every every_s, each moved at
-    random by up to jitter_s. from_deg counts counter-clockwise from the world's x axis.
+    The first comes first_s after take-off (the record begins some seconds later), then one every every_s, each shifted
+    randomly by up to jitter_s. from_deg counts counter-clockwise from the world's x axis.
     """
 
     speed_m_s: Annotated[float, Ge(0)] = 1.0

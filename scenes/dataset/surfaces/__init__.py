@@ -1,5 +1,5 @@
-"""Surfaces in a frame: optical flow to the next frame, what it hides, and normals.
+"""Surface annotations of a frame: optical flow to the next frame, occlusion, and normals.
 
-In: the scene and two poses of the camera. Out: images in the formats that readers of flow know. Imports rendering for
-the geometry that each pixel shows.
+In: the scene and two poses of the camera. Out: images in the established formats of optical flow. Imports rendering
+for the geometry at each pixel.
 """

@@ -1,4 +1,4 @@
-"""Files of the surfaces in a frame: optical flow to the next frame, what it hides, and normals.
+"""Files of surface annotations: optical flow to the next frame, occlusion, and normals.
 
 flow/NNNNNN.png       as in KITTI 2015: 16 bits, R and G (u, v) = 64 flow + 32768 px, B = 1 where it is known
 occlusion/NNNNNN.png  0 seen in the next frame too, 1 hidden there, 2 out of its image, 3 no flow known
@@ -14,9 +14,9 @@ from uavbench.scenes.image_files import load_image
 from uavbench.trajectories.pose import Array
 
 FLOW_UNITS_PER_PX, FLOW_ZERO = 64.0, 32768.0
-"""Units per px of the 16-bit flow files (KITTI 2015 devkit, readme.txt): they hold flow within 512 px to 1/64 px."""
+"""Units per px and zero of the 16-bit flow files (KITTI 2015 devkit, readme.txt): +-512 px in steps of 1/64 px."""
 LARGEST_FLOW_PX = 511.0
-"""Largest flow that they hold."""
+"""Largest flow component in these files, px."""
 NORMAL_UNITS = 65535.0
 """Units of a normal's component from -1 to 1: 16 bits, rounded to 1.5e-5, 0.001 degrees."""
 SEEN, HIDDEN, OUTSIDE, UNKNOWN = 0, 1, 2, 3

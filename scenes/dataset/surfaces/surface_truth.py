@@ -1,4 +1,4 @@
-"""Ground truth of the surfaces in a frame: optical flow to the next frame, what it hides, and normals.
+"""Ground truth of the surfaces in a frame: optical flow to the next frame, occlusion, and normals.
 
 Every pixel is traced to the triangle that it shows, and the ray is intersected with its plane in float64, so flow and
 normals are exact up to the rounding of their files. Flow is the motion of the surface point at a pixel's centre from
@@ -33,19 +33,19 @@ CORNERS = [(0, 0), (1, 0), (0, 1), (1, 1)]
 """Offsets to the four pixels around a sub-pixel position."""
 SQUARE = [*CORNERS, *((x, y) for x in range(-1, 3) for y in range(-1, 3) if (x, y) not in CORNERS)]
 RING = [(0, 0), *((x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if (x, y) != (0, 0))]
-"""Offsets to neighbouring pixels whose facets are tried, the likely ones first."""
+"""Offsets of neighbouring pixels whose facets are tried, the most likely first."""
 BEFORE = 1e-3
-"""Relative depth difference from which a nearer surface hides a point."""
+"""Relative depth difference above which a nearer surface occludes a point."""
 LENS_ROUND_TRIP_PX = 0.01
 """Round-trip error in px beyond which the distortion folds over, so that a point has no unique pixel."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceView:
-    """What each of the k pixels of a camera shows at a time.
+    """Facets and depths of the k pixels of a camera at one time.
 
-    seen (h', w') facets in the pinhole's image; rows (k,) those of the camera's pixels, NONE where there is none;
-    planes of all facets at that time; depths_m (k,) along the optical axis, inf: sky, NaN: nothing.
+    seen (h', w') facets in the pinhole's image; rows (k,) facets of the camera's pixels, NONE for none; planes of all
+    facets at that time; depths_m (k,) along the optical axis, inf for sky, NaN for none.
     """
 
     time_ns: int
@@ -79,7 +79,7 @@ class SurfaceTruth:
         self._steps, self._sure = (RING, 1) if source.lens is None else (SQUARE, len(CORNERS))
 
     def view(self, time_ns: int) -> SurfaceView:
-        """What the pixels show at a time."""
+        """Facets and depths of all pixels at a time in ns."""
         pose, facets = self._source.cam_from_world(time_ns), self._renderer.facets
         seen = self._renderer.facets_seen(pose, self._source.pinhole, time_ns * 1e-9)
         planes, world_from_cam = facets.planes(time_ns * 1e-9), pose.inverse()
@@ -96,7 +96,7 @@ class SurfaceTruth:
             best[asked[nearer]], rows[asked[nearer]] = share[nearer], other[nearer]
         met = np.isfinite(best)
         depths[met] = best[met]
-        beside = there & ~met  # the ray passes a border closely: it ends where that of the rendered pixel does
+        beside = there & ~met  # rays close to a border end on the facet of the rendered pixel
         depths[beside] = planes.along(rows[beside], eye, self._centre_rays[beside] @ world_from_cam.rotation.T)
         return SurfaceView(time_ns, pose, seen, rows, planes, depths)
 
@@ -127,7 +127,7 @@ class SurfaceTruth:
         return FlowTruth(self._image(flow), occlusion.reshape(h, w))
 
     def _moved(self, view: SurfaceView, later: SurfaceView) -> Array:
-        """Points (k, 3) that the pixels show, in the camera's frame at a later time; directions, for the sky."""
+        """Surface points (k, 3) of the pixels in the camera frame at a later time; for the sky, directions."""
         world_from_cam = view.cam_from_world.inverse()
         near = np.isfinite(view.depths_m)
         points = world_from_cam.transform(self._rays[near] * view.depths_m[near, None])
@@ -140,7 +140,7 @@ class SurfaceTruth:
     def _hidden(
         self, view: SurfaceView, later: SurfaceView, moved: Array, asked: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Which of the points asked for are behind something in the later view: in all of the four pixels around."""
+        """Mask of the requested points that are occluded in the later view, in all four pixels around them."""
         points, rows, there = moved[asked], view.rows[asked], np.isfinite(view.depths_m[asked])
         world_from_cam = later.cam_from_world.inverse()
         rays = points @ world_from_cam.rotation.T
@@ -156,12 +156,12 @@ class SurfaceTruth:
         return hidden
 
     def _in_pinhole(self, points: Array) -> Array:
-        """Places (k, 2) of points (k, 3) of the camera's frame in the image of the pinhole."""
+        """Projections (k, 2) in px of points (k, 3) in the camera frame into the pinhole image."""
         pinhole = self._source.pinhole
         return np.asarray(points[:, :2] / points[:, 2:] * [pinhole.fx, pinhole.fy] + [pinhole.cx, pinhole.cy])
 
     def _met_again(self, points: Array, pixels: Array) -> NDArray[np.bool_]:
-        """Whether the ray of a pixel (k, 2) leads back to its point (k, 3); not where the distortion folds over."""
+        """Whether the rays of pixels (k, 2) pass through points (k, 3); false where the distortion folds over."""
         camera = self._source.camera
         if camera.distortion_model == "none":
             return np.asarray(np.isfinite(pixels).all(axis=1))
@@ -176,13 +176,13 @@ class SurfaceTruth:
 
 
 def _shifted(seen: Rows, pixels: NDArray[np.int64], step: tuple[int, int]) -> Rows:
-    """Facets (k,) seen a step from pixels (k, 2), column and row; at the border of the image those of the border."""
+    """Facets (k,) at an offset (column, row) from pixels (k, 2), clamped to the image."""
     column, row = (np.clip(pixels[:, k] + step[k], 0, seen.shape[1 - k] - 1) for k in (0, 1))
     return np.asarray(seen[row, column])
 
 
 class SurfaceFiles:
-    """Writes flow, occlusion and normals of a camera's frames; the flow of one when the next one is there."""
+    """Writer of flow, occlusion and normals of a camera's frames; flow is written with the following frame."""
 
     def __init__(self, folder: Path, annotations: tuple[str, ...], truth: SurfaceTruth) -> None:
         self._folder, self._annotations, self._truth = folder, annotations, truth
@@ -192,12 +192,12 @@ class SurfaceFiles:
     def asked(
         cls, folder: Path, annotations: tuple[str, ...], renderer: Renderer, source: CameraSimulator
     ) -> "SurfaceFiles | None":
-        """The files that the annotations ask for; None where they ask for none of these."""
+        """Writer for the requested annotations; None when none of these is requested."""
         wanted = {"flow", "normals"} & set(annotations)
         return cls(folder, annotations, SurfaceTruth(renderer, source)) if wanted else None
 
     def write(self, frame: int, time_ns: int) -> None:
-        """Write the normals of a frame that was exposed at a time, and the flow from the frame before it."""
+        """Write the normals of a frame exposed at time_ns, and the flow from the previous frame to it."""
         view = self._truth.view(time_ns)
         if "normals" in self._annotations:
             write_normals(self._folder, frame, self._truth.normals(view))
@@ -208,13 +208,13 @@ class SurfaceFiles:
 
 
 def write_normals(folder: Path, frame: int, normals: Array) -> None:
-    """`normals/NNNNNN.png` of normals (h, w, 3)."""
+    """Write `normals/NNNNNN.png` from unit normals (h, w, 3)."""
     codes = np.nan_to_num(np.rint((normals + 1) / 2 * NORMAL_UNITS), nan=0.0)
     _write(folder / "normals" / f"{frame:06d}.png", codes[..., ::-1])
 
 
 def write_flow(folder: Path, frame: int, flow: Array, occlusion: NDArray[np.uint8]) -> None:
-    """`flow/NNNNNN.png` of flow (h, w, 2) in px, and `occlusion/NNNNNN.png`."""
+    """Write `flow/NNNNNN.png` from flow (h, w, 2) in px, and `occlusion/NNNNNN.png`."""
     known = np.asarray(np.isfinite(flow).all(axis=2))
     codes = np.where(known[..., None], np.rint(np.nan_to_num(flow) * FLOW_UNITS_PER_PX) + FLOW_ZERO, 0.0)
     _write(folder / "flow" / f"{frame:06d}.png", np.dstack([known, codes[..., 1], codes[..., 0]]))

@@ -1,4 +1,5 @@
-"""Sequences as ROS 2 bags: topics, messages, and where on Earth a world lies.
+"""Sequences as ROS 2 bags: topics, messages, and the geodetic datum of the world.
 
-In: a sequence as an export shows it. Out: MCAP or SQLite. Imports the other exports' notes and EuRoC's view of an IMU.
+In: the images and readings of a sequence. Out: MCAP or SQLite. Imports the other exports' notes and EuRoC's
+view of an IMU.
 """

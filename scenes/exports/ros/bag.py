@@ -79,7 +79,7 @@ class BagExport:
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A topic, its type such as `sensor_msgs/Image`, what it is, and its messages in the order of their stamps."""
+    """A topic, its type such as `sensor_msgs/Image`, its description, and its messages in order of their stamps."""
 
     name: str
     type: str
@@ -112,7 +112,7 @@ class Content:
         return self.datum or Datum(float(receiver.get("latitude_deg", 0.0)), 0.0, 0.0)
 
     def topics(self) -> Iterator[Channel]:
-        """Every topic; where stamps are equal their messages are recorded in this order."""
+        """All topics; messages with equal stamps are recorded in this order."""
         shown, sequence = self.shown, self.shown.sequence
         if not sequence.recorded:
             yield from self._ground_truth()
@@ -159,7 +159,7 @@ class Content:
         yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
 
     def limits(self) -> Iterator[str]:
-        """What the messages cannot hold, or hold with a different meaning."""
+        """Sentences on what the messages cannot represent, or represent with a different meaning."""
         yield (
             "Stamps: they count from the beginning of the record, as in the sequence, and not from 1970; messages were "
             "recorded when their headers say."
@@ -212,7 +212,7 @@ def _write(
 
 
 def _kept() -> Any:
-    """Quality of service of /tf_static: the last message is kept for those who subscribe later."""
+    """Quality of service of /tf_static: transient local, so that late subscribers get the last message."""
     kinds = rosbags("interfaces")
     for_ever = kinds.QosTime(0, 0)
     return kinds.Qos(

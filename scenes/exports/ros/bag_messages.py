@@ -53,7 +53,7 @@ def message(kind: str, **fields: Any) -> Any:
 
 
 def header(stamp_ns: int, frame: str) -> Any:
-    """Header of a message; UserError for a time that it cannot hold."""
+    """Header of a message; UserError for a time outside its range."""
     if not 0 <= stamp_ns < LAST_NS:
         raise UserError(f"the stamp {stamp_ns} ns does not fit into a message of ROS, which counts from 0 to 2^31 s")
     time = message("builtin_interfaces/Time", sec=stamp_ns // NS, nanosec=stamp_ns % NS)
@@ -156,7 +156,7 @@ def transforms(state: State) -> Iterator[Stamped]:
 
 
 def extrinsics(body_from_sensor: dict[str, Pose], stamp_ns: int) -> Iterator[Stamped]:
-    """Where the sensors sit on the body, by their frames, on /tf_static."""
+    """Extrinsics of the sensors on the body, by frame, for /tf_static."""
     rows = {
         name: [*pose.translation.tolist(), *pose.quaternion_wxyz.tolist()] for name, pose in body_from_sensor.items()
     }
@@ -167,7 +167,7 @@ def extrinsics(body_from_sensor: dict[str, Pose], stamp_ns: int) -> Iterator[Sta
 def imu_readings(shown: Shown, name: str, imu: dict[str, Any], topic: str) -> Iterator[Stamped]:
     """Rates and specific forces of a file of readings, with the variances of their white noise (REP-145).
 
-    There is no orientation, which the first element of its covariance, -1, says.
+    There is no orientation: the first element of its covariance is -1.
     """
     path = shown.sequence.body_folder / name
     none = np.array([-1.0, *[0.0] * 8])
@@ -186,7 +186,7 @@ def imu_readings(shown: Shown, name: str, imu: dict[str, Any], topic: str) -> It
 
 
 def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: str) -> Iterator[Stamped]:
-    """Fixes of a GNSS receiver on Earth; where there is none, not-a-number and the status that says so.
+    """Geodetic fixes of a GNSS receiver; without a fix, NaN and STATUS_NO_FIX.
 
     Each variance is a third of PDOP^2 times the variance of one range.
     """
@@ -221,7 +221,7 @@ def fixes(shown: Shown, name: str, gnss: dict[str, Any], datum: Datum, topic: st
 
 
 def ros_name(file: str) -> str:
-    """A file's name as ROS writes names: letters, digits and underscores."""
+    """A file name as a valid ROS name: letters, digits and underscores."""
     return re.sub(r"[^a-z0-9_]", "_", Path(file).stem.lower())
 
 
@@ -235,7 +235,7 @@ def _rows(stamps_ns: NDArray[np.int64], *tables: Array) -> Iterator[tuple[Any, .
 
 
 def _noise(imu: dict[str, Any], key: str) -> Array:
-    """Covariance (9,) of white noise of a density at the IMU's rate; zeros, which is unknown, where it is not told."""
+    """Covariance (9,) of white noise of a given density at the IMU's rate; zeros (unknown) when it is not given."""
     variance = float(imu.get(key, 0.0)) ** 2 * float(imu.get("rate_hz", 0.0))
     return variance * np.eye(3).reshape(-1)
 

@@ -1,4 +1,4 @@
-"""Places east, north and up of a datum as latitude, longitude and height above the WGS 84 ellipsoid."""
+"""Conversion from local east-north-up coordinates to latitude, longitude and height above the WGS 84 ellipsoid."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -27,7 +27,7 @@ class Datum:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Datum of `LAT,LON,HEIGHT`; UserError when it is none."""
+        """Datum from `LAT,LON,HEIGHT`; UserError when the text is invalid."""
         try:
             latitude, longitude, height = (float(word) for word in text.split(","))
         except ValueError:
@@ -40,7 +40,7 @@ class Datum:
         return f"{self.latitude_deg!r},{self.longitude_deg!r},{self.height_m!r}"
 
     def geodetic(self, east_north_up_m: Array) -> Array:
-        """Latitude and longitude in degrees, height in m (n, 3), of places (n, 3) in the datum's tangent plane."""
+        """Latitude and longitude in degrees and height in m (n, 3) of east-north-up points (n, 3), metres."""
         lat, lon = np.radians([self.latitude_deg, self.longitude_deg])
         radius = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_2 * np.sin(lat) ** 2)
         out = radius + self.height_m

@@ -16,7 +16,7 @@ from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 VELOCITY_BANDWIDTH_RAD_S = 5.0
 YAW_BANDWIDTH_RAD_S = 8.0
-"""How fast the assist mode follows a stick (critically damped, second order)."""
+"""Bandwidth of the assist mode's response to a stick (second order, critically damped)."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Gamepad:
 
 
 class Wander:
-    """The error of a hold: of each of x, y, z (m) and yaw (rad) a sum of five sine waves of random period and phase."""
+    """Error of position and heading hold: for each of x, y, z (m) and yaw (rad) a sum of five random sine waves."""
 
     PERIODS_S = (1.5, 8.0)
 
@@ -91,7 +91,7 @@ class Assist:
         self._wander, self._step = wander.at(np.arange(steps, dtype=np.float64) * STEP_S), 0
 
     def now(self) -> Array:
-        """Reference row (17,) of the moment, at rest."""
+        """Current reference row (17,), at rest."""
         row = np.zeros(REFERENCE_COLUMNS)
         error = self._wander[0][self._step]
         row[0:3], row[9] = self._state[0:3] + error[:3], self._state[9] + error[3]

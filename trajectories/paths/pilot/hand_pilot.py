@@ -22,11 +22,11 @@ WARM_UP_S = 4.0
 DECISION_S = (0.25, 0.50)
 """Time between two decisions of the pilot: humans correct intermittently, 2 to 4 times a second (Craik 1947)."""
 NOTICED = np.array([0.03, 0.0, 0.02, np.radians(2.5)])
-"""Dead band of the pilot: errors of range (m), none, height (m) and heading (rad) that are not corrected."""
+"""Dead band of the pilot: errors of range (m), sideways (none), height (m) and heading (rad) that stay uncorrected."""
 EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
 """Gain of the pilot: commanded speed per error, 1/s."""
 CLUMSINESS = 0.10
-"""Standard deviation of a stick deflection over the one meant; chosen by eye."""
+"""Relative standard deviation of a stick deflection from the intended one; an assumption."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Stage:
 
     @classmethod
     def of(cls, path: HandPilot, obstacles: ObstacleMesh, mount: Mount) -> "Stage":
-        """Stage around the obstacles' centre; UserError naming the setting that leaves no place."""
+        """Stage around the obstacles' centre; UserError naming the setting that leaves no room."""
         low, high = obstacles.bounds
         reach = float(exact.length(high[:2] - low[:2]) / 2)
         stage = cls(
@@ -100,7 +100,7 @@ class Stage:
         return stage
 
     def heights(self, distance_m: float) -> tuple[float, float]:
-        """Lowest and highest place at a distance from which the whole structure is in view."""
+        """Lowest and highest height (m) at a distance from which the whole structure is in view."""
         near = distance_m - self.reach_m
         lowest = max(self.height_m[0], self.high_m - near * self.slope_up)
         return lowest, min(self.height_m[1], self.low_m + near * self.slope_down)
@@ -108,7 +108,7 @@ class Stage:
     def place(self, closeness: float, loftiness: float) -> tuple[float, float]:
         """Distance and height (m) of two preferences in 0..1, such that all of the structure is in view."""
         nearest, furthest = self.range_m
-        for distance in np.linspace(nearest, furthest, 41):  # The nearest place that still shows it all.
+        for distance in np.linspace(nearest, furthest, 41):  # The nearest distance at which all of it is in view.
             lowest, highest = self.heights(float(distance))
             if lowest <= highest:
                 nearest = float(distance)
