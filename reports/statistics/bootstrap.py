@@ -227,7 +227,7 @@ class Ranks:
 
     @property
     def cliques(self) -> list[tuple[str, ...]]:
-        """Groups of neighbouring trackers that differ by less than the critical difference."""
+        """Groups of neighbouring trackers that differ by the critical difference at most."""
         order = sorted(self.mean_ranks, key=lambda name: self.mean_ranks[name])
         groups: list[tuple[str, ...]] = []
         for i, name in enumerate(order):
@@ -238,7 +238,7 @@ class Ranks:
 
 
 def ranks(values: Mapping[str, Array], confidence: float = CONFIDENCE) -> Ranks:
-    """Ranks of k >= 2 trackers by values (n,) over n >= 2 blocks, infinite for failed runs (Demsar 2006, 3.2.2).
+    """Ranks of k >= 2 trackers by values (n,) over n >= 2 blocks, infinite for failed runs (Demšar 2006, 3.2.2).
 
     UserError with fewer trackers or blocks.
     """

@@ -90,7 +90,7 @@ def _with_settings(format: str, settings: dict[str, Any]) -> Write:
 
 
 def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
-    """`rgb/`, `rgb.txt`, `groundtruth.txt` of the camera (world from camera), `camera.txt`, and depth / 5000 m."""
+    """`rgb/`, `rgb.txt`, `groundtruth.txt` of the camera (world from camera), `camera.txt`, and depth in 1/5000 m."""
     sequence = shown.sequence
     (folder / "rgb").mkdir()
     write_tum(camera_ground_truth(sequence), folder / "groundtruth.txt", "world_from_cam")

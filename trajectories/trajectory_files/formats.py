@@ -114,7 +114,7 @@ def read_euroc(path: Path) -> Trajectory:
 
 
 def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
-    """Trajectory of a KITTI file, whose rows are rate_hz apart from 0 on; UserError naming the line."""
+    """Trajectory of a KITTI file, which has no stamps: row k is at k / rate_hz seconds. UserError naming the line."""
     lines = read_lines(path, Layout(12))
     matrices = lines.values.reshape(-1, 3, 4)
     R = matrices[:, :, :3]
