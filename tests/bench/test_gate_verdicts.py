@@ -1,11 +1,14 @@
 """The gate on values made up by hand: each rule of its verdict by itself."""
 
+import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.bench.drawn_scores import drawn, write
+from tests.reports.test_flight_score import flown, path
 from uavbench.bench.gate.decision import (
     Finding,
     Margins,
@@ -16,7 +19,8 @@ from uavbench.bench.gate.decision import (
     ratio_finding,
     share_finding,
 )
-from uavbench.bench.gate.paired_scores import ERRORS, Measured, PairedValues, Side
+from uavbench.bench.gate.paired_scores import ERRORS, FLOWN, Measured, PairedValues, Side, read_side
+from uavbench.reports.closed_loop.measures import measure_flight
 from uavbench.reports.statistics.bootstrap import holm, sign_flip_p
 from uavbench.trajectories.errors import UserError
 
@@ -177,6 +181,36 @@ def test_a_tracker_that_the_baseline_lacks_is_told_and_judged_on_nothing():
     assert [f.verdict for f in found] == ["inconclusive"]
     assert (found[0].sequences, found[0].seeds) == (0, 0)
     assert "baseline has no such" in found[0].reason
+
+
+def test_a_metric_that_this_version_does_not_know_is_told_with_its_run():
+    known = dict(side().runs)
+    base = Side({key: replace(each, errors={**each.errors, "jerk": 1.0}) for key, each in known.items()})
+    (told,) = [f for f in compare_sides(base, side(), {}, Margins()) if f.metric == "jerk"]
+    assert (told.run, told.verdict) == ("lsd@15hz", "inconclusive")
+
+
+def test_flights_are_compared_by_success_path_and_estimate(tmp_path):
+    """One completed flight 3 cm beside its path, and one that crashed on its true state, with no estimate."""
+    ended = {
+        "cube-s3": measure_flight(flown(flown_path=path(planned_p_m=np.array([0.0, 0.03, 0.0])))),
+        "cube-s4": measure_flight(
+            flown(status="crashed", why="into the face", flown_path=path(estimated_p_m=math.nan))
+        ),
+    }
+    for name, score in ended.items():
+        folder = tmp_path / "flights" / name / "a@1hz"
+        folder.mkdir(parents=True)
+        score.save(folder / "score.json")
+    about = {"sequences": list(ended), "trackers": ["a"], "rates_hz": [1.0], "loops": {"": {}}, "flights": "f"}
+    (tmp_path / "suite.json").write_text(json.dumps(about))
+    found = read_side(tmp_path)
+    assert found.is_flown and not found.faults
+    done, crashed = (found.runs["a@1hz", "cube", seed] for seed in (3, 4))
+    assert done.errors == {"path error": pytest.approx(0.03), "estimate error": pytest.approx(0.0, abs=1e-12)}
+    assert (done.coverage, done.crash, done.how) == (1.0, "", {FLOWN: True})
+    assert (crashed.coverage, crashed.crash, crashed.how) == (0.0, "into the face", {FLOWN: True})
+    assert not math.isfinite(crashed.errors["estimate error"])
 
 
 def test_fail_goes_before_inconclusive_and_nothing_at_all_fails():

@@ -150,9 +150,9 @@ def test_a_change_is_said_with_its_size_its_commit_and_its_direction():
     assert drift.said(drift.changes[0]) == "tracker metric: 13.8 % worse by drift from 000000000 to 000000000"
 
 
-def test_what_was_made_good_in_part_alarms_while_what_is_left_is_at_least_the_margin():
-    for by, alarms in ((1 / 1.1, 0), (1 / 1.08, 1)):
-        errors = levels(18, 6)
-        errors[12:] *= by
-        (trend,) = trends(history_of(errors), 0.01)
-        assert (len(trend.changes), len(trend.alarms)) == (2, alarms)
+@pytest.mark.parametrize(("by", "back", "alarms"), [(1.1, 1 / 1.1, 0), (1.1, 1 / 1.08, 1), (1.5, 1 / 1.5, 0)])
+def test_what_was_made_good_in_part_alarms_while_what_is_left_is_at_least_the_margin(by, back, alarms):
+    errors = levels(18, 6, by=by)
+    errors[12:] *= back
+    (trend,) = trends(history_of(errors), 0.01)
+    assert (len(trend.changes), len(trend.alarms)) == (2, alarms)

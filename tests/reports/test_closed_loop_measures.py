@@ -25,7 +25,9 @@ def test_wilson_intervals_are_those_of_the_book():
     assert (found.low, found.high) == (pytest.approx(0.4902, abs=1e-4), pytest.approx(0.9433, abs=1e-4))
     assert Proportion.of(0, 10).low == 0.0
     assert Proportion.of(100, 100).low == pytest.approx(0.9630, abs=1e-4)
-    assert (Proportion.of(0, 0).low, Proportion.of(0, 0).high) == (0.0, 1.0)
+    assert (found.successes, found.n, found.share) == (8, 10, 0.8)
+    assert Proportion.of(0, 0) == Proportion(successes=0, n=0, low=0.0, high=1.0)
+    assert Proportion.of(0, 0).share == 0.0
 
 
 def test_points_lie_evenly_on_the_surface():
