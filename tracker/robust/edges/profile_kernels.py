@@ -102,8 +102,8 @@ def search(
     """
     lines, side = at.lines, at.side
     n, candidates = len(lines), CANDIDATES
-    distance = np.full((n, candidates), np.inf)
-    contrast = np.zeros((n, candidates))
+    distance, contrast = np.empty((n, candidates)), np.zeros((n, candidates))
+    distance[:] = np.inf
     colours = np.zeros((2 * (MAX_HALF_PX + REACH) + 1, 3))
     grey = image.shape[2] == 1
     f = np.empty(len(colours))

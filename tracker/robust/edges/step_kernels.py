@@ -106,7 +106,8 @@ def refine_subpixel(
     """
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
-    distance, variance = np.full((len(lines), 1), np.inf), fitted.variance_px2.copy()
+    distance, variance = np.empty((len(lines), 1)), fitted.variance_px2.copy()
+    distance[:] = np.inf
     colour = np.empty(3)
     for g in range(len(first) - 1):
         start, total = 0.0, 0.0

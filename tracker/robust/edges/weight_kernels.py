@@ -49,7 +49,8 @@ def edge_spacing(at: SearchLines, keys: Indices, separate_px: float) -> Array:
     """
     lines, side = at.lines, at.side
     n = len(lines)
-    gap = np.full(n, separate_px)
+    gap = np.empty(n)
+    gap[:] = separate_px
     for p in range(n):
         if side[p] == OUTSIDE:
             continue
@@ -103,7 +104,10 @@ def point_variances(
         if row[TIMES_SEEN] > 0.0:
             own[p] = config.point_variance_px2 + row[MEAN_SQUARE]
         else:
-            error = weak_step / max(weak_step, found.contrast[p].max())
+            step = weak_step
+            for c in range(found.contrast.shape[1]):
+                step = max(step, found.contrast[p, c])
+            error = weak_step / step
             own[p] = config.point_variance_px2 + error**2
     return own
 

@@ -43,7 +43,7 @@ def corner_strength(image: Image, x: int, y: int) -> float:
             xx += gx * gx
             xy += gx * gy
             yy += gy * gy
-    texels = (SIDE - 2) ** 2
+    texels = (SIDE - 2) * (SIDE - 2)
     return (0.5 * (xx + yy) - math.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)) / texels
 
 

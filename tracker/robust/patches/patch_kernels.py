@@ -139,15 +139,21 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) 
     rows = rows[:n]
     if n > most:
         sort_falling(rows, patches.hits)
-    shown = np.zeros(count, np.bool_)
+    shown = np.zeros(count, np.int64)
     m = 0
     for k in range(n):
         if m == most:
             break
         if not hidden(eye, middles[rows[k]], edges.triangles, face[rows[k]], face[rows[k]]):
-            shown[rows[k]] = True
+            shown[rows[k]] = 1
             m += 1
-    return np.flatnonzero(shown)
+    chosen = np.empty(m, np.int64)
+    m = 0
+    for p in range(count):
+        if shown[p]:
+            chosen[m] = p
+            m += 1
+    return chosen
 
 
 @compiled("u3 patches i1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
@@ -159,7 +165,8 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
     """
     n = len(chosen)
     places = np.empty((n, 3))
-    observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.full(n, config.variance_px2)
+    observed, score, variance = np.zeros((n, 2)), np.zeros(n), np.empty(n)
+    variance[:] = config.variance_px2
     reach, least = REACH_TEXELS, config.min_contrast_grey
     now = np.empty((SIDE, SIDE))
     coarse = 0

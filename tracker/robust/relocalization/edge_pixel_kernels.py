@@ -20,7 +20,8 @@ def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     An edge pixel enters its own bin and the neighbour that it is nearer to.
     """
     h, w = image.shape[0], image.shape[1]
-    out = np.ones((ORIENTATIONS, h, w), np.uint8)
+    out = np.empty((ORIENTATIONS, h, w), np.uint8)
+    out[:] = 1
     gx, gy, power = np.zeros((h, w)), np.zeros((h, w)), np.zeros((h, w))
     for i in range(1, h - 1):
         for j in range(1, w - 1):

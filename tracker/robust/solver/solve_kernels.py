@@ -105,9 +105,9 @@ def add_points(measured: EdgeMeasurements, view: View, width_px: float, weightin
     weight, variance_px2 = measured.weight, measured.variance_px2
     weights, residual = weighting.weight, weighting.residual
     for matrix in (E, s):
-        matrix.fill(0.0)
+        matrix[:] = 0.0
     for column in (S, d, e):
-        column.fill(0.0)
+        column[:] = 0.0
     row, c = np.empty(6), np.empty(3)
     for g in range(len(first) - 1):
         for p in range(first[g], first[g + 1]):
@@ -148,8 +148,8 @@ def add_patches(matches: PatchMatches, view: View, width_px: float, weighting: W
     places, R, t, lens = matches.places, view.R, view.t, view.lens
     P, q, weights = sums.patch_information, sums.patch_vector, weighting.patch_weight
     correlation, observed, variance_px2 = matches.correlation, matches.observed, matches.variance_px2
-    P.fill(0.0)
-    q.fill(0.0)
+    P[:] = 0.0
+    q[:] = 0.0
     row, c = np.empty(6), np.empty(3)
     for p in range(len(places)):
         weights[p] = 0.0
