@@ -33,6 +33,7 @@ from uavbench.scenes.dataset.spec_record import described
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.kernels.cache import KernelCache, folder_of, remove_old
+from uavbench.trajectories.kernels.pipeline import KernelCompiler
 
 SILENT = {"list", "schema", "verify", "third-party list"}
 """Commands that write nothing."""
@@ -226,7 +227,7 @@ def test_warm_up_keeps_kernels_beside_what_is_precious(tmp_path, monkeypatch, wh
         monkeypatch.setenv(name, str(tmp_path / "home" / "precious" / where))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home" / "precious"))
     place = folder_of.__wrapped__("0" * 32)
-    kernel = numba.njit(doubled)
+    kernel = numba.njit(pipeline_class=KernelCompiler)(doubled)
     kernel._cache = KernelCache("doubled", lambda: place)
     assert kernel(3.0) == 6.0
     remove_old(place.parent)

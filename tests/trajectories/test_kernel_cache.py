@@ -11,6 +11,7 @@ import numba
 import pytest
 
 from uavbench.trajectories.kernels.cache import KEPT_DAYS, MARKER, KernelCache, folder_of, remove_old
+from uavbench.trajectories.kernels.pipeline import KernelCompiler
 from uavbench.trajectories.source_files import sources
 
 ROOT = Path(__file__).parents[2]
@@ -123,7 +124,7 @@ def test_kernels_are_kept_elsewhere_where_the_cache_cannot_be_written(tmp_path, 
 
 def test_a_broken_file_is_compiled_anew(tmp_path):
     def hits():
-        kernel = numba.njit(scaled)
+        kernel = numba.njit(pipeline_class=KernelCompiler)(scaled)
         kernel._cache = KernelCache("scaled", lambda: tmp_path)
         assert kernel(3.0) == 6.0
         return sum(kernel.stats.cache_hits.values())

@@ -24,13 +24,13 @@ import llvmlite
 import numba
 from llvmlite import binding as llvm
 from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from uavbench.trajectories.files.temporary_names import temporary
 from uavbench.trajectories.kernels.kept_imports import FILE as IMPORTS
 from uavbench.trajectories.kernels.kept_imports import remembered
+from uavbench.trajectories.kernels.machine_code import CachedKernel
 from uavbench.trajectories.source_files import digest, editable, made_of, stamp
 
 MARKER = ".uavbench-kernels"
@@ -72,9 +72,8 @@ class KernelCache(NullCache):
             found = self._file(sig, target_context.codegen()).read_bytes()
             runtime: Any = rtsys
             runtime.initialize(target_context)  # a refresh takes 0.25 s more
-            kept_for, payload = pickle.loads(found)  # noqa: S301, ours
-            rebuilt: Any = CompileResult
-            return rebuilt._rebuild(target_context, *payload) if kept_for == sig else None
+            kept_for, kept = pickle.loads(found)  # noqa: S301, ours
+            return kept.restored(target_context) if kept_for == sig else None
         except Exception:  # unpickling a broken file may raise anything
             return None
 
@@ -85,7 +84,7 @@ class KernelCache(NullCache):
         with contextlib.suppress(OSError):
             path = self._file(sig, data.codegen)
             with temporary(path) as own:
-                own.made.write_bytes(dumps((sig, data._reduce())))  # type: ignore[no-untyped-call]
+                own.made.write_bytes(dumps((sig, CachedKernel.of(data))))  # type: ignore[no-untyped-call]
                 own.made.replace(path)  # content-addressed: a file by another process is identical
 
     def _file(self, sig: Any, codegen: Any) -> Path:
@@ -106,6 +105,12 @@ def cache_of(function: Callable[..., Any], inner: bool = False) -> NullCache:
     note_imported(module)
     name = f"{module}.{function.__qualname__}{'.inner' if inner else ''}"
     return KernelCache(name, lambda: folder_of_module(module))
+
+
+def identity(function: Callable[..., Any], inner: bool) -> int | None:
+    """A number of a kernel, other for another source, the same in all processes; None where nothing can be kept."""
+    folder = None if function.__closure__ else folder_of_module(function.__module__)
+    return None if folder is None else 2 * int(folder.name, 16) + inner
 
 
 @cache

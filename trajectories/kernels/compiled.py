@@ -4,7 +4,7 @@ Compiled without fast-math and without threads, so that the same input gives the
 """
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, TypeVar, cast, overload
 
 import numba
@@ -12,7 +12,7 @@ from numba.core.registry import CPUDispatcher
 
 from uavbench.trajectories.kernels.argument_types import argument_types
 from uavbench.trajectories.kernels.cache import cache_of
-from uavbench.trajectories.kernels.pipeline import InnerCompiler, KernelCompiler
+from uavbench.trajectories.kernels.pipeline import DeclaredCompiler, InnerCompiler, KernelCompiler
 
 F = TypeVar("F", bound=Callable[..., Any])
 OPTIONS = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
@@ -28,14 +28,16 @@ class Kernel(CPUDispatcher):
     _cache: Any
 
     def __init__(self, function: Callable[..., Any], declared: tuple[Any, ...], inner: bool) -> None:
-        pipeline = InnerCompiler if inner else KernelCompiler
+        pipeline = InnerCompiler if inner else DeclaredCompiler
         super().__init__(function, targetoptions=dict(OPTIONS), pipeline_class=pipeline)
         self.declared, self.inner = declared, inner
         self._cache = cache_of(function, inner)
 
     def compile(self, sig: Any) -> Any:
         """Machine code for the declared types, whatever those of a call are; cached on disk."""
-        if not self.overloads:
+        if not self.load():
+            for kernel in callees(self):
+                kernel.compile(None)
             try:
                 for types in self.declared:
                     super().compile(types)
@@ -45,9 +47,13 @@ class Kernel(CPUDispatcher):
         return code.entry_point
 
     def load(self) -> bool:
-        """Whether the kernel is available: loaded from the cache now, or compiled before."""
-        kept = [] if self.overloads else [self._cache.load_overload(types, self.targetctx) for types in self.declared]
-        if kept and all(kept):
+        """Whether the kernel and those that it calls are available: loaded from the cache now, or compiled before."""
+        if self.overloads:
+            return True
+        for kernel in callees(self):
+            kernel.load()
+        kept = [self._cache.load_overload(types, self.targetctx) for types in self.declared]
+        if all(kept):
             for code in kept:
                 self.targetctx.insert_user_function(code.entry_point, code.fndesc, [code.library])
                 self.add_overload(code)
@@ -74,6 +80,15 @@ class Kernel(CPUDispatcher):
         kernel = self.for_python
         kernel.compile(None)
         return kernel  # is called with the same arguments, which now fit or are refused
+
+
+@cache
+def callees(kernel: Any) -> tuple[Kernel, ...]:
+    """Kernels with declared arguments that a kernel calls, by itself or by way of others."""
+    function = kernel.py_func
+    named = (function.__globals__.get(name) for name in function.__code__.co_names)
+    called = (value for value in named if isinstance(value, CPUDispatcher) and value is not kernel)
+    return tuple(other for value in called for other in ((value,) if isinstance(value, Kernel) else callees(value)))
 
 
 @overload

@@ -1,19 +1,61 @@
-"""numba's compilation pipeline without the slow passes that these kernels do not need."""
+"""numba's compilation pipeline, with types resolved once and machine code generated once.
+
+Own code, for numba resolves the types of `a + b` anew at every occurrence, and compiles a callee into each caller.
+"""
 
 from typing import Any, cast
 
-from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
-from numba.core.typed_passes import NativeLowering
+from numba.core.typed_passes import NativeLowering, NopythonTypeInference
+
+from uavbench.trajectories.kernels.cache import identity
+from uavbench.trajectories.kernels.machine_code import CodeApart, CodeLinkedIn, KernelCode, NoEntry
+
+INLINED_BYTES = 400
+"""Longest Python bytecode of a kernel that is linked into its callers. LLVM inlines up to 225 units of its cost, some
+50 instructions (its option `inline-threshold`); 400 bytes make several hundred."""
 
 
-class OptimizedOnce(JITCodeLibrary):
-    """Code library that is optimized as a whole instead of per function first, which saves a tenth of the time."""
+class ResolvedOnce:
+    """numba's typing context, which resolves the type of each call of a function with given types only once.
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
+    numba tries up to twenty templates for each operator, and formats an error message for each that does not fit.
+    """
+
+    resolved: dict[Any, Any] = {}  # noqa: RUF012, shared by all: the types of numba's functions do not change
+
+    def __init__(self, context: Any) -> None:
+        self._context = context
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def resolve_function_type(self, function: Any, arguments: Any, keywords: Any) -> Any:
+        """The signature of a call."""
+        call = function, tuple(arguments), tuple(sorted(keywords.items()))
+        signature = self.resolved.get(call)
+        if signature is None:
+            signature = self._context.resolve_function_type(function, arguments, keywords)
+            self.resolved[call] = signature
+        return signature
+
+
+@cast(Any, register_pass)(mutates_CFG=True, analysis_only=False)
+class KernelTyping(NopythonTypeInference):
+    """Type inference that remembers the signatures it has resolved."""
+
+    _name = "kernel_type_inference"
+
+    def run_pass(self, state: Any) -> bool:
+        """Infer the types of a kernel."""
+        context = state.typingctx
+        state.typingctx = ResolvedOnce(context)
+        try:
+            return bool(cast(Any, super()).run_pass(state))
+        finally:
+            state.typingctx = context
 
 
 class NotFromPython(Lower):
@@ -25,40 +67,86 @@ class NotFromPython(Lower):
 
 @cast(Any, register_pass)(mutates_CFG=True, analysis_only=False)
 class KernelLowering(NativeLowering):
-    """Lowering to machine code that is optimized once."""
+    """Lowering to machine code that is optimized once, and linked into callers."""
 
     _name = "kernel_lowering"
 
     def run_pass(self, state: Any) -> bool:
         """Lower a typed kernel."""
-        state.library = cast(Any, OptimizedOnce)(state.targetctx.codegen(), state.func_id.func_qualname)
+        return self._lower(state, KernelCode)
+
+    def _lower(self, state: Any, kind: Any) -> bool:
+        state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return bool(cast(Any, super()).run_pass(state))
+        done = bool(cast(Any, super()).run_pass(state))
+        if kind is CodeApart:
+            state.library.symbols = frozenset([state.cr.fndesc.llvm_func_name])
+        return done
 
 
 @cast(Any, register_pass)(mutates_CFG=True, analysis_only=False)
-class InnerLowering(KernelLowering):
+class DeclaredLowering(KernelLowering):
+    """The same for a kernel with declared arguments, which is called by its symbol where it is large."""
+
+    _name = "declared_kernel_lowering"
+    inner = False
+    small: type[KernelCode] = KernelCode
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower a typed kernel."""
+        function = state.func_ir.func_id
+        known = identity(function.func, self.inner)
+        if known is not None:  # callers find it by the same symbol in every process
+            function.unique_id = known
+        return self._lower(state, CodeApart if large(function.func) else self.small)
+
+
+@cast(Any, register_pass)(mutates_CFG=True, analysis_only=False)
+class InnerLowering(DeclaredLowering):
     """The same for a kernel that other kernels call and Python does not."""
 
     _name = "inner_kernel_lowering"
+    inner = True
+    small = CodeLinkedIn
 
     @property
     def lowering_class(self) -> type:
         """The class that lowers to machine code."""
         return NotFromPython
 
+    def _lower(self, state: Any, kind: Any) -> bool:
+        state.flags.no_compile = kind is CodeLinkedIn
+        done = super()._lower(state, kind)
+        if kind is CodeLinkedIn:
+            state["cr"] = state["cr"]._replace(cfunc=NoEntry())
+            state.targetctx.insert_user_function(state["cr"].cfunc, state["cr"].fndesc, [state.library])
+            state.reload_init.extend(state.library._reload_init)
+        return done
+
+
+def large(function: Any) -> bool:
+    """Whether a function is too large to be inlined."""
+    return len(function.__code__.co_code) > INLINED_BYTES
+
 
 class KernelCompiler(CompilerBase):
-    """numba's passes, but for the lowering."""
+    """numba's passes, but for type inference and lowering."""
 
     lowering: type = KernelLowering
 
     def define_pipelines(self) -> list[Any]:
         """The only pipeline: there is no object mode."""
+        own = {NativeLowering: self.lowering, NopythonTypeInference: KernelTyping}
         passes = cast(Any, DefaultPassBuilder).define_nopython_pipeline(self.state)
-        passes.passes = [(self.lowering if step is NativeLowering else step, told) for step, told in passes.passes]
+        passes.passes = [(own.get(step, step), about) for step, about in passes.passes]
         passes.finalize()
         return [passes]
+
+
+class DeclaredCompiler(KernelCompiler):
+    """The same for kernels with declared arguments."""
+
+    lowering = DeclaredLowering
 
 
 class InnerCompiler(KernelCompiler):

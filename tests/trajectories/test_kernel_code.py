@@ -1,0 +1,79 @@
+"""A large kernel is compiled once and called by its symbol; a small one is linked into its callers."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+TERMS = "\n".join(f"    total += values[{k % 4}] * {k}.0 + len(values)" for k in range(30))
+KERNELS = f"""from uavbench.trajectories.kernels.compiled import compiled
+
+
+@compiled("f0", inner=True)
+def twice(x):
+    return 2.0 * x
+
+
+@compiled("f1", inner=True)
+def long_sum(values):
+    total = 0.0
+{TERMS}
+    return twice(total)
+
+
+@compiled("f1")
+def outer(values):
+    return long_sum(values) + twice(1.0)
+"""
+RUN = """import json
+import sys
+import numpy as np
+from numba.core import event
+import own_kernels
+
+heard = []
+class Listener(event.Listener):
+    def on_start(self, event):
+        heard.append(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Listener())
+result = own_kernels.outer(np.arange(4.0))
+kinds = {
+    kernel.py_func.__name__: type(code.library).__name__
+    for kernel in (own_kernels.twice, own_kernels.long_sum, own_kernels.outer)
+    for code in kernel.overloads.values()
+}
+print(json.dumps([result, heard, kinds]))
+"""
+RESULT = 2.0 * sum(float(k % 4) * k + 4 for k in range(30)) + 2.0
+KINDS = {"twice": "CodeLinkedIn", "long_sum": "CodeApart", "outer": "KernelCode"}
+
+
+@pytest.mark.ci
+def test_a_large_kernel_is_found_by_its_symbol_in_every_process_and_compiled_where_it_is_lost(tmp_path):
+    (tmp_path / "own_kernels.py").write_text(KERNELS)
+    assert run(tmp_path) == ["twice", "long_sum", "outer"]
+    assert run(tmp_path) == []
+    (file,) = tmp_path.glob("cache/**/own_kernels.long_sum*.nbc")
+    file.unlink()
+    assert run(tmp_path) == ["long_sum"]  # the same symbol: its callers need no compilation
+    file.write_bytes(b"broken")
+    assert run(tmp_path) == ["long_sum"]
+    assert run(tmp_path) == []
+
+
+def run(folder):
+    """Names of the kernels that a process compiles to call one; checks its result, and how each is reached."""
+    path = os.pathsep.join([str(folder), *(p for p in sys.path if p)])
+    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(folder / "cache")}
+    command = [sys.executable, "-c", RUN]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    result, heard, kinds = json.loads(done.stdout)
+    assert result == RESULT
+    assert kinds == KINDS
+    return [name for name in heard if name in KINDS]
