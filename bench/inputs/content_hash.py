@@ -22,7 +22,7 @@ PLAIN = {float, int, str, bool, type(None)}
 ROOT = Path(__file__).parents[2]
 LIBRARIES = [
     *("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "mujoco", "trimesh", "pillow", "ifcopenshell"),
-    *("pyrender", "PyOpenGL", "pandas", "matplotlib"),
+    *("pyrender", "PyOpenGL", "pandas", "matplotlib", "jinja2", "pydantic"),
 ]
 """Libraries whose version may change a frame, an estimate, a score or a figure."""
 WORK = ROOT / "bench" / "runner" / "tasks.py"

@@ -164,7 +164,9 @@ def _report_job(
         work=work,
         marker=folder / "report.json",
         root=folder,
-        content_hash=content_hash(suite.title, [job.content_hash for job in needs], away, figures),
+        content_hash=content_hash(
+            suite.title, [job.content_hash for job in needs], away, figures, code_hash("reports")
+        ),
         needs=needs,
         weight=REPORT_S * (1 + len(scores)),
         without=work.without,
@@ -196,14 +198,16 @@ def plan_flights(
         videos = [_video_job(job, folder) for job in flights] if video else []
         work = ReportFlights(suite.title, folder, paths, absent=tuple(away.items()), figures=figures)
         work = replace(work, videos=tuple(job.marker.with_name(VIDEO) for job in videos))
+        needs = (*scores, *videos)
+        keys = [job.content_hash for job in needs]
         report = Job(
             verb="report",
             name="report",
             work=work,
             marker=folder / FLIGHTS,
             root=folder,
-            content_hash=content_hash(suite.title, [job.content_hash for job in (*scores, *videos)], away, figures),
-            needs=(*scores, *videos),
+            content_hash=content_hash(suite.title, keys, away, figures, code_hash("reports")),
+            needs=needs,
             weight=1.0 + FLIGHT_FIGURE_S * len(scores),
             without=work.without,
         )

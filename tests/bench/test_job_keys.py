@@ -105,6 +105,15 @@ def test_what_figures_are_for_and_which_trackers_are_absent_is_in_the_key_of_the
     assert (stale(old, new), stale(old_flown, new_flown)) == ({"report"}, {"reportflights"})
 
 
+def test_a_report_without_any_tracker_is_stale_when_its_code_changes(suite, tmp_path, monkeypatch):
+    monkeypatch.setattr(jobs, "absent", lambda trackers: dict.fromkeys(trackers, "not set up"))
+    old, old_flown = both(suite, tmp_path)
+    code = jobs.code_hash
+    monkeypatch.setattr(jobs, "code_hash", lambda *names: code(*names) + " edited" * ("reports" in names))
+    new, new_flown = both(suite, tmp_path)
+    assert (stale(old, new), stale(old_flown, new_flown)) == ({"report"}, {"reportflights"})
+
+
 def test_a_report_of_flights_with_videos_has_another_key(suite, tmp_path):
     with_videos, without = (plan_flights(suite, tmp_path, video=video)[-1].content_hash for video in (True, False))
     assert with_videos != without

@@ -79,7 +79,7 @@ def _told(kernels: list[Kernel]) -> Iterator[Callable[[], None]]:
     """Report progress when called: a bar on a terminal, otherwise one line."""
     about = "compiling kernels, once after an installation"
     if not sys.stderr.isatty():
-        print(f"{about}: {len(kernels)} of them, some 15 to 40 s", file=sys.stderr, flush=True)
+        print(f"{about}: {len(kernels)} of them, some 10 to 30 s", file=sys.stderr, flush=True)
         yield lambda: None
         return
     with tqdm(total=len(kernels), desc=about, unit="kernel", leave=False) as bar:
