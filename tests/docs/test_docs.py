@@ -42,7 +42,7 @@ def test_every_page_is_in_the_navigation_of_the_site():
 def test_blocks_are_of_a_known_kind_and_none_is_left_open(page):
     text = page.read_text(encoding="utf-8")
     assert len(re.findall("^```", text, re.MULTILINE)) == 2 * len(blocks(page))
-    assert {b.language for b in blocks(page)} <= {"sh", "console", "toml", "python", "text"}
+    assert {b.language for b in blocks(page)} <= {"sh", "console", "toml", "python", "text", "math"}
     assert "@" not in re.sub(r"`[^`]*`|```.*?```", "", text, flags=re.DOTALL), "a placeholder is left"
 
 

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,12 @@ def test_every_block_is_shown_as_code_and_those_to_save_with_their_file(site):
         html = text_of(site, f"{page.stem}.html")
         assert "```" not in html, page.name
         assert re.findall(r'<span class="filename">(.*?)</span>', html) == [b.file for b in blocks(page) if b.file]
+
+
+def test_every_equation_is_drawn(site):
+    for page in PAGES:
+        labels = re.findall(r'<div class="equation" role="img" aria-label="([^"]+)"', text_of(site, f"{page.stem}.html"))
+        assert [unescape(tex) for tex in labels] == [b.text.strip() for b in blocks(page) if b.language == "math"]
 
 
 def test_every_plugin_that_can_be_seen_has_its_picture(site):
