@@ -21,7 +21,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def drawn(tex: str) -> str:
-    """An equation as SVG in the colour of the text, with its TeX as label; ValueError where matplotlib cannot set it."""
+    """An equation as SVG in the colour of the text, its TeX as label; ValueError where matplotlib cannot set it."""
     with rc_context({"mathtext.fontset": "cm"}):
         outline = TextPath((0, 0), f"${' '.join(tex.split())}$", size=SIZE_PX)
     (left, bottom), (right, top) = outline.get_extents().padded(MARGIN_PX).get_points()

@@ -54,11 +54,11 @@ class WeightConfig:
     point_variance_px2: Positive = 0.08**2
     """Variance of a control point by itself. Chosen on rendered seeds."""
     silhouette_variance_px2: Positive = 0.05**2
-    """Variance of the offset of a silhouette or another edge with one visible face. Measured at true poses: 0.01 to 0.1 px
+    """Variance of the offset of an edge with one visible face. Measured at true poses: silhouettes lie 0.01 to 0.1 px
     from the model's edge."""
     crease_variance_px2: Positive = 0.25**2
-    """Variance of the offset of a crease, both of whose faces are visible. Measured at true poses: 0.1 to 0.9 px, by worn
-    borders, insets and shadows."""
+    """Variance of the offset of an edge with two visible faces. Measured at true poses: creases lie 0.1 to 0.9 px from
+    the model's edge, by worn borders, insets and shadows."""
 
 
 @dataclass(frozen=True)
