@@ -2,8 +2,10 @@
 
 import contextlib
 import re
+import runpy
 import shlex
 import tomllib
+from xml.etree import ElementTree
 
 import click
 import pytest
@@ -44,6 +46,17 @@ def test_blocks_are_of_a_known_kind_and_none_is_left_open(page):
     assert len(re.findall("^```", text, re.MULTILINE)) == 2 * len(blocks(page))
     assert {b.language for b in blocks(page)} <= {"sh", "console", "toml", "python", "text", "math"}
     assert "@" not in re.sub(r"`[^`]*`|```.*?```", "", text, flags=re.DOTALL), "a placeholder is left"
+
+
+def test_every_equation_can_be_set_for_the_site():
+    drawn = runpy.run_path(str(ROOT / ".ci" / "equations.py"))["drawn"]
+    equations = [block.text for page in PAGES for block in blocks(page) if block.language == "math"]
+    assert equations
+    for tex in equations:
+        paths = ElementTree.fromstring(drawn(tex)).findall(".//{http://www.w3.org/2000/svg}path")
+        assert [path.get("d", "")[:1] for path in paths] == ["M"], tex
+    with pytest.raises(ValueError, match="notacommand"):
+        drawn(r"\notacommand{x}")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
