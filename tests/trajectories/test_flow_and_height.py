@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from tests.trajectories.scene import BOX, standing
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.sensors.barometer import Barometer, height_at, pressure_at
+from uavbench.trajectories.sensors.gnss import Gnss
+from uavbench.trajectories.sensors.imu import Imu
 from uavbench.trajectories.sensors.optical_flow import FlowDeck, flow_ground_truth
 from uavbench.trajectories.wind.dryden import first_order
 
@@ -174,3 +176,26 @@ def test_the_nearer_of_structure_and_floor_is_what_lies_beneath() -> None:
     cellar = ObstacleMesh(np.array([[4.0, -1, -1], [6.0, -1, -1], [5.0, 2, -1]]), np.array([[0, 1, 2]]))
     for mesh, expected in ((roof, 1.0), (cellar, 2.0)):
         assert flow_ground_truth(standing(0.0, height=2.0), mesh)[1] == pytest.approx([expected])
+
+
+def test_a_deck_read_in_flight_reads_the_same_and_loses_no_fraction_of_a_count() -> None:
+    """Some readings at a time, as many as a turn of the loop has: what is carried over is carried on."""
+    flight = speeding(2.0, 0.5, (0.8, -0.3))
+    for deck in (EXACT, FlowDeck()):
+        whole = deck.measure(flight, BOX, rng(3))
+        reader, begun = deck.begin(len(whole.stamps_ns), BOX, rng(3)), 0
+        parts = []
+        for size in (1, 2, 5, 1, 30, len(whole.stamps_ns)):
+            stamps = whole.stamps_ns[begun : begun + size]
+            parts.append(reader.read(flight, stamps))
+            begun += size
+        np.testing.assert_allclose(np.concatenate(parts), whole.values, atol=1e-12)
+
+
+@pytest.mark.parametrize("sensor", [Barometer(drift_pa=5.0), Imu(), Gnss()])
+def test_a_sensor_read_in_flight_reads_the_same(sensor: Barometer | Imu | Gnss) -> None:
+    flight = standing(1.0, 20.0)
+    whole = sensor.measure(flight, BOX, rng(3))
+    reader = sensor.begin(len(whole.stamps_ns), BOX, rng(3))
+    parts = [reader.read(flight, stamps) for stamps in np.array_split(whole.stamps_ns, 4)]
+    np.testing.assert_array_equal(np.concatenate(parts), whole.values)

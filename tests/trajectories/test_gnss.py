@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.trajectories.scene import BOX, block, standing
 from uavbench.trajectories.sensors.gnss import Gnss
@@ -108,3 +109,21 @@ def test_a_longer_flight_begins_with_the_same_fixes() -> None:
 
 def test_the_defaults_are_those_that_are_told() -> None:
     assert Gnss() == Gnss(5.0, 10.0, 1.0, 300.0, 0.3, 0.05, 12.0, 40.8, 0.0, 0.0)
+
+
+def test_the_sky_is_that_of_24_satellites_on_circles_about_a_round_earth() -> None:
+    """Satellites by rotations of their planes, seen from a place that turns with the Earth: other formulas."""
+    times, latitude = np.array([0.0, 1234.5, 40_000.0]), 47.0
+    found = sky(times, latitude)
+    assert found.shape == (3, 24, 3)
+    for k, t in enumerate(times):
+        place = Rotation.from_euler("ZY", [7.2921151467e-5 * t, -np.radians(latitude)]).apply([6_371_000.0, 0, 0])
+        up = place / np.linalg.norm(place)
+        east = np.cross([0, 0, 1.0], up) / np.cos(np.radians(latitude))
+        for number in range(24):
+            plane, slot = divmod(number, 4)
+            along = 90.0 * (slot + plane / 4) + 360.0 * t / 43_077.0
+            turn = Rotation.from_euler("ZXZ", [60.0 * plane, 55.0, along], degrees=True)
+            sight = turn.apply([26_560_000.0, 0, 0]) - place
+            expected = np.array([east, np.cross(up, east), up]) @ sight / np.linalg.norm(sight)
+            np.testing.assert_allclose(found[k, number], expected, atol=1e-9)

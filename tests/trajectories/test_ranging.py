@@ -211,3 +211,89 @@ def test_an_array_that_is_none_is_refused(tmp_path: Path) -> None:
     for name in ("cut", "longer", "text", "empty", "huge", "plain", "objects"):
         with pytest.raises(UserError, match=rf"{name}.npy: no array of readings"):
             read_records(tmp_path / f"{name}.npy")
+
+
+def test_the_defaults_are_those_of_the_data_sheets() -> None:
+    """Hokuyo's UTM-30LX, Velodyne's VLP-16 and Garmin's LIDAR-Lite v3, as their classes tell."""
+    middle = ((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    assert RangeFinder() == RangeFinder(50.0, *middle, 0.05, 40.0, 0.7, 0.3, 0.025, 5.0, 0.1, 0.01)
+    plane = Lidar2d(40.0, *middle, 0.1, 30.0, 0.9, 0.3, 0.01, 10.0, 0.03, 0.001, 270.0, 0.25, (0.0,))
+    assert Lidar2d() == plane
+    rings = (-15.0, -13.0, -11.0, -9.0, -7.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 7.0, 9.0, 11.0, 13.0, 15.0)
+    assert Lidar3d() == Lidar3d(10.0, *middle, 0.5, 100.0, 0.8, 0.3, 0.03, 10.0, 0.03, 0.002, 360.0, 0.2, rings)
+    assert Lidar2d.binary and Lidar3d.binary
+
+
+def test_limits_of_what_a_lidar_is() -> None:
+    assert Lidar2d(elevations_deg=(-90.0, 90.0) * 64).rays_per_s == 40 * 1081 * 128
+    for bad in ((), (0.0,) * 129, (90.5,), (0.0, -91.0)):
+        with pytest.raises(ValueError, match="give 1 to 128 angles from -90 to 90"):
+            Lidar2d(elevations_deg=bad)
+    for kind in (RangeFinder, Lidar2d):
+        for least in (3.0, 4.0):
+            with pytest.raises(ValueError, match="is not below greatest_range_m 3"):
+                kind(least_range_m=least, greatest_range_m=3.0)
+        assert kind(least_range_m=2.999, greatest_range_m=3.0).least_range_m == 2.999
+
+
+@pytest.mark.parametrize(
+    ("field", "step", "expected"),
+    [
+        (10.0, 120.0, [-5.0]),
+        (0.3, 0.1, [-0.15, -0.05, 0.05, 0.15]),  # 0.3 / 0.1 is just below 3 in floating point
+        (100.0, 40.0, [-50.0, -10.0, 30.0]),
+        (360.0, 120.0, [-180.0, -60.0, 60.0]),
+    ],
+)
+def test_azimuths_fill_the_field_in_whole_steps(field: float, step: float, expected: list[float]) -> None:
+    assert np.degrees(Lidar2d(field_deg=field, step_deg=step).azimuths_rad) == pytest.approx(expected)
+
+
+def test_turns_that_end_with_the_flight_count() -> None:
+    sensor = Lidar2d(rate_hz=50.0, field_deg=90.0, step_deg=45.0)
+    for seconds, turns in ((0.02, 1), (0.038, 1), (0.04, 2)):
+        table = sensor.measure(standing(seconds), BOX, np.random.default_rng(0))
+        assert len(table.stamps_ns) == 3 * turns
+    with pytest.raises(UserError, match="rate_hz 50: the flight ends before the first turn does"):
+        sensor.measure(standing(0.0), BOX, np.random.default_rng(0))
+    begun = replace(standing(0.02), stamps_ns=standing(0.02).stamps_ns + 10**9)
+    assert sensor.measure(begun, BOX, np.random.default_rng(0)).stamps_ns.tolist() == [
+        10**9, 10**9 + 2_500_000, 10**9 + 5_000_000,
+    ]  # fmt: skip
+
+
+def test_a_reading_is_never_negative_and_near_ones_are_kept() -> None:
+    wall = block((5.25, -9.0, 0.0), (20.0, 9.0, 9.0))
+    plain = RangeFinder(resolution_m=0.0).measure(standing(2.0), wall, np.random.default_rng(0)).column("range_m")
+    assert plain.mean() == pytest.approx(0.25, abs=0.02) and plain.std() == pytest.approx(0.025, rel=0.2)
+    wild = RangeFinder(noise_m=1.0).measure(standing(2.0), wall, np.random.default_rng(0)).column("range_m")
+    assert wild.min() == 0.0 and (wild == 0.0).mean() == pytest.approx(0.4, abs=0.1)
+
+
+@pytest.mark.parametrize("away", [0.25, 8.0])
+def test_the_ends_of_the_range_are_within_it(away: float) -> None:
+    """The wall at 0.25 or 8 m, both exact in binary: at either end of the range, and just out of it."""
+    wall, flight = block((5.0 + away, -9.0, 0.0), (40.0, 9.0, 9.0)), standing(0.1)
+    sensor = RangeFinder(reflectance=0.7, rated_reflectance=0.7, far_m=away, noise_m=0.0, far_noise_m=0.5)
+    for least, greatest, seen in (
+        (away, 40.0, True), (0.05, away, True), (away + 1e-6, 40.0, False), (0.05, away - 1e-6, False),
+    ):  # fmt: skip
+        if least < greatest:
+            limited = replace(sensor, least_range_m=least, greatest_range_m=greatest)
+            read = limited.measure(flight, wall, np.random.default_rng(0)).column("range_m")
+            assert np.isfinite(read).all() == seen == np.isfinite(read).any()
+            assert not seen or read.std() > 0.05, "from far_m on the noise is that of far readings"
+
+
+def test_a_sensor_on_the_floor_or_one_that_comes_into_the_structure_is_refused() -> None:
+    down = RangeFinder(offset_m=(0.0, 0.0, -1.0))
+    with pytest.raises(UserError, match="it is under the floor"):
+        down.measure(standing(0.5), BOX, np.random.default_rng(0))
+    n = len(standing(0.5))
+    toward = replace(standing(0.5), positions_m=np.linspace([5.0, 0.0, 0.1], [0.0, 0.0, 0.1], n))
+    with pytest.raises(UserError, match=r"t = 0.4[89] s, at \(0.[12]\d, 0.00, 0.10\) m: it is inside the structure"):
+        RangeFinder().measure(toward, BOX, np.random.default_rng(0))
+    assert len(RangeFinder(rate_hz=2.0).measure(standing(0.5), BOX, np.random.default_rng(0)).stamps_ns) == 2
+    with pytest.raises(UserError, match=r"one reading takes 1 s, and the flight 0\.5 s"):
+        RangeFinder(rate_hz=1.0).measure(standing(0.5), BOX, np.random.default_rng(0))
+    assert len(RangeFinder(rate_hz=1.0).measure(standing(0.0), BOX, np.random.default_rng(0)).stamps_ns) == 1
