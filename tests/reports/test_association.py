@@ -178,3 +178,8 @@ def test_a_limit_or_offset_that_is_no_number_is_refused(limit: float, offset: fl
     t = trajectory(np.array([1.0]))
     with pytest.raises(UserError, match="must be finite"):
         associate(t, t, "evo", limit, offset)
+
+
+def test_without_an_offset_stamps_are_compared_as_they_are() -> None:
+    rows = nearest_to_shorter(np.array([NS, 2 * NS, 3 * NS]), np.array([2 * NS]), 0.0)
+    assert [r.tolist() for r in rows] == [[1], [0]]

@@ -151,7 +151,7 @@ def test_stretches_of_metres_end_where_their_own_steps_sum_to_delta() -> None:
     assert rows(pairs, 1.0, "m", True) == [(0, 2), (3, 6), (4, 6)]
     assert rows(pairs, 1.0, "m", True, "reference", 0.5) == [(0, 2), (1, 2), (2, 3), (3, 6), (4, 6), (5, 6)]
     assert rows(pairs, 2.0, "m", True, "estimate") == [(0, 2), (1, 3), (2, 4), (3, 5), (4, 6)]
-    assert rows(pairs, 9.0, "m") == rows(pairs, 9.0, "m", True) == []
+    assert rows(pairs, 9.0, "m") == rows(pairs, 9.0, "m", True) == rows(along([1.0]), 9.0, "m", True) == []
 
 
 def test_stretches_of_seconds_take_the_nearest_frame_within_the_tolerance_and_do_not_overlap() -> None:
@@ -188,6 +188,7 @@ def test_stretches_of_turning(unit: str, delta: float) -> None:
     ]
     assert rows(pairs, delta, unit, True, "reference", 0.0) == []
     assert rows(turning([5.0]), delta, unit, True) == []
+    assert rows(turning([5.0, 6.0, 35.0]), delta, unit, True) == [(0, 2), (1, 2)], "also from the last but one"
 
 
 def test_too_many_stretches_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,8 +14,10 @@ from uavbench.bench.cli.main import main
 from uavbench.reports.evaluation.evaluate import evaluate_files
 from uavbench.reports.evaluation.evaluation import evaluate
 from uavbench.reports.evaluation.options import Options
+from uavbench.reports.metrics.association import PosePairs
 from uavbench.reports.scoring.score import score
 from uavbench.reports.uncertainty.nees import consistency
+from uavbench.reports.uncertainty.pose_nees import pose_nees
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
@@ -212,3 +214,53 @@ def test_the_command_prints_it(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, ["evaluate", str(tmp_path / "r.tum"), str(tmp_path / "e.tum"), "--align", "se3"])
     assert done.exit_code == 0 and "NEES, aligned" in done.output and "% inside, n 400" in done.output
     assert evaluate(truth(), truth(), Options(align="se3")).nees is None
+
+
+def paired(true: list[Pose], found: list[Pose]) -> PosePairs:
+    reference, estimate = (Trajectory.from_poses(list(range(len(poses))), poses) for poses in (true, found))
+    return PosePairs(
+        reference.stamps_ns, reference.positions_m, reference.quaternions_wxyz,
+        estimate.positions_m, estimate.quaternions_wxyz,
+    )  # fmt: skip
+
+
+def test_twists_of_large_and_small_errors_are_logarithms() -> None:
+    """Errors of any size, up to half a turn and down to none; P such that every component of the twist counts."""
+    rng = np.random.default_rng(5)
+    found = [Pose.exp(rng.normal(size=6)) for _ in range(30)]
+    sizes = np.concatenate([np.geomspace(1e-9, 3.0, 28), [0.0, 3.1]])
+    axes = rng.normal(size=(30, 3))
+    phi = sizes[:, None] * axes / np.linalg.norm(axes, axis=1)[:, None]
+    twists = np.column_stack([rng.normal(size=(30, 3)), phi])
+    true = [pose @ Pose.exp(xi) for pose, xi in zip(found, twists, strict=True)]
+    P = covariances()[:30]
+    wanted = [xi @ np.linalg.inv(C) @ xi for xi, C in zip(twists, P, strict=True)]
+    np.testing.assert_allclose(pose_nees(paired(true, found), PoseCovariances(P, "moving")), wanted, rtol=1e-6)
+
+
+def test_the_twist_of_a_far_point_and_a_small_angle_has_its_second_order() -> None:
+    """A turn by a about z and 1e5 m along x: x has a/2 cot(a/2), some 1 - a^2 / 12, and y -a/2 of the way."""
+    way, a = 1e5, 0.9e-5
+    true = Pose(Rotation.from_rotvec([0, 0, a]).as_matrix(), np.array([way, 0.0, 0.0]))
+    found = pose_nees(paired([true], [Pose.identity()]), PoseCovariances(np.eye(6)[None], "moving"))
+    x, y = way * (a / 2) / np.tan(a / 2), -way * a / 2
+    assert found[0] - way**2 == pytest.approx((x - way) * (x + way) + y**2 + a**2, abs=2e-3)
+
+
+def test_singular_claims_are_infinite_whatever_the_units() -> None:
+    regular = covariances()[0]
+    alike = np.eye(6)
+    alike[:2, :2] = 1.0  # two errors that are the same
+    nearly, closer = np.eye(6), np.eye(6)
+    nearly[0, 1] = nearly[1, 0] = 1 - 2**-46
+    closer[0, 1] = closer[1, 0] = 1 - 2**-48
+    negative = np.diag([1.0, 1, -1, 1, 1, 1])
+    unknown = np.full((6, 6), np.nan)
+    for unit in (1e-12, 1.0, 1e9):
+        S = np.diag([unit, unit, unit, 1e-3, 1.0, 1.0])
+        P = np.array([S @ C @ S for C in (regular, alike, nearly, closer, negative, unknown)])
+        pairs = paired([Pose.exp(np.full(6, 0.01))] * 6, [Pose.identity()] * 6)
+        for axes in ("moving", "fixed"):
+            found = pose_nees(pairs, PoseCovariances(P, axes))  # type: ignore[arg-type]
+            assert np.isfinite(found).tolist() == [True, False, True, False, False, False]
+            assert np.isinf(found).tolist() == [False, True, False, True, True, False]

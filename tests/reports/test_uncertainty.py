@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.reports.drawn import results_of, true_rows
-from uavbench.reports.uncertainty.nees import component_sigmas, consistency, euler_zyx, nees
+from uavbench.reports.uncertainty.consistency import Consistency, chi_square_quantile, consistency_of
+from uavbench.reports.uncertainty.nees import component_sigmas, consistency, euler_zyx, is_singular, nees
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
@@ -107,3 +108,59 @@ def test_euler_angles_are_those_of_scipy() -> None:
     assert euler_zyx(q) == pytest.approx(expected, abs=1e-12)
     straight_up = np.array([[np.sqrt(0.5), 0.0, -np.sqrt(0.5) - 1e-16, 0.0]])
     assert euler_zyx(straight_up)[0, 1] == pytest.approx(-np.pi / 2)
+
+
+NEARLY = np.eye(6)
+NEARLY[0, 1] = NEARLY[1, 0] = 1 - 2**-46
+"""Two errors so alike that the smallest eigenvalue is 2^-46, 1.4e-14, just above round-off."""
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e9])
+def test_what_is_singular_does_not_depend_on_units(unit: float) -> None:
+    scale = np.diag([unit, 1.0, 1.0, 1e-6, 1.0, 1.0 / unit])
+    regular, alike, indefinite, none, negative = (
+        some_covariance(3),
+        np.ones((6, 6)),
+        2 * NEARLY - np.eye(6),
+        *(np.eye(6) for _ in range(2)),
+    )
+    alike = 0.5 * np.eye(6)
+    alike[:2, :2] = 0.5
+    indefinite[0, 1] = indefinite[1, 0] = 1.5
+    none[4, 4], negative[4, 4] = 0.0, -1.0
+    closer = NEARLY.copy()
+    closer[0, 1] = closer[1, 0] = 1 - 2**-48
+    for P, singular in (
+        (regular, False), (NEARLY, False), (closer, True), (alike, True), (indefinite, True), (none, True),
+        (negative, True),
+    ):  # fmt: skip
+        assert is_singular(scale @ P @ scale) is singular
+
+
+def test_the_summary_counts_singular_claims_and_both_quantiles_in() -> None:
+    low, high = (chi_square_quantile(p, 6) for p in (0.025, 0.975))
+    variances = np.ones((4, 6))
+    found = consistency_of(np.array([low, high, np.inf, np.nan, high * 1.0001]), variances)
+    assert found is not None
+    assert (found.n, found.singular, found.inside) == (3, 1, 2 / 4)
+    assert found.mean == pytest.approx((low + 2.0001 * high) / 3)
+    one = consistency_of(np.array([5.0, np.inf]), variances)
+    assert one is not None and (one.n, one.singular, one.inside) == (1, 1, 0.5)
+    none = consistency_of(np.array([np.inf, np.inf]), variances)
+    assert none is not None and (none.n, none.singular, none.mean, none.inside) == (0, 2, None, 0.0)
+    assert (none.low, none.high) == pytest.approx((low, high))
+    assert consistency_of(np.array([np.nan]), variances) is None
+    assert Consistency(n=1, mean=1.0, low=0.0, high=2.0, inside=1.0, sharpness_m=1.0, sharpness_deg=1.0).singular == 0
+
+
+def test_straight_up_the_sigmas_are_large_and_finite(sequence: Sequence) -> None:
+    """At the singularity of Euler angles yaw and roll are as good as unknown, and no number is infinite."""
+    level = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # pitch of 90 degrees
+    results = results_of(sequence, [
+        TrackResult(status="ok", cam_from_world=Pose(R.T, np.zeros(3)), covariance=1e-6 * np.eye(6))
+        for R in (level, level.T)
+    ])  # fmt: skip
+    results = replace(results, record={**results.record, "cam_from_body": np.eye(4).tolist()})
+    for sigmas in component_sigmas(results):
+        np.testing.assert_allclose(sigmas[[0, 1, 2, 4]], 1e-3)
+        assert (sigmas[[3, 5]] > 0.5).all() and np.isfinite(sigmas).all()
