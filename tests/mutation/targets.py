@@ -30,8 +30,8 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("reports/metrics/straight_line.py", "reports/test_straight_line"),
         *(_target(f"reports/many_runs/{name}.py", "reports/test_many_runs") for name in ("groups", "curves")),
         _target("reports/metrics/model_space.py", "reports/test_model_space"),
-        _target("reports/metrics/sub_trajectories.py", "reports/test_metrics", "reports/test_golden"),
-        _target("reports/metrics/quaternions.py", "reports/test_metrics", "reports/test_golden"),
+        _target("reports/metrics/sub_trajectories.py", "reports/test_sub_trajectories", "reports/test_golden"),
+        _target("reports/metrics/quaternions.py", "reports/test_quaternions", "reports/test_metrics"),
         _target("reports/metrics/latency.py", "reports/test_tracking_and_latency"),
         _target("reports/scoring/coverage.py", "reports/test_tracking_and_latency", "reports/test_score"),
         _target("reports/closed_loop/measures.py", "reports/test_flight_score"),
@@ -53,7 +53,12 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     ),
     "exports": (
         *(
-            _target(f"scenes/exports/{name}.py", "scenes/test_exports", "scenes/test_exports_by_own_readers")
+            _target(
+                f"scenes/exports/{name}.py",
+                "scenes/test_export_notes",
+                "scenes/test_exports",
+                "scenes/test_exports_by_own_readers",
+            )
             for name in ("registry", "euroc", "bop", "notes")
         ),
         *(
@@ -64,7 +69,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         *(_target(f"scenes/png/{name}.py", "scenes/test_png") for name in ("filters", "huffman")),
         _target("scenes/png/encoder.py", "scenes/test_png"),
         _target("trajectories/trajectory_files/formats.py", "trajectories/test_formats"),
-        _target("trajectories/trajectory_files/covariances.py", "trajectories/test_formats"),
+        _target("trajectories/trajectory_files/covariances.py", "trajectories/test_covariances"),
     ),
     "sensors": (
         _target("trajectories/sensors/imu.py", "trajectories/test_inertial", "trajectories/test_sensors"),
@@ -79,7 +84,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         ),
         _target("trajectories/sensors/satellites.py", "trajectories/test_gnss", "trajectories/test_sensors"),
         _target("scenes/dataset/surfaces/surface_truth.py", "scenes/test_surface_truth"),
-        *(_target(f"tracker/fusion/{name}.py", "tracker/test_fusion") for name in ("measurements", "vehicle_filter")),
+        *(
+            _target(f"tracker/fusion/{name}.py", "tracker/test_fusion_measurements", "tracker/test_fusion")
+            for name in ("measurements", "vehicle_filter")
+        ),
     ),
     "noise": (
         _target("scenes/materials/procedural_texture.py", "scenes/test_noise"),

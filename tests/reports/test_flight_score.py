@@ -1,17 +1,25 @@
 """The score of a flight in closed loop against one whose every error is known beforehand."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 from uavbench.reports.closed_loop.flown import GROUPS, Flown, FlownPath
-from uavbench.reports.closed_loop.measures import cameras_flown, cameras_planned, measure_flight, tracker_errors
+from uavbench.reports.closed_loop.measures import (
+    FlightScore,
+    cameras_flown,
+    cameras_planned,
+    measure_flight,
+    tracker_errors,
+)
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.primitives.meshes import box
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.protocol import TrackResult
 from uavbench.tracker.results import Results
+from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Pose, rotation_exp
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -180,3 +188,31 @@ def test_coverage_is_that_of_the_flight_and_the_other_that_of_the_plan():
     turned = replace(flown(), path=path(true_q=[0.0, 0.0, 0.0, 1.0]))
     assert measure_flight(turned).coverage == 0.0
     assert measure_flight(turned).coverage_planned == score.coverage_planned > 0.1
+
+
+def test_a_score_is_read_back_as_it_was_and_what_is_none_is_named(tmp_path):
+    score = measure_flight(flown())
+    path = tmp_path / "score.json"
+    score.save(path, "abc")
+    assert FlightScore.load(path) == score
+    said = json.loads(path.read_text())
+    assert said.pop("made_by")
+    assert said["content_hash"] == "abc" and path.read_text().endswith("}\n")
+    assert {**said, "content_hash": "", "faults": tuple(said["faults"])} == {"content_hash": "", **asdict(score)}
+    replace(score, coverage=0.25).save(path)
+    assert FlightScore.load(path).coverage == 0.25 and json.loads(path.read_text())["content_hash"] == ""
+    with pytest.raises(ValueError, match="JSON"):
+        replace(score, path_rms_m=np.nan).save(tmp_path / "nan.json")
+    for broken in ({**said, "seed": "x"}, {name: said[name] for name in said if name != "seed"}):
+        (tmp_path / "broken.json").write_text(json.dumps(broken))
+        with pytest.raises(
+            UserError, match=r"broken.json: not the score of a flight: seed: .*; score the flight again"
+        ):
+            FlightScore.load(tmp_path / "broken.json")
+
+
+def test_a_flight_without_a_frame_has_no_share():
+    nothing = flown()
+    results = Results(nothing.record, np.arange(0), np.arange(0), ())
+    score = measure_flight(replace(nothing, results=results))
+    assert (score.frames, score.ok_share, score.tracker_rms_m) == (0, 0.0, None)

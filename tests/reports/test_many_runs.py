@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from uavbench.reports.many_runs.comparison import decimals_of
-from uavbench.reports.many_runs.curves import Band, distance_axis, time_axis
-from uavbench.reports.many_runs.groups import grouped, pairing
+from uavbench.reports.many_runs.curves import Axis, Band, distance_axis, time_axis
+from uavbench.reports.many_runs.groups import Pairing, grouped, pairing
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -134,3 +134,47 @@ def test_round_off_of_one_run_does_not_widen_a_column():
     assert decimals_of(np.array([3.4, 0.0, 4e-15, np.nan])) == 2
     assert decimals_of(np.array([3.4, 0.0123])) == 4
     assert decimals_of(np.zeros(3)) == decimals_of(np.array([np.nan])) == 2
+
+
+@pytest.mark.parametrize(("poses", "bins"), [(1, 1), (2, 1), (3, 1), (4, 2), (120, 60), (401, 200), (1000, 200)])
+def test_bins_are_equal_and_hold_two_poses_or_more_and_there_are_200_at_most(poses, bins):
+    stamps = 7 * 10**9 + np.arange(poses) * 10**8
+    way = np.column_stack([3.0 + 0.5 * np.arange(poses), np.zeros((poses, 2))])
+    truth = Trajectory(stamps, way, np.tile([1.0, 0, 0, 0], (poses, 1)))
+    for axis, end in ((time_axis(truth), 0.1 * (poses - 1)), (distance_axis(truth), 0.5 * (poses - 1))):
+        np.testing.assert_allclose(axis.edges, np.linspace(0, end, bins + 1), atol=1e-12)
+        np.testing.assert_allclose(axis.middles, (np.arange(bins) + 0.5) * end / bins, atol=1e-12)
+        np.testing.assert_allclose(axis.values, np.linspace(0, end, poses), atol=1e-12)
+        np.testing.assert_array_equal(axis.stamps_ns, stamps)
+
+
+def test_an_axis_may_begin_anywhere():
+    axis = Axis(np.array([2.0, 3.0, 4.0]), np.array([5, 6, 7]) * 10**9, np.array([2.0, 3.2, 4.0]))
+    stamps = np.array([5.0, 5.5, 6.0, 7.0])
+    found = axis.binned(np.rint(stamps * 1e9).astype(np.int64), np.array([1.0, 7.0, 2.0, 6.0]))
+    np.testing.assert_allclose(found, [5.0, np.sqrt(20.0)], atol=1e-12)
+    assert np.isnan(axis.binned(np.array([7 * 10**9]), np.array([1.0]))).tolist() == [True, False]
+
+
+def test_runs_of_one_tracker_pair_with_nothing():
+    for names in ({}, {"A": ["1", "2"]}):
+        assert pairing(names) == Pairing({}, "one tracker: nothing to compare") and pairing(names).n == 0
+    whole = pairing({"A": ["1", "2"], "B": ["2", "1"]})
+    assert (whole.how, whole.n) == ("2 runs, paired by name", 2)
+    in_order = pairing({"A": ["x"], "B": ["u"]})
+    assert (in_order.rows, in_order.how[:6], in_order.n) == ({"A": [0], "B": [0]}, "1 run,", 1)
+
+
+def test_names_that_no_two_trackers_share_are_those_of_the_wildcards(made, tmp_path):
+    found = names_of(made, [f"A={made}/a/run[01].tum", f"B={made}/b/run[23].tum"])
+    assert found == {("A", "0"), ("A", "1"), ("B", "2"), ("B", "3")}
+    for name in "ab":
+        (tmp_path / "x" / "y" / name).mkdir(parents=True)
+        (tmp_path / "x" / "y" / name / "run0.tum").touch()
+    deep = names_of(made, [f"{name.upper()}={tmp_path}/**/{name}/run0.tum" for name in "ab"])
+    assert deep == {("A", "x/y"), ("B", "x/y")}
+
+
+def test_brackets_without_anything_between_are_themselves(tmp_path):
+    (tmp_path / "run[].tum").touch()
+    assert names_of(tmp_path, [f"A={tmp_path}/run[].tum"], ["run[].tum"]) == {("A", "run[]")}

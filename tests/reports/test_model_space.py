@@ -144,3 +144,125 @@ def test_the_position_bound_is_met_by_least_squares(sequence: Sequence) -> None:
     bound = edge_bounds(sequence, [4], sigma)[0]
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(bound, rel=0.05)
     assert edge_bounds(sequence, [4], 2 * sigma)[0] == pytest.approx(2 * bound)
+
+
+def poses(*those: Pose) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([pose.rotation for pose in those]), np.array([pose.translation for pose in those])
+
+
+def looking(eye: list[float], at: tuple[float, float, float] = (0.0, 0.0, 0.25)) -> Pose:
+    """cam_from_world of a camera at a place."""
+    forward = np.subtract(at, eye) / np.linalg.norm(np.subtract(at, eye))
+    right = np.cross(forward, [0.1, 0.2, 1.0])
+    right /= np.linalg.norm(right)
+    R = np.array([right, np.cross(forward, right), forward])
+    return Pose(R, -R @ eye)
+
+
+def edges_one_by_one(true: Pose, found: Pose) -> float:
+    """The mean over points of the box's twelve edges that a face beside shows and the image holds, at eleven each."""
+    x, y, z = 0.3, 0.2, 0.5
+    faces = [(0, -x), (0, x), (1, -y), (1, y), (2, 0.0), (2, z)]
+    eye, low, high = true.inverse().translation, np.array([-x, -y, 0.0]), np.array([x, y, z])
+    seen = {(a, v): (eye[a] > v) if v == high[a] else (eye[a] < v) for a, v in faces}
+    distances = []
+    for axis in range(3):
+        b, c = (k for k in range(3) if k != axis)
+        for side_b in (low[b], high[b]):
+            for side_c in (low[c], high[c]):
+                for w in np.linspace(0, 1, 11):
+                    point = np.empty(3)
+                    point[axis], point[b], point[c] = low[axis] + w * (high[axis] - low[axis]), side_b, side_c
+                    here, there = (pose.rotation @ point + pose.translation for pose in (true, found))
+                    u, v = CAMERA.fx * here[0] / here[2] + CAMERA.cx, CAMERA.fy * here[1] / here[2] + CAMERA.cy
+                    inside = here[2] > 1e-3 and -0.5 <= u <= 319.5 and -0.5 <= v <= 239.5
+                    if not ((seen[b, side_b] or seen[c, side_c]) and inside):
+                        continue
+                    if there[2] <= 1e-3:
+                        distances.append(400.0)
+                        continue
+                    s, t = CAMERA.fx * there[0] / there[2] + CAMERA.cx, CAMERA.fy * there[1] / there[2] + CAMERA.cy
+                    distances.append(min(np.hypot(s - u, t - v), 400.0))
+    return float(np.mean(distances)) if distances else np.nan
+
+
+def test_edges_are_compared_point_by_point_where_they_can_be_seen() -> None:
+    """From around the box, partly out of the image, with estimates a little and quite wrong, and behind."""
+    rng = np.random.default_rng(2)
+    true = [looking([1.2, 0.3, 0.6]), looking([0.75, 0.2, 0.35]), looking([-0.2, -0.6, 0.3]), looking([0.1, 0.1, 1.0]),
+            looking([1.0, 0.0, 0.25]), looking([1.0, 1.0, 0.5], at=(9.0, 9.0, 0.5)),
+            looking([0.9, 0.3, 0.6], at=(0.4, 0.5, 0.2))]  # fmt: skip
+    sizes = (0.01, 0.3, 0.05, 0.1, 2.0, 0, 0.02)
+    found = [Pose.exp(rng.normal(0, size, 6)) @ pose for pose, size in zip(true, sizes, strict=True)]
+    errors = edge_reprojection(box(), CAMERA, poses(*true), poses(*found))
+    np.testing.assert_allclose(errors, [edges_one_by_one(a, b) for a, b in zip(true, found, strict=True)], rtol=1e-9)
+    assert np.isnan(errors[5]) and np.isfinite(np.delete(errors, 5)).all()
+
+
+def test_a_summary_is_that_of_each_measure_in_blocks_or_at_once(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        replace(row, cam_from_world=Pose.exp(np.array([0.01 * k, 0.02, 0.0, 0.02, 0.03, 0.0])) @ row.cam_from_world)
+        for k, row in enumerate(true_rows(sequence))
+    ]  # fmt: skip
+    results = results_of(sequence, rows)
+    found = model_space(sequence, results)
+    symmetries, points = box_symmetries(sequence.structure), sequence.structure.vertices
+    assert found.symmetries == len(symmetries) == 4
+    P = poses(*(sequence.true_cam_from_world(k) for k in range(len(rows))))
+    Q = poses(*(row.cam_from_world for row in rows))
+    for summary, errors in (
+        (found.add_m, add(points, P, Q)),
+        (found.mssd_m, mssd(points, P, Q, symmetries)),
+        (found.mspd_px, mspd(points, P, Q, symmetries, sequence.camera)),
+        (found.edges_px, edge_reprojection(sequence.structure, sequence.camera, P, Q)),
+    ):
+        assert summary is not None and summary.n == len(rows)
+        assert (summary.mean, summary.max) == (pytest.approx(errors.mean()), pytest.approx(errors.max()))
+    for most in (1, 300, 1000):
+        monkeypatch.setattr("uavbench.reports.metrics.model_space.BLOCK_POINTS", most)
+        assert model_space(sequence, results) == found
+    none = model_space(sequence, results_of(sequence, [TrackResult(status="lost")] * 3))
+    assert (none.add_m, none.mssd_m, none.mspd_px, none.edges_px, none.symmetries) == (None, None, None, None, 4)
+
+
+def test_distances_are_those_of_the_definitions() -> None:
+    rng = np.random.default_rng(1)
+    P, Q = (Pose.exp(rng.normal(0, 0.2, 6)) @ looking([1.2, 0.3, 0.6]) for _ in range(2))
+    points, symmetries = box().vertices, box_symmetries(box())
+    each = np.array([np.linalg.norm(P.transform(v[None]) - Q.transform(v[None])) for v in points])
+    assert add(points, one(P), one(Q)) == pytest.approx(each.mean())
+    far = [np.linalg.norm(Q.transform(points) - (P @ s).transform(points), axis=1).max() for s in symmetries]
+    assert mssd(points, one(P), one(Q), symmetries) == pytest.approx(min(far))
+    apart = [CAMERA.project(Q.transform(points)) - CAMERA.project((P @ s).transform(points)) for s in symmetries]
+    expected = min(np.linalg.norm(a, axis=1).max() for a in apart)
+    assert mspd(points, one(P), one(Q), symmetries, CAMERA) == pytest.approx(min(expected, 400.0))
+
+
+@pytest.mark.parametrize(("depth_m", "seen"), [(0.0011, True), (0.0009, False), (-1.0, False)])
+def test_a_point_nearer_than_a_millimetre_is_behind_the_camera(depth_m: float, seen: bool) -> None:
+    at = Pose(np.eye(3), [0, 0, depth_m])
+    error = mspd(np.zeros((1, 3)), one(at), one(at), (Pose.identity(),), CAMERA)
+    assert error == (0.0 if seen else 400.0), "behind both cameras it is nowhere in either"
+
+
+@pytest.mark.parametrize(("longer", "found"), [(0.0, 24), (0.0008, 24), (0.0025, 8)])
+def test_a_symmetry_may_miss_by_a_thousandth_of_the_size(longer: float, found: int) -> None:
+    """The longer side of a cube misses by half of what it is longer, of a size of sqrt(3) sides; and far from 0."""
+    base = cuboid(1.0, 1.0, 1.0 + 2 * np.sqrt(3) * longer / 2)
+    away = Structure.from_mesh(np.add(base.vertices, [5.0, -3.0, 2.0]), base.triangles)
+    for structure in (base, away):
+        symmetries = box_symmetries(structure)
+        assert len(symmetries) == found
+        np.testing.assert_array_equal(symmetries[0].matrix[:3, :3], np.eye(3))
+        for S in symmetries:
+            moved = S.transform(structure.vertices)
+            gaps = np.linalg.norm(moved[:, None] - structure.vertices[None], axis=2).min(axis=1)
+            assert gaps.max() < 2e-3 and np.linalg.det(S.rotation) == pytest.approx(1)
+
+
+def test_symmetries_of_large_models_are_not_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    for most, found in ((8, 24), (7, 1)):
+        monkeypatch.setattr("uavbench.reports.metrics.model_space.MAX_SYMMETRIC_VERTICES", most)
+        assert len(box_symmetries(cuboid(1.0, 1.0, 1.0))) == found

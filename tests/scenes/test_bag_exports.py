@@ -34,6 +34,7 @@ from tests.scenes.test_exports_by_own_readers import (
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports import shown_images
 from uavbench.scenes.exports.registry import export
+from uavbench.scenes.exports.ros.bag_messages import header, link_of
 from uavbench.scenes.exports.ros.geodetic import Datum
 from uavbench.trajectories.errors import UserError
 
@@ -145,6 +146,9 @@ def test_the_camera_is_that_of_the_suite(plain, messages):
         assert list(info.k) == [fx, 0, cx, 0, fy, cy, 0, 0, 1]
         assert list(info.r) == np.eye(3).ravel().tolist()
         assert list(info.p) == [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]
+        assert (info.binning_x, info.binning_y, info.header.frame_id) == (0, 0, "camera_optical_frame")
+        whole = info.roi  # all zeros: the whole image (sensor_msgs/CameraInfo)
+        assert [whole.x_offset, whole.y_offset, whole.height, whole.width, whole.do_rectify] == [0, 0, 0, 0, False]
 
 
 def test_odometry_and_transforms_are_the_ground_truth(plain, messages):
@@ -195,7 +199,9 @@ def test_imus_are_those_of_the_sequence(plain, messages, topic, file, number):
         assert said.header.frame_id == f"{topic}_link"
         np.testing.assert_array_equal(xyz(said.angular_velocity), rates[k])
         np.testing.assert_array_equal(xyz(said.linear_acceleration), forces[k])
-        assert said.orientation_covariance[0] == -1
+        assert list(said.orientation_covariance) == [-1, *[0] * 8]
+        q = said.orientation
+        assert [q.w, q.x, q.y, q.z] == [1, 0, 0, 0]
         for covariance, density in (
             (said.angular_velocity_covariance, defaults["gyro_noise_rad_s_sqrt_hz"]),
             (said.linear_acceleration_covariance, defaults["accel_noise_m_s2_sqrt_hz"]),
@@ -230,6 +236,7 @@ def check_fixes(plain, found, origin):
     for k, (_, said) in enumerate(found):
         if not cells["px_m"][k]:
             assert said.status.status == -1 and np.isnan([said.latitude, said.longitude, said.altitude]).all()
+            assert not any(said.position_covariance) and said.position_covariance_type == 0
             continue
         fixed += 1
         assert (said.status.status, said.status.service, said.header.frame_id) == (0, 1, "gnss_link")
@@ -253,7 +260,45 @@ def test_fixes_lie_on_earth_where_the_datum_says(plain, messages, bag, tmp_path)
     assert "/camera/image_raw" in moved and "/camera/image_raw/compressed" not in moved
 
 
-@pytest.mark.parametrize("text", ["", "1,2", "1,2,x", "91,0,0", "0,181,0", "nan,0,0", "0,0,1e9"])
+@pytest.mark.parametrize("stamp", [-1, 2**31 * 10**9])
+def test_a_stamp_that_a_header_cannot_hold_is_refused(stamp):
+    with pytest.raises(UserError, match=f"the stamp {stamp} ns does not fit"):
+        header(stamp, "world")
+
+
+@pytest.mark.parametrize(("stamp", "parts"), [(0, (0, 0)), (2**31 * 10**9 - 1, (2**31 - 1, 10**9 - 1))])
+def test_a_header_holds_what_31_bits_of_seconds_hold(stamp, parts):
+    said = header(stamp, "world")
+    assert ((said.stamp.sec, said.stamp.nanosec), said.frame_id) == (parts, "world")
+
+
+@pytest.mark.parametrize(("file", "link"), [("imu.csv", "imu_link"), ("My-IMU 2.csv", "my_imu_2_link")])
+def test_frames_are_called_after_files(file, link):
+    assert link_of(file) == link
+
+
+@pytest.mark.parametrize(
+    "origin", [(0.0, 0.0, 0.0), (89.9, 179.9, 99_999.0), (-89.9, -180.0, -9_000.0), (47.0, 8.5, 400.0)]
+)
+def test_places_about_any_datum_are_those_of_the_forward_formula(origin):
+    points = np.random.default_rng(0).normal(0, 3000.0, (20, 3))
+    datum = Datum.parse(",".join(map(repr, origin)))
+    assert str(datum) == ",".join(map(repr, origin))
+    found = [east_north_up(place, origin) for place in datum.geodetic(points)]
+    np.testing.assert_allclose(found, points, atol=1e-5)
+
+
+@pytest.mark.parametrize("text", ["89.999,180,99999", "-89.999,-180,-99999", " 1, 2, 3"])
+def test_a_datum_may_be_anywhere_but_at_the_poles(text):
+    datum = Datum.parse(text)
+    assert [datum.latitude_deg, datum.longitude_deg, datum.height_m] == [float(word) for word in text.split(",")]
+
+
+@pytest.mark.parametrize("text", [
+    "", "1,2", "1,2,x", "91,0,0", "90,0,0", "-90,0,0", "0,181,0", "0,180.1,0", "nan,0,0", "0,0,1e9", "0,0,1e5",
+    "0,0,-1e5",
+    "0,0,150000",
+])  # fmt: skip
 def test_a_datum_that_is_none_is_refused(text):
     with pytest.raises(UserError, match="write LAT,LON,HEIGHT"):
         Datum.parse(text)

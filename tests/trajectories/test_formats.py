@@ -12,6 +12,8 @@ from uavbench.trajectories.trajectory_files.formats import (
     READERS,
     WRITERS,
     declared_frame,
+    guess_format,
+    read_covariant_tum,
     read_kitti,
     read_trajectory,
     read_tum,
@@ -142,3 +144,86 @@ def test_missing_files_binary_files_and_unknown_formats(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="line 1: its first three columns are not a rotation"):
         read_kitti(tmp_path / "k")
     assert set(READERS) == set(WRITERS)
+
+
+@pytest.mark.parametrize(("columns", "more"), [
+    (0, ""), (3, ", v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1]"),
+    (9, ", v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], "
+        "b_w_RS_S_z [rad s^-1], b_a_RS_S_x [m s^-2], b_a_RS_S_y [m s^-2], b_a_RS_S_z [m s^-2]"),
+])  # fmt: skip
+def test_the_head_of_a_euroc_file_names_each_column(columns: int, more: str, tmp_path: Path) -> None:
+    flown, motion = some(3), np.arange(3.0 * columns).reshape(3, columns)
+    write_euroc(flown, tmp_path / "t.csv", motion if columns else None)
+    head, *rows = (tmp_path / "t.csv").read_text().splitlines()
+    pose = "p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"
+    assert head == f"#timestamp [ns], {pose}{more}"
+    values = np.array([row.split(",") for row in rows], dtype=float)[:, 1:]
+    np.testing.assert_array_equal(values, np.hstack([flown.positions_m, flown.quaternions_wxyz, motion]))
+
+
+@pytest.mark.parametrize(("rate_hz", "stamps"), [(10.0, [0, 10**8, 2 * 10**8]), (3.0, [0, 333333333, 666666667])])
+def test_rows_of_kitti_are_a_period_apart(rate_hz: float, stamps: list[int], tmp_path: Path) -> None:
+    WRITERS["kitti"](some(3), tmp_path / "k")
+    assert read_kitti(tmp_path / "k", rate_hz).stamps_ns.tolist() == stamps
+    assert rate_hz != 10.0 or read_kitti(tmp_path / "k").stamps_ns.tolist() == stamps
+
+
+@pytest.mark.parametrize(("scale", "held"), [(1.0, True), (1 + 4e-4, True), (1 - 4e-4, True), (1 + 6e-4, False)])
+def test_a_rotation_of_kitti_is_one_to_a_thousandth(scale: float, held: bool, tmp_path: Path) -> None:
+    rows = [[1, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7], [scale, 0, 0, 5, 0, 1, 0, 6, 0, 0, 1, 7]]
+    (tmp_path / "k").write_text("".join(" ".join(map(str, row)) + "\n" for row in rows))
+    if held:
+        np.testing.assert_allclose(read_kitti(tmp_path / "k").positions_m, [[5, 6, 7]] * 2)
+        return
+    with pytest.raises(UserError, match="line 2: its first three columns are not a rotation"):
+        read_kitti(tmp_path / "k")
+
+
+def test_a_mirrored_matrix_is_no_rotation(tmp_path: Path) -> None:
+    (tmp_path / "k").write_text("1 0 0 0 0 1 0 0 0 0 -1 0\n")
+    with pytest.raises(UserError, match="not a rotation"):
+        read_kitti(tmp_path / "k")
+
+
+@pytest.mark.parametrize(("lines", "format"), [
+    (["100000000000 0 0 0 1 0 0 0"], "euroc"), (["10000000000 0 0 0 1 0 0 0"], "tum"),
+    (["0 0 0 0 1 0 0 0", "1000 0 0 0 1 0 0 0"], "euroc"), (["0 0 0 0 1 0 0 0", "999 0 0 0 1 0 0 0"], "tum"),
+    (["0 0 0 0 1 0 0 0", "1000.5 0 0 0 1 0 0 0"], "tum"), (["-5 0 0 0 1 0 0 0", "+5000 0 0 0 1 0 0 0"], "euroc"),
+    (["1,0,0,0,1,0,0,0,0,0,0,0", "5000000,0,0,0,1,0,0,0,0,0,0,0"], "euroc"), (["1 0 0 0 0 1 0 0 0 0 1 0"], "kitti"),
+    ([" ".join("0" * 29)], "tum"), ([" ".join("0" * 44)], "tum"), ([" ".join("0" * 30)], None), (["1 2 3"], None),
+])  # fmt: skip
+def test_formats_are_told_by_their_first_lines(lines: list[str], format: str | None, tmp_path: Path) -> None:
+    (tmp_path / "t").write_text("\n".join(lines) + "\n")
+    if format is not None:
+        assert guess_format(tmp_path / "t") == format
+        return
+    with pytest.raises(UserError, match=r"line 1 has \d+ values, so it is neither"):
+        guess_format(tmp_path / "t")
+
+
+@pytest.mark.parametrize("covariant", [29, 44])
+def test_covariances_behind_the_poses_of_a_tum_file_are_read(covariant: int, tmp_path: Path) -> None:
+    P = np.arange(36.0).reshape(6, 6)
+    P = P + P.T
+    claimed = P[np.triu_indices(6)] if covariant == 29 else P.ravel()
+    (tmp_path / "t").write_text(f"1 2 3 4 0 0 0 1 {' '.join(map(repr, claimed.tolist()))}\n")
+    found = read_covariant_tum(tmp_path / "t")
+    assert found.covariances is not None and found.covariances.axes == "fixed"
+    np.testing.assert_array_equal(found.covariances.values[0], P)
+    write_tum(some(), tmp_path / "bare")
+    assert read_covariant_tum(tmp_path / "bare").covariances is None
+
+
+@pytest.mark.parametrize(("row", "told"), [
+    ("2 1.1e12 0 0 0 0 0 1", "line 2: its position is beyond"),
+    ("2 0 -1.1e12 0 0 0 0 1", "line 2: its position is beyond"),
+    ("2 0 0 0 0 0 0 1.002", "line 2: its quaternion"), ("2 0 0 0 0 0 0 0.998", "line 2: its quaternion"),
+    ("1 0 0 0 0 0 0 1", "line 2: its time stamp"), ("2 1e12 -1e12 0 0 0 0 1.0009", ""),
+])  # fmt: skip
+def test_limits_of_a_pose_in_a_file(row: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "t").write_text(f"1 0 0 0 0 0 0 1\n{row}\n")
+    if not told:
+        assert len(read_tum(tmp_path / "t")) == 2
+        return
+    with pytest.raises(UserError, match=told):
+        read_tum(tmp_path / "t")
