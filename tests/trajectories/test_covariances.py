@@ -56,7 +56,9 @@ def test_columns_are_the_upper_triangle_by_rows_or_all() -> None:
     for columns in (P[:, UPPER[0], UPPER[1]], P.reshape(-1, 36)):
         found = PoseCovariances.of_columns(columns, "fixed")
         assert found is not None and found.axes == "fixed"
-        np.testing.assert_array_equal(found.values, P if columns.shape[1] == 36 else np.triu(P) + np.swapaxes(np.triu(P, 1), 1, 2))
+        np.testing.assert_array_equal(
+            found.values, P if columns.shape[1] == 36 else np.triu(P) + np.swapaxes(np.triu(P, 1), 1, 2)
+        )
     assert (COLUMNS[0], COLUMNS[1], COLUMNS[6], COLUMNS[-1], len(COLUMNS)) == (
         "cov_00", "cov_01", "cov_11", "cov_55", 21,
     )  # fmt: skip

@@ -159,6 +159,10 @@ def test_the_head_of_a_euroc_file_names_each_column(columns: int, more: str, tmp
     assert head == f"#timestamp [ns], {pose}{more}"
     values = np.array([row.split(",") for row in rows], dtype=float)[:, 1:]
     np.testing.assert_array_equal(values, np.hstack([flown.positions_m, flown.quaternions_wxyz, motion]))
+    read, guessed = read_trajectory(tmp_path / "t.csv")
+    assert guessed == "euroc"
+    np.testing.assert_array_equal(read.positions_m, flown.positions_m)
+    np.testing.assert_array_equal(read.quaternions_wxyz, flown.quaternions_wxyz)
 
 
 @pytest.mark.parametrize(("rate_hz", "stamps"), [(10.0, [0, 10**8, 2 * 10**8]), (3.0, [0, 333333333, 666666667])])
