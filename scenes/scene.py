@@ -1,7 +1,9 @@
 """A scene built from a spec: structure, environment and clutter, lit and ready to render."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from uavbench.scenes.renderables import BuiltClutter, BuiltSite, BuiltStructure,
 from uavbench.scenes.rendering.light_baking import bake, smooth_corners
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.spec import ClutterSpec, SequenceSpec
+from uavbench.scenes.structures.registry import STRUCTURES
 from uavbench.scenes.surfaces import SceneSurfaces
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.pose import Array
@@ -45,13 +48,13 @@ class Scene:
 
 def obstacles_of(spec: SequenceSpec) -> ObstacleMesh:
     """Obstacle mesh of a flight: the structure as designed."""
-    structure = spec.structure.build(stream(spec.seed, "structure")).structure
+    structure = _built(spec).structure
     return ObstacleMesh(structure.vertices, structure.triangles)
 
 
 def build_scene(spec: SequenceSpec) -> Scene:
     """Structure, environment and clutter of a spec, with baked light; deterministic in spec and seed."""
-    built = spec.structure.build(stream(spec.seed, "structure"))
+    built = _built(spec)
     bounds = built.structure.bounds
     parts, record = spec.deviation.apply(built.parts, bounds, stream(spec.seed, "deviation"))
     built = replace(built, parts=parts, deviation=record)
@@ -90,6 +93,22 @@ def build_scene(spec: SequenceSpec) -> Scene:
         obstacles,
         site,
     )
+
+
+def _built(spec: SequenceSpec) -> BuiltStructure:
+    """The structure of a spec as designed; one that depends on a file or on a user's code is built on every call."""
+    structure = spec.structure
+    if type(structure) not in STRUCTURES.values() or hasattr(structure, "entering_files"):
+        return structure.build(stream(spec.seed, "structure"))
+    hashable: Any = structure  # as a frozen dataclass of numbers is
+    return _of_parameters(hashable, spec.seed)
+
+
+@lru_cache(maxsize=1)
+def _of_parameters(structure: Any, seed: int) -> BuiltStructure:
+    """The structure of these parameters: the flights and the videos of a sequence follow one another and share it."""
+    built: BuiltStructure = structure.build(stream(seed, "structure"))
+    return built
 
 
 def _placed(clutter: ClutterSpec, bounds: Array, rng: np.random.Generator, site: BuiltSite | None) -> BuiltClutter:

@@ -15,6 +15,24 @@ def pytest_configure(config):
         config.option.loadscopereorder = False
 
 
+SHARED = ("tests/reports/", "tests/bench/test_challenge_")
+"""Beginnings of the paths of files that share what takes long to make, such as a report with all its figures."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Have `--dist loadfile` give files that share something to one worker, which makes it once."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Families(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            return next((start for start in SHARED if nodeid.startswith(start)), super()._split_scope(nodeid))
+
+    return Families(config, log)
+
+
 def pytest_collection_modifyitems(items):
     """Files with slow tests come first, of them those of minutes, so that no worker begins a long one when the others
     are nearly done.

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -105,37 +106,56 @@ class Scene:
         supersample: int = 2,
     ) -> NDArray[np.uint8]:
         """BGR image (h, w, 3) uint8, with shot and read noise when a generator is given."""
-        s = supersample
-        x = (np.arange(camera.width * s) - (s - 1) / 2) / s
-        y = (np.arange(camera.height * s) - (s - 1) / 2) / s
-        pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        flat = camera.undistort(pixels)
-        rays = np.column_stack(
-            [(flat[:, 0] - camera.cx) / camera.fx, (flat[:, 1] - camera.cy) / camera.fy, np.ones(len(flat))]
-        )
-        d = rays @ cam_from_world.rotation
+        height, width = camera.height * supersample, camera.width * supersample
+        d = (_rays(camera, supersample) @ cam_from_world.rotation).T.reshape(3, height, width)
         o = cam_from_world.inverse().translation
-        image = np.full((len(d), 3), 180.0, np.float32)
-        depth = np.full(len(d), np.inf)
-        t = -o[2] / np.where(d[:, 2] == 0, 1e-12, d[:, 2])
+        full = np.full((height, width, 3), 180.0, np.float32)
+        depth = np.full((height, width), np.inf)
+        t = -o[2] / np.where(d[2] == 0, 1e-12, d[2])
         hit = (t > 0) & (t < 50)
-        image[hit] = _sample(self.floor, (o[:2] + t[hit, None] * d[hit, :2]) / 1.5)
+        full[hit] = _sample(self.floor, np.column_stack([o[k] + t[hit] * d[k, hit] for k in (0, 1)]) / 1.5)
         depth[hit] = t[hit]
-        for axis, side, at, u, v, low, high, tex in self.faces:
+        for face in self.faces:
+            axis, side, at, u, v, low, high, tex = face
             if side * (o[axis] - at) <= 0:
                 continue
-            t = (at - o[axis]) / np.where(d[:, axis] == 0, 1e-12, d[:, axis])
-            pu, pv = o[u] + t * d[:, u], o[v] + t * d[:, v]
-            hit = (t > 0) & (t < depth) & (pu >= low[u]) & (pu <= high[u]) & (pv >= low[v]) & (pv <= high[v])
+            window = _window(face, cam_from_world, camera, supersample)
+            du, dv, dn = (d[k][window] for k in (u, v, axis))
+            t = (at - o[axis]) / np.where(dn == 0, 1e-12, dn)
+            pu, pv = o[u] + t * du, o[v] + t * dv
+            near = depth[window]
+            hit = (t > 0) & (t < near) & (pu >= low[u]) & (pu <= high[u]) & (pv >= low[v]) & (pv <= high[v])
             if not hit.any():
                 continue
-            image[hit] = _sample(tex, np.column_stack([pu[hit] - low[u], pv[hit] - low[v]]) / 0.5)
-            depth[hit] = t[hit]
-        full = image.reshape(camera.height * s, camera.width * s, 3)
+            full[window][hit] = _sample(tex, np.column_stack([pu[hit] - low[u], pv[hit] - low[v]]) / 0.5)
+            near[hit] = t[hit]
         small = cv2.resize(full, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
         if noise_rng is not None:
             small = small + noise_rng.normal(size=small.shape) * np.sqrt(4.0 + 0.06 * small)
         return np.asarray(np.clip(small + 0.5, 0, 255), dtype=np.uint8)
+
+
+@lru_cache(maxsize=1)
+def _rays(camera: Camera, supersample: int) -> Array:
+    """Rays (n, 3) in the camera frame, z = 1, row by row through supersample² points of each pixel."""
+    s = supersample
+    x = (np.arange(camera.width * s) - (s - 1) / 2) / s
+    y = (np.arange(camera.height * s) - (s - 1) / 2) / s
+    return camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+
+
+def _window(face: Any, cam_from_world: Pose, camera: Camera, supersample: int) -> tuple[slice, slice]:
+    """Rows and columns of the finer image that a face can be seen in: all of them where it is not before the camera."""
+    _, _, at, u, v, low, high, _ = face
+    corners = np.full((4, 3), float(at))
+    corners[:, u], corners[:, v] = [low[u], low[u], high[u], high[u]], [low[v], high[v], low[v], high[v]]
+    points = cam_from_world.transform(corners)
+    if camera.distortion_model != "none" or points[:, 2].min() < 0.05:
+        return slice(None), slice(None)
+    pixels = camera.project(points)
+    first = np.maximum(np.floor((pixels.min(axis=0) - 1) * supersample), 0).astype(int)
+    last = np.maximum(np.ceil((pixels.max(axis=0) + 2) * supersample), 0).astype(int)
+    return slice(first[1], last[1]), slice(first[0], last[0])
 
 
 def _sample(tex: NDArray[np.float32], uv: Array) -> Any:

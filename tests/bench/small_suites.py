@@ -1,5 +1,10 @@
 """Suites so small that a test can run them."""
 
+import shutil
+
+from uavbench.bench.trial.check import TRIAL
+from uavbench.scenes.dataset.sequence import Sequence
+
 SMALL = """
 title = "small"
 seeds = [0, 1]
@@ -22,6 +27,36 @@ FLOWN = (
     + LOOP
 )
 """A flight in closed loop, on `truth` and on `hold`."""
+
+
+RECORDING = """
+[recordings.{name}]
+rate_hz = {rate_hz}
+[recordings.{name}.source]
+kind = "files"
+images_path = "frames"
+model_file = "model.obj"
+camera_file = "camera.toml"
+init_file = "init.toml"
+"""
+
+
+def own_images(folder):
+    """The bundled trial's images, model and camera as a user has them, with an initial pose."""
+    shutil.copytree(TRIAL / "frames", folder / "frames")
+    for name in ("model.obj", "camera.toml"):
+        shutil.copy(TRIAL / name, folder / name)
+    first = Sequence.load(TRIAL).true_cam_from_world(0)
+    (folder / "init.toml").write_text(f"cam_from_model = {first.matrix.tolist()}\n")
+
+
+def recorded_suite(folder, trackers):
+    """File of two sequences of the bundled images, for tests that need no renderer."""
+    own_images(folder)
+    path = folder / "recorded.toml"
+    recordings = "".join(RECORDING.format(name=name, rate_hz=hz) for name, hz in (("one", 15.0), ("two", 30.0)))
+    path.write_text(f'title = "recorded"\nrates_hz = [15.0]\n{recordings}[trackers]\n{trackers}')
+    return path
 
 
 def small_suite(folder, more=""):

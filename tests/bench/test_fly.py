@@ -166,10 +166,24 @@ def test_the_gate_refuses_flights_of_another_suite(done, tmp_path):
 VARIANTS = LOOP + '[loops.filter]\n[loops.camera]\nestimator = "camera"\ncorridor_m = 0.2\n'
 
 
-def test_each_loop_of_a_suite_is_flown_with_what_all_share(tmp_path):
-    text = FLOWN.replace(LOOP, VARIANTS).replace('hold = { kind = "hold" }\n', "")
+INTO = """
+[sequences.into]
+structure = { kind = "box" }
+environment = { kind = "studio" }
+flight.path = { kind = "orbit", distance_m = 0.01, height_m = 0.2 }
+sensors = [{ kind = "imu" }]
+camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }
+"""
+
+
+def test_each_loop_is_flown_with_what_all_share_and_what_cannot_be_flown_is_told_beside(tmp_path):
+    text = FLOWN.replace(LOOP, VARIANTS).replace('hold = { kind = "hold" }\n', "") + INTO
     run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out", "--jobs", 1)
-    assert run.exit_code == 0, run.output
+    assert run.exit_code == 2, run.output
+    assert "FAILED fly into-s0 truth@15hz+filter" in run.output
+    assert "FAILED fly into-s0 truth@15hz+camera" in run.output
+    about = json.loads((tmp_path / "out" / "flights.json").read_text())
+    assert len(about["scores"]) == 2 and len(about["failed"]) == 2
     scores = {
         name: FlightScore.load(tmp_path / "out" / "flights" / "box-s0" / f"truth@15hz+{name}" / "score.json")
         for name in ("filter", "camera")
@@ -199,18 +213,6 @@ def test_a_mistake_in_one_loop_is_told_with_its_name(tmp_path):
     text = FLOWN.replace(LOOP, VARIANTS.replace("corridor_m = 0.2", "coridor_m = 0.2"))
     run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out")
     assert "loops.camera.coridor_m: unknown key" in run.output
-
-
-def test_a_flight_that_cannot_be_flown_is_told_beside_those_that_can(tmp_path):
-    text = FLOWN + '[sequences.into]\nstructure = { kind = "box" }\nenvironment = { kind = "studio" }\n'
-    text += 'flight.path = { kind = "orbit", distance_m = 0.01, height_m = 0.2 }\nsensors = [{ kind = "imu" }]\n'
-    text += "camera = { width = 160, height = 120, horizontal_fov_deg = 65.0 }\n"
-    text = text.replace('hold = { kind = "hold" }\n', "")
-    run = uavbench("fly", suite(tmp_path, text), "--out", tmp_path / "out", "--jobs", 1)
-    assert run.exit_code == 2
-    assert "FAILED fly into-s0 truth@15hz" in run.output
-    about = json.loads((tmp_path / "out" / "flights.json").read_text())
-    assert len(about["scores"]) == 1 and len(about["failed"]) == 1
 
 
 def test_without_a_loop_nothing_is_planned(tmp_path):

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.bench.test_external import HOLD, STREAM
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.model_files.cao_writing import write_cao
 
@@ -117,18 +118,12 @@ class Run:
     def track(self, image, stamp_ns):
         return TrackResult(status="ok", cam_from_world=self.pose)
 """
-PROGRAM = """
-import sys
+PROGRAM = f"""
 from pathlib import Path
 import opened_beside
 (Path(__file__).parent / "net.txt").read_text()
-print("ready", flush=True)
-while line := sys.stdin.buffer.readline():
-    words = line.decode().strip().split(",")
-    if words[0] == "frame":
-        sys.stdin.buffer.read(int(words[2]) * int(words[3]) * int(words[4]))
-        print(f"{words[1]},lost", flush=True)
-"""
+{HOLD}{STREAM.format(each="pass")}"""
+"""It holds its first pose, which the short flight leaves it: `reset` starts one that is lost anew at every frame."""
 HOUSE = """mtllib house.mtl
 v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nv -1 -1 2\nv 1 -1 2\nv 1 1 2\nv -1 1 2
 vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1

@@ -24,7 +24,7 @@ from tests.bench.process_trees import (
     wait_until,
     with_mark,
 )
-from tests.bench.small_suites import small_suite
+from tests.bench.small_suites import recorded_suite
 
 pytestmark = pytest.mark.slow
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
@@ -41,12 +41,12 @@ CASES = [
 
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
-    """A suite whose tracker is a program with many children, its sequences rendered; and where it notes them."""
+    """A suite whose tracker is a program with many children, its sequences there; and where it notes them."""
     folder = tmp_path_factory.mktemp("processes")
     note = folder / "note"
     (folder / "family.py").write_text(FAMILY.format(note=str(note)) + "\ntime.sleep(600)\n")
     tracker = f"family = {{ kind = 'external', command = [{sys.executable!r}, 'family.py'], timeout_s = 600 }}\n"
-    suite = small_suite(folder, tracker.replace("'", '"'))
+    suite = recorded_suite(folder, tracker.replace("'", '"'))
     assert run(suite, folder / "out", "render", "x", folder).wait() == 0
     return suite, folder / "out", note
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.bench.small_suites import own_images
 from tests.bench.test_end_to_end import uavbench
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
 from uavbench.bench.config.suite import load_suite
@@ -43,11 +44,7 @@ lsd = { kind = "lsd" }
 def own(tmp_path_factory):
     """The bundled trial's images, model and camera as a user has them, with an initial pose."""
     folder = tmp_path_factory.mktemp("own")
-    shutil.copytree(TRIAL / "frames", folder / "frames")
-    for name in ("model.obj", "camera.toml"):
-        shutil.copy(TRIAL / name, folder / name)
-    first = Sequence.load(TRIAL).true_cam_from_world(0)
-    (folder / "init.toml").write_text(f"cam_from_model = {first.matrix.tolist()}\n")
+    own_images(folder)
     (folder / "own.toml").write_text(SUITE)
     return folder
 

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -25,6 +26,7 @@ from uavbench.scenes.world.outdoor import Outdoor
 from uavbench.scenes.world.registry import ENVIRONMENTS
 from uavbench.scenes.world.studio import Studio
 from uavbench.trajectories.paths.pilot.hand_pilot import HandPilot
+from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import FlightSpec
 
 PARAMETRIC = [name for name in STRUCTURES if name != "mesh"]
@@ -130,6 +132,24 @@ def test_a_studio_shows_each_face_in_one_colour_before_another() -> None:
     assert len(often) == 4
     assert (often == round(255 * 0.2)).all(axis=1).sum() == 1
     assert min(np.abs(a - b).max() for i, a in enumerate(often) for b in often[:i]) > 15
+
+
+def test_a_scene_that_was_used_leaves_the_structure_as_it_was() -> None:
+    """Scenes of the same parameters share it, whatever was made of it in between."""
+    deviation = Deviation(scale_percent=1.0, bend_m=0.1)
+    spec = SequenceSpec(
+        name="plain", seed=4, structure=Box(), environment=Studio(), flight=FlightSpec(path=HandPilot())
+    )
+    new = spec.structure.build(stream(4, "structure"))
+    with build_scene(replace(spec, environment=Indoor(), deviation=deviation)).renderer(64, 48) as renderer:
+        renderer.color(looking((0.6, -0.7, 0.9), (0.0, 0.0, 0.15)), Camera(64, 48, 60.0, 60.0, 31.5, 23.5))
+    again, other = build_scene(replace(spec, environment=Indoor())).built, build_scene(replace(spec, seed=5)).built
+    assert np.array_equal(again.structure.vertices, new.structure.vertices)
+    for one, two, third in zip(again.parts, new.parts, other.parts, strict=True):
+        assert np.array_equal(one.vertices, two.vertices)
+        assert one.texture is not None and two.texture is not None and third.texture is not None
+        assert np.array_equal(one.texture, two.texture)
+        assert third.texture.shape != two.texture.shape  # of one colour, as in a studio
 
 
 def test_clouds_and_sun_change_the_sky_and_the_light() -> None:
