@@ -70,6 +70,19 @@ def test_every_frequency_has_the_power_of_its_octaves(
     assert found[beyond].sum() < 1e-4
 
 
+def test_noise_finer_than_its_pixels_has_all_frequencies() -> None:
+    """Rows of the spectrum up to the highest frequency, which is there once where the height is even; and columns."""
+    for shape in ((8, 11), (9, 7)):
+        found = mean_power(lambda rng, shape=shape: noise.tiling(shape, 0.5, rng), draws=400)  # type: ignore[misc]
+        expected = expected_power(shape, [(1.0, 0.5, 0.5)])
+        for axis in (0, 1):
+            assert found.sum(axis=axis) == pytest.approx(expected.sum(axis=axis), rel=0.3)
+
+
+def test_fractal_noise_has_five_octaves_of_a_gain_of_six_tenths() -> None:
+    assert noise.fractal((32, 32), 24, rng()).tolist() == noise.fractal((32, 32), 24, rng(), 5, 0.6).tolist()
+
+
 def test_noise_finer_than_its_pixels_and_images_of_one_row_are_whole() -> None:
     for shape in ((1, 64), (64, 1), (5, 7)):
         image = noise.tiling(shape, 0.5, rng())
