@@ -101,6 +101,9 @@ def test_noise_of_the_level_and_the_spread_of_flights_are_as_well_known_as_they_
     level, flights = evidence._others(series(worse), contrast, [5], np.array([1.0, -1.0, 2.0, -2.0, 0.0, 0.0]))
     assert (level.value, level.freedom) == (pytest.approx(0.02 * (contrast @ contrast)), pytest.approx(2 / 3 * 8))
     assert (flights.value, flights.freedom) == (pytest.approx(10 / 5 / 6), 5)
+    stepped = worse + 5.0 * (np.arange(10) >= 3)[:, None]
+    level, _ = evidence._others(series(stepped), contrast, [3], np.zeros(6))
+    assert (level.value, level.freedom) == (pytest.approx(0.02 * (contrast @ contrast)), pytest.approx(2 / 3 * 8))
     (few,) = evidence._others(series(np.zeros((10, 4))), contrast, [5], np.ones(4))
     assert (few.value, few.freedom) == (pytest.approx(LEAST_SPREAD**2 * (contrast @ contrast)), 8)
     (five,) = evidence._others(series(np.zeros((10, 5))), contrast, [5], np.ones(5))
@@ -216,6 +219,13 @@ def test_a_step_is_judged_anew_without_the_noise_of_any_step_that_is_left(large,
     (found,) = changes(series_of(history_of(errors), *NAME))
     assert (found.kind, found.at) == ("step", large)
     assert found.size == pytest.approx(0.1, abs=0.006)
+
+
+def test_the_step_before_one_that_goes_is_judged_anew_with_the_longer_level():
+    """1.5 % up and 0.75 % down: the second is below the margin, and the first, over all commits since, as well."""
+    level = np.repeat([0.0, 0.1, 0.115, 0.1075], [5, 5, 5, 15])
+    (found,) = changes(series_of(history_of(levels(30) * np.exp(level)[:, None]), *NAME))
+    assert (found.kind, found.at) == ("step", 5)
 
 
 def recorded(rows, better="smaller"):
