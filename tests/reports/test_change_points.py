@@ -221,6 +221,11 @@ def test_a_step_is_judged_anew_without_the_noise_of_any_step_that_is_left(large,
     assert found.size == pytest.approx(0.1, abs=0.006)
 
 
+def test_two_levels_of_four_noisy_commits_are_told():
+    errors = levels(8, 4, by=3.0, flights=15) * np.exp(np.random.default_rng(5).normal(0, 0.05, (8, 15)))
+    assert [(change.kind, change.at) for change in changes(series_of(history_of(errors), *NAME))] == [("step", 4)]
+
+
 def test_the_step_before_one_that_goes_is_judged_anew_with_the_longer_level():
     """1.5 % up and 0.75 % down: the second is below the margin, and the first, over all commits since, as well."""
     level = np.repeat([0.0, 0.1, 0.115, 0.1075], [5, 5, 5, 15])
