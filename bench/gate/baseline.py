@@ -8,12 +8,10 @@ content.
 
 import hashlib
 import json
-import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from uavbench.bench.gate.paired_scores import Key, Measured, Side
+from uavbench.bench.gate.paired_scores import Key, Measured, Side, known
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import SETTINGS
 from uavbench.trajectories.files.reading import read_json
@@ -29,7 +27,12 @@ def write_baseline(side: Side, path: Path) -> None:
     for key, why in {**side.faults, **broken}.items():
         raise UserError(f"no baseline of {key[0]} on {key[1]}, seed {key[2]}: {why}")
     rows = [
-        [*key, _rounded(run.coverage), _known(run.errors), *([run.crash] if run.crash else [])]
+        [
+            *key,
+            _rounded(run.coverage),
+            {metric: _rounded(value) for metric, value in known(run.errors).items()},
+            *([run.crash] if run.crash else []),
+        ]
         for key, run in sorted(side.runs.items())
     ]
     how = next((dict(run.how) for run in side.runs.values()), {})
@@ -73,11 +76,6 @@ def _is_baseline(path: Path) -> bool:
         return bool(body.pop("sha256", None) == _digest(body))
     except (UserError, OSError, ValueError, AttributeError):
         return False
-
-
-def _known(errors: Mapping[str, float]) -> dict[str, float]:
-    """The errors that are numbers, rounded."""
-    return {metric: _rounded(value) for metric, value in errors.items() if math.isfinite(value)}
 
 
 def _rounded(value: float) -> float:

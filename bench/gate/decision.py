@@ -27,6 +27,7 @@ from uavbench.bench.gate.paired_scores import (
     PairedValues,
     Side,
     expect_comparable,
+    known,
     read_side,
     read_timing,
 )
@@ -107,8 +108,8 @@ def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], ma
     findings += [_not_judged(run, why) for run, why in sorted(head.not_compared.items()) if run not in of_base]
     findings += [
         _not_judged(run, f"the baseline has `{metric}`, which this version does not know", metric)
-        for run, metric in sorted({(key[0], metric) for key, one in base.runs.items() for metric in one.errors})
-        if metric not in head.units
+        for run, metric in sorted({(key[0], name) for key, one in base.runs.items() for name in known(one.errors)})
+        if metric not in _units(base, head)
     ]
     findings += [
         ratio_finding(run, "latency", "ms", times, margins.latency, margins.resolution)
@@ -163,12 +164,17 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
         _, sequence, seed = both[0]
         why = f"{_runs_crash(both)} on both sides, first {sequence}, seed {seed}: {crash(head, both[0])}"
         found.append(_not_judged(run, why, "crashes"))
-    for metric, unit in head.units.items():
+    for metric, unit in _units(base, head).items():
         values = paired(keys, base, head, lambda one, metric=metric: one.errors.get(metric, math.nan))  # type: ignore[misc]
         at_most = TYPICAL * math.log1p(max(margins.error, margins.resolution))
         for name, limit in ((metric, math.inf), (f"{metric}, typical", at_most)):
             found.append(ratio_finding(run, name, unit, values, margins.error, margins.resolution, limit))
     return found
+
+
+def _units(base: Side, head: Side) -> dict[str, str]:
+    """Unit of each metric that is compared: of flights, those that either side has a number of."""
+    return {**base.units, **head.units} if base.is_flown == head.is_flown else head.units
 
 
 def _runs_crash(keys: list[Key]) -> str:

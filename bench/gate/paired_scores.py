@@ -32,6 +32,11 @@ def _rmse(errors: PoseErrors | None, kind: Literal["translation_m", "rotation_de
     return math.nan if summary is None else float(summary.rmse)
 
 
+def known(errors: Mapping[str, float]) -> dict[str, float]:
+    """The errors that are numbers."""
+    return {metric: value for metric, value in errors.items() if math.isfinite(value)}
+
+
 ERRORS: dict[str, tuple[str, Callable[[Score], float]]] = {
     "ATE": ("m", lambda score: _rmse(score.ate.get("none"), "translation_m")),
     "ATE rotation": ("deg", lambda score: _rmse(score.ate.get("none"), "rotation_deg")),
@@ -109,8 +114,8 @@ class Side:
         """Unit of each metric that is compared as a ratio."""
         if not self.is_flown:
             return {metric: unit for metric, (unit, _) in ERRORS.items()}
-        known = {metric for run in self.runs.values() for metric, v in run.errors.items() if math.isfinite(v)}
-        return {metric: unit for metric, (unit, _) in FLIGHT_ERRORS.items() if metric in known}
+        found = {metric for run in self.runs.values() for metric in known(run.errors)}
+        return {metric: unit for metric, (unit, _) in FLIGHT_ERRORS.items() if metric in found}
 
     @property
     def share(self) -> str:

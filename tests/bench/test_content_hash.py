@@ -14,7 +14,7 @@ import pytest
 from uavbench.bench.external.program import External
 from uavbench.bench.inputs import content_hash as content
 from uavbench.bench.inputs import plugin_files
-from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash
+from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash, one_look
 from uavbench.scenes.structures.box import Box
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 
@@ -95,6 +95,23 @@ def test_a_file_that_is_named_enters_by_its_content(tmp_path, name):
     assert content_hash(replace(WithFile(), **{name: str(tmp_path / "elsewhere" / "image.png")})) == one
     path.unlink()
     assert content_hash(value) not in (one, two)
+
+
+def test_one_look_sees_a_value_as_it_was_at_first_and_the_next_look_sees_it_anew(tmp_path):
+    path = tmp_path / "image.png"
+    value, other = WithFile(image_path=str(path)), WithFile(file=str(path), note="x")
+    path.write_bytes(b"one")
+    one, both = content_hash(value), content_hash(value, other)
+    with one_look():
+        assert (content_hash(value), content_hash(value, other)) == (one, both)
+        path.write_bytes(b"two")
+        assert (content_hash(value), content_hash(value, other)) == (one, both)
+        with one_look():
+            assert content_hash(value) != one
+        with pytest.raises(ZeroDivisionError), one_look():
+            raise ZeroDivisionError
+        assert content_hash(value) == one
+    assert content_hash(value) != one
 
 
 def test_a_word_that_only_looks_like_a_file_enters_as_it_is(tmp_path):

@@ -1,6 +1,8 @@
 """A baseline in one file: made by the command, never by hand, of the same flights, on frames rendered anew."""
 
+import hashlib
 import json
+import math
 import re
 
 import numpy as np
@@ -13,7 +15,7 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.gate.baseline import read_baseline, write_baseline
 from uavbench.bench.gate.decision import Margins, gate, overall
-from uavbench.bench.gate.paired_scores import read_side
+from uavbench.bench.gate.paired_scores import FLOWN, Measured, Side, read_side
 from uavbench.trajectories.errors import UserError
 
 WIDE = Margins(error=0.2, resolution=1.0)
@@ -95,6 +97,35 @@ def test_no_baseline_is_made_of_a_run_that_is_missing_or_crashed(tmp_path):
     (folder / "results" / "s0-s0" / "lsd@15hz" / "score.json").unlink()
     with pytest.raises(UserError, match="s0, seed 0"):
         write_baseline(read_side(folder), tmp_path / "baseline.json")
+
+
+def test_a_baseline_of_flights_tells_which_crashed_and_has_six_digits(tmp_path):
+    flown = {"how": {FLOWN: True}, "errors": {"path error": 0.0123456789, "estimate error": math.nan}}
+    runs = {
+        ("a@1hz", "house", 3): Measured(coverage=0.0, crash="into the face", **flown),
+        ("a@1hz", "cube", 4): Measured(coverage=1.0, **flown),
+    }
+    write_baseline(Side(runs, {}, "these"), tmp_path / "baseline.json")
+    found = read_baseline(tmp_path / "baseline.json", "these")
+    assert [(key, run.coverage, run.crash) for key, run in found.runs.items()] == [
+        (("a@1hz", "cube", 4), 1.0, ""),
+        (("a@1hz", "house", 3), 0.0, "into the face"),
+    ]
+    assert all(run.errors == {"path error": 0.0123457} for run in found.runs.values())
+    assert (found.is_flown, found.flights, found.faults) == (True, "these", {})
+    with pytest.raises(UserError, match="flights have changed"):
+        read_baseline(tmp_path / "baseline.json", "")
+
+
+@pytest.mark.parametrize(
+    "body", [{"runs": [[1]], "how": {}}, {"runs": 5, "how": {}}, {"runs": [["a", "b", "x", 1, {}]]}]
+)
+def test_a_body_of_another_form_is_no_baseline(tmp_path, body):
+    whole = {"flights": "these", **body}
+    digest = hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+    (tmp_path / "baseline.json").write_text(json.dumps({"sha256": digest, **whole}))
+    with pytest.raises(UserError, match=r"this is no baseline \(.*make it anew"):
+        read_baseline(tmp_path / "baseline.json", "these")
 
 
 def test_the_committed_baseline_is_of_the_suite_as_it_stands():

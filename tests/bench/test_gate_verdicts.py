@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
-from tests.bench.drawn_scores import drawn, write
+from tests.bench.drawn_scores import drawn, make_score, write
 from tests.reports.test_flight_score import flown, path
 from uavbench.bench.gate.decision import (
     Finding,
@@ -129,6 +130,114 @@ def test_a_crash_that_the_baseline_has_too_is_not_new():
     assert math.isnan(new.p)
 
 
+def crashing(*keys):
+    known = dict(side().runs)
+    return Side(known | {("lsd@15hz", *key): measured(crash=f"boom in {key[0]}") for key in keys})
+
+
+def test_crashes_are_counted_and_the_first_is_named():
+    two = crashing(("s2", 1), ("s1", 3))
+    new = coverage_of(side(), two)
+    assert new.reason == "2 runs crash that did not, first s1, seed 3: boom in s1"
+    (both,) = [f for f in compare_sides(two, crashing(("s1", 3)), {}, Margins()) if f.metric == "crashes"]
+    assert both.reason == "not judged: 1 run crashes on both sides, first s1, seed 3: boom in s1"
+    assert (both.verdict, both.run, both.unit) == ("inconclusive", "lsd@15hz", "")
+    one_more = compare_sides(crashing(("s1", 3)), two, {}, Margins())
+    assert [f.reason for f in one_more if f.metric == "coverage"] == [
+        "1 run crashes that did not, first s2, seed 1: boom in s2"
+    ]
+    assert overall(compare_sides(side(), crashing(("s1", 3)), {}, Margins())) == "fail"
+
+
+def test_what_is_not_compared_is_told_of_trackers_that_the_baseline_lacks():
+    why = {"other@15hz": "unknown to the base", "lsd@15hz": "for no reason"}
+    found = compare_sides(side(), replace(side(), not_compared=why), {}, Margins())
+    (told,) = [f for f in found if f.reason]
+    assert (told.run, told.metric, told.verdict) == ("other@15hz", "all", "inconclusive")
+    assert told.reason == "not judged: unknown to the base"
+
+
+def test_every_metric_has_its_margin_and_a_typical_change_its_limit():
+    broken = compare_sides(side(), side(error=10.0), {"lsd@15hz": values(1.0)}, Margins())
+    margins = {f.metric: f.margin for f in broken}
+    names = [name for metric in ERRORS for name in (metric, f"{metric}, typical")]
+    assert margins == {"coverage": 0.01, **dict.fromkeys(names, 0.01), "latency": 0.05}
+    change = {f.metric: f.change for f in broken}
+    assert change["ATE"] == pytest.approx(1000 ** (1 / 20) - 1)
+    assert change["ATE, typical"] == pytest.approx(1.1 ** (2 / 20) - 1)
+    wide = Margins(error=0.5, latency=0.3, coverage=0.2)
+    found = compare_sides(side(), side(error=10.0), {"lsd@15hz": values(1.0)}, wide)
+    assert {f.metric: f.margin for f in found} == {"coverage": 0.2, **dict.fromkeys(names, 0.5), "latency": 0.3}
+    (typical,) = [f for f in found if f.metric == "ATE, typical"]
+    assert typical.change == pytest.approx(1.5 ** (2 / 20) - 1), "a margin that is wider than the resolution"
+
+
+def test_a_change_of_a_tenth_need_not_be_excluded_and_more_must():
+    """Without spread the upper bound is the change itself."""
+    for ratio, verdict in ((1.099, "fail"), (1.009, "pass")):
+        assert decided(values(ratio)).verdict == verdict
+    reasons = [ratio_finding("lsd", "ATE", "m", values(r), 0.01, Margins().resolution).reason for r in (1.099, 1.101)]
+    assert reasons == ["", "a change of +10.1% cannot be excluded"]
+
+
+def test_bounds_are_one_sided_at_five_percent():
+    """Of 60 runs of one sequence, against Student's: the bounds of a mean are those of a two-sided 90 % interval."""
+    logs = np.random.default_rng(0).normal(0.1, 0.2, 60)
+    keys = [("s", k) for k in range(60)]
+    paired = PairedValues(dict.fromkeys(keys, 1.0), {key: math.exp(v) for key, v in zip(keys, logs, strict=True)})
+    found = ratio_finding("lsd", "ATE", "m", paired, 0.1, 0.1)
+    half = t.ppf(0.95, 59) * logs.std(ddof=1) / math.sqrt(60)
+    assert (found.low, found.high) == pytest.approx(
+        (math.expm1(logs.mean() - half), math.expm1(logs.mean() + half)), abs=0.1 * half
+    )
+    p = t.sf((logs.mean() - math.log(1.1)) / (logs.std(ddof=1) / math.sqrt(60)), 59)
+    assert found.p == pytest.approx(p, rel=0.25)
+    shares = share_finding("lsd", "coverage", PairedValues(paired.head, paired.base), 0.01)
+    loss = np.exp(logs) - 1
+    half = t.ppf(0.95, 59) * loss.std(ddof=1) / math.sqrt(60)
+    assert (shares.low, shares.high) == pytest.approx((loss.mean() - half, loss.mean() + half), abs=0.1 * half)
+    assert (shares.baseline, shares.value) == pytest.approx((np.exp(logs).mean(), 1.0))
+
+
+def test_few_seeds_are_counted_by_the_sequence_with_the_fewest():
+    keys = [("a", seed) for seed in range(5)] + [("b", 0)]
+    found = decided(values(1.5, keys))
+    assert (found.verdict, found.reason) == ("inconclusive", "1 seed is too few, 5 are needed")
+    (lost,) = decide([share_finding("lsd", "coverage", values(0.5, keys[:4]), 0.01)])
+    assert (lost.verdict, lost.reason) == ("inconclusive", "4 seeds are too few, 5 are needed")
+    assert math.isnan(lost.p)
+
+
+@pytest.mark.parametrize("how", ["compared", "association", "rpe_pairs", "success", "std_ddof", FLOWN])
+def test_scores_that_were_made_in_another_way_are_refused(how):
+    other = {key: replace(one, how={how: "otherwise"}) for key, one in side().runs.items()}
+    with pytest.raises(UserError, match=rf"lsd@15hz on s., seed .: `{how}` of the scores differs"):
+        compare_sides(side(), Side(other), {}, Margins())
+    assert "fail" not in {f.verdict for f in compare_sides(Side(other), Side(other), {}, Margins())}
+
+
+def test_a_score_is_measured_with_all_that_must_agree():
+    score = make_score("s0", 0, 0.02, coverage=0.9)
+    record = {"compared": "a", "association": "b", "rpe_pairs": "c", "success": "d", "std_ddof": 0, "more": 1}
+    own = {"sequence": {"content_hash": "frames", "images": "images"}}
+    found = Measured.of(replace(score, record=record | own))
+    assert found == Measured(
+        coverage=0.9,
+        errors={"ATE": 0.02, "ATE rotation": 1.0, "RPE 1 s": 0.02},
+        frames="frames",
+        images="images",
+        how={name: record[name] for name in ("compared", "association", "rpe_pairs", "success", "std_ddof")},
+    )
+    bare = Measured.of(replace(score, record={}))
+    assert (bare.frames, bare.images, bare.crash) == ("", "", "")
+    crashed = replace(score, status="crashed", errors=())
+    assert Measured.of(crashed).crash == "no word of why"
+    assert Measured.of(replace(crashed, errors=("first", "second"))).crash == "first"
+    assert Measured.of(replace(score, errors=("first",))).crash == ""
+    assert Measured.of(make_score("s0", 0, 0.0)).errors["ATE"] == 0.0
+    assert math.isnan(Measured.of(make_score("s0", 0, -0.1)).errors["ATE"])
+
+
 def test_coverage_is_compared_as_a_difference_by_the_signs_of_the_pairs():
     base = dict.fromkeys(KEYS, 0.9)
     head = {key: 0.9 - (0.04 if k % 4 else -0.02) for k, key in enumerate(KEYS)}
@@ -211,6 +320,62 @@ def test_flights_are_compared_by_success_path_and_estimate(tmp_path):
     assert (done.coverage, done.crash, done.how) == (1.0, "", {FLOWN: True})
     assert (crashed.coverage, crashed.crash, crashed.how) == (0.0, "into the face", {FLOWN: True})
     assert not math.isfinite(crashed.errors["estimate error"])
+
+
+def flights(folder, scores, of="f"):
+    """A suite's folder with flights of a tracker, by the name of their sequence."""
+    for name, score in scores.items():
+        run = folder / "flights" / name / "a@1hz+far"
+        run.mkdir(parents=True)
+        score.save(run / "score.json")
+    about = {"sequences": list(scores), "trackers": ["a"], "rates_hz": [1.0], "loops": {"far": {}}, "flights": of}
+    (folder / "suite.json").write_text(json.dumps(about))
+    return folder
+
+
+def test_flights_pass_against_the_same_flights_alone_and_a_crash_on_both_sides_is_no_success(tmp_path):
+    done = measure_flight(flown(flown_path=path(planned_p_m=np.array([0.0, 0.03, 0.0]))))
+    crashed = measure_flight(flown(status="crashed", why="into the face"))
+    scores = {f"cube-s{seed}": crashed if seed == 4 else done for seed in range(6)}
+    base, head = (flights(tmp_path / side, scores) for side in ("base", "head"))
+    found = {f.metric: f for f in gate(head, base)}
+    errors = ["path error", "path error, typical", "estimate error", "estimate error, typical"]
+    assert list(found) == ["success", *errors]
+    assert (found["success"].verdict, found["success"].value) == ("pass", pytest.approx(5 / 6))
+    assert {f.run for f in found.values()} == {"a@1hz+far"}
+    with pytest.raises(UserError, match="are of different flights"):
+        gate(flights(tmp_path / "other", scores, of="g"), base)
+    without = replace(done, estimate_rms_m=None)
+    true_state = dict.fromkeys(scores, without)
+    blind, again = (flights(tmp_path / f"true-{side}", true_state) for side in ("base", "head"))
+    assert {f.metric: f.verdict for f in gate(again, blind)} == dict.fromkeys(["success", *errors[:2]], "pass")
+    for pair, side in (((blind, base), "results"), ((base, blind), "baseline")):
+        (lost,) = [f for f in gate(*pair) if f.metric == "estimate error"]
+        assert (lost.verdict, lost.reason) == ("fail", f"no number in the {side} for cube, seed 0")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"sequences": ["a/b"]}, {"trackers": ["../a"]}, {"sequences": ["a\0b"]}, {"rates_hz": ["fast"]}, {"sequences": 3}],
+)
+def test_a_description_that_names_what_is_no_folder_is_refused(tmp_path, wrong):
+    about = {"sequences": ["s"], "trackers": ["a"], "rates_hz": [1.0], **wrong}
+    (tmp_path / "suite.json").write_text(json.dumps(about))
+    with pytest.raises(UserError, match=r"suite\.json: not uavbench's: "):
+        read_side(tmp_path)
+
+
+def test_runs_of_a_suite_that_could_be_flown_are_replayed_ones_without_flights(tmp_path):
+    head = write(tmp_path / "head", drawn(np.random.default_rng(0)))
+    about = json.loads((head / "suite.json").read_text())
+    (head / "suite.json").write_text(json.dumps({**about, "loops": {"": {}}, "not_compared": None}))
+    found = read_side(head)
+    assert len(found.runs) == 20 and not found.is_flown and not found.faults
+    assert (found.flights, found.not_compared, found.share) == ("these", {}, "coverage")
+    del about["flights"]
+    (head / "suite.json").write_text(json.dumps(about))
+    (head / "flights").mkdir()
+    assert read_side(head).runs == found.runs and read_side(head).flights == ""
 
 
 def test_fail_goes_before_inconclusive_and_nothing_at_all_fails():

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.bench.process_trees import FAMILY, MEMBERS, is_alive, noted, wait_until
-from uavbench.bench.external.guard import Guard, finished, talk
+from uavbench.bench.external.guard import Ended, Guard, finished, talk, talk_in
 from uavbench.bench.external.guard_process import children
 
 STANDARD = (0, 1, 2)
@@ -84,7 +84,7 @@ def test_a_killed_owner_takes_all_with_it(tmp_path, moment):
     code = f"""
 import os, sys, time
 from pathlib import Path
-from uavbench.bench.external.guard import Guard, finished, talk
+from uavbench.bench.external.guard import Ended, Guard, finished, talk, talk_in
 guard = Guard("uavbench-test-")
 Path({str(told)!r}).write_text(f"{{guard.folder}} {{guard.popen.pid}}")
 if {moment!r} == "during":
@@ -117,6 +117,91 @@ def test_a_guard_that_somebody_kills_leaves_nothing_either(tmp_path, killed, num
     assert not [pid for pid in noted(note) if is_alive(pid)]
     assert not guard.folder.exists()
     assert wait_until(lambda: not is_alive(child))
+
+
+def handles():
+    return {path.name for path in Path("/proc/self/fd").iterdir()}
+
+
+def test_a_guard_and_a_talk_leave_no_open_file_and_no_process_of_their_own(tmp_path):
+    before = handles()
+    with Guard("uavbench-test-") as guard:
+        assert os.getpgid(guard.popen.pid) != os.getpgid(0), "what is sent to this group is not sent to it"
+        with talk_in(guard, [sys.executable, "-I", "-S", "-c", "input()"], os.environ) as it:
+            it.asks.write("end\n")
+    assert guard.popen.returncode == 0, "it ends by itself"
+    assert handles() == before
+
+
+def test_without_room_for_a_folder_there_is_no_guard_and_nothing_of_it():
+    before = handles()
+    with pytest.raises(OSError, match="no temporary folder can be made in") as raised:
+        Guard("no/such/folder/")
+    assert handles() == before
+    assert raised.value.errno is None
+
+
+def test_after_a_killed_guard_nothing_is_left_as_soon_as_it_is_closed(tmp_path):
+    note = tmp_path / "note"
+    with Guard("uavbench-test-") as guard:
+        start(guard, family(note, "\ntime.sleep(600)"))
+        assert wait_until(lambda: len(noted(note)) == MEMBERS)
+        guard.popen.kill()
+    assert not [pid for pid in noted(note) if is_alive(pid)]
+    assert not guard.folder.exists()
+
+
+def test_where_both_processes_of_a_guard_are_killed_its_owner_removes_the_folder():
+    with Guard("uavbench-test-") as guard:
+        (child,) = children(guard.popen.pid)
+        (guard.folder / "deep").mkdir()
+        for pid in (guard.popen.pid, child):
+            os.kill(pid, signal.SIGSTOP)
+        for pid in (child, guard.popen.pid):
+            os.kill(pid, signal.SIGKILL)
+        assert guard.wait(60) == Ended(-signal.SIGKILL, 0.0)
+    assert not guard.folder.exists()
+
+
+def test_a_guard_that_hangs_is_killed(monkeypatch):
+    monkeypatch.setattr("uavbench.bench.external.guard.END_S", 0.5)
+    with Guard("uavbench-test-") as guard:
+        (child,) = children(guard.popen.pid)
+        guard.popen.send_signal(signal.SIGSTOP)
+    assert guard.popen.returncode == -signal.SIGKILL
+    assert wait_until(lambda: not is_alive(child))
+    assert wait_until(lambda: not guard.folder.exists())
+
+
+def test_a_result_stays_when_the_guard_is_killed_afterwards():
+    with Guard("uavbench-test-") as guard:
+        start(guard, [sys.executable, "-I", "-S", "-c", "raise SystemExit(3)"])
+        assert guard.wait(60) == Ended(3)
+        guard.popen.kill()
+    assert guard.wait(0.0) == Ended(3)
+
+
+def test_a_long_environment_arrives_whole_and_files_are_of_any_size():
+    """More than a socket holds: eight variables of 100 kB."""
+    code = "import os; open('size', 'w').write(str(sum(len(v) for v in os.environ.values())))"
+    code += "; open('large', 'wb').write(bytes(3 << 20))"
+    with Guard("uavbench-test-") as guard:
+        many = {f"LONG_{k}": "x" * 100_000 for k in range(8)}
+        with Path(os.devnull).open("r+b") as null:
+            guard.start([sys.executable, "-I", "-S", "-c", code], many, (null.fileno(),) * 3)
+        assert guard.wait(60).code == 0
+        assert int((guard.folder / "size").read_text()) >= 800_000
+        assert (guard.folder / "large").stat().st_size == 3 << 20
+
+
+def test_a_talk_is_in_its_folder_and_its_errors_are_ours(tmp_path, capfd):
+    code = "import os, sys; print(os.getcwd(), flush=True); print('in doubt', file=sys.stderr, flush=True); input()"
+    with talk([sys.executable, "-c", code], os.environ, tmp_path) as it:
+        assert it.answers.readline().strip() == str(tmp_path.resolve())
+        it.asks.write("end\n")
+        it.asks.flush()
+        assert it.answers.readline() == ""
+    assert "in doubt" in capfd.readouterr().err
 
 
 def test_memory_is_limited_as_a_sum():

@@ -40,9 +40,9 @@ GROUPS: dict[str, tuple[Target, ...]] = {
     "statistics": (
         _target("reports/statistics/bootstrap.py", "reports/test_statistics"),
         _target("reports/statistics/proportion.py", "reports/test_closed_loop_measures"),
-        _target("reports/history/change_points.py", "reports/test_change_points", "bench/test_history"),
-        _target("reports/history/evidence.py", "reports/test_change_points", "bench/test_history"),
-        _target("reports/history/trend.py", "reports/test_change_points", "bench/test_history"),
+        _target("reports/history/change_points.py", "reports/test_change_points"),
+        _target("reports/history/evidence.py", "reports/test_change_points"),
+        _target("reports/history/trend.py", "reports/test_change_points"),
     ),
     "gate": (
         _target("bench/gate/decision.py", "bench/test_gate_verdicts", "bench/test_gate"),
@@ -101,11 +101,13 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("trajectories/geometry/ray_triangle.py", "trajectories/test_obstacles", "tracker/test_occlusion"),
     ),
     "hashing": (
-        _target("bench/runner/jobs.py", "bench/test_job_keys"),
+        _target("bench/runner/jobs.py", "bench/test_plan", "bench/test_job_keys"),
         *(
-            _target(f"bench/inputs/{name}.py", "bench/test_content_hash", "bench/test_content")
-            for name in ("content_hash", "command_files", "elsewhere", "file_paths", "named_files", "plugin_files")
+            _target(f"bench/inputs/{name}.py", "bench/test_named_files", "bench/test_content")
+            for name in ("command_files", "elsewhere", "named_files", "plugin_files")
         ),
+        _target("bench/inputs/content_hash.py", "bench/test_content_hash", "bench/test_content"),
+        _target("bench/inputs/file_paths.py", "bench/test_file_paths", "bench/test_content"),
         _target("trajectories/source_files.py", "trajectories/test_source_files", "bench/test_content"),
         *(
             _target(f"trajectories/files/{name}.py", "trajectories/test_listed", "trajectories/test_files")

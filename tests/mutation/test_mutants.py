@@ -69,6 +69,13 @@ def test_targets_and_accepted_survivors_are_of_files_that_exist():
         assert before != after and reason
 
 
+@pytest.mark.ci
+def test_every_accepted_survivor_is_a_mutant_of_its_file_as_it_stands():
+    """An entry whose line has changed or gone excuses nothing and is to be removed."""
+    of_file = {file: {mutant.key for mutant in mutants(ROOT, file)} for file in sorted({key[0] for key in accepted()})}
+    assert not [key for key in accepted() if key not in of_file[key[0]]]
+
+
 def test_a_copy_of_the_tree_is_tested_by_itself(tmp_path):
     tree = copy_tree(tmp_path / "tree")
     ask = "import tests.mutation.run as t, uavbench.bench.inputs.content_hash as c; print(t.__file__, c.__file__)"

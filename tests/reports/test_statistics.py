@@ -16,6 +16,7 @@ from uavbench.reports.scoring.score import score
 from uavbench.reports.statistics.bootstrap import (
     Bootstrap,
     Ranks,
+    _weights,
     compare,
     compare_pairs,
     compare_with,
@@ -319,3 +320,31 @@ def test_sign_flip_is_the_sign_test_for_like_steps() -> None:
     assert sign_flip_p(np.ones(10)) == pytest.approx(2**-10, rel=0.5)
     assert sign_flip_p(np.array([1.0, -1.0] * 5)) > 0.3
     assert sign_flip_p(np.zeros(4)) == 1.0
+
+
+def test_what_is_drawn_by_default_is_that_of_seed_0_and_rounds_are_the_next_seeds() -> None:
+    rng = np.random.default_rng(11)
+    a, b = ([rng.normal(size=3) for _ in range(5)] for _ in range(2))
+    of = {"a": a, "b": b}
+    assert hierarchical_interval(a) == hierarchical_interval(a, seed=0) != hierarchical_interval(a, seed=1)
+    assert compare("a", "b", of) == compare("a", "b", of, 0) != compare("a", "b", of, 1)
+    assert compare_pairs(of) == compare_pairs(of, seed=0) != compare_pairs(of, seed=1)
+    assert compare_with("a", of) == compare_with("a", of, seed=0) != compare_with("a", of, seed=1)
+    assert compare_pairs(of, seed=1) == [compare("a", "b", of, 1)] == compare_with("a", of, seed=1)
+    assert sign_flip_p(a[0]) == sign_flip_p(a[0], seed=0)
+    both = np.concatenate([Bootstrap.of(a, seed=k).replicates for k in (4, 5)])
+    np.testing.assert_allclose(Bootstrap.of(a, seed=4, rounds=2).replicates, np.sort(both))
+    np.testing.assert_allclose(Bootstrap.of(a).replicates, Bootstrap.of(a, seed=0, rounds=1).replicates)
+
+
+def test_draws_are_shared_and_changed_by_nobody() -> None:
+    first, again = _weights((3, 1), 0), _weights((3, 1), 0)
+    assert first is again and first.shape == (4000, 4) and not first.flags.writeable
+    np.testing.assert_allclose(first.sum(axis=1), 1.0)
+
+
+def test_the_smallest_p_is_one_of_all_flips() -> None:
+    assert sign_flip_p(np.ones(60)) == 1 / 20_001
+    assert sign_flip_p(-np.ones(60)) == 1.0
+    paired = Bootstrap.of([np.array([v]) for v in (1.0, 2.0, 3.0)])
+    assert paired.p_above(0.0) == 1 / 4001 and paired.p_above(4.0) == 1.0

@@ -70,6 +70,19 @@ def test_every_frequency_has_the_power_of_its_octaves(
     assert found[beyond].sum() < 1e-4
 
 
+def test_noise_finer_than_its_pixels_has_all_frequencies() -> None:
+    """Rows of the spectrum up to the highest frequency, which is there once where the height is even; and columns."""
+    for shape in ((8, 11), (9, 7)):
+        found = mean_power(lambda rng, shape=shape: noise.tiling(shape, 0.5, rng), draws=400)  # type: ignore[misc]
+        expected = expected_power(shape, [(1.0, 0.5, 0.5)])
+        for axis in (0, 1):
+            assert found.sum(axis=axis) == pytest.approx(expected.sum(axis=axis), rel=0.3)
+
+
+def test_fractal_noise_has_five_octaves_of_a_gain_of_six_tenths() -> None:
+    assert noise.fractal((32, 32), 24, rng()).tolist() == noise.fractal((32, 32), 24, rng(), 5, 0.6).tolist()
+
+
 def test_noise_finer_than_its_pixels_and_images_of_one_row_are_whole() -> None:
     for shape in ((1, 64), (64, 1), (5, 7)):
         image = noise.tiling(shape, 0.5, rng())
@@ -112,3 +125,11 @@ def test_blend_and_paint_are_what_they_say() -> None:
     assert noise.blend(under, over, mask) == pytest.approx(expected)
     assert noise.blend(under, (50.0, 50.0, 50.0), mask) == pytest.approx(expected)
     assert noise.finish(np.array([[-3.0, 0.6], [254.4, 300.0]], dtype=np.float32)).tolist() == [[0, 1], [254, 255]]
+
+
+def test_the_noise_of_a_seed_stays_what_scenes_were_rendered_with() -> None:
+    """Its law leaves open which draw is which frequency's, and how many are drawn: as it was first."""
+    image = noise.fractal((12, 16), 9, np.random.default_rng(0), octaves=2)
+    assert image[:2, :5].ravel().tolist() == pytest.approx(
+        [-0.70203, -0.12496, 0.34339, 0.65458, 0.83598, -0.22658, 0.19810, 0.53318, 0.75934, 0.91334], abs=1e-4
+    )

@@ -65,7 +65,8 @@ def test_the_border_of_a_triangle_belongs_to_it(x, y, winding):
 
 
 @pytest.mark.parametrize(
-    ("depth", "expected"), [(4.0, True), (2.0, False), (1.9, False), (-4.0, False), (2.0 * (1 + MARGIN / 2), False)]
+    ("depth", "expected"),
+    [(4.0, True), (2.0, False), (1.9, False), (-4.0, False), (2.0 * (1 + 2.5e-4), False), (2.0 * (1 + 7.5e-4), True)],
 )
 def test_only_what_lies_nearer_hides(depth, expected):
     assert hides(WALL, depth * np.array([-0.1, -0.1, 1.0])) == expected

@@ -79,6 +79,61 @@ def test_each_axis_of_the_turbulence_has_its_own_scale_length() -> None:
         assert np.mean(values[:-steps] * values[steps:]) == pytest.approx(expected, abs=0.03), axis
 
 
+def test_a_gust_comes_again_and_those_that_meet_are_no_stronger() -> None:
+    """Every 4 s, each 3.5 s long; every 2 s, so that one rises while the last one falls."""
+    gust = Gust(gust_m_s=2.0, first_s=1.0, every_s=4.0, jitter_s=0.0)
+    strength = -gust.start(5000, 0.002, np.random.default_rng(0)).mean_m_s[:, 0] - 1.0
+    assert strength[[1000, 3000, 500, 2500]] == pytest.approx([2.0, 2.0, 0.0, 0.0])
+    np.testing.assert_allclose(strength[3000:4200], strength[1000:2200], atol=1e-12)
+    dense = Gust(gust_m_s=2.0, first_s=1.0, every_s=2.5, jitter_s=0.0).start(5000, 0.002, np.random.default_rng(0))
+    assert (-dense.mean_m_s[:, 0] - 1.0).max() == pytest.approx(2.0)
+    assert -dense.mean_m_s[2000, 0] - 1.0 == pytest.approx(1.0, abs=1e-6)  # both half way
+
+
+def test_a_wind_that_says_nothing_more_is_that_of_the_suites() -> None:
+    assert Steady() == Steady(speed_m_s=2.0, from_deg=0.0)
+    assert Gust() == Gust(
+        speed_m_s=1.0, gust_m_s=2.0, from_deg=0.0, first_s=5.0, every_s=12.0, jitter_s=2.0, rise_s=1.0, hold_s=1.5
+    )
+    assert Dryden() == Dryden(w20_m_s=3.0, from_deg=0.0, height_m=3.0, flight_speed_m_s=0.5, near_gain=0.0, near_m=1.0)
+    assert set(WINDS) == {"still", "steady", "gust", "dryden"}
+
+
+@pytest.mark.parametrize(("height_m", "feet"), [(1.0, 10.0), (3.048, 10.0), (30.48, 100.0)])
+def test_the_specification_begins_at_ten_feet_and_the_mean_grows_with_the_logarithm(
+    height_m: float, feet: float
+) -> None:
+    wind = Dryden(w20_m_s=6.0, height_m=height_m)
+    assert wind.mean_m_s == pytest.approx(6.0 * np.log(feet / 0.15) / np.log(20 / 0.15))
+    level = 0.6 / (0.177 + 0.000823 * feet) ** 0.4
+    np.testing.assert_allclose(wind.sigmas_m_s, [level, level, 0.6])
+    level = 0.3048 * feet / (0.177 + 0.000823 * feet) ** 1.2
+    np.testing.assert_allclose(wind.lengths_m, [level, level, 0.3048 * feet])
+
+
+def test_turbulence_turns_with_the_wind_and_is_carried_at_the_speed_of_both() -> None:
+    along, across = (
+        Dryden(w20_m_s=4.0, from_deg=angle, flight_speed_m_s=3.0).start(200, 0.01, np.random.default_rng(2))
+        for angle in (0.0, 90.0)
+    )
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(across.turbulence_m_s, along.turbulence_m_s @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(across.mean_m_s, along.mean_m_s @ turn.T, atol=1e-12)
+    wind = Dryden(w20_m_s=4.0, flight_speed_m_s=3.0)
+    lag_s = wind.lengths_m[0] / np.hypot(wind.mean_m_s, 3.0)
+    u = first_order(200, 0.01, lag_s, np.random.default_rng(2).spawn(3)[0]) * wind.sigmas_m_s[0]
+    np.testing.assert_allclose(along.turbulence_m_s[:, 0], -u)  # from +x, towards -x
+
+
+@pytest.mark.parametrize("name", list(WINDS))
+def test_a_longer_flight_starts_with_the_same_wind_which_nobody_changes(name: str) -> None:
+    short, long = (WINDS[name]().start(steps, 0.01, np.random.default_rng(3)) for steps in (800, 1000))
+    for part in ("mean_m_s", "turbulence_m_s"):
+        np.testing.assert_allclose(getattr(long, part)[:800], getattr(short, part), atol=1e-12)
+        assert not getattr(short, part).flags.writeable
+    assert short.turbulence_m_s.any() == (name == "dryden")
+
+
 def test_gusts_come_early_as_often_as_late() -> None:
     gust = Gust(first_s=4.0, every_s=100.0, jitter_s=2.0)
     begins = []
@@ -111,3 +166,12 @@ def test_still_is_still_and_steady_blows_from_its_side() -> None:
     np.testing.assert_allclose(
         Steady(3.0, 90.0).start(1, 0.002, np.random.default_rng(0)).mean_m_s, [[0, -3, 0]], atol=1e-12
     )
+
+
+def test_the_wind_of_a_seed_stays_what_suites_have_flown_in() -> None:
+    """Its law leaves open which draw does what: as it was first."""
+    drawn = [kind(4, 0.1, 0.4, np.random.default_rng(0)).tolist() for kind in (first_order, second_order)]
+    assert drawn == [
+        pytest.approx([0.1257302210933933, 0.01505319936241864, 0.41344222077813947, 0.38778996287648687], rel=1e-12),
+        pytest.approx([0.15563732226959698, 0.5742629771009281, -0.003129269842370566, 0.9234159273733641], rel=1e-12),
+    ]
