@@ -1,4 +1,4 @@
-"""Every third-party tracker by its name: set up, present or absent."""
+"""Registry of the third-party trackers: their setup, and whether they are available."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,23 +12,23 @@ from uavbench.trajectories.files.seals import is_sealed
 from uavbench.trajectories.files.writing import write_text
 
 THIRD_PARTY: dict[str, type[ThirdPartyTracker]] = {"visp": Visp, "opencv-rapid": OpencvRapid}
-"""Name -> parameters of every third-party tracker."""
+"""Name of each third-party tracker -> class with its parameters."""
 
 
 def absent(trackers: Mapping[str, Tracker]) -> dict[str, str]:
-    """Why each of the trackers that cannot run here is absent, by label."""
+    """Reason for each tracker that is not available on this machine, by label."""
     theirs = {label: tracker for label, tracker in trackers.items() if isinstance(tracker, ThirdPartyTracker)}
     return {label: why for label, tracker in theirs.items() if (why := tracker.absence())}
 
 
 def status() -> Iterator[str]:
-    """A line for each third-party tracker."""
+    """A line of text for each third-party tracker: its folder, or why it is not available."""
     for name, tracker in THIRD_PARTY.items():
         yield f"{name:<14} {tracker.absence() or tracker.folder()}"
 
 
 def setup(name: str) -> str:
-    """Set up a third-party tracker, and return its folder; UserError for an unknown name, or saying what is missing."""
+    """Set up a third-party tracker and return its folder; UserError for an unknown name or a missing dependency."""
     if name not in THIRD_PARTY:
         raise unknown_name("third-party tracker", name, list(THIRD_PARTY))
     tracker = THIRD_PARTY[name]
