@@ -179,7 +179,7 @@ def test_packing_again_renders_nothing_and_gives_the_same_bytes(challenge):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--truth", "participants/kept"], "lie in each other"),
+        (["--truth", "participants/kept"], "must not contain each other"),
         (["--truth", "kept", "--secret", "new/secret.toml"], "participants get"),
         (["--truth", "kept", "--secret", "weak.toml"], "can be guessed"),
         (["--truth", "kept", "--secret", "short.toml"], "64 hexadecimal digits"),

@@ -130,7 +130,7 @@ def test_a_sequence_under_a_second_name_would_count_twice(tmp_path, seeds):
     body, trackers, after = rest.partition("[trackers]")
     twice = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}{trackers}{after}"
     assert mistakes(tmp_path, twice) == [
-        "sequences.again: is the same as box, and nothing but its name differs; leave one out"
+        "sequences.again: equals box except for its name; remove one"
     ]
     other = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}rate_hz = 30.0\n{trackers}{after}"
     path = tmp_path / "suite.toml"
