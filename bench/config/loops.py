@@ -28,7 +28,7 @@ def _with_shared(shared: Any, own: Any) -> Any:
 def without_loop(suite: str) -> UserError:
     """UserError for flying a suite that has no `[loop]`."""
     return UserError(
-        f"suite {suite} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
+        f"suite {suite} has no table [loop], which closed-loop flights need: add one, which may be empty, or fly "
         "fly-box, fly-bridge or fly-facade"
     )
 

@@ -109,9 +109,7 @@ def mount_of(folder: Path) -> Pose:
     """`cam_from_body` of a sequence folder or of a tracker's results; UserError when it is missing or invalid."""
     file = next((folder / name for name in ("sequence.json", "record.json") if (folder / name).is_file()), None)
     if file is None:
-        raise UserError(
-            f"{folder}: holds neither sequence.json nor record.json, which describe the camera's mounting"
-        )
+        raise UserError(f"{folder}: holds neither sequence.json nor record.json, which describe the camera's mounting")
     try:
         return Pose.from_matrix(read_json(file)["cam_from_body"])
     except (KeyError, ValueError, TypeError) as error:

@@ -199,7 +199,7 @@ def test_what_would_tell_the_truth_is_refused(challenge, monkeypatch, more, mess
 
 def test_pack_makes_packages_without_truth_alone(challenge):
     done = CliRunner().invoke(main, ["pack", "tiny", "--out", str(challenge / "no")])
-    assert done.exit_code == 2 and "say --without-truth" in done.output
+    assert done.exit_code == 2 and "confirm with --without-truth" in done.output
 
 
 def flown(path, tmp_path):

@@ -129,9 +129,7 @@ def test_a_sequence_under_a_second_name_would_count_twice(tmp_path, seeds):
     head, _, rest = GOOD.partition("[sequences.box]")
     body, trackers, after = rest.partition("[trackers]")
     twice = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}{trackers}{after}"
-    assert mistakes(tmp_path, twice) == [
-        "sequences.again: equals box except for its name; remove one"
-    ]
+    assert mistakes(tmp_path, twice) == ["sequences.again: equals box except for its name; remove one"]
     other = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}rate_hz = 30.0\n{trackers}{after}"
     path = tmp_path / "suite.toml"
     path.write_text(other)

@@ -74,10 +74,10 @@ def test_an_edited_file_is_refused(tmp_path, baseline):
     about = json.loads(baseline.read_text())
     about["runs"][0][4]["ATE"] *= 2
     baseline.write_text(json.dumps(about))
-    with pytest.raises(UserError, match=r"make it anew with .*--update`, never by hand"):
+    with pytest.raises(UserError, match=r"was edited or is incomplete; create it again with .*--update`"):
         gate(tmp_path / "base", baseline)
     baseline.write_text("{}")
-    with pytest.raises(UserError, match="never by hand"):
+    with pytest.raises(UserError, match="was edited or is incomplete"):
         gate(tmp_path / "base", baseline)
 
 
