@@ -21,7 +21,7 @@ from uavbench.trajectories.trajectory import Trajectory
 
 Spec = SequenceSpec | RecordingSpec
 Figures = Literal["page", "all"]
-"""Figures of a report, as in uavbench.reports.drawings; repeated here, because that module needs matplotlib."""
+"""Figures of a report, as in uavbench.reports.report_figures; repeated here, because that module needs matplotlib."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from uavbench.reports.evaluation.trajectory_files import Found, mount_of
+from uavbench.reports.evaluation.find_trajectory import Found, mount_of
 from uavbench.reports.metrics.align import Alignment
 from uavbench.trajectories.bags.poses import UNSAID
 from uavbench.trajectories.errors import UserError

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uavbench.reports.evaluation.trajectory_files import POSE, Found, find_trajectory, world_from_cameras
+from uavbench.reports.evaluation.find_trajectory import POSE, Found, find_trajectory, world_from_cameras
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
