@@ -131,7 +131,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     made = [
         Drawing("success", "Success",
                 "Share of flights that succeed, with its 95 % interval (Wilson), and the greatest path error of each "
-                "flight; a flight that crashed is as far off as it came.", partial(success_of_runs, scores))
+                "flight; for a crashed flight, up to the crash.", partial(success_of_runs, scores))
     ]  # fmt: skip
     tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD)["loop"] for run in runs}
     if found := swept_loops(tables):
