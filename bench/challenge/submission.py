@@ -64,7 +64,7 @@ def find_submission(folder: Path, sequences: Collection[str]) -> Submission:
     UserError for a missing folder, no file of any sequence, more than MOST_RUNS runs, or single files beside runs.
     """
     if folder.is_symlink() or not folder.is_dir():
-        raise UserError(f"{folder}: is no folder; give the folder of a submission")
+        raise UserError(f"{folder}: is not a folder; give the folder of a submission")
     name = _name(folder)
     here = set(_names(folder))
     runs = sorted((each for each in here if RUN.fullmatch(each)), key=lambda each: int(each[4:]))
@@ -99,7 +99,7 @@ def _files(
 ) -> dict[str, Path]:
     """File of each sequence in the folder of a run; missing and unexpected files become faults."""
     if folder.is_symlink() or not folder.is_dir():
-        faults.append(Fault("unreadable", where, "is no folder"))
+        faults.append(Fault("unreadable", where, "is not a folder"))
         return {}
     found: dict[str, Path] = {}
     for name in sequences:

@@ -50,7 +50,7 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
             f"{text!r} would be {100 * value:g} %: write {number}% for {number} percent, or a share below 1 as in 0.05"
         )
     if not 0.0 <= value < 10.0:
-        raise click.BadParameter(f"{text!r} is no share from 0% to 1000%: write 5% or 0.05")
+        raise click.BadParameter(f"{text!r} is not a share from 0% to 1000%: write 5% or 0.05")
     return value
 
 

@@ -81,7 +81,7 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
         if name in model.model_fields_set and name != "kind"
     }
     files = () if INPUT_FILES in {f.name for f in fields(cls)} else values.pop(INPUT_FILES, ())
-    errors += [f"{at}.{INPUT_FILES}: {name} is no file" for name in files if not Path(name).is_file()]
+    errors += [f"{at}.{INPUT_FILES}: {name} is not a file" for name in files if not Path(name).is_file()]
     try:
         made = cls(**values, **given)
     except (ValueError, UserError) as error:

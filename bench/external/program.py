@@ -68,7 +68,7 @@ class External:
     def __post_init__(self) -> None:
         for name in self.input_files:
             if not Path(name).is_file():
-                raise ValueError(f"input_files: {name} is no file")
+                raise ValueError(f"input_files: {name} is not a file")
 
     @property
     def entering_files(self) -> tuple[Path, ...]:

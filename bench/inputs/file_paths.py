@@ -67,7 +67,7 @@ def _leading_out(name: str, folder: Path, at: str) -> list[str]:
         links = (path for path in (folder / name).rglob("*") if path.is_symlink())
         astray = [path for path in (real, *(path.resolve() for path in links)) if not _is_in(path, roots)]
     except (OSError, ValueError, RuntimeError) as error:
-        return [f"{at}: {name!r} is no file name: {error}"]
+        return [f"{at}: {name!r} is not a file name: {error}"]
     return [
         f"{at}: {name if path == real else path} lies outside of {folder.resolve()}, the folder of this file; copy it "
         f"there, or allow its own: {FREE}={path.parent}"

@@ -41,7 +41,7 @@ def _claim(folder: Path) -> None:
     """Mark a folder as made for a third-party tracker; UserError when it holds something else."""
     marker = folder / "setup.json"
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UserError(f"{folder}: is no folder; name another place in UAVBENCH_THIRD_PARTY")
+        raise UserError(f"{folder}: is not a folder; name another place in UAVBENCH_THIRD_PARTY")
     if folder.is_dir() and any(folder.iterdir()) and not is_sealed(marker):
         raise UserError(f"{folder}: holds something that `uavbench third-party setup` did not write; move it")
     write_text(marker, '{\n "made": "by uavbench third-party setup"\n}\n', sealed=True)

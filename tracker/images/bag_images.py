@@ -92,6 +92,6 @@ def _compressed(name: Path, message: Any) -> Image:
         return decoded(name, message.data.tobytes())
     except UserError:
         raise UserError(
-            f"{name}: its data, of the format {message.format!r}, are no image that is read (PNG, JPEG); convert the "
+            f"{name}: its data, of the format {message.format!r}, are not a supported image (PNG, JPEG); convert the "
             "topic, as with image_transport's republish"
         ) from None

@@ -126,7 +126,7 @@ def _file_in(path: Path) -> Path:
 
 @contextmanager
 def opened_bag(path: Path) -> Iterator[Bag]:
-    """An open bag; UserError naming the file when it is no bag, truncated, too large, or compressed."""
+    """An open bag; UserError naming the file when it is not a bag, truncated, too large, or compressed."""
     _check_files(path)
     bag = reader()(path)
     try:
