@@ -196,8 +196,8 @@ def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> l
     """An error line for each rate that selects the same frames of a sequence as an earlier one."""
     strides = [round(min(spec.rate_hz / rate, 1e9)) for rate in rates_hz]
     return [
-        f"rates_hz[{i}]: {rate:g} Hz selects one frame in {stride} of sequence {spec.name} ({spec.rate_hz:g} Hz), "
-        f"and so does {rates_hz[strides.index(stride)]:g} Hz; remove one"
+        f"rates_hz[{i}]: {rate:g} Hz has stride {stride} in sequence {spec.name} ({spec.rate_hz:g} Hz), "
+        f"as has {rates_hz[strides.index(stride)]:g} Hz; remove one"
         for i, (rate, stride) in enumerate(zip(rates_hz, strides, strict=True))
         if strides.index(stride) != i and rate <= spec.rate_hz
     ]

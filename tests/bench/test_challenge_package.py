@@ -213,7 +213,7 @@ def flown(path, tmp_path):
 
 
 def test_a_flight_that_the_file_tells_is_refused(tmp_path):
-    with pytest.raises(UserError, match="its path depends on the seed too little"):
+    with pytest.raises(UserError, match="the path depends too little on the seed"):
         refuse_guessed(*flown('{ kind = "orbit", turns = 0.15, duration_s = 6.0 }', tmp_path))
     refuse_guessed(*flown('{ kind = "hand-pilot", duration_s = 8.0 }', tmp_path))
 

@@ -72,7 +72,7 @@ def test_a_second_run_redoes_nothing_and_a_changed_loop_flies_again(done):
 
 
 @pytest.mark.parametrize(("change", "told"), [
-    ((LOOP, ""), "give it a table [loop]"),
+    ((LOOP, ""), "has no table [loop]"),
     (("ms = 20.0", "s = 0.02"), "loop.latency.s: unknown key"),
     (("corridor_m", "coridor_m"), "did you mean 'corridor_m'"),
     (("corridor_m = 0.4", "corridor_m = -1.0"), "loop.corridor_m"),
