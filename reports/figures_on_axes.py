@@ -23,9 +23,9 @@ from typing import Literal
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from uavbench.reports.comparison_figures import RANKED_BY, paired
 from uavbench.reports.figures import comparison, distributions, flight, ranking, space, sweeps, time
-from uavbench.reports.figures.drawn import Drawn, legend_of
-from uavbench.reports.report_comparison import RANKED_BY, paired
+from uavbench.reports.figures.figure_files import Drawn, legend_of
 from uavbench.reports.scoring import crlb_ratio
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.runs import ScoredRun

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from PIL import Image as Pillow
 
-from uavbench.reports.figures.drawn import finite
+from uavbench.reports.figures.figure_files import finite
 from uavbench.reports.figures.tracker_pictures import GREEN, View, draw, write_text_on
 from uavbench.reports.page.overlay_animation import ANIMATION_WIDTH_PX, WEBP_QUALITY, scrubbed
 from uavbench.reports.page.templates import FigureOnPage, asset, environment, on_page

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from uavbench.reports.drawings import WEIGHT, Drawing, Easel, Figures
+from uavbench.reports.comparison_figures import compare, compare_along, compare_restarts, fastest
 from uavbench.reports.figures import flight as flight_figure
 from uavbench.reports.figures import image_panels as figures_pictures
 from uavbench.reports.figures import space as figures_space
@@ -42,7 +42,7 @@ from uavbench.reports.page.pages import (
 )
 from uavbench.reports.page.templates import FigureOnPage
 from uavbench.reports.progress import OnStep, Steps
-from uavbench.reports.report_comparison import compare, compare_along, compare_restarts, fastest
+from uavbench.reports.report_figures import WEIGHT, Drawing, Easel, Figures
 from uavbench.reports.restarts import COLUMNS as RESTARTS
 from uavbench.reports.restarts import RestartedRun, open_restarts, with_restarts
 from uavbench.reports.scoring.attributes import contrast_at, frames_looked_at

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from uavbench.reports.figures.drawn import Drawn, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, save_drawn
 from uavbench.reports.metrics.frame_errors import frame_errors
 from uavbench.reports.protocols.restarting import Restarted, RestartedOn, accuracy, expected_error
 from uavbench.reports.style import GROUND_TRUTH, line, marker, panel_letter

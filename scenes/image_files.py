@@ -37,7 +37,7 @@ def load_image(path: Path, flags: int = cv2.IMREAD_COLOR, *, inside: Path | None
 
 
 def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[np.uint8]:
-    """Image of a file's content; UserError naming the file when it is no image or too large."""
+    """Image of a file's content; UserError naming the file when it is not an image or too large."""
     size_px(path, data)
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)

@@ -1,4 +1,4 @@
-"""Faults in a tracker's own code, in one line: name, file and line."""
+"""Messages on faults in a tracker's code, in one line: name, file and line."""
 
 import sys
 import sysconfig
@@ -19,10 +19,10 @@ OURS = frozenset({"uavbench"})
 LIBRARIES = tuple({sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib")})
 COUNTS = ("segments", "control_points", "candidates", "inliers")
 LEAST_EIGENVALUE = -1e-6
-"""A covariance's smallest eigenvalue over its largest may be this by rounding."""
+"""Tolerance for round-off: ratio of a covariance's smallest eigenvalue to its largest."""
 
 ROTATION_ERROR = 1e-3
-"""What a rotation times its transpose may differ from one, as for the quaternions of programs."""
+"""Tolerance of R R^T - I of a rotation, as for the quaternions of external trackers."""
 
 
 class ResultError(Exception):
@@ -30,9 +30,9 @@ class ResultError(Exception):
 
 
 def fault_message(error: BaseException, method: Any) -> str:
-    """One line that says what was raised in a tracker's method and where in the tracker's own code.
+    """One line with the exception raised in a tracker's method and its place in the tracker's code.
 
-    What a tracker of uavbench's own says to people is given as it is.
+    A UserError of uavbench's own trackers is returned unchanged.
     """
     if isinstance(error, UserError) and _top(getattr(method, "__module__", "")) in OURS:
         return one_line(str(error))
@@ -41,7 +41,7 @@ def fault_message(error: BaseException, method: Any) -> str:
 
 
 def named(error: BaseException) -> str:
-    """Name and message of an error of anyone's, also where its own message cannot be made."""
+    """Name and message of any exception, even if its `__str__` raises."""
     try:
         return f"{type(error).__name__}: {error}"
     except Exception as another:
@@ -49,7 +49,7 @@ def named(error: BaseException) -> str:
 
 
 def users_place(error: BaseException) -> str:
-    """File, line and function of the user's own code that an error comes from, in brackets; "" where it is in none."""
+    """File, line and function of the user's code that raised an error, in parentheses; "" if none did."""
     found = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__) if _is_users(frame)]
     return f" ({_short(found[-1][0])}:{found[-1][1]} in {found[-1][0].co_name})" if found else ""
 
@@ -60,7 +60,7 @@ def _is_users(frame: FrameType) -> bool:
 
 
 def place(error: BaseException, method: Any) -> str:
-    """File, line and function of the tracker's own code that an exception comes from, else where its method begins."""
+    """File, line and function of the tracker's code that raised an exception, else those of the method's definition."""
     own = _top(getattr(method, "__module__", ""))
     found = [
         (frame.f_code, line)
@@ -79,7 +79,7 @@ def is_ours(tracker: object) -> bool:
 
 
 def checked(result: Any) -> TrackResult:
-    """A result of `track` with plain numbers; ResultError when it is none or holds what is none."""
+    """A result of `track` converted to plain Python numbers; ResultError when it is invalid."""
     if not isinstance(result, TrackResult):
         raise ResultError(f"[no-result] track returned {_named(result)}, not a uavbench.tracker.protocol.TrackResult")
     if result.status not in get_args(Status):
@@ -110,7 +110,7 @@ def _is_rotation(R: Array) -> bool:
 
 
 def _no_covariance(covariance: Any) -> str:
-    """Why something is no covariance of a pose, "" when it is one."""
+    """Reason why a value is not a covariance of a pose; "" if it is one."""
     if not isinstance(covariance, np.ndarray) or covariance.shape != (6, 6):
         return f"is {_named(covariance)}, not an array (6, 6)"
     if not (issubclass(covariance.dtype.type, Real) and np.isfinite(covariance).all()):
@@ -131,7 +131,7 @@ def _top(module: str) -> str:
 
 
 def _short(code: CodeType) -> str:
-    """Path of a source file from its top package on: the same wherever it is installed."""
+    """Path of a source file relative to its top package's parent, independent of the installation."""
     path = Path(code.co_filename)
     for module in list(sys.modules.values()):
         if getattr(module, "__file__", None) == code.co_filename:

@@ -1,6 +1,6 @@
 """Compiled geometry: lens, SO(3) and SE(3), clipping, small linear systems.
 
-A camera is an array (11,): fx fy cx cy, model (0 none, 1 radtan, 2 equidistant), k1..k5, as `camera_array` makes it.
+A camera is an array (11,): fx fy cx cy, model (0 none, 1 radtan, 2 equidistant), k1..k5; see `camera_array`.
 """
 
 import math
@@ -16,7 +16,7 @@ MODELS = {"none": 0.0, "radtan": 1.0, "equidistant": 2.0}
 
 
 def camera_array(camera: Camera) -> Array:
-    """A camera as the kernels take it."""
+    """A camera as an array (11,) for the kernels."""
     out = np.zeros(11)
     out[:5] = [camera.fx, camera.fy, camera.cx, camera.cy, MODELS[camera.distortion_model]]
     out[5 : 5 + len(camera.distortion)] = camera.distortion
@@ -170,7 +170,7 @@ def camera_centre(R: Array, t: Array) -> Array:
 
 @compiled("f2 f1 f1")
 def se3_exp_left(R: Array, t: Array, xi: Array) -> RigidMotion:
-    """exp(xi) @ (R, t): a pose moved by a twist (6,), translation first, from the left."""
+    """exp(xi) @ (R, t): left perturbation of a pose by a twist (6,), translation first."""
     E, V = so3_exp(xi[3:]), so3_left_jacobian(xi[3:])
     R_out, t_out = np.zeros((3, 3)), np.zeros(3)
     for i in range(3):
@@ -209,7 +209,7 @@ def se3_log_left(R: Array, t: Array, R_to: Array, t_to: Array) -> Array:
 
 @compiled("f2 f1 f1!", inner=True)
 def solve6(A: Array, b: Array, x: Array) -> bool:
-    """Solve the symmetric positive system A x = b of six unknowns (Cholesky); False when A is not positive."""
+    """Solve A x = b for a symmetric positive definite A (6, 6) by Cholesky; False if A is not positive definite."""
     L = np.empty((6, 6))
     for i in range(6):
         for j in range(i + 1):
@@ -237,7 +237,7 @@ def solve6(A: Array, b: Array, x: Array) -> bool:
 
 @compiled("f2! f2!", inner=True)
 def eliminate(M: Array, N: Array) -> None:
-    """Put M^-1 N into N (6, k), by Gauss-Jordan elimination with partial pivoting; M (6, 6) is used up."""
+    """Replace N (6, k) by M^-1 N, by Gauss-Jordan elimination with partial pivoting; M (6, 6) is overwritten."""
     k = N.shape[1]
     for i in range(6):
         pivot = i
@@ -265,7 +265,7 @@ def eliminate(M: Array, N: Array) -> None:
 
 @compiled("f2")
 def inverse6(A: Array) -> Array:
-    """Inverse of a symmetric positive matrix (6, 6); NaN where it is none."""
+    """Inverse of a symmetric positive definite matrix (6, 6); NaN if it is not positive definite."""
     out, unit, column = np.empty((6, 6)), np.zeros(6), np.zeros(6)
     for j in range(6):
         unit[:] = 0.0

@@ -1,4 +1,4 @@
-"""Step 3, initialization: a known pose, from picked points by PnP (Haralick & Shapiro 1992), or from a coarse guess."""
+"""Step 3, initialization: a known pose, PnP on picked points (Haralick & Shapiro 1992), or a coarse guess."""
 
 import sys
 from dataclasses import dataclass
@@ -24,16 +24,16 @@ from uavbench.trajectories.files.reading import read_toml
 from uavbench.trajectories.pose import Array, Pose
 
 PICKED_POINTS = 5
-"""Control points that are picked on the first image (Shang & Shen)."""
+"""Number of points picked in the first image (Shang & Shen)."""
 
 
 class Initialization(Protocol):
-    """A way to get the initial pose: a frozen dataclass of its parameters."""
+    """Source of the initial pose: a frozen dataclass of its parameters."""
 
     def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
-        """The pose that a tracker is started with on this first image."""
+        """cam_from_world with which a tracker is started on the first image."""
         ...
 
 
@@ -44,7 +44,7 @@ class Known:
     def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
-        """The true pose itself."""
+        """The true pose."""
         return true_cam_from_world
 
 
@@ -58,7 +58,7 @@ class PickedPoints:
     def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
-        """Pose of the corners picked; UserError when fewer than four are in view."""
+        """PnP pose of the picked corners; UserError when fewer than four are in view."""
         seen = np.unique(structure.edges[visible_edges(structure, camera, true_cam_from_world).edges])
         cam = true_cam_from_world.transform(structure.vertices[seen])
         seen, cam = seen[cam[:, 2] > 0], cam[cam[:, 2] > 0]
@@ -74,9 +74,10 @@ class PickedPoints:
 
 @dataclass(frozen=True)
 class CoarseGuess:
-    """A guess within range_part of the distance and angle_deg of the direction, then a search of poses.
+    """A coarse guess, refined by a pose search.
 
-    The guess is the true pose moved at random by up to that much; the best agreeing pose around it is taken.
+    The guess is the true pose perturbed at random by up to range_part of the distance and angle_deg of the direction;
+    the initial pose is the best match around it.
     """
 
     range_part: Annotated[float, Interval(ge=0, le=0.5)] = 0.1
@@ -85,7 +86,7 @@ class CoarseGuess:
     def initial_pose(
         self, structure: Structure, camera: Camera, true_cam_from_world: Pose, image: Image, rng: np.random.Generator
     ) -> Pose:
-        """The best of the poses around the guess; the guess itself when the image shows no edges."""
+        """The best matching pose around the guess; the guess itself when the image has no edges."""
         range_m = float(np.linalg.norm(true_cam_from_world.transform(structure.bounds.mean(axis=0, keepdims=True))))
         twist = np.concatenate(
             [
@@ -97,7 +98,7 @@ class CoarseGuess:
         config = RobustConfig()
         spread = max(self.range_part, float(np.radians(self.angle_deg)), config.relocalization.guess_sigma) / 2
         fitter = EdgeFitter(structure, camera, rng, config)
-        fitter.work = Work(allowed=sys.maxsize)  # nothing flies yet
+        fitter.work = Work(allowed=sys.maxsize)  # no time limit before the start
         relocator = Relocator(fitter, camera)
         fit = relocator.search(Sought(image, [guess], isotropic_covariance(spread, range_m), range_m)).fit
         return fit.cam_from_world if fit.finite else guess
@@ -108,11 +109,11 @@ INITIALIZATIONS: dict[str, type[Initialization]] = {
     "picked-points": PickedPoints,
     "coarse-guess": CoarseGuess,
 }
-"""Every way to get the initial pose by its name."""
+"""Name -> source of the initial pose."""
 
 
 def pose_from_points(points_m: Array, pixels: Array, camera: Camera) -> Pose:
-    """cam_from_world of points (n, 3) seen at pixels (n, 2), n >= 4; UserError when they fix no pose.
+    """cam_from_world of points (n, 3) observed at pixels (n, 2), n >= 4; UserError when they determine no pose.
 
     SQPnP (Terzakis & Lourakis 2020), then Levenberg-Marquardt on the reprojection errors.
     """
@@ -137,7 +138,7 @@ def pose_from_points(points_m: Array, pixels: Array, camera: Camera) -> Pose:
 
 
 def read_init(path: Path, camera: Camera) -> Pose:
-    """cam_from_model of an `init.toml`; UserError naming the file and the key that is wrong.
+    """cam_from_model of an `init.toml`; UserError naming the file and the invalid key.
 
     It holds `cam_from_model`, four rows of four, or `points`, a list of {model_m = [x, y, z], image_px = [u, v]}.
     """

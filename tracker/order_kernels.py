@@ -1,4 +1,4 @@
-"""Compiled orders: each sort is compiled once, for it takes long to compile."""
+"""Compiled sorts, shared by all kernels because sorts take long to compile."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ Indices = NDArray[np.int64]
 
 @compiled("i1! i1 | i1! f1", inner=True)
 def sort_falling(rows: Indices, values: Array | Indices) -> None:
-    """Sort rows (n,) in place by their values, the greatest first, equal ones as they were (merge sort)."""
+    """Sort rows (n,) in place by descending values; stable (merge sort)."""
     n = len(rows)
     merged = np.empty(n, np.int64)
     width = 1
@@ -33,7 +33,7 @@ def sort_falling(rows: Indices, values: Array | Indices) -> None:
 
 @compiled("f1", inner=True)
 def falling(values: Array) -> Indices:
-    """Rows of values (n,), the greatest first, equal ones as they are."""
+    """Indices that sort values (n,) in descending order; stable."""
     rows = np.empty(len(values), np.int64)
     for k in range(len(values)):
         rows[k] = k

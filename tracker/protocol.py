@@ -1,6 +1,6 @@
-"""The tracker protocol: a frozen set of parameters that starts a run, and a run that takes frames.
+"""The tracker protocol: frozen parameters that start a run, and a run that processes frames.
 
-What a run is given is all that it may know; the table in docs/my-tracker.md says the same for programs.
+A run may use only the arguments that it gets here; docs/my-tracker.md has the same table for external programs.
 """
 
 from collections.abc import Mapping
@@ -25,11 +25,11 @@ Status = Literal["ok", "ambiguous", "lost", "not_initialized"]
 class TrackResult:
     """A tracker's result for one frame.
 
-    status is `ambiguous` where several poses explain the frame about equally well; like `lost`, it comes without an
-    estimate. `cam_from_world` is the estimate, None unless status is `ok`; `guess` is the best guess of a tracker that
-    searches, and no estimate. `covariance` (6, 6) is of the twist xi with cam_from_world_true = exp(xi) @
-    cam_from_world, translation (m) first, rotation (rad) last, None where the tracker claims none. `stage_ms` holds the
-    wall time of each stage by its name. The counts are None where they mean nothing.
+    status: `ambiguous` when several poses explain the frame about equally well; like `lost`, it has no estimate.
+    cam_from_world: the estimate, None unless status is `ok`; guess: best hypothesis of a tracker that is still
+    searching, not an estimate. covariance (6, 6): of the twist xi with cam_from_world_true = exp(xi) @ cam_from_world,
+    translation (m) first, rotation (rad) last; None if the tracker claims none. stage_ms: wall-clock time of each stage
+    by name. Counts are None where not applicable.
     """
 
     status: Status
@@ -48,7 +48,7 @@ class TrackResult:
 
 
 class Run(Protocol):
-    """A tracker at work on one sequence."""
+    """A run of a tracker on one sequence."""
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
         """Estimate at the next frame; image (h, w) grey or (h, w, 3) BGR, stamps strictly increasing."""
@@ -56,7 +56,7 @@ class Run(Protocol):
 
 
 class SensingRun(Run, Protocol):
-    """A run that takes the readings of the body's sensors too."""
+    """A run that also uses the readings of the body's sensors."""
 
     def sense(self, samples: Mapping[str, Samples]) -> None:
         """Samples of each sensor, by name, since the last call; before each frame, up to and with its stamp."""
@@ -65,9 +65,9 @@ class SensingRun(Run, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Where the vehicle's filter expects the camera at the next frame.
+    """Pose of the camera at the next frame, as predicted by the vehicle's filter.
 
-    covariance (6, 6) is of the twist xi with cam_from_world_true = exp(xi) @ cam_from_world, as in `TrackResult`.
+    covariance (6, 6): of the twist xi with cam_from_world_true = exp(xi) @ cam_from_world, as in `TrackResult`.
     """
 
     cam_from_world: Pose
@@ -75,10 +75,10 @@ class Prediction:
 
 
 class PredictedRun(Run, Protocol):
-    """A run that takes what the vehicle's filter expects, in flight; nothing of the frame itself is in that."""
+    """A run that also uses the prediction of the vehicle's filter, which does not depend on the frame itself."""
 
     def predict(self, cam_from_world: Pose, covariance: Array) -> None:
-        """Expected pose of the next frame with its covariance (6, 6), as in `Prediction`; before each such frame."""
+        """Set the predicted pose and covariance (6, 6) of the next frame, as in `Prediction`; called before it."""
         ...
 
 
@@ -86,12 +86,12 @@ class Tracker(Protocol):
     """Parameters of a tracker variant: a frozen dataclass with this one method."""
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Start a run from a known initial pose; the first frame tracked is the one that the pose belongs to."""
+        """Start a run from a known initial pose, which is that of the first tracked frame."""
         ...
 
 
 class BodyTracker(Protocol):
-    """A tracker whose `start` takes the `body` as well: the camera's place on it, and its sensors."""
+    """A tracker whose `start` also takes the `body`: the camera's mounting on it, and its sensors."""
 
     def start(
         self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator, *, body: Body
@@ -101,13 +101,13 @@ class BodyTracker(Protocol):
 
 
 class ImageError(UserError):
-    """An image is none that a tracker takes."""
+    """An image of an unsupported shape or type."""
 
 
 def check_image(image: Image, camera: Camera) -> Image:
-    """The image in rows of its own, as kernels and OpenCV need it: a view, a crop or a read-only one is copied.
+    """The image as a contiguous, writable array for kernels and OpenCV; copied if necessary.
 
-    ImageError unless it is of the camera's size, grey or BGR, and of 8 bits.
+    ImageError unless it has the camera's size, is grey or BGR, and has 8 bits.
     """
     wanted = f"({camera.height}, {camera.width}) grey or ({camera.height}, {camera.width}, 3) BGR of type uint8"
     if not isinstance(image, np.ndarray) or isinstance(image, np.ma.MaskedArray):

@@ -1,4 +1,4 @@
-"""The tracker variants, by name."""
+"""Registry of trackers by name."""
 
 from uavbench.tracker.baselines.hold import Hold
 from uavbench.tracker.baselines.visual_odometry import Vo
@@ -17,11 +17,11 @@ TRACKERS: dict[str, type[Tracker]] = {
     "robust": Robust,
     "vo": Vo,
 }
-"""Name -> parameters of every tracker variant."""
+"""Name -> parameters of a tracker."""
 
 
 def tracker_kind(tracker: Tracker) -> str:
-    """Name of a variant in TRACKERS, or `module:class` of one from elsewhere."""
+    """Name of a tracker in TRACKERS, or `module:class` of a user's plug-in."""
     for kind, variant in TRACKERS.items():
         if type(tracker) is variant:
             return kind

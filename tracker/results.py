@@ -1,12 +1,12 @@
 """The results of one tracker on one sequence, and their folder.
 
-    record.json    what made them: tracker and parameters, rate, seed, sequence, versions, hash, list of files
-    frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where there is none
-    times.csv      frame, wall time of each stage in ms
-    estimate_world_from_body.tum      the frames that are ok; estimate_world_from_cam.tum where no mount is known
-    groundtruth_world_from_body.tum   the same for the ground truth at every tracked frame, where there is one
+    record.json    provenance: tracker and parameters, rate, seed, sequence, versions, hash, list of files
+    frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where undefined
+    times.csv      frame, wall-clock time of each stage in ms
+    estimate_world_from_body.tum      the frames that are ok; estimate_world_from_cam.tum if the mount is unknown
+    groundtruth_world_from_body.tum   ground truth at every tracked frame, if known
 
-All but times.csv is the same, byte for byte, on every run.
+All files but times.csv are byte-identical on every run.
 """
 
 import csv
@@ -29,7 +29,7 @@ from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_tum
 
 MARKER = "record.json"
-"""The file of a results folder that lists the others."""
+"""File of a results folder that lists the others."""
 POSE_COLUMNS = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 COVARIANCE_COLUMNS = [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
 COUNT_COLUMNS = ["segments", "control_points", "candidates", "inliers"]
@@ -41,8 +41,8 @@ UPPER = np.triu_indices(6)
 class Results:
     """One row per tracked frame.
 
-    frames (n,) are indices into the sequence, stamps_ns (n,) their stamps; record is what `record.json` holds and has
-    the mount `cam_from_body` (4, 4) among its keys.
+    frames (n,): indices into the sequence; stamps_ns (n,): their stamps; record: content of `record.json`, including
+    the mount `cam_from_body` (4, 4).
     """
 
     record: Mapping[str, Any]
@@ -85,16 +85,16 @@ class Results:
 
     @property
     def frame(self) -> str:
-        """Frame of `estimate`: `world_from_body`, or `world_from_cam` where no mount is known."""
+        """Frame of `estimate`: `world_from_body`, or `world_from_cam` if the mount is unknown."""
         return "world_from_cam" if np.array_equal(self.cam_from_body.matrix, np.eye(4)) else "world_from_body"
 
     def save(self, folder: Path, groundtruth: Trajectory | None = None) -> None:
-        """Write the folder, whole or not at all; `groundtruth` is in the frame of `estimate`."""
+        """Write the folder, completely or not at all; groundtruth: in the frame of `estimate`."""
         with new_folder(folder, MARKER) as new:
             self.write(new, groundtruth)
 
     def write(self, new: Path, groundtruth: Trajectory | None = None) -> None:
-        """Write the files into a new folder; `groundtruth` is in the frame of `estimate`."""
+        """Write the files into a new folder; groundtruth: in the frame of `estimate`."""
         write_text(new / MARKER, json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
         _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
         stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
@@ -110,7 +110,7 @@ class Results:
 
     @classmethod
     def load(cls, folder: Path) -> "Results":
-        """Read what `save` wrote; UserError naming the file and the line that is wrong."""
+        """Read what `save` wrote; UserError naming the invalid file and line."""
         record = read_json(folder / "record.json")
         _check_record(record, folder / "record.json")
         table = read_table(folder / "frames.csv", FRAME_COLUMNS)
@@ -142,7 +142,7 @@ class Results:
 
 
 def _check_record(record: Mapping[str, Any], path: Path) -> None:
-    """UserError naming the first key of a record that is not what it should be."""
+    """Raise UserError naming the first invalid key of a record."""
     tracker, sequence, errors = record.get("tracker"), record.get("sequence", {}), record.get("errors", [])
     rate_hz, seed = record.get("rate_hz"), record.get("seed")
     good = {

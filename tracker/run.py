@@ -40,9 +40,9 @@ def track_sequence(
 ) -> Results:
     """Results of a tracker on every k-th frame, k the sequence's rate over rate_hz, from the initial pose of `start`.
 
-    `on_frame(frame, result)` is called after each frame. A frame at which the tracker raised, or returned what is no
-    result, is `lost` and reported under `errors` in the record. Images are read outside the timed part. UserError when
-    the tracker cannot be started, rate_hz is out of range or an image cannot be read.
+    `on_frame(frame, result)` is called after each frame. A frame for which the tracker raises an exception or returns
+    an invalid result is `lost` and listed under `errors` of the record. Reading images is not timed. UserError when the
+    tracker cannot be started, rate_hz is out of range or an image cannot be read.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz))
     first = initial_pose(start, sequence, 0, seed)
@@ -65,9 +65,9 @@ def track_sequence(
 def begin(
     tracker: Tracker, sequence: Sequence, cam_from_world: Pose, rng: np.random.Generator, body: Body | None = None
 ) -> Run:
-    """A run of a tracker over a sequence from a pose; its `start` is given the body where it has a parameter `body`.
+    """Start a run of a tracker over a sequence from a pose; the body is passed to `start` if it has a parameter `body`.
 
-    UserError naming the place in the tracker's code when `start` raises or returns what is no run.
+    UserError naming the place in the tracker's code when `start` raises or does not return a run.
     """
     return started(tracker, sequence.structure, sequence.camera, cam_from_world, rng, body or body_of(sequence))
 
@@ -80,7 +80,7 @@ def started(
     rng: np.random.Generator,
     body: Body,
 ) -> Run:
-    """A run of a tracker, as `begin` makes it, where there is no sequence; UserError as there."""
+    """Start a run of a tracker without a sequence; UserError as `begin`."""
     more = {"body": body} if "body" in inspect.signature(tracker.start).parameters else {}
     try:
         run = tracker.start(structure, camera, cam_from_world, rng, **more)
@@ -95,7 +95,7 @@ def started(
 
 
 def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.Generator:
-    """Random numbers of a tracker: its own stream, from which the sequence's seed cannot be read."""
+    """Random generator of a tracker: its own stream, which does not reveal the sequence's seed."""
     drawn = stream(seed, "tracker", tracker_kind(tracker), *names)
     hidden = stream(seed, "tracker", tracker_kind(tracker), *names, "own seed").integers(2**63)
     bits = np.random.PCG64(int(hidden))
@@ -104,7 +104,7 @@ def tracker_stream(tracker: Tracker, seed: int, *names: str | int) -> np.random.
 
 
 def all_failed(results: Results) -> str:
-    """Message with the first fault, when a tracker failed and no frame has a pose; else ""."""
+    """Message with the first fault if the tracker failed and no frame has a pose, else ""."""
     errors = results.record["errors"]
     if not errors or results.ok.any():
         return ""
@@ -112,14 +112,14 @@ def all_failed(results: Results) -> str:
 
 
 def initial_pose(start: Initialization, sequence: Sequence, frame: int, seed: int) -> Pose:
-    """cam_from_world that a tracker is started with at a frame of a sequence."""
+    """cam_from_world with which a tracker is started at a frame of a sequence."""
     names = ("initialization",) if frame == 0 else ("initialization", str(frame))
     pose = sequence.true_cam_from_world(frame) if frame else sequence.initial_cam_from_world
     return start.initial_pose(sequence.structure, sequence.camera, pose, sequence.image(frame), stream(seed, *names))
 
 
 class TrackedFrame(NamedTuple):
-    """The result of a frame, and what the tracker did wrong, "" if nothing."""
+    """The result of a frame, and the tracker's fault, "" without one."""
 
     result: TrackResult
     error: str
@@ -132,10 +132,10 @@ def track_frame(
     samples: Mapping[str, Samples] | None = None,
     expected: Prediction | None = None,
 ) -> TrackedFrame:
-    """Result of one frame with its `total` wall time among stage_ms, and what the tracker did wrong, "" if nothing.
+    """Result of one frame with its `total` wall-clock time in stage_ms, and the tracker's fault, "" without one.
 
-    samples are what the body's sensors measured since the frame before, for a run that has `sense`; expected is what
-    the vehicle's filter predicts of the frame, for one that has `predict`.
+    samples: measurements of the body's sensors since the previous frame, for a run with `sense`; expected: prediction
+    of the vehicle's filter, for a run with `predict`.
     """
     error = ""
     sense = getattr(run, "sense", None) if samples is not None else None
@@ -154,7 +154,7 @@ def track_frame(
         result = checked(result)
     except (KeyboardInterrupt, Terminated):
         raise
-    except BaseException as exception:  # a tracker may be anyone's: its crash is a loss, not the run's end
+    except BaseException as exception:  # a user's tracker may raise anything: its frame is lost, the run continues
         total_ms = (time.perf_counter() - begin) * 1e3
         result, error = TrackResult(status="lost"), fault_message(exception, method)
     if result.cam_from_world is not None and not within_reach(result.cam_from_world):
@@ -164,12 +164,12 @@ def track_frame(
 
 
 def within_reach(pose: Pose) -> bool:
-    """Whether a pose is finite and within LARGEST_COORDINATE_M, so that errors can be computed of it."""
+    """Whether a pose is finite and within LARGEST_COORDINATE_M, so that its errors can be computed."""
     return bool(np.isfinite(pose.rotation).all() and np.abs(pose.translation).max() <= LARGEST_COORDINATE_M)
 
 
 def stride(sequence: Sequence, rate_hz: float) -> int:
-    """Every how many-th frame of a sequence makes rate_hz; UserError when rate_hz is out of range."""
+    """Stride of the frames of a sequence at rate_hz; UserError when rate_hz is out of range."""
     if not rate_hz > 0:
         raise UserError(f"rate_hz = {rate_hz}: must be positive")
     if len(sequence) < 2:
@@ -189,7 +189,7 @@ def make_record(
     errors: list[str],
     start: Initialization = KNOWN,
 ) -> dict[str, Any]:
-    """Content of `record.json` of a run; `content_hash` is of all that made it."""
+    """Content of `record.json` of a run; its `content_hash` covers all inputs."""
     inputs = {
         "start": {"kind": type(start).__name__, "parameters": parameters(start)},
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
@@ -200,7 +200,7 @@ def make_record(
 def record_of(
     tracker: Tracker, inputs: Mapping[str, Any], cam_from_body: Pose, *, rate_hz: float, seed: int, errors: list[str]
 ) -> dict[str, Any]:
-    """Record of a tracker on any `inputs`: JSON values by name, which enter the content hash."""
+    """Record of a tracker on any inputs, given as JSON values by name, which enter the content hash."""
     made_by = {
         **inputs,
         "tracker": {"kind": tracker_kind(tracker), "parameters": parameters(tracker)},

@@ -1,4 +1,4 @@
-"""The results of a tracker that can be scored: the rest counts as lost, and is reported by frame."""
+"""Validation of results before scoring: frames with invalid poses count as lost and are reported."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,22 +13,21 @@ from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
 from uavbench.trajectories.pose import Array
 
 MAX_REPORTED = 5
-"""Frames that are named one by one."""
+"""Most frames that are reported individually."""
 
 
 class SoundResults(NamedTuple):
-    """Results that errors can be computed of, and what was left out of them, by frame."""
+    """Valid results, and messages on what was removed, by frame."""
 
     results: Results
     left_out: tuple[str, ...]
 
 
 def sound(results: Results) -> SoundResults:
-    """The results without what no error can be computed of, and what was left out, by frame.
+    """The results without invalid poses and covariances, and messages on what was removed, by frame.
 
-    A pose that is not finite or beyond LARGEST_COORDINATE_M makes its frame lost; a covariance that is not finite,
-    beyond the square of that, or has a negative variance is no claim.
-    UserError when the record lacks what a score needs.
+    A frame whose pose is not finite or beyond LARGEST_COORDINATE_M is lost; a covariance that is not finite, beyond the
+    square of that, or has a negative variance is removed. UserError when the record lacks a key that scoring needs.
     """
     if missing := [key for key in ("tracker", "rate_hz", "seed", "cam_from_body") if key not in results.record]:
         raise UserError(f"record.json: `{missing[0]}` is missing; track again")

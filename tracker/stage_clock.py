@@ -1,4 +1,4 @@
-"""Wall time of the stages of one frame."""
+"""Wall-clock time of the stages of one frame."""
 
 import time
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ class StageClock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Count what runs inside towards a stage."""
+        """Context whose duration is added to a stage."""
         begin = time.perf_counter()
         try:
             yield

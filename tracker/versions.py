@@ -1,4 +1,4 @@
-"""Versions of the libraries that results depend on; imports nothing of ours, so evaluating loads no tracker."""
+"""Versions of the libraries that results depend on; imports no other module, so evaluation loads no tracker."""
 
 import platform
 from importlib.metadata import PackageNotFoundError, version
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a tracker's numbers depend on."""
+    """Versions of the libraries that a tracker's results depend on, by name."""
     try:
         own = version("uavbench")
     except PackageNotFoundError:

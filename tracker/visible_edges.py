@@ -1,9 +1,9 @@
-"""Step 4, model projection: which edges of the structure a camera sees, and where.
+"""Step 4, model projection: the visible edges of the structure and their projections.
 
-A face is visible when dot(face normal, camera ray) < 0; a visible edge touches a visible face (Harris & Stennett
-1990). What hides behind another part of the structure is asked for drawings alone (see images.seen_edges).
+A face is visible when dot(face normal, camera ray) < 0; a visible edge is adjacent to a visible face (Harris & Stennett
+1990). Occlusion by other parts of the structure is computed for drawings only (`images.seen_edges`).
 
-Pixels are those of the camera without its distortion, the image that trackers work in.
+Pixels are those of the undistorted image, in which trackers work.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from uavbench.scenes.structure import Structure
 from uavbench.trajectories.pose import Array, Pose
 
 NEAR_PART = 1e-3
-"""Least depth that is projected, in diagonals of the structure's bounding box, since a model may be in any unit: 0.6 mm
-for a box of 0.5 m, 30 mm for a bridge of 30 m. Only keeps divisions by the depth finite.
+"""Near plane, in diagonals of the structure's bounding box, since a model may be in any unit: 0.6 mm for a box of
+0.5 m, 30 mm for a bridge of 30 m. It only keeps divisions by the depth finite.
 """
 
 Indices = NDArray[np.int64]
@@ -27,10 +27,10 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class ProjectedEdges:
-    """The parts of the visible edges that lie in the image.
+    """The parts of the visible edges within the image.
 
-    edges (k,) their rows in `structure.edges`; segments_px (k, 2, 2) undistorted pixels of their ends;
-    segments_m (k, 2, 3) the same ends in the world, depths_m (k, 2) their depths in the camera.
+    edges (k,): rows in `structure.edges`; segments_px (k, 2, 2): undistorted pixels of their ends; segments_m
+    (k, 2, 3): the same ends in the world; depths_m (k, 2): their depths in the camera.
     """
 
     edges: Indices
@@ -59,14 +59,14 @@ def visible_edges(structure: Structure, camera: Camera, cam_from_world: Pose) ->
 
 
 def visible_faces(structure: Structure, cam_from_world: Pose) -> NDArray[np.bool_]:
-    """Whether each planar face turns its outside to the camera (f,)."""
+    """Mask (f,) of the planar faces whose outside faces the camera."""
     eye = cam_from_world.inverse().translation
     facing: NDArray[np.bool_] = np.einsum("ij,ij->i", structure.face_normals, structure.face_points - eye) < 0
     return facing
 
 
 def touching_visible_face(structure: Structure, cam_from_world: Pose) -> NDArray[np.bool_]:
-    """Whether each edge has a visible face beside it (e,)."""
+    """Mask (e,) of the edges that are adjacent to a visible face."""
     visible = np.append(visible_faces(structure, cam_from_world), False)
     return np.asarray(visible[structure.edge_faces].any(axis=1))
 
@@ -78,17 +78,17 @@ def near_depth(structure: Structure) -> float:
 
 
 class SharesInView(NamedTuple):
-    """Where the visible part of each segment (k,) starts and ends, in parts of its length."""
+    """Start and end of the visible part of each segment (k,), as fractions of its length."""
 
     start: Array
     end: Array
 
 
 def clip_to_view(segments_cam: Array, camera: Camera, near: float) -> SharesInView:
-    """Where the visible part of each segment (k, 2, 3) of the camera frame starts and ends, in parts of its length.
+    """Start and end of the visible part of each segment (k, 2, 3) in the camera frame, as fractions of its length.
 
-    Start is not below end where nothing of a segment is in view (Liang & Barsky 1984, on the planes of the view). All
-    segments at once by numpy: geometry_kernels.clip_segment sums in another order, and shang_shen's poses with it.
+    Start >= end if no part of a segment is in view (Liang & Barsky 1984, with the planes of the view frustum).
+    Vectorized in numpy: geometry_kernels.clip_segment sums in another order, which would change shang_shen's poses.
     """
     x0, y0, x1, y1 = undistorted_bounds(camera)
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
@@ -111,7 +111,7 @@ def pinhole(points_cam_m: Array, camera: Camera) -> Array:
 
 
 def to_image(pixels: Array, camera: Camera) -> Array:
-    """Pixels (n, 2) of the camera's image at undistorted pixels (n, 2)."""
+    """Pixels (n, 2) of the distorted image for undistorted pixels (n, 2)."""
     if camera.distortion_model == "none":
         return pixels
     return camera.project(camera.without_distortion.rays(pixels))

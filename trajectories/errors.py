@@ -1,4 +1,4 @@
-"""UserError, the exception for users' mistakes; escaping of untrusted text; messages for disk errors."""
+"""UserError, the exception for user errors; escaping of untrusted text; messages for disk errors."""
 
 import errno
 import re

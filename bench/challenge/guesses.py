@@ -1,6 +1,6 @@
-"""How well a flight can be guessed from the suite's file alone, by flying the same path under other seeds.
+"""How well a flight can be guessed from the suite's file alone, by flying the same path with other seeds.
 
-A deterministic path, such as an orbit of given radius, is told by the file: no secret seed hides it.
+A deterministic path, such as an orbit of given radius, is fully specified by the file: a secret seed cannot hide it.
 """
 
 from collections.abc import Iterator
@@ -18,14 +18,14 @@ from uavbench.trajectories.trajectory import Trajectory
 
 GUESSED_SEEDS = range(3)
 MOST_POINTS_GUESSED = 10.0
-"""Largest score of a guess, of 100 points; a tracker that locates every frame within 10 cm has 15."""
+"""Largest accepted advantage of a guess, of 100 points; a tracker with errors of up to 10 cm scores 15."""
 
 
 def points_guessed(spec: SequenceSpec, truth: Trajectory) -> float:
     """Advantage in score points of the best guess over repeating the initial pose; at least 0.
 
-    truth is `world_from_body` at each frame.
-    A guess is a flight under one of GUESSED_SEEDS, as it is or moved so that it begins at the true first pose.
+    truth: `world_from_body` at each frame. A guess is a flight with one of GUESSED_SEEDS, either unchanged or aligned
+    with the true pose at the first frame.
     """
     held = hilti_score(np.linalg.norm(truth.positions_m - truth.positions_m[0], axis=1))
     return max(
@@ -34,7 +34,7 @@ def points_guessed(spec: SequenceSpec, truth: Trajectory) -> float:
 
 
 def _errors(spec: SequenceSpec, truth: Trajectory, seed: int) -> Iterator[Array]:
-    """Errors (n,) in m at each frame of the truth of the guesses with a seed; none where it has no flight."""
+    """Position errors (n,) in m of the two guesses with a seed at each frame; none if no flight exists for the seed."""
     other = replace(spec, seed=seed)
     try:
         flight = fly(other.flight, other.mount, obstacles_of(other), other.seed)
@@ -50,11 +50,11 @@ def _errors(spec: SequenceSpec, truth: Trajectory, seed: int) -> Iterator[Array]
 
 
 def refuse_guessed(spec: SequenceSpec, truth: Trajectory) -> None:
-    """UserError when a flight can be guessed from the suite's file with more than MOST_POINTS_GUESSED points."""
+    """Raise UserError when guessing a flight from the suite's file earns more than MOST_POINTS_GUESSED points."""
     points = points_guessed(spec, truth)
     if points > MOST_POINTS_GUESSED:
         raise UserError(
-            f"sequence {spec.name}: flying the suite's file under other seeds earns {points:.0f} points of 100 more "
-            "than repeating the initial pose: its path depends on the seed too little; take one that does "
-            "(`hand-pilot`), or add --private-suite if no participant will see the file"
+            f"sequence {spec.name}: a flight of the suite's file with another seed earns {points:.0f} of 100 points "
+            "more than repeating the initial pose: the path depends too little on the seed; use one that depends on it "
+            "more (`hand-pilot`), or add --private-suite if no participant will see the file"
         )

@@ -19,7 +19,7 @@ SECRET = "secret.toml"
 
 @dataclass(frozen=True)
 class Hidden:
-    """A sequence of the suite: its name, and an anonymous name of the flight that it is a seed of."""
+    """A sequence of the suite: its true name, and the public name of its flight, shared by the flight's seeds."""
 
     name: str
     flight: str
@@ -27,9 +27,10 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Challenge:
-    """A challenge: its identifier, its frame rate, and its sequences by their public names.
+    """A challenge: its identifier, its frame rate in Hz, and its sequences by public name.
 
-    The identifier is derived from the secret and the suite's sequences, so packages of one challenge share it.
+    The identifier is derived from the secret and the suite's sequences, so that all packages of a challenge share
+    it.
     """
 
     challenge: str
@@ -38,7 +39,7 @@ class Challenge:
 
     @classmethod
     def of(cls, suite: Suite, secret: Secret) -> "Challenge":
-        """The challenge of a suite, its sequences in an order derived from the secret."""
+        """The challenge of a suite, with its sequences in an order derived from the secret."""
         names = sorted((spec.name for spec in suite.sequences), key=lambda name: secret.derived("order", name))
         flight_of = {spec.name: spec.name.removesuffix(f"-s{spec.seed}") for spec in suite.sequences}
         flights = list(dict.fromkeys(flight_of[name] for name in names))
@@ -52,7 +53,7 @@ class Challenge:
         return cls(secret.identifier(what), rate_hz, hidden)
 
     def save(self, folder: Path) -> None:
-        """Write the record into the organizer's folder; UserError where that belongs to another challenge."""
+        """Write the record into the organizer's folder; UserError when the folder belongs to another challenge."""
         path = folder / CHALLENGE
         if path.exists() and self.load(folder).challenge != self.challenge:
             raise UserError(
@@ -63,7 +64,7 @@ class Challenge:
 
     @classmethod
     def load(cls, folder: Path) -> "Challenge":
-        """Read the record from the organizer's folder; UserError where there is none."""
+        """Read the record from the organizer's folder; UserError when it is missing or invalid."""
         path = folder / CHALLENGE
         about = read_json(path, hint="; give the folder that `uavbench pack` called the organizer's")
         about.pop("made_by", None)

@@ -1,4 +1,4 @@
-"""`uavbench pack`: render a suite under a secret, and write what participants get of it."""
+"""`uavbench pack`: render a suite with secret seeds, and write the package for participants."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,9 +23,9 @@ from uavbench.trajectories.files.writing import refuse_foreign
 
 @dataclass(frozen=True, kw_only=True)
 class Packing:
-    """Where a package goes: `out` to the participants, `truth` stays with the organizer.
+    """Output folders of a package: `out` for the participants, `truth` for the organizer alone.
 
-    secret: file of the secret, by default in `truth`. private_suite: participants will never see the suite's file.
+    secret: file of the secret, by default in `truth`; private_suite: the suite's file is never shown to participants.
     """
 
     out: Path
@@ -36,7 +36,7 @@ class Packing:
 
 
 def pack(suite_name: str, where: Packing) -> int:
-    """Render the missing sequences of a suite under a secret and write its package; exit codes as `bring_up_to`.
+    """Render the missing sequences of a suite with secret seeds and write its package; exit code as `bring_up_to`.
 
     UserError for a suite that cannot be a challenge, nested folders, a weak secret, and flights that can be guessed
     from the suite's file.
@@ -80,8 +80,8 @@ def _rendered(suite: Suite) -> list[SequenceSpec]:
 
 
 def _refuse_together(out: Path, truth: Path, secret: Path) -> None:
-    """UserError when the folders of participants and organizer contain each other, or the package the secret."""
+    """Raise UserError when one of both folders contains the other, or the package would contain the secret."""
     if out == truth or out.is_relative_to(truth) or truth.is_relative_to(out):
-        raise UserError(f"--out {out} and --truth {truth} lie in each other; participants get all of --out")
+        raise UserError(f"--out {out} and --truth {truth} must not contain each other; participants get all of --out")
     if secret.is_relative_to(out):
         raise UserError(f"--secret {secret} lies in --out {out}, all of which participants get; put it elsewhere")

@@ -1,10 +1,10 @@
 """The package for participants: what a tracker may know of each sequence, and nothing else.
 
-    package.json        the challenge, the rate, its sequences, its files
-    README.md           what is in it, and how results come back
+    package.json        the challenge's identifier, its rate, sequences and files
+    README.md           description of the files, and the format of submissions
     sequence-01/        as the job folder of an external tracker (`uavbench.bench.external.job_folder`), without a seed
 
-Images are encoded again, without metadata, and all files get the same modification time.
+Images are encoded again without metadata, and all files get the same modification time.
 """
 
 import json
@@ -29,8 +29,8 @@ NO_TIME_S = 946_684_800
 """Modification time of every file of a package: 2000-01-01, which all archive formats can represent."""
 README = """# A challenge in model-based localization
 
-Each folder `sequence-NN` holds one flight around a structure whose model is known. Wanted is the pose of the camera
-in the model's frame at every image.
+Each folder `sequence-NN` holds one flight around a structure whose model is known. The task is to estimate the pose of
+the camera in the model's frame for every image.
 
 | file | what it holds |
 |---|---|
@@ -47,14 +47,14 @@ Send a folder with one file for each sequence, `sequence-NN.csv` or `sequence-NN
 - TUM: `timestamp_s tx ty tz qx qy qz qw`, the pose of the camera in the model's frame, or of the body where the first
   line is `# frame: world_from_body`.
 
-With up to five runs these files lie in `run-1` ... `run-5`, and the run with the median score counts.
+For up to five runs, put these files into folders `run-1` ... `run-5`; the run with the median score counts.
 `submission.toml` may hold `name = "..."`. Every image without a pose counts as failed, and so does every sequence
 without a file.
 """
 
 
 def write_package(out: Path, challenge: Challenge, sequences: Mapping[str, Sequence], start: Initialization) -> None:
-    """Write the package of a challenge, whole or not at all; sequences by the names that participants get."""
+    """Write the package of a challenge, completely or not at all; sequences: by public name."""
     with new_folder(out, PACKAGE) as new:
         write_text(new / "README.md", README)
         about = {
@@ -79,7 +79,10 @@ def _write_sequence(folder: Path, sequence: Sequence, start: Initialization, rat
 
 
 def bare_png(path: Path) -> bytes:
-    """The pixels of an image as a PNG file of header, pixels and end, without text, times or colour profiles."""
+    """The image as PNG with the chunks IHDR, IDAT and IEND only: no text, times or colour profiles.
+
+    UserError when it cannot be encoded.
+    """
     done, encoded = cv2.imencode(".png", load_image(path, cv2.IMREAD_UNCHANGED))
     if not done:
         raise UserError(f"{path}: cannot be encoded as PNG; render the sequence again")
@@ -87,7 +90,7 @@ def bare_png(path: Path) -> bytes:
 
 
 def _take_times(folder: Path) -> None:
-    """Give all files and folders the same time."""
+    """Set the same modification time for all files and folders."""
     files = [folder / name for name in tree(folder)]
     folders = {above for file in files for above in file.parents if above.is_relative_to(folder)}
     for path in (*files, *folders):

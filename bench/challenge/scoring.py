@@ -19,9 +19,9 @@ from uavbench.trajectories.pose import Array
 
 
 def score_submission(truth: Path, folder: Path) -> SubmissionScore:
-    """Score of the submission in a folder; truth is the organizer's folder.
+    """Score of the submission in a folder; truth: the organizer's folder.
 
-    Missing or wrong content counts as failed and is listed in the score's faults. UserError when the folder is no
+    Missing or invalid content counts as failed and is listed in the score's faults. UserError when the folder is not a
     submission, or the organizer's folder is incomplete.
     """
     challenge = Challenge.load(truth)

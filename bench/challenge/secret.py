@@ -1,6 +1,6 @@
 """The secret of a challenge: 256 random bits from which the seeds of its sequences are derived.
 
-A suite's own seeds are small numbers in its file, with which participants could render the ground truth.
+The seeds in a suite's file are small numbers, with which participants could render the ground truth themselves.
 """
 
 import hmac
@@ -16,30 +16,30 @@ from uavbench.trajectories.files.reading import read_toml
 
 SECRET_BYTES = 32
 MOST_OF_ONE_DIGIT = 20
-"""Of the 64 digits: in a random secret some digit is there more often with a probability of 2e-9."""
+"""Most repetitions of a digit among the 64; a random secret exceeds it with a probability of 2e-9."""
 
 
 @dataclass(frozen=True, repr=False)
 class Secret:
-    """A key (32 bytes) and what is derived from it, each by the HMAC (RFC 2104) of a name."""
+    """A key (32 bytes), and values derived from it by the HMAC (RFC 2104) of their names."""
 
     key: bytes
 
     def derived(self, *names: str) -> bytes:
-        """32 bytes derived from a name, which reveal neither the key nor those of another name."""
+        """32 bytes derived from a name; they reveal neither the key nor the bytes of other names."""
         return hmac.digest(self.key, "\0".join(names).encode(), "sha256")
 
     def seed(self, sequence: str) -> int:
-        """Seed of a sequence: 256 bits, the first of them set, so that it is longer than any seed of a suite."""
+        """Seed of a sequence: 256 bits with the highest bit set, so that no seed of a suite can equal it."""
         return int.from_bytes(self.derived("seed", sequence), "big") | 1 << (8 * SECRET_BYTES - 1)
 
     def identifier(self, what: str) -> str:
-        """Public identifier (16 hexadecimal digits) of something."""
+        """Public identifier (16 hexadecimal digits) of a name."""
         return self.derived("identifier", what).hex()[:16]
 
 
 def read_or_make(path: Path) -> Secret:
-    """Secret of a file, which is created with a random one if missing; UserError for a weak secret."""
+    """Read a secret from a file, or create the file with a random one if it is missing; UserError for a weak secret."""
     if not os.path.lexists(path):
         _make(path)
     given = read_toml(path).get("secret")
@@ -54,7 +54,7 @@ def read_or_make(path: Path) -> Secret:
 
 
 def _make(path: Path) -> None:
-    """Write a new secret that its owner alone can read."""
+    """Write a new secret to a file that only its owner can read."""
     path.parent.mkdir(parents=True, exist_ok=True)
     text = (
         "# Whoever has this can render the ground truth of the challenge. Keep it until the challenge is over.\n"

@@ -1,12 +1,12 @@
-"""A submission to a challenge, read without trust: one file for each sequence, of one run or of up to five.
+"""An untrusted submission to a challenge: one file for each sequence, of one run or of up to five.
 
     submission.toml                     name = "..."; without it the folder's name
     sequence-01.csv | sequence-01.tum   of one run, or
     run-1/sequence-01.csv ...           of several
 
-`sequence-01/estimates.csv`, as an external tracker leaves it, and `sequence-01/estimate_world_from_cam.tum`, as
-`uavbench track --out sequence-01` does, are taken too. What is wrong becomes a named fault, and its frames count as
-failed.
+Also accepted are `sequence-01/estimates.csv`, as an external tracker writes it, and
+`sequence-01/estimate_world_from_cam.tum`, as `uavbench track --out sequence-01` does. Errors in the content become
+named faults, and the frames concerned count as failed.
 """
 
 import os
@@ -21,10 +21,10 @@ from uavbench.trajectories.files.reading import read_toml
 ABOUT = "submission.toml"
 MOST_RUNS = 5
 MOST_NAMED = 20
-"""Foreign files of a run that are named in faults; the rest is counted."""
+"""Most unexpected files of a run that are named in faults; the rest are counted."""
 LONGEST_NAME = 80
 FORMS = ("{}.csv", "{}.tum", "{}/estimates.csv", "{}/estimate_world_from_cam.tum")
-"""Names of the file of a sequence."""
+"""Accepted names of the file of a sequence."""
 RUN = re.compile(r"run-[1-9][0-9]{0,3}")
 FAULTS = {
     "no-file": "a sequence without a file counts as failed; send one file for each sequence of the package",
@@ -61,10 +61,10 @@ class Submission:
 def find_submission(folder: Path, sequences: Collection[str]) -> Submission:
     """The files of a submission to a challenge of these sequences.
 
-    UserError where there is no folder, no file of any sequence, more than MOST_RUNS runs, or single files beside runs.
+    UserError for a missing folder, no file of any sequence, more than MOST_RUNS runs, or single files beside runs.
     """
     if folder.is_symlink() or not folder.is_dir():
-        raise UserError(f"{folder}: is no folder; give the folder of a submission")
+        raise UserError(f"{folder}: is not a folder; give the folder of a submission")
     name = _name(folder)
     here = set(_names(folder))
     runs = sorted((each for each in here if RUN.fullmatch(each)), key=lambda each: int(each[4:]))
@@ -97,9 +97,9 @@ def _name(folder: Path) -> str:
 def _files(
     folder: Path, where: str, sequences: Collection[str], faults: list[Fault], also: Collection[str] = ()
 ) -> dict[str, Path]:
-    """File of each sequence in the folder of a run; what is missing or foreign becomes a fault."""
+    """File of each sequence in the folder of a run; missing and unexpected files become faults."""
     if folder.is_symlink() or not folder.is_dir():
-        faults.append(Fault("unreadable", where, "is no folder"))
+        faults.append(Fault("unreadable", where, "is not a folder"))
         return {}
     found: dict[str, Path] = {}
     for name in sequences:
@@ -110,9 +110,9 @@ def _files(
             faults.append(Fault("two-files", where + name, " and ".join(str(p.relative_to(folder)) for p in paths)))
     known = {form.format(name).split("/")[0] for form in FORMS for name in sequences} | set(also)
     foreign = [name for name in _names(folder) if name not in known] if found else []
-    faults += [Fault("foreign-file", where + name, "is none of a submission") for name in foreign[:MOST_NAMED]]
+    faults += [Fault("foreign-file", where + name, "does not belong to a submission") for name in foreign[:MOST_NAMED]]
     if foreign[MOST_NAMED:]:
-        faults.append(Fault("foreign-file", where, f"and {len(foreign[MOST_NAMED:]):,} files more"))
+        faults.append(Fault("foreign-file", where, f"and {len(foreign[MOST_NAMED:]):,} more files"))
     return found
 
 

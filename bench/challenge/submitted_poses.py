@@ -1,4 +1,4 @@
-"""Poses in one file of a submission, frame by frame; wrong content becomes named faults and lost frames."""
+"""Poses in one file of a submission, frame by frame; invalid content becomes named faults and lost frames."""
 
 import os
 import stat
@@ -19,37 +19,37 @@ from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory_files.formats import declared_frame, read_trajectory
 
 LARGEST_TUM_BYTES = 64 * MB
-"""Largest TUM file; an hour of poses at 100 Hz, 128 bytes each, has 46 million bytes."""
+"""Largest TUM file, bytes; an hour of poses at 100 Hz, 128 bytes each, takes 46 million."""
 MOST_STAMP_DIFFERENCE_NS = 10_000_000
-"""Largest difference between the stamps of a TUM pose and its frame, evo's default; less than half a frame interval."""
+"""Largest difference between the stamps of a TUM pose and its frame; evo's default, below half a frame interval."""
 FRAMES = ("world_from_cam", "world_from_body")
-"""Frames of the poses that a TUM file may declare; the first one is the default."""
+"""Reference frames that a TUM file may declare for its poses; the first is the default."""
 
 Rows = tuple[TrackResult, ...]
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames of a sequence that are to be located: their stamps (n,) in ns, and the camera's mount."""
+    """The frames of a sequence to be located: their stamps (n,) in ns, and the camera's mounting."""
 
     stamps_ns: NDArray[np.int64]
     cam_from_body: Pose
 
     @property
     def lost(self) -> Rows:
-        """Results without any pose."""
+        """Results in which every frame is lost."""
         return (TrackResult(status="lost"),) * len(self.stamps_ns)
 
 
 class SubmittedPoses(NamedTuple):
-    """Result of each frame, in the order of the frames, and what was wrong with the file."""
+    """Result of each frame, in the order of the frames, and the faults of the file."""
 
     rows: Rows
     faults: list[Fault]
 
 
 def read_submitted(path: Path, where: str, frames: Frames) -> SubmittedPoses:
-    """Results in a file of a submission, which faults call `where`; nothing is raised."""
+    """Read the results in a file of a submission; where: name of the file in faults. Never raises."""
     try:
         if path.parent.is_symlink() or not stat.S_ISREG(os.lstat(path).st_mode):
             raise UserError("is a link, behind a link, or no regular file")
@@ -78,7 +78,7 @@ def _of_tum(path: Path, where: str, frames: Frames) -> SubmittedPoses:
     trajectory, _ = read_trajectory(path, "tum")
     frame = declared_frame(path) or FRAMES[0]
     if frame not in FRAMES:
-        raise UserError(f"says that it holds {frame}; expected {' or '.join(FRAMES)}")
+        raise UserError(f"declares the frame {frame}; expected {' or '.join(FRAMES)}")
     nearest = _nearest(trajectory.stamps_ns, frames.stamps_ns)
     if (nearest < 0).all():
         ms = MOST_STAMP_DIFFERENCE_NS / 1e6
@@ -97,7 +97,7 @@ def _of_tum(path: Path, where: str, frames: Frames) -> SubmittedPoses:
 
 
 def _nearest(given_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Row (n,) of the given stamp nearest to each wanted one, -1 where none is within the tolerance."""
+    """Row (n,) of the given stamp nearest to each wanted one; -1 where none is within the tolerance."""
     after = np.searchsorted(given_ns, wanted_ns).clip(0, len(given_ns) - 1)
     before = (after - 1).clip(0)
     rows = np.where(abs(given_ns[before] - wanted_ns) <= abs(given_ns[after] - wanted_ns), before, after)

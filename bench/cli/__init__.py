@@ -1,4 +1,4 @@
-"""The command `uavbench`: short commands over files.
+"""The command `uavbench`: subcommands that read and write files.
 
-In: words of a command line. Out: an exit code and messages for people. Imports every other room of bench.
+In: command-line arguments. Out: an exit code and messages for people. Imports every other room of bench.
 """

@@ -1,10 +1,10 @@
-"""Where the command `uavbench` begins, also as `python -m uavbench.bench.cli`."""
+"""Entry point of the command `uavbench`, also as `python -m uavbench.bench.cli`."""
 
 import signal
 
 
 def main() -> None:
-    """Run the command; an interrupt that comes while its modules are imported ends it without a traceback."""
+    """Run the command; an interrupt during the imports ends it without a traceback."""
     handler = signal.getsignal(signal.SIGINT)
     if handler is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

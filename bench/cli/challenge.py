@@ -25,13 +25,13 @@ FILE = click.Path(path_type=Path)
 def pack_command(
     suite: str, without_truth: bool, out: Path, truth: Path | None, secret: Path | None, private_suite: bool, jobs: int
 ) -> None:
-    """Write a package of SUITE for the participants of a challenge, rendered under a secret."""
+    """Write a package of SUITE, rendered with secret seeds, for the participants of a challenge."""
     from uavbench.bench.challenge.pack import Packing, pack
 
     if not without_truth:
         raise UserError(
-            "pack writes what participants of a challenge get: say --without-truth; `uavbench render` writes sequences "
-            "with their ground truth"
+            "pack writes the package for participants: confirm with --without-truth; `uavbench render` writes "
+            "sequences with their ground truth"
         )
     kept = truth or Path("out") / f"{Path(suite).stem}-truth"
     where = Packing(out=out, truth=kept, secret=secret, private_suite=private_suite, workers=jobs)

@@ -1,4 +1,4 @@
-"""The option `--jobs`: how many processes work side by side."""
+"""The option `--jobs`: number of parallel processes."""
 
 import os
 from collections.abc import Callable
@@ -7,11 +7,11 @@ from typing import Any
 import click
 
 CORES = len(os.sched_getaffinity(0))
-"""Cores that this process may use, which a queue or `taskset` may have limited."""
+"""Number of cores that this process may use; a batch queue or `taskset` may limit it."""
 
 
 def jobs_option(about: str = "Processes") -> Callable[[Any], Any]:
-    """Add `--jobs`, which defaults to one process for each core that may be used."""
+    """Add `--jobs`, by default one process for each core that may be used."""
     return click.option(
         "--jobs", type=click.IntRange(1), default=CORES, help=f"{about}; default: all cores it may use."
     )

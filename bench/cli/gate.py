@@ -1,4 +1,4 @@
-"""The commands that judge changes: gate, history, compare, bisect, speed, sensitivity."""
+"""The commands that evaluate changes: gate, history, compare, bisect, speed, sensitivity."""
 
 import sys
 from collections.abc import Callable
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def margin_options(command: Callable[..., None]) -> Any:
-    """Add the options of the margins; the command is called with them as `margins`."""
+    """Decorator that adds the options of the margins and passes them to the command as `margins`."""
 
     @wraps(command)
     def with_margins(
@@ -39,7 +39,7 @@ def margin_options(command: Callable[..., None]) -> Any:
 
 
 def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
-    """A share from `5%` or `0.05`; 1 and more must carry its `%`, for `5` may mean 5 % or 500 %."""
+    """Parse a share written as `5%` or `0.05`; values of 1 and above need a `%`, since `5` may mean 5 % or 500 %."""
     number, percent = text.strip().removesuffix("%"), text.strip().endswith("%")
     try:
         value = float(number) / (100.0 if percent else 1.0)
@@ -50,7 +50,7 @@ def share(ctx: click.Context, parameter: click.Parameter, text: str) -> float:
             f"{text!r} would be {100 * value:g} %: write {number}% for {number} percent, or a share below 1 as in 0.05"
         )
     if not 0.0 <= value < 10.0:
-        raise click.BadParameter(f"{text!r} is no share from 0% to 1000%: write 5% or 0.05")
+        raise click.BadParameter(f"{text!r} is not a share from 0% to 1000%: write 5% or 0.05")
     return value
 
 
@@ -83,7 +83,7 @@ def gate_command(
 ) -> None:
     """Decide whether RESULTS are worse than a baseline: exit code 0 pass, 1 fail, 3 inconclusive.
 
-    With --record RESULTS also become a line of a history; without --baseline nothing else is done.
+    With --record RESULTS are also added to a history; without --baseline nothing else is done.
     """
     if baseline is None and (history is None or update):
         raise click.UsageError("give --baseline to compare with, or --record to keep the results")
@@ -125,7 +125,7 @@ def history_command(file: Path, margin: float, since: str, out: Path) -> None:
         for change in trend.changes:
             say(f"{'ALARM  ' if change in trend.alarms else ''}{trend.said(change)}")
     if len(history.commits) < LEAST_COMMITS:
-        say(f"{len(history.commits)} of the {LEAST_COMMITS} commits from which changes are looked for")
+        say(f"{len(history.commits)} of the {LEAST_COMMITS} commits needed to test for changes")
     say(page)
     sys.exit(1 if any(trend.alarms for trend in found) else 0)
 

@@ -1,4 +1,4 @@
-"""The command `uavbench`: every verb reads and writes files, and is short here."""
+"""The command `uavbench`: its groups of subcommands, signals and error messages."""
 
 import signal
 import threading
@@ -22,12 +22,12 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 PUT_IN_ORDER_S = 15.0
-"""Time that a command has to end its processes and to remove what is half-written before a signal interrupts again."""
+"""Time in s for stopping processes and removing incomplete files, during which further signals are ignored."""
 
 
 @contextmanager
 def interrupts() -> Iterator[None]:
-    """Take each signal to end the command as an interrupt, but not while one is being followed."""
+    """Context in which termination signals raise KeyboardInterrupt, except while an earlier one is being handled."""
     last_s = -PUT_IN_ORDER_S
 
     def interrupt(*_: Any) -> None:
@@ -40,7 +40,7 @@ def interrupts() -> Iterator[None]:
     if threading.current_thread() is threading.main_thread():
         before = {number: signal.getsignal(number) for number in SIGNALS}
     for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # as nohup has it
+        if handler is not signal.SIG_IGN:  # ignored under nohup
             signal.signal(number, interrupt)
     try:
         yield
@@ -50,10 +50,10 @@ def interrupts() -> Iterator[None]:
 
 
 class Group(click.Group):
-    """Prints a mistake of the user or an error of the disk as one message, without a traceback; exit code 2."""
+    """Prints user errors and I/O errors as one message, without a traceback; exit code 2."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command that was asked for."""
+        """Run the given subcommand."""
         try:
             with lost_signals_raised_again(), interrupts():
                 return super().invoke(ctx)

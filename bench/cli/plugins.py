@@ -1,4 +1,4 @@
-"""The commands about what can be named in a suite: list, schema, check, third-party."""
+"""The commands on plug-ins: list, schema, check, warm-up, third-party."""
 
 import sys
 from pathlib import Path
@@ -48,7 +48,7 @@ def warm_up_command() -> None:
     """Compile all kernels now, which the first command would wait for otherwise."""
     from uavbench.bench.closed_loop import fly
     from uavbench.bench.runner import tasks
-    from uavbench.scenes.png import encoder  # and with these three every module that has kernels
+    from uavbench.scenes.png import encoder  # with these three, every module with kernels is imported
     from uavbench.trajectories.kernels.warm_up import kernels_of, prepare
 
     modules = (fly.__name__, tasks.__name__, encoder.__name__)
@@ -58,7 +58,7 @@ def warm_up_command() -> None:
 
 @click.group("third-party")
 def third_party_group() -> None:
-    """Trackers of others to compare with: ViSP's, and OpenCV contrib's."""
+    """Third-party trackers as baselines: those of ViSP and OpenCV contrib."""
 
 
 @third_party_group.command("list")
@@ -72,7 +72,7 @@ def third_party_list_command() -> None:
 @third_party_group.command("setup")
 @click.argument("name")
 def third_party_setup_command(name: str) -> None:
-    """Set up the third-party tracker NAME, with what it needs, for this user."""
+    """Set up the third-party tracker NAME and its dependencies for this user."""
     from uavbench.bench.third_party.registry import setup
 
     say(setup(name))

@@ -31,7 +31,7 @@ def suite_options(command: Any) -> Any:
 
 
 def suite_command(verb: str, help_text: str) -> click.Command:
-    """Command that brings a suite up to one verb of render -> track -> score -> report."""
+    """Command that runs a suite up to one step of render -> track -> score -> report."""
 
     @click.command(verb, help=help_text)
     @click.argument("suite")
@@ -55,12 +55,12 @@ def figures_option(command: Any) -> Any:
 @figures_option
 @click.option("--video", is_flag=True, help="A video of each flight: the camera's view beside that from outside.")
 def fly_command(suite: str, **options: Any) -> None:
-    """Fly SUITE in closed loop: each tracker steers the vehicle through what its camera sees."""
+    """Fly SUITE in closed loop: the vehicle flies on the poses of each tracker."""
     sys.exit(bring_up_to("fly", suite, **options))
 
 
 def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option: tuple[str, ...], **where: Any) -> int:
-    """Bring a suite up to one verb; the exit code."""
+    """Run a suite up to a step and return the exit code."""
     from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 
     return bring_up_to(verb, suite, out, ExecutionOptions(workers=jobs, slurm_options=slurm_option, **where))
@@ -68,7 +68,7 @@ def bring_up_to(verb: str, suite: str, out: Path | None, jobs: int, slurm_option
 
 @dataclass(frozen=True)
 class RealImages:
-    """Options of `track` for real images: one source of them, the structure, the camera and the initial pose."""
+    """Options of `track` for real images: their source, the structure, the camera and the initial pose."""
 
     images: Path | None
     video: Path | None
@@ -101,7 +101,7 @@ def track_command(what: str, **options: Any) -> None:
 
 
 def track_real_images(kind: str, real: RealImages, out: Path | None) -> None:
-    """Run a tracker on real images; UserError where options are missing or exclude each other."""
+    """Run a tracker on real images; UserError for missing or mutually exclusive options."""
     from uavbench.bench.runner.commands import track_real
     from uavbench.trajectories.bags.reading import BagTopic
 

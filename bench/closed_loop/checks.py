@@ -1,4 +1,4 @@
-"""Checks of a loop before it starts: sensors that make position and velocity observable."""
+"""Checks of a loop before its start: whether its sensors make position and velocity observable."""
 
 from collections.abc import Collection
 
@@ -26,8 +26,8 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
         raise UserError(f"sequence {spec.name}: a recorded motion cannot be flown; choose a path that is planned")
     if spec.cameras or spec.clock != CameraClock():
         raise UserError(
-            f"sequence {spec.name}: in closed loop there is the main camera alone, at the control steps: leave out "
-            "`cameras` and `clock`"
+            f"sequence {spec.name}: in closed loop only the main camera is simulated, synchronized with the control "
+            "steps: leave out `cameras` and `clock`"
         )
     sensors = {name: there[name] for name in wanted if name != CAMERA}
     if loop.estimator != "truth":
@@ -36,13 +36,16 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
         _check_filter(loop, spec.name, sensors, CAMERA in wanted)
     if loop.estimator == "camera" and CAMERA not in wanted:
         raise UserError(
-            f"sequence {spec.name}: estimator `camera` flies on the tracker: add `camera` to `loop.sensors`"
+            f"sequence {spec.name}: estimator `camera` uses the tracker's poses: add `camera` to `loop.sensors`"
         )
     return tuple(wanted)
 
 
 def loop_imu(sensors: Collection[str], spec: SequenceSpec) -> str:
-    """Name of the one IMU among the sensors that `check_loop` found for a loop that is not flown on the truth."""
+    """Name of the only IMU among the sensors of a loop that uses an estimator; UserError unless there is exactly one.
+
+    sensors: as `check_loop` returns them.
+    """
     return next(name for name, sensor in named(spec.sensors).items() if name in sensors and isinstance(sensor, Imu))
 
 

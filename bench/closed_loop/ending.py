@@ -17,7 +17,7 @@ FlightStatus = Literal["completed", "crashed", "strayed", "timed out", "stopped"
 
 @dataclass(frozen=True)
 class Ending:
-    """Status of a flight at its end, the reason in words, and the stamp."""
+    """Status of a flight at its end, the reason as text, and the stamp."""
 
     status: FlightStatus
     why: str

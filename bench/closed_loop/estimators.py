@@ -1,4 +1,4 @@
-"""State estimators for guidance and control: the filter, the tracker's raw poses, or, as a bound, the ground truth."""
+"""State estimators for guidance and control: the filter, the tracker's raw poses, or the ground truth as a bound."""
 
 from dataclasses import replace
 from typing import NamedTuple, Protocol
@@ -40,15 +40,15 @@ class Estimator(Protocol):
     """Estimator of the vehicle's state from readings of its sensors and the tracker's results."""
 
     def sense(self, reading: Reading) -> None:
-        """Take a reading of a body sensor."""
+        """Process a reading of a body sensor."""
         ...
 
     def answer(self, stamp_ns: int, result: TrackResult) -> None:
-        """Take the tracker's answer to the frame of a stamp."""
+        """Process the tracker's result for the frame with this stamp."""
         ...
 
     def state_at(self, stamp_ns: int) -> Believed | None:
-        """State at a time in ns; None for the true one."""
+        """Estimated state at a time in ns; None for the ground truth."""
         ...
 
     def covariance(self, stamp_ns: int) -> Array | None:
@@ -56,7 +56,7 @@ class Estimator(Protocol):
         ...
 
     def expected(self, stamp_ns: int) -> Prediction | None:
-        """Predicted pose of the camera at a time; None when nothing is known but the tracker's own poses."""
+        """Predicted pose of the camera at a time in ns; None for an estimator that only uses the tracker's poses."""
         ...
 
     @property
@@ -83,7 +83,7 @@ class TrueState:
         """None: nothing is estimated."""
 
     def expected(self, stamp_ns: int) -> None:
-        """None: the truth is no prediction."""
+        """None: the ground truth is not a prediction."""
 
 
 class CameraAlone:
@@ -135,7 +135,7 @@ class CameraAlone:
         """None: no covariance is estimated."""
 
     def expected(self, stamp_ns: int) -> None:
-        """None: there is no prediction but the tracker's own poses."""
+        """None: there is no prediction independent of the tracker."""
 
     def _turn(self, reading: Reading) -> None:
         """Rotation from the previous reading to this one."""
@@ -143,7 +143,7 @@ class CameraAlone:
         self._turned, self._turned_ns = self._after(reading.stamp_ns), reading.stamp_ns
 
     def _after(self, stamp_ns: int) -> Array:
-        """Rotation (3, 3) at a time, turned at the latest rates since the latest reading."""
+        """Rotation (3, 3) at a time in ns, extrapolated from the latest reading by the latest rates."""
         return self._turned @ rotation_exp(self._rates * ((stamp_ns - self._turned_ns) * 1e-9))
 
 
@@ -168,7 +168,7 @@ class Filtered:
         self._unclaimed = np.diag(np.repeat([spec.unclaimed_m, np.radians(spec.unclaimed_deg)], 3) ** 2)
 
     def sense(self, reading: Reading) -> None:
-        """Take a reading of a sensor that the filter is to take."""
+        """Pass a reading to the filter if its sensor is among those of the loop."""
         if reading.name not in self._sensors:
             return
         if isinstance(reading.sensor, Imu):
@@ -177,7 +177,7 @@ class Filtered:
             self._filter.take(measurement)
 
     def answer(self, stamp_ns: int, result: TrackResult) -> None:
-        """Take the tracker's answer; a pose without a covariance gets the assumed one."""
+        """Pass the tracker's pose to the filter; one without a covariance gets the assumed one."""
         if CAMERA not in self._sensors:
             return
         if result.status == "ok" and result.covariance is None:
@@ -192,7 +192,7 @@ class Filtered:
         return Believed(np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates]))
 
     def covariance(self, stamp_ns: int) -> Array:
-        """That of the filter at a time."""
+        """The filter's covariance at a time in ns."""
         return self._filter.covariance(stamp_ns)[:KNOWN_STATES, :KNOWN_STATES]
 
     def expected(self, stamp_ns: int) -> Prediction | None:
@@ -208,7 +208,7 @@ class Filtered:
 
 
 def fusion_config(spec: FilterSpec, imu: Imu) -> FusionConfig:
-    """The filter's parameters: noise densities from the IMU's data sheet."""
+    """The filter's parameters, with noise densities from the IMU's data sheet."""
     return FusionConfig(
         accel_noise_m_s2_sqrt_hz=spec.imu_scale * imu.accel_noise_m_s2_sqrt_hz,
         gyro_noise_rad_s_sqrt_hz=spec.imu_scale * imu.gyro_noise_rad_s_sqrt_hz,
@@ -239,7 +239,7 @@ def measurement_of(reading: Reading) -> Measurement | None:
 
 
 def gnss_fix(sensor: Gnss, stamp_ns: int, values: Array) -> Position:
-    """A fix; its variances are those of the ranges times the dilution of precision, spread evenly over the axes."""
+    """A position fix; its variances are those of the ranges times the dilution of precision, the same on all axes."""
     dilution = values[1] ** 2 / 3.0
     return Position(
         stamp_ns=stamp_ns,
@@ -251,14 +251,14 @@ def gnss_fix(sensor: Gnss, stamp_ns: int, values: Array) -> Position:
 
 
 def pressure_height(sensor: Barometer, stamp_ns: int, values: Array) -> Height:
-    """A height; a pascal is about 8 cm (standard atmosphere)."""
+    """A height measurement; 1 Pa corresponds to about 8 cm (standard atmosphere)."""
     metres_per_pa = TEMPERATURE_K / (LAPSE_K_M * EXPONENT * sensor.floor_pressure_pa)
     sigma_pa = float(np.hypot(sensor.noise_pa, sensor.drift_pa))
     return Height(stamp_ns=stamp_ns, height_m=float(values[1]), sigma_m=max(metres_per_pa * sigma_pa, 1e-3))
 
 
 def flow(sensor: FlowDeck, stamp_ns: int, values: Array) -> OpticalFlow:
-    """The mean flow since the last reading, at the middle of that time; its range may have changed since."""
+    """The mean flow since the last reading, stamped at the middle of the interval; the range may have changed."""
     dt_s = 1.0 / sensor.rate_hz
     px_per_rad_s = sensor.pixels / sensor.aperture_rad * dt_s
     sigma_px = float(np.sqrt(sensor.flow_noise_px**2 + ROUNDING_VARIANCE))

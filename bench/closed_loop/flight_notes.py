@@ -26,7 +26,7 @@ from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 
 def nees(path: FlownPath, rows: list[int], covariances: Array) -> Array:
-    """Normalized squared error (n,) of position, velocity and attitude in rows of a path, of covariances (n, 9, 9)."""
+    """NEES (n,) of position, velocity and attitude in rows of a path, for covariances (n, 9, 9)."""
 
     def error(name: str) -> Array:
         return path.group(f"true_{name}")[rows] - path.group(f"estimated_{name}")[rows]

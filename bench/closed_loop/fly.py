@@ -163,7 +163,7 @@ class Loop:
         return self.tracker
 
     def deliver(self, now_ns: int) -> None:
-        """Pass due results of the tracker to the estimator."""
+        """Pass the tracker's results that are due by now to the estimator."""
         for answer in [answer for answer in self.due if answer[0] <= now_ns]:
             self.due.remove(answer)
             assert self.estimator is not None
@@ -180,7 +180,7 @@ class Loop:
             self.notes.row(simulation, estimated, covariance, self.sensors.has_fix)
 
     def planned(self, rows: slice) -> Array:
-        """Reference rows (n, 17) that the corridor is around."""
+        """Reference rows (n, 17), the centre line of the corridor."""
         return self.simulation.reference[rows]
 
     def look_for_the_end(self) -> None:

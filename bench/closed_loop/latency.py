@@ -1,4 +1,4 @@
-"""How long after a frame's stamp the tracker's answer reaches the vehicle's filter."""
+"""Latency models: delay from a frame's stamp until the tracker's result reaches the vehicle's filter."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Protocol
@@ -11,48 +11,48 @@ MS_NS = 1e6
 
 
 class LatencySpec(Protocol):
-    """A kind of latency: a frozen dataclass of its parameters.
+    """A latency model: a frozen dataclass of its parameters.
 
-    occupies: whether the tracker is at work for all of that time, so that frames that come meanwhile are not tracked.
+    occupies: whether the tracker is busy for the whole delay, so that frames arriving meanwhile are dropped.
     """
 
     occupies: ClassVar[bool]
 
     def delay_ns(self, took_ms: float, rng: np.random.Generator) -> int:
-        """Time from the stamp of a frame, which took_ms of wall time to track, to its answer."""
+        """Delay in ns from the stamp of a frame to its result; took_ms: wall-clock time of tracking it."""
         ...
 
 
 @dataclass(frozen=True)
 class Constant:
-    """The same latency at every frame: the flight does not depend on the machine that it is computed on."""
+    """The same latency for every frame, independent of the machine."""
 
     occupies: ClassVar[bool] = False
     ms: Annotated[float, Ge(0)] = 50.0
 
     def delay_ns(self, took_ms: float, rng: np.random.Generator) -> int:
-        """The constant."""
+        """The constant delay in ns."""
         return round(self.ms * MS_NS)
 
 
 @dataclass(frozen=True)
 class Lognormal:
-    """A random latency of a median and a spread, the standard deviation of its logarithm; answers may overtake."""
+    """A lognormal latency with a median and a spread, the standard deviation of its logarithm; results may overtake."""
 
     occupies: ClassVar[bool] = False
     median_ms: Annotated[float, Gt(0)] = 50.0
     spread: Annotated[float, Ge(0)] = 0.3
 
     def delay_ns(self, took_ms: float, rng: np.random.Generator) -> int:
-        """The next one drawn."""
+        """A random delay in ns."""
         return round(self.median_ms * float(np.exp(self.spread * rng.standard_normal())) * MS_NS)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The wall time that the frame took on this machine times `scale`, and more_ms for camera and link.
+    """The measured wall-clock time of the frame times `scale`, plus more_ms for camera and link.
 
-    Frames that come while the tracker is at work are not tracked.
+    Frames that arrive while the tracker is busy are dropped.
     """
 
     occupies: ClassVar[bool] = True
@@ -60,9 +60,9 @@ class Measured:
     more_ms: Annotated[float, Ge(0)] = 0.0
 
     def delay_ns(self, took_ms: float, rng: np.random.Generator) -> int:
-        """The time taken, scaled."""
+        """The scaled wall-clock time in ns."""
         return round((self.scale * took_ms + self.more_ms) * MS_NS)
 
 
 LATENCIES: dict[str, type[LatencySpec]] = {"constant": Constant, "lognormal": Lognormal, "measured": Measured}
-"""The kinds of latency, by name."""
+"""Name -> latency model."""

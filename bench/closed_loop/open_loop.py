@@ -1,4 +1,4 @@
-"""The same flight on its true state: its plan, and its path error without estimation errors."""
+"""The same flight controlled by its true state: its plan, and its path error without estimation errors."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from uavbench.trajectories.simulation.flight import begin, fly_through
 from uavbench.trajectories.vehicle.quadrotor import STEP_S
 
 PLAN_STRIDE = 50
-"""Steps between two rows of a plan that is kept: 0.1 s."""
+"""Steps between two stored rows of a plan: 0.1 s."""
 
 
 @dataclass(frozen=True, eq=False)

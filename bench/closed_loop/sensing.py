@@ -21,7 +21,7 @@ from uavbench.trajectories.sensors.sensor import LiveSensorSpec, Reader, SensorS
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
 
 NEVER_NS = 2**63 - 1
-"""A stamp that no flight reaches."""
+"""A stamp in ns after the end of any flight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class LiveSensor:
         self._done, self._next_ns = 0, 0
 
     def read(self, record: Array, row: int) -> list[Reading]:
-        """Readings whose time has come at a row of a flight's record."""
+        """Readings that are due at a row of a flight's record."""
         if row * STEP_NS < self._next_ns:
             return []
         end = int(np.searchsorted(self.stamps, row * STEP_NS, side="right"))
@@ -67,14 +67,14 @@ class Sensors:
         self.body = body_of(spec)
 
     def read(self, record: Array, row: int) -> list[Reading]:
-        """Readings whose time has come, in the order of the sensors."""
+        """Readings that are due, in the order of the sensors."""
         new = [self._seen(reading) for sensor in self._live for reading in sensor.read(record, row)]
         for reading in new:
             self._kept[reading.name].append(reading)
         return new
 
     def upto(self, stamp_ns: int) -> dict[str, Samples]:
-        """Readings by sensor that were not handed out before, up to and including a stamp."""
+        """Readings by sensor up to and including a stamp, without those returned before."""
         out = {}
         for sensor in self._live:
             kept = self._kept[sensor.name]
@@ -86,7 +86,7 @@ class Sensors:
         return out
 
     def _seen(self, reading: Reading) -> Reading:
-        """A reading; without a fix during an outage of GNSS."""
+        """The reading, without a fix during a GNSS outage."""
         if not isinstance(reading.sensor, Gnss):
             return reading
         values = reading.values

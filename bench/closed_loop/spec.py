@@ -1,4 +1,4 @@
-"""The table `[loop]` of a suite: what the vehicle flies on, and when a flight is over; and who flies."""
+"""The table `[loop]` of a suite: estimator, sensors, and the end of a flight; and the tracker that is flown."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
@@ -18,14 +18,14 @@ CAMERA = "camera"
 
 @dataclass(frozen=True, kw_only=True)
 class FilterSpec:
-    """What the vehicle's filter assumes beside the data sheets of the sensors.
+    """Assumptions of the vehicle's filter, in addition to the data sheets of the sensors.
 
-    camera_slow_share is the part of a pose's claimed covariance that is a slow error with the time constant
-    camera_slow_s; camera_bias_m and camera_bias_deg are the standard deviations of what no tracker sees in its images,
-    the tolerances of the structure and of the camera's mount; gate, doubt_after and history_s as in
-    `uavbench.tracker.fusion`. imu_scale multiplies the noise
-    densities of the IMU's data sheet. start_* are the standard deviations of what is known at the start.
-    unclaimed_m and unclaimed_deg are those of a pose whose tracker claims no covariance.
+    camera_slow_share: share of a pose's claimed covariance that is a slow error with the time constant camera_slow_s;
+    camera_bias_m, camera_bias_deg: standard deviations of errors that cannot be observed in the images, due to the
+    tolerances of the structure and of the camera's mounting; gate, doubt_after, history_s: as in
+    `uavbench.tracker.fusion`; imu_scale: factor on the noise densities of the IMU's data sheet; start_*: standard
+    deviations of the initial state; unclaimed_m, unclaimed_deg: standard deviations of a pose whose tracker claims no
+    covariance.
     """
 
     camera_slow_share: Annotated[float, Interval(ge=0, lt=1)] = 0.7
@@ -45,9 +45,9 @@ class FilterSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class CrashSpec:
-    """What counts as a crash: the vehicle's sphere closer than clearance_m to structure or floor, or tilted further.
+    """Conditions of a crash: the vehicle's sphere is closer than clearance_m to structure or floor, or tilted too far.
 
-    A vehicle further than stray_m from its path is given up; that is no success either.
+    A flight that is more than stray_m from its path is aborted, which is not a success either.
     """
 
     clearance_m: Annotated[float, Ge(0)] = 0.0
@@ -59,14 +59,13 @@ class CrashSpec:
 class LoopSpec:
     """How the sequences of a suite are flown.
 
-    estimator: `filter` gives guidance and controller the filter's estimate, `camera` the tracker's poses as they are,
-    carried on from one to the next, `truth` the true state. sensors: those that
-    the filter takes, by name (`imu`, `gnss`, `baro`, `flow`, and `camera`, the tracker's poses); by default the camera
-    and all that the sequence has. prior: trackers that have `predict` are told what the filter
-    expects of each frame. gnss_outages_s: spans of time without GNSS whatever the sky. corridor_m: how far
-    from its path a flight may ever be to count as a success. time_limit_s ends a flight that takes longer. on_fault: a
-    tracker's fault makes its frame `lost`, or ends the flight. coverage_px_m: pixels per metre of surface from which
-    on it counts as inspected.
+    estimator: input of guidance and controller: `filter` for the filter's estimate, `camera` for the tracker's poses,
+    extrapolated between frames, `truth` for the true state. sensors: names of those that the filter uses (`imu`,
+    `gnss`, `baro`, `flow`, and `camera` for the tracker's poses); by default the camera and all sensors of the
+    sequence. prior: whether trackers with `predict` get the filter's predicted pose for each frame. gnss_outages_s:
+    intervals without GNSS. corridor_m: largest distance from its path at which a flight counts as a success.
+    time_limit_s: flights that take longer are ended. on_fault: whether a tracker's fault makes its frame `lost` or ends
+    the flight. coverage_px_m: resolution in pixels per metre at which surface counts as inspected.
     """
 
     estimator: Literal["filter", "camera", "truth"] = "filter"
@@ -84,14 +83,14 @@ class LoopSpec:
     def __post_init__(self) -> None:
         for first, last in self.gnss_outages_s:
             if not 0 <= first < last:
-                raise UserError(f"gnss_outages_s: [{first:g}, {last:g}] is no span of time: from a time to a later one")
+                raise UserError(f"gnss_outages_s: [{first:g}, {last:g}] is not an interval; give start and end")
         if self.sensors is not None and len(set(self.sensors)) < len(self.sensors):
-            raise UserError(f"sensors: {list(self.sensors)} names one twice")
+            raise UserError(f"sensors: {list(self.sensors)} names a sensor twice")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pilot:
-    """A tracker by its label, at a rate, from an initial pose, in a loop; `variant` is its name among several."""
+    """A tracker by its label, with its rate, initial pose and loop; variant: name of the loop, "" for a single one."""
 
     label: str
     tracker: Tracker

@@ -1,4 +1,4 @@
-"""Trackers for closed-loop flights only: upper and lower bound of all others."""
+"""Trackers for closed-loop flights only: the upper and lower bounds of all others."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -21,21 +21,21 @@ class GroundTruth:
     sigma_deg: Annotated[float, Gt(0)] = 0.05
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """UserError: the ground truth is known in closed loop only."""
+        """Raise UserError: the ground truth is known in closed loop only."""
         raise UserError("the tracker `truth` is for flights only: `uavbench fly`")
 
     def answer(self, true_cam_from_world: Pose) -> TrackResult:
-        """The truth as a result."""
+        """The true pose as a result."""
         sigmas = np.repeat([self.sigma_m, np.radians(self.sigma_deg)], 3)
         return TrackResult(status="ok", cam_from_world=true_cam_from_world, covariance=np.diag(sigmas**2))
 
 
 @dataclass(frozen=True)
 class Blind:
-    """Never a pose: the vehicle flies on its other sensors alone, the lower bound of every comparison."""
+    """Never returns a pose: the vehicle flies on its other sensors alone, the lower bound of every comparison."""
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run."""
+        """Start a run."""
         return BlindRun()
 
 
@@ -43,9 +43,9 @@ class BlindRun:
     """A run of `blind`."""
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """No pose."""
+        """A lost frame."""
         return TrackResult(status="lost")
 
 
 FLIGHT_TRACKERS: dict[str, type[Tracker]] = {"truth": GroundTruth, "blind": Blind}
-"""Name -> parameters of the trackers for flights."""
+"""Name -> tracker for closed-loop flights."""

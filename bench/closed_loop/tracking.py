@@ -15,7 +15,7 @@ LOST = TrackResult(status="lost")
 
 
 class TimedFault(NamedTuple):
-    """A fault of a tracker on the frame of a stamp."""
+    """A fault of a tracker, and the stamp of its frame in ns."""
 
     stamp_ns: int
     what: str
@@ -24,8 +24,8 @@ class TimedFault(NamedTuple):
 class TrackerInFlight:
     """A run of a tracker; `faults`: its faults with the stamps of their frames.
 
-    Surplus output of a program is discarded; one that is out of step, so that its answers cannot be assigned to frames,
-    is not asked again.
+    Surplus output of a program is discarded; a program that is out of sync, so that its answers cannot be assigned to
+    frames, gets no further frames.
     """
 
     def __init__(self, run: "Run | GroundTruth") -> None:
@@ -41,7 +41,7 @@ class TrackerInFlight:
         expected: Prediction | None,
         true_cam_from_world: Pose,
     ) -> TrackResult:
-        """Result of a frame, `lost` where there is none; only the tracker `truth` is told the true pose."""
+        """Result of a frame, `lost` without one; only the tracker `truth` gets the true pose."""
         if isinstance(self._run, GroundTruth):
             return self._run.answer(true_cam_from_world)
         if self.has_ended:
@@ -53,7 +53,7 @@ class TrackerInFlight:
 
 
 class Watched:
-    """A run that records when its program is out of step with the frames."""
+    """A run that records when its program gets out of sync with the frames."""
 
     def __init__(self, run: Run, noted: TrackerInFlight) -> None:
         self._run, self._noted = run, noted
@@ -62,7 +62,7 @@ class Watched:
                 setattr(self, optional, getattr(run, optional))
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """The run's own answer."""
+        """The run's result."""
         try:
             return self._run.track(image, stamp_ns)
         except TrackerFault as error:

@@ -1,4 +1,4 @@
-"""A suite: a TOML file checked as a whole, with every mistake reported at once.
+"""Suites: TOML files that are validated as a whole, with all errors reported at once.
 
 In: TOML. Out: frozen dataclasses. Imports inputs, external and third-party trackers, and the plug-ins of all layers.
 """

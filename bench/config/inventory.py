@@ -30,7 +30,7 @@ TITLES = {
 
 
 def inventory() -> str:
-    """Suites and plug-ins by kind, each with the first sentence of what it is."""
+    """Text list of suites and plug-ins by kind, each with the first sentence of its docstring."""
     lines = ["suites"]
     for name in suite_names():
         lines.append(f"  {name:<22} {suite_title(name)}")
@@ -43,7 +43,7 @@ def inventory() -> str:
 
 
 def registered() -> dict[str, dict[str, str]]:
-    """Name of each protocol -> name of each of its plug-ins -> docstring."""
+    """Name of each plug-in point -> name of each of its plug-ins -> docstring."""
     module = ModuleSource.of("uavbench.bench.config.plugins")
     points = module.value("PLUGINS")
     assert isinstance(points, ast.Dict)
@@ -55,7 +55,7 @@ def registered() -> dict[str, dict[str, str]]:
 
 
 class ModuleSource:
-    """The source of one module of ours."""
+    """The syntax tree of a module of uavbench."""
 
     def __init__(self, name: str) -> None:
         body = ast.parse(ROOT.joinpath(*name.split(".")).with_suffix(".py").read_text(encoding="utf-8")).body
@@ -75,7 +75,7 @@ class ModuleSource:
     @staticmethod
     @cache
     def of(name: str) -> "ModuleSource":
-        """The source of a module."""
+        """The source of the module of this name."""
         return ModuleSource(name)
 
     def value(self, name: str) -> ast.expr | None:
@@ -83,7 +83,7 @@ class ModuleSource:
         return self.values[name]
 
     def plugins(self, node: ast.expr | None) -> Iterator[tuple[str, str]]:
-        """Name and docstring of each plug-in of a dict, or of one by its name."""
+        """Name and docstring of each plug-in of a dict display, or of a dict given by its name."""
         if isinstance(node, ast.Name):
             if node.id in self.imported:
                 module, name = self.imported[node.id]
@@ -100,7 +100,7 @@ class ModuleSource:
                 yield str(kind.value), self.docstring(entry.id)
 
     def docstring(self, name: str) -> str:
-        """Docstring of a class by the name that it has in this module."""
+        """Docstring of a class, which is given by its name in this module."""
         if name in self.imported:
             module, name = self.imported[name]
             return ModuleSource.of(module).docstring(name)

@@ -1,4 +1,4 @@
-"""The tables `[loop]` and `[loops.NAME]` of a suite: shared keys, and validation against the sequences."""
+"""The tables `[loop]` and `[loops.NAME]` of a suite: shared keys, and their validation against the sequences."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,22 +19,22 @@ def with_shared_loop(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _with_shared(shared: Any, own: Any) -> Any:
-    """A value with missing keys taken from a shared one; a table takes nothing from one of another `kind`."""
+    """A value with missing keys filled in from the shared one; tables of different `kind` are not merged."""
     if not (isinstance(shared, dict) and isinstance(own, dict)) or own.get("kind") not in (None, shared.get("kind")):
         return own
     return {**shared, **{key: _with_shared(shared.get(key), value) for key, value in own.items()}}
 
 
 def without_loop(suite: str) -> UserError:
-    """Error for a suite without `[loop]` that is to be flown."""
+    """UserError for flying a suite that has no `[loop]`."""
     return UserError(
-        f"suite {suite} says nothing of how it is flown: give it a table [loop], which may be empty, or fly "
+        f"suite {suite} has no table [loop], which closed-loop flights need: add one, which may be empty, or fly "
         "fly-box, fly-bridge or fly-facade"
     )
 
 
 def loop_mistakes(name: str, loop: LoopSpec, sequences: Sequence[SequenceSpec | RecordingSpec | None]) -> list[str]:
-    """A line for each reason why a loop cannot fly its sequences."""
+    """An error line for each reason why a loop cannot fly the sequences."""
     mistakes: list[str] = []
     key = f"loops.{name}" if name else "loop"
     for spec in sequences:

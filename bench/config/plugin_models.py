@@ -1,8 +1,8 @@
-"""Pydantic models made from the plug-ins' own dataclasses, so that the packages below need no validation library.
+"""Pydantic models generated from the plug-ins' dataclasses, so that lower packages need no validation library.
 
-A plug-in is a plain frozen dataclass; here each becomes a model with a `kind`, so that a TOML file is checked as a
-whole and has a JSON Schema. Pydantic's own dataclasses would do neither: a union of them has no `kind` to choose by,
-and each would import pydantic on the vehicle.
+A plug-in is a plain frozen dataclass. Each gets a model with a discriminator `kind`, so that a TOML file is validated
+as a whole and has a JSON Schema. Pydantic's dataclasses do not fit: their unions have no discriminator, and the vehicle
+would have to import pydantic.
 """
 
 import importlib
@@ -27,7 +27,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_
 
 
 class Model(BaseModel):
-    """Base of every config table: strict, and no key but its own."""
+    """Base of every config table: strict, without extra keys."""
 
     model_config = STRICT
 
@@ -36,10 +36,10 @@ class Model(BaseModel):
 def model_of(
     cls: type, extra: Extra = (), kind: str | None = None, omit: frozenset[str] = frozenset()
 ) -> type[BaseModel]:
-    """Model of a dataclass; fields that hold a plug-in become a choice by `kind`.
+    """Model of a dataclass; fields that hold a plug-in become a union discriminated by `kind`.
 
-    `extra` names the user's own plug-ins (`module:attribute`, class) that the choices offer too; the fields in `omit`
-    are not the config's to give.
+    extra: the user's own plug-ins (`module:attribute`, class), which the unions include; omit: fields that a config
+    must not set.
     """
     hints = get_type_hints(cls, include_extras=True)
     members: dict[str, Any] = {} if kind is None else {"kind": (Literal[kind], ...)}
@@ -65,10 +65,10 @@ def model_of(
 
 
 def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
-    """Dataclass instance of a checked model; a ValueError of its own is added to `errors` under its key path.
+    """Dataclass instance of a validated model; a ValueError of the class is added to `errors` under its key path.
 
-    `given`: fields that the config does not set. A user's own plug-in may be given `input_files`, further files whose
-    change makes its results stale; they are attached even where it has no such field.
+    given: fields that the config does not set. For a user's own plug-in a config may set `input_files`, further files
+    whose change makes its results stale, even if the plug-in has no such field.
     """
     if isinstance(model, tuple | list):
         return tuple(build(item, f"{at}[{i}]", errors) for i, item in enumerate(model))
@@ -81,13 +81,13 @@ def build(model: Any, at: str, errors: list[str], **given: Any) -> Any:
         if name in model.model_fields_set and name != "kind"
     }
     files = () if INPUT_FILES in {f.name for f in fields(cls)} else values.pop(INPUT_FILES, ())
-    errors += [f"{at}.{INPUT_FILES}: {name} is no file" for name in files if not Path(name).is_file()]
+    errors += [f"{at}.{INPUT_FILES}: {name} is not a file" for name in files if not Path(name).is_file()]
     try:
         made = cls(**values, **given)
     except (ValueError, UserError) as error:
         errors.append(f"{at}: {error}")
         return None
-    except Exception as error:  # of a user's own class, whatever it is
+    except Exception as error:  # a user's class may raise anything
         errors.append(f"{at}: {one_line(named(error))}{users_place(error)}")
         return None
     if files:
@@ -104,7 +104,7 @@ def _carry(made: Any, files: tuple[str, ...], at: str, errors: list[str]) -> Non
 
 
 def own_plugins(data: Any) -> Extra:
-    """The user's plug-ins that a config's `kind` keys name as `module:attribute`; UserError when one is not there."""
+    """The user's plug-ins named by a config's `kind` keys as `module:attribute`; UserError when an import fails."""
     found: dict[str, type] = {}
     stack = [data]
     while stack:
@@ -120,12 +120,12 @@ def own_plugins(data: Any) -> Extra:
 
 
 def import_plugin(name: str) -> type:
-    """Class of a plug-in named `module:attribute`; UserError saying what is wrong with the name."""
+    """Class of a plug-in named `module:attribute`; UserError when it cannot be imported or is no dataclass."""
     module, _, attribute = name.partition(":")
     before = frozenset(sys.modules)
     try:
         cls = getattr(importlib.import_module(module), attribute)
-    except Exception as error:  # whatever the module raises
+    except Exception as error:  # a module may raise anything
         known = isinstance(error, ImportError | AttributeError)
         reason = (str(error) if known else named(error)) + users_place(error)
         raise UserError(f"plug-in {name!r} cannot be imported: {reason}; is its folder on PYTHONPATH?") from None
@@ -154,7 +154,7 @@ def _translate(annotation: Any, extra: Extra) -> Any:
 
 @cache
 def choice(protocol: type, extra: Extra = ()) -> Any:
-    """Choice by `kind` among the registered plug-ins of one sort and the user's own that have its verb."""
+    """Union by `kind` of a protocol's registered plug-ins and the user's own that have its method."""
     registry, verb = PLUGINS[protocol]
     members = [model_of(cls, extra, kind) for kind, cls in registry.items()]
     members += [model_of(cls, extra, kind) for kind, cls in extra if hasattr(cls, verb)]

@@ -1,4 +1,4 @@
-"""A shard of a suite: every N-th sequence from the i-th on, for machines that share nothing but a folder."""
+"""A shard of a suite: every N-th sequence from the i-th on, for machines that share only a folder."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> "Shard":
-        """Shard written as `i/N`; UserError when it is none."""
+        """Parse `i/N`; UserError for any other text."""
         first, slash, second = text.partition("/")
         if not (slash and first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second)):
             raise UserError(f"--shard {text}: write i/N with i from 1 to N, for example 3/8")
@@ -25,5 +25,5 @@ class Shard:
         return f"{self.number}/{self.count}"
 
     def of(self, suite: Suite) -> Suite:
-        """The suite with this part of its sequences."""
+        """The suite with only the sequences of this shard."""
         return replace(suite, sequences=suite.sequences[self.number - 1 :: self.count])

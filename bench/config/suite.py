@@ -1,4 +1,4 @@
-"""A suite: one TOML file in, checked specs out; all its mistakes are reported at once."""
+"""Reads a suite from a TOML file into validated specs; all errors are reported at once."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -26,18 +26,17 @@ from uavbench.trajectories.files.reading import read_toml
 
 Protocol = Literal["reset", "anchors"]
 MOST_SEEDS = 10_000
-"""Most seeds of one suite; each makes a flight of every sequence."""
+"""Most seeds of a suite; every sequence is flown once per seed."""
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
 
 @dataclass(frozen=True)
 class Suite:
-    """A checked suite: sequences (one per name and seed), trackers by label, and the rates they run at.
+    """A validated suite: sequences (one per name and seed), trackers by label, and the rates at which they run.
 
-    Its sequences are all rendered, or all recorded: without ground truth there is no error to set beside another.
-    start is where the initial pose comes from; protocols are those that trackers run in beside the free run; flights is
-    the hash of what the file says of its sequences. loops: how its sequences are flown, by name, "" for the only one;
-    none where they are not.
+    Its sequences are either all rendered or all recorded, since errors need ground truth. start: source of the initial
+    pose; protocols: protocols run in addition to the free run; flights: hash of the file's keys that concern sequences;
+    loops: closed-loop configurations by name, "" for a single one, empty for a suite that is not flown.
     """
 
     name: str
@@ -52,12 +51,12 @@ class Suite:
 
 
 def load_suite(path: Path) -> Suite:
-    """Suite of a TOML file; UserError naming the file and every key that is wrong."""
+    """Read a suite from a TOML file; UserError naming the file and every invalid key."""
     return suite_of(*_read(path), path)
 
 
 def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
-    """Suite of the tables of a file; relative paths in it start at the file's folder. UserError as `load_suite`."""
+    """Suite from a file's tables; relative paths are resolved against the file's folder. UserError as `load_suite`."""
     data = with_shared_loop(data)
     checked = _check(path, suite_model(extra), data, _repeated(data))
     errors: list[str] = []
@@ -103,31 +102,31 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
 
 
 def load_tracker(path: Path) -> Tracker:
-    """Tracker of a TOML file that holds the table of one; UserError naming the file and every key that is wrong."""
+    """Read a tracker from a TOML file with its table; UserError naming the file and every invalid key."""
     data, extra = _read(path)
     return tracker_of(data, path, extra)
 
 
 def tracker_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Tracker:
-    """Tracker of a table in a file; UserError naming the file and every key that is wrong."""
+    """Tracker from a table of a file; UserError naming the file and every invalid key."""
     tracker: Tracker = _one(Tracker, "tracker", data, path, extra)
     return tracker
 
 
 def start_of(data: dict[str, Any], path: Path, extra: Extra = ()) -> Initialization:
-    """Initialization of a table in a file; UserError as `tracker_of`."""
+    """Initialization from a table of a file; UserError as `tracker_of`."""
     start: Initialization = _one(Initialization, "start", data, path, extra)
     return start
 
 
 def recorded_spec(data: dict[str, Any], path: Path) -> SequenceSpec:
-    """Spec of a table in a sequence's record, which may name no plug-in of a user's own; UserError as `tracker_of`."""
+    """Spec from a table of a sequence's record, which must not name user plug-ins; UserError as `tracker_of`."""
     spec: SequenceSpec = _one(SequenceSpec, "config", data, path, ())
     return spec
 
 
 def _one(sort: type, key: str, data: dict[str, Any], path: Path, extra: Extra) -> Any:
-    """The one plug-in or spec that a table says, named in errors by a key."""
+    """Plug-in or spec from a table; key: its name in errors."""
     kind: Any = choice(sort, extra) if sort in PLUGINS else model_of(sort, extra)
     fields: Any = {key: (kind, ...)}
     table = _check(path, create_model("File", __config__=STRICT, **fields), {key: data})
@@ -165,7 +164,7 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], Extra]:
-    """Content of a TOML file and the user's plug-ins that it names."""
+    """Content of a TOML file, and the user's plug-ins that it names."""
     data = read_toml(path, hint="; `uavbench list` shows the suites that come with uavbench")
     return data, plugins_named(data, path)
 
@@ -179,7 +178,7 @@ def plugins_named(data: dict[str, Any], path: Path) -> Extra:
 
 
 def _repeated(data: dict[str, Any]) -> list[str]:
-    """A line for each seed, rate or protocol that is repeated, or whose results would share a folder."""
+    """An error line for each seed, rate or protocol that is repeated, or whose results would share a folder."""
     lines = []
     for key in ("seeds", "rates_hz", "protocols"):
         first: dict[str, int] = {}
@@ -189,35 +188,35 @@ def _repeated(data: dict[str, Any]) -> list[str]:
             same = first.setdefault(written, i)
             if same != i:
                 alike = f", {given[same]!r}: both are written {written}" if value != given[same] else ""
-                lines.append(f"{key}[{i}]: {value!r} is there already, as {key}[{same}]{alike}; leave one out")
+                lines.append(f"{key}[{i}]: {value!r} repeats {key}[{same}]{alike}; remove one")
     return lines
 
 
 def _same_frames(rates_hz: list[float], spec: SequenceSpec | RecordingSpec) -> list[str]:
-    """A line for each rate that selects the same frames of a sequence as an earlier one."""
+    """An error line for each rate that selects the same frames of a sequence as an earlier one."""
     strides = [round(min(spec.rate_hz / rate, 1e9)) for rate in rates_hz]
     return [
-        f"rates_hz[{i}]: {rate:g} Hz is every {stride}. frame of sequence {spec.name} ({spec.rate_hz:g} Hz), "
-        f"and so is {rates_hz[strides.index(stride)]:g} Hz; leave one out"
+        f"rates_hz[{i}]: {rate:g} Hz has stride {stride} in sequence {spec.name} ({spec.rate_hz:g} Hz), "
+        f"as has {rates_hz[strides.index(stride)]:g} Hz; remove one"
         for i, (rate, stride) in enumerate(zip(rates_hz, strides, strict=True))
         if strides.index(stride) != i and rate <= spec.rate_hz
     ]
 
 
 def _same_flights(specs: Sequence[SequenceSpec | RecordingSpec]) -> list[str]:
-    """A line for each sequence that equals an earlier one except for its name, whose runs would count twice."""
+    """An error line for each sequence that equals an earlier one except for its name: its runs would count twice."""
     unnamed = [replace(spec, name="") for spec in specs]
     names = [spec.name.removesuffix(f"-s{spec.seed}") for spec in specs]
     table = "recordings" if any(isinstance(spec, RecordingSpec) for spec in specs) else "sequences"
     return [
-        f"{table}.{name}: is the same as {names[first]}, and nothing but its name differs; leave one out"
+        f"{table}.{name}: equals {names[first]} except for its name; remove one"
         for i, name in enumerate(names)
         if (first := unnamed.index(unnamed[i])) != i
     ]
 
 
 def _check(path: Path, model: type[BaseModel], data: dict[str, Any], more: Sequence[str] = ()) -> Any:
-    """The config as its model; UserError with a line for each mistake, including those in `more`."""
+    """The config as its model; UserError with a line for each error, including those in `more`."""
     config, mistakes = located(data, path.parent)
     mistakes += more
     try:

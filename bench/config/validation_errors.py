@@ -1,4 +1,4 @@
-"""Validation errors of a config in words: the path of the key, what is wrong, and the nearest valid name."""
+"""Readable validation errors of a config: path of the key, what is wrong, and the nearest valid name."""
 
 import difflib
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 
 def explain(model: type[BaseModel], error: Any) -> str:
-    """One line for an error of pydantic in a model: key path, what is wrong, and the nearest valid name."""
+    """One line for a pydantic error: key path, what is wrong, and the nearest valid name."""
     keys, tables = zip(*_walk(model, error["loc"]), strict=True) if error["loc"] else ((), ())
     path = _path(keys)
     context = error.get("ctx", {})
@@ -34,7 +34,7 @@ def explain(model: type[BaseModel], error: Any) -> str:
 
 
 def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
-    """Path of a misplaced key in one of the tables around it, or in a table beside it; "" where there is none."""
+    """Path at which a misplaced key would be valid, in an enclosing or a sibling table; "" if there is none."""
     name = str(keys[-1])
     for depth in range(len(keys) - 2, -1, -1):
         if tables[depth] is not None and name in tables[depth].model_fields:
@@ -49,7 +49,7 @@ def _elsewhere(keys: tuple[Any, ...], tables: tuple[Any, ...]) -> str:
 
 
 def _path(keys: tuple[Any, ...]) -> str:
-    """Dotted path of keys in a config; None is a step that has no key."""
+    """Dotted path of keys in a config; None for a step without a key, such as a union's tag."""
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys if k is not None).lstrip(".")
 
 
@@ -60,7 +60,7 @@ def _nearest(name: str, valid: list[str]) -> str:
 
 
 def _walk(model: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | int | None, type[BaseModel] | None]]:
-    """Each step of an error's location as (key, model that the key is looked up in); a union's tag has no key."""
+    """Steps of an error's location as (key, model with this key); the key is None for a union's tag."""
     here: Any = model
     for step in location:
         here = _bare(here)

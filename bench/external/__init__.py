@@ -1,4 +1,4 @@
-"""External trackers: a program in any language, given a folder or a stream of frames, never the ground truth.
+"""External trackers: programs in any language that get a folder or a stream of frames, never the ground truth.
 
-In: a command and a sequence. Out: results, and faults with names. Imports inputs, the tracker protocol and datasets.
+In: a command and a sequence. Out: results and named faults. Imports inputs, the tracker protocol and datasets.
 """

@@ -1,7 +1,7 @@
-"""A temporary folder and the processes in it, both of which are removed when this process ends, even by kill -9.
+"""A temporary folder and its processes, cleaned up when this process ends, even by kill -9.
 
-They are owned by a guard process (`guard_process`), which is the subreaper of everything that its program starts, so
-that daemons in other sessions are found too; a socket that closes tells it that this process has ended.
+A guard process (`guard_process`) owns both. It is the subreaper of all descendants of its program, so that daemons in
+other sessions are killed too, and it detects the end of this process by its closed socket.
 """
 
 import array
@@ -21,23 +21,23 @@ from typing import Any, TextIO
 
 SCRIPT = Path(__file__).parent / "guard_process.py"
 START_S, END_S = 60.0, 20.0
-"""Timeout for the start and the end of a guard, s; it takes some hundredths of a second."""
+"""Timeout for starting and stopping a guard, s; either usually takes a few hundredths of a second."""
 WAIT_S = 3600.0
 """Polling interval for a program without timeout, s."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """Exit code of a program, negative for a signal, and the memory in MB for which it was killed, else 0."""
+    """Exit code of a program, negative for a signal; the memory in MB at which it was killed, 0 if it was not."""
 
     code: int
     used_mb: float = 0.0
 
 
 class Guard:
-    """Context manager with a new, empty `folder`; on exit it ends its program and removes the folder.
+    """Context manager with a new, empty `folder`; on exit it kills its program and removes the folder.
 
-    OSError when there is no room for a folder.
+    OSError when the folder cannot be created.
     """
 
     def __init__(self, prefix: str) -> None:
@@ -75,36 +75,37 @@ class Guard:
         memory_mb: int = 0,
         file_mb: int = 0,
     ) -> None:
-        """Start the one program of this guard, in its folder or in cwd; 0 MB is no limit.
+        """Start the program of this guard, of which there is one, in the guard's folder or in cwd.
 
-        files are its standard input, output and error. memory_mb limits the address space of each of its processes and
-        their total memory, file_mb the size of a file. A command that cannot be started ends with the code 127.
+        files: its standard input, output and error. memory_mb: limit of the address space of each process and of their
+        total memory; file_mb: limit of a file's size; 0 for no limit. A command that cannot be started has the exit
+        code 127.
         """
         asked = {"command": list(command), "environment": dict(environment), "cwd": str(cwd or self.folder)}
         line = json.dumps({**asked, "memory_mb": memory_mb, "file_mb": file_mb}).encode() + b"\n"
         rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", files))]
         self._socket.settimeout(START_S)
-        with suppress(OSError):  # a guard that is gone is reported by `wait`
+        with suppress(OSError):  # `wait` reports a guard that has ended
             sent = self._socket.sendmsg([line], rights)
             self._socket.sendall(line[sent:])
 
     def wait(self, timeout_s: float) -> Ended | None:
-        """Result of the program, None when it has not ended within this time."""
+        """Result of the program; None when it has not ended within timeout_s."""
         if self._ended is None and (said := self._said(timeout_s)) is not None:
             self._ended = Ended(**said)
         elif self._ended is None and self._gone:
-            self._ended = Ended(-signal.SIGKILL)  # somebody killed the guard, and the program with it
+            self._ended = Ended(-signal.SIGKILL)  # the guard was killed, and the program with it
         return self._ended
 
     def end(self) -> None:
-        """End the program and all it has started."""
+        """Kill the program and its descendants."""
         self._socket.settimeout(END_S)
         with suppress(OSError):
             self._socket.sendall(b'{"end": true}\n')
             self.wait(END_S)
 
     def close(self) -> None:
-        """End the program and all it has started, and remove the folder."""
+        """Kill the program and its descendants, and remove the folder."""
         with suppress(OSError):  # a guard that is gone
             self._socket.shutdown(socket.SHUT_WR)
         try:
@@ -112,7 +113,7 @@ class Guard:
         except subprocess.TimeoutExpired:
             self.popen.kill()
             self.popen.wait()
-        if self.popen.returncode < 0:  # somebody killed it, and its child ends all
+        if self.popen.returncode < 0:  # the guard was killed; its child cleans up
             while not self._gone and self._said(END_S) is not None:
                 pass
             if hasattr(self, "folder"):
@@ -120,7 +121,7 @@ class Guard:
         self._socket.close()
 
     def _said(self, timeout_s: float) -> dict[str, Any] | None:
-        """The guard's next message, None on timeout."""
+        """The guard's next message; None on timeout."""
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._received:
             self._socket.settimeout(max(1e-3, deadline - time.monotonic()))
@@ -141,7 +142,7 @@ class Guard:
 
 @dataclass(frozen=True)
 class Finished:
-    """Exit code of a program that ran to its end, negative for a signal, and its output."""
+    """Exit code of a finished program, negative for a signal, and its output."""
 
     code: int
     out: str
@@ -149,13 +150,13 @@ class Finished:
 
     @property
     def last(self) -> str:
-        """The last line of standard error, else of standard output, else the exit code."""
+        """The last line of standard error, or else of standard output, or else the exit code."""
         lines = (self.err.strip() or self.out.strip()).splitlines()
         return lines[-1] if lines else f"exit code {self.code}"
 
 
 def finished(guard: Guard, command: Sequence[str], environment: Mapping[str, str]) -> Finished:
-    """Run a program of a guard in its folder to the end, without input; it never outlives this process."""
+    """Run a program in a guard's folder to its end, without input; it never outlives this process."""
     out, err = guard.folder / "stdout.txt", guard.folder / "stderr.txt"
     with Path(os.devnull).open("rb") as nothing, out.open("wb") as said, err.open("wb") as errors:
         guard.start(command, environment, (nothing.fileno(), said.fileno(), errors.fileno()))
@@ -166,7 +167,7 @@ def finished(guard: Guard, command: Sequence[str], environment: Mapping[str, str
 
 @dataclass(frozen=True)
 class Talk:
-    """A guarded program's standard input and output, as text."""
+    """Standard input and output of a guarded program, as text."""
 
     asks: TextIO
     answers: TextIO
@@ -174,7 +175,7 @@ class Talk:
 
 @contextmanager
 def talk(command: Sequence[str], environment: Mapping[str, str], cwd: Path) -> Iterator[Talk]:
-    """A program with pipes for requests and answers; on exit it is ended with everything that it started."""
+    """Context with a program and pipes for requests and answers; on exit it is killed with its descendants."""
     with Guard("uavbench-talk-") as guard, talk_in(guard, command, environment, cwd=cwd) as talking:
         yield talking
 
@@ -183,7 +184,7 @@ def talk(command: Sequence[str], environment: Mapping[str, str], cwd: Path) -> I
 def talk_in(
     guard: Guard, command: Sequence[str], environment: Mapping[str, str], *, cwd: Path | None = None, errors: int = 2
 ) -> Iterator[Talk]:
-    """The same for a program of a guard; `errors` is its standard error."""
+    """As `talk`, for a program of an existing guard; errors: file descriptor of its standard error."""
     (their_asks, asks), (answers, their_answers) = os.pipe(), os.pipe()
     guard.start(command, environment, (their_asks, their_answers, errors), cwd=cwd)
     os.close(their_asks)

@@ -1,11 +1,11 @@
-"""Owns a temporary folder and a tree of processes, and ends both when its owner is gone: see `guard`.
+"""Guard process: removes a temporary folder and kills a tree of processes when its owner ends; see `guard`.
 
-Run as `python -I -S guard_process.py SOCKET PREFIX`, so that it starts quickly and loads nothing of a user's. Lines of
-JSON go over the socket. To its owner: `{"folder": ...}`, and `{"code": ..., "used_mb": ...}` once its program has
-ended. From its owner: one `{"command": ..., "environment": ..., "cwd": ..., "memory_mb": ..., "file_mb": ...}` with the
-program's three standard files, and `{"end": true}`. When the owner dies, however it dies, the socket closes; then all
-is ended. There are two of it, a parent that does nothing else and the child that serves, so that whichever of them
-somebody kills, the other one ends all.
+Run as `python -I -S guard_process.py SOCKET PREFIX`, which starts quickly and loads no user code. The protocol is lines
+of JSON over the socket. To the owner: `{"folder": ...}`, and `{"code": ..., "used_mb": ...}` once the program has
+ended. From the owner: one `{"command": ..., "environment": ..., "cwd": ..., "memory_mb": ..., "file_mb": ...}` with the
+program's three standard file descriptors, and `{"end": true}`. When the owner ends, for whatever reason, the socket
+closes, and the guard cleans up. The guard is two processes, a child that serves the owner and a parent that only waits:
+if either is killed, the other one cleans up.
 """
 
 import ctypes
@@ -28,13 +28,13 @@ PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 SAMPLE_S = 0.1
 """Polling interval for the total memory of all processes, and for the owner, s."""
 LOOKS = 5
-"""At the memory of processes, while some of them come or go."""
+"""Attempts to read the memory of all processes while some of them start or end."""
 GIVE_UP_S = 10.0
-"""Time to wait for killed processes, s."""
+"""Timeout for killed processes to end, s."""
 
 
 def main() -> None:
-    """Make the folder, have a child start what the owner asks for, and end it all."""
+    """Create the folder, serve the owner in a child process, and clean up."""
     owner, owner_pid = socket.socket(fileno=int(sys.argv[1])), os.getppid()
     owner.set_inheritable(False)
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGPIPE):
@@ -49,18 +49,18 @@ def main() -> None:
             owner.close()
             outlive(child, owner_pid, told)
         else:
-            os.setsid()  # what is sent to the parent's group is not sent to it
-            _prctl(PR_SET_CHILD_SUBREAPER, 1)  # which a child does not inherit
+            os.setsid()  # signals to the parent's process group do not reach the child
+            _prctl(PR_SET_CHILD_SUBREAPER, 1)  # a child does not inherit it
             Guarding(owner, parent, Told()).serve(folder)
     except OSError:
-        pass  # the owner is gone
+        pass  # the owner has ended
     finally:
         end_descendants()
         rmtree(folder, ignore_errors=True)
 
 
 class Told:
-    """Signals that wake this process: the end of a child, and SIGTERM, which asks it to end."""
+    """Signals that wake this process: SIGCHLD at the end of a child, and SIGTERM as the request to end."""
 
     def __init__(self) -> None:
         self.woken, wake = os.pipe()
@@ -75,7 +75,7 @@ class Told:
         self.to_end |= number == signal.SIGTERM
 
     def wait(self, *others: int) -> set[int]:
-        """Those of other files that can be read, after a signal, or SAMPLE_S at the latest."""
+        """Wait for a signal, a readable file or SAMPLE_S, whichever is first; the readable ones among `others`."""
         poll = select.poll()
         for handle in (self.woken, *others):
             poll.register(handle, select.POLLIN)
@@ -86,7 +86,7 @@ class Told:
 
 
 def outlive(child: int, owner_pid: int, told: Told) -> None:
-    """Wait for the child that serves, and ask it to end when the owner is gone or this process is asked to."""
+    """Wait for the serving child, and send it SIGTERM when the owner has ended or on SIGTERM."""
     while not any(pid == child for pid, _ in reap()):
         if told.to_end or os.getppid() != owner_pid:
             _signal([child], signal.SIGTERM)
@@ -94,7 +94,7 @@ def outlive(child: int, owner_pid: int, told: Told) -> None:
 
 
 class Guarding:
-    """One owner, and its program once there is one."""
+    """Connection to the owner, and the program once it is started."""
 
     def __init__(self, owner: socket.socket, parent: int, told: Told) -> None:
         self.owner, self.parent, self.told = owner, parent, told
@@ -103,7 +103,7 @@ class Guarding:
         self.received, self.files = b"", list[int]()
 
     def serve(self, folder: str) -> None:
-        """Serve the owner's requests until it is gone."""
+        """Serve the owner's requests until it ends."""
         self.tell({"folder": folder})
         while not self.told.to_end and os.getppid() == self.parent:
             if self.owner.fileno() in self.told.wait(self.owner.fileno()) and not self.listen():
@@ -111,7 +111,7 @@ class Guarding:
             self.look_after()
 
     def listen(self) -> bool:
-        """Carry out the owner's messages; False when it is gone."""
+        """Carry out the owner's messages; False when the owner has ended."""
         data, files, _, _ = socket.recv_fds(self.owner, 1 << 16, 3)
         for handle in files:
             os.set_inheritable(handle, False)
@@ -127,7 +127,7 @@ class Guarding:
         return bool(data)
 
     def start(self, asked: dict[str, Any]) -> None:
-        """Start the program in a session of its own."""
+        """Start the program in its own session."""
         self.memory_mb, guard = asked["memory_mb"], os.getpid()
         self.program = os.fork()
         if self.program:
@@ -150,7 +150,7 @@ class Guarding:
             os._exit(127)
 
     def look_after(self) -> None:
-        """Reap ended processes; end all when the program has ended, or when they exceed the memory together."""
+        """Reap ended processes; kill the rest when the program has ended or their total memory exceeds the limit."""
         self.codes.update(reap())
         if not self.program or self.reported:
             return
@@ -166,7 +166,7 @@ class Guarding:
 
 
 def limit(memory_mb: int, file_mb: int) -> None:
-    """Limit the address space and the size of files of this process and its children, and leave no core files."""
+    """Limit address space and file size of this process and its children, and disable core dumps."""
     for what, megabytes in (
         (resource.RLIMIT_AS, memory_mb),
         (resource.RLIMIT_FSIZE, file_mb),
@@ -177,7 +177,7 @@ def limit(memory_mb: int, file_mb: int) -> None:
 
 
 def die_with(parent: int) -> None:
-    """Let the kernel kill this process when its parent thread ends; exit at once where that has ended already."""
+    """Make the kernel kill this process when its parent thread ends; exit if the parent has already ended."""
     _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
@@ -186,7 +186,7 @@ def die_with(parent: int) -> None:
 def end_descendants() -> list[tuple[int, int]]:
     """Kill all descendants of this process, in any session; (pid, exit code) of its direct children.
 
-    They are stopped first, so that none starts another one in the meantime.
+    They are stopped first, so that none forks in the meantime.
     """
     ended: list[tuple[int, int]] = list(reap())
     deadline = time.monotonic() + GIVE_UP_S
@@ -199,7 +199,7 @@ def end_descendants() -> list[tuple[int, int]]:
 
 
 def reap() -> Iterator[tuple[int, int]]:
-    """Children that have ended: pid, and exit code as of `subprocess` (minus the signal)."""
+    """(pid, exit code) of the children that have ended; the code is minus the signal, as in `subprocess`."""
     with suppress(ChildProcessError):
         while True:
             pid, status = os.waitpid(-1, os.WNOHANG)
@@ -209,7 +209,7 @@ def reap() -> Iterator[tuple[int, int]]:
 
 
 def descendants(root: int) -> set[int]:
-    """Processes that a process has started, and those that these have started."""
+    """All descendants of a process."""
     found: set[int] = set()
     todo = [root]
     while todo:
@@ -220,7 +220,7 @@ def descendants(root: int) -> set[int]:
 
 
 def children(pid: int) -> Iterator[int]:
-    """Children of a process, none where there is no /proc to tell them."""
+    """Children of a process; empty without /proc."""
     with suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             with suppress(OSError):
@@ -240,9 +240,9 @@ def _parent(pid: int) -> int:
 def used_memory_mb(limit_mb: int) -> float:
     """Total memory of all descendants in MB if it exceeds the limit, else 0.
 
-    Resident memory first, which counts shared pages once per process; where that exceeds the limit, the proportional
-    set size, which is slower to read. Proportional sizes add up only while no process starts or ends: the pages of one
-    that ends are divided among those that remain.
+    Measured as the resident set size, which counts shared pages once per process; where that exceeds the limit, as the
+    proportional set size, which is slower to read. The sum of proportional sizes is valid only while no process starts
+    or ends, since the shared pages of a process that ends are then divided among fewer.
     """
     used = 0.0
     for _ in range(LOOKS):
@@ -258,7 +258,7 @@ def used_memory_mb(limit_mb: int) -> float:
 
 
 def _resident_mb_of_each() -> dict[int, float]:
-    """Resident memory of each process started from here that has not ended."""
+    """Resident memory of each running descendant."""
     return {pid: resident for pid in descendants(os.getpid()) if (resident := _resident_mb(pid))}
 
 
@@ -286,7 +286,7 @@ def _signal(pids: Iterable[int], number: int) -> None:
 
 
 def _prctl(option: int, value: int) -> None:
-    with suppress(OSError, AttributeError):  # there is none but on Linux; the socket tells of the owner's end anyway
+    with suppress(OSError, AttributeError):  # Linux only; elsewhere the closed socket reports the owner's end
         ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 

@@ -1,9 +1,9 @@
-"""`--isolate`: runs a program in namespaces where only the system, its own files and its job folder are visible.
+"""`--isolate`: runs a program in namespaces in which only the system, its own files and its job folder are visible.
 
-bubblewrap makes them, else `unshare` of util-linux; where neither can, the run is refused. Its processes, mounts,
-users, host name and shared memory are its own, and it has no network. Read-only: the system's programs and libraries,
-the Python that the command starts, and the files that its table names. Writable: its current folder, `/job`, and
-`/tmp`.
+They are created by bubblewrap, or else by `unshare` of util-linux; where neither works, the run is refused. The program
+has its own process, mount, user, host name and IPC namespaces, and no network. Read-only are the system's programs and
+libraries, the Python installation that the command uses, and the files that its table names. Writable are its working
+directory `/job` and `/tmp`.
 """
 
 import shutil
@@ -18,28 +18,28 @@ from uavbench.trajectories.errors import UserError
 SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32", "/nix/store", "/gnu/store")
 ETC = ("alternatives", "fonts", "ld.so.cache", "ld.so.conf", "ld.so.conf.d", "localtime", "nsswitch.conf")
 PREFIX = ("bin", "conda-meta", "etc", "include", "lib", "lib32", "lib64", "libexec", "pyvenv.cfg", "share", "ssl")
-"""Parts of a Python installation, virtual environment or conda prefix that are made visible."""
+"""Visible subfolders of a Python installation, virtual environment or conda prefix."""
 KERNEL = ("sys", "sysrq-trigger", "irq", "bus")
-"""Machine-wide parts of /proc, which root could write without any capability, so they are read-only."""
+"""Machine-wide entries of /proc, mounted read-only because root can write them even without capabilities."""
 SHARED_MEMORY_MB = 256
 PASSED_IN = ("PATH", "LANG", "LC_ALL", "OMP_NUM_THREADS")
-"""The only environment variables that are passed on."""
+"""The only environment variables passed to the program."""
 WITHIN = {"HOME": "/tmp", "TMPDIR": "/tmp", "USER": "tracker", "PYTHONUNBUFFERED": "1"}
 PROBE_S = 30.0
 
 Way = Callable[[Sequence[str], Path, Sequence[Path]], list[str]]
-"""Builds the command that runs a command in a job folder with visible paths."""
+"""Builds the isolating command from a command, its job folder and the visible paths."""
 
 
 def isolated(command: Sequence[str], folder: Path, files: Iterable[Path]) -> list[str]:
-    """The command that runs `command` isolated, with its job folder and read-only files; UserError if unsupported."""
+    """Command line that runs `command` isolated, with its job folder and read-only files; UserError if unsupported."""
     way, program = usable(), unwrapped(command[0])
     return way([program, *command[1:]], folder, visible(program, files))
 
 
 @cache
 def unwrapped(program: str) -> str:
-    """The interpreter itself where PATH leads to a shim, as those of pyenv."""
+    """Path of the Python interpreter behind a shim on PATH, such as pyenv's."""
     at = shutil.which(program)
     if at is None or not Path(program).name.startswith("python") or Path(at).read_bytes()[:2] != b"#!":
         return program
@@ -51,7 +51,7 @@ def unwrapped(program: str) -> str:
 
 
 def visible(program: str, files: Iterable[Path] = ()) -> list[Path]:
-    """Paths that are visible read-only beside the job folder, none inside another."""
+    """Paths that are visible read-only besides the job folder; none contains another."""
     found = [*map(Path, SYSTEM), *(Path("/etc", name) for name in ETC), *_prefixes(program), *files]
     if (at := shutil.which(program)) is not None:
         found.append(Path(at).absolute())
@@ -63,18 +63,18 @@ def visible(program: str, files: Iterable[Path] = ()) -> list[Path]:
 
 
 def refuse_seen(program: str, files: Iterable[Path], hidden: Path) -> None:
-    """UserError when an isolated program would see any part of a folder that must stay hidden."""
+    """Raise UserError when a folder that must stay hidden would be visible to an isolated program, even in part."""
     hidden = hidden.resolve()
     for path in visible(unwrapped(program), files):
         if hidden.is_relative_to(path.resolve()) or path.resolve().is_relative_to(hidden):
             raise UserError(
-                f"isolate: {path} would be seen, and the ground truth of {hidden} with it; put one of them elsewhere"
+                f"isolate: {path} would be visible, and with it the ground truth of {hidden}; move one of the two"
             )
 
 
 @cache
 def usable() -> Way:
-    """The tool that can make namespaces on this machine; UserError with the message of each that fails."""
+    """The tool that can create namespaces on this machine; UserError with the message of each that fails."""
     why = []
     ways: dict[str, Way] = {"bwrap": _bubblewrap, "unshare": _unshare}
     for name, way in ways.items():
@@ -94,8 +94,8 @@ def usable() -> Way:
         words = done.stderr.strip().splitlines()
         why.append(f"{name}: {words[-1] if words else f'exit code {done.returncode}'}")
     raise UserError(
-        f"isolate: no program can be isolated here ({'; '.join(why)}); install bubblewrap, let users make namespaces, "
-        "or run without it what you trust"
+        f"isolate: programs cannot be isolated on this machine ({'; '.join(why)}); install bubblewrap, enable user "
+        "namespaces, or run programs that you trust without --isolate"
     )
 
 
@@ -105,7 +105,7 @@ def _bubblewrap(command: Sequence[str], folder: Path, paths: Sequence[Path]) -> 
     for name in KERNEL:
         out += ["--ro-bind-try", *[f"/proc/{name}"] * 2]
     out += ["--dev", "/dev", "--size", str(SHARED_MEMORY_MB << 20), "--tmpfs", "/dev/shm"]
-    for path in paths:  # after /tmp, for it may hold some of them
+    for path in paths:  # after /tmp, which may contain some of them
         out += ["--symlink", str(path.readlink()), str(path)] if _is_top_link(path) else ["--ro-bind", *[str(path)] * 2]
     return [*out, "--remount-ro", "/", "--chdir", "/job", "--", *command]
 
@@ -173,12 +173,12 @@ def _unshare(command: Sequence[str], folder: Path, paths: Sequence[Path]) -> lis
 
 
 def _is_top_link(path: Path) -> bool:
-    """Whether a path is one of those that lead into /usr, as /bin does on most systems."""
+    """Whether a path is a top-level link into /usr, as /bin is on most systems."""
     return path.is_symlink() and len(path.parts) == 2
 
 
 def _prefixes(program: str) -> Iterator[Path]:
-    """Folders of a Python: its own installation, and the virtual environment that it is started from."""
+    """Prefixes of a Python: its installation, and its virtual environment if it has one."""
     found = shutil.which(program)
     path = Path(found).absolute() if found else None
     while path is not None:

@@ -1,4 +1,4 @@
-"""The folder of an external tracker's job: everything that a tracker may know, never the ground truth.
+"""Job folder of an external tracker: everything that a tracker may know, never the ground truth.
 
     job.toml       mode, rate_hz, seed
     camera.toml    width height fx fy cx cy distortion_model distortion
@@ -6,16 +6,16 @@
     model.cao      the same as polygons, one for each planar face, as ViSP reads it
     edges.csv      its true edges: vertex_0, vertex_1, face_0, face_1 (from 0; -1: no face)
     init.toml      cam_from_model at the first frame, a 4x4 matrix
-    sensors.toml   cam_from_body, and each sensor of the body: its columns, rate, noise and place
+    sensors.toml   cam_from_body, and each sensor of the body: its columns, rate, noise and mounting
 
-and, where the tracker gets all frames at once,
+and, in the folder form, in which the tracker gets all frames at once,
 
     frames.csv     stamp_ns, file
     frames/*.png   the images
-    imu.csv ...    what each sensor measured, by its name: stamp_ns and its columns
+    imu.csv ...    measurements of each sensor, by its name: stamp_ns and its columns
 
-In the stream form images and samples come on standard input, each at its time. What trackers may know of the body and
-its sensors is defined in `uavbench.scenes.dataset.body`.
+In the stream form images and sensor samples arrive on standard input in the order of their stamps. What trackers may
+know of the body and its sensors is defined in `uavbench.scenes.dataset.body`.
 """
 
 import json
@@ -37,11 +37,11 @@ from uavbench.trajectories.pose import Pose
 KEPT_MARKER = "uavbench.json"
 """File of a kept folder that lists the others."""
 MAX_WORDS_BYTES = 1 << 24
-"""Largest output file of a program that is kept."""
+"""Largest output file of a program that is kept, bytes."""
 
 
 def job_folder() -> Guard:
-    """An empty folder away from the dataset, removed on exit with all processes in it."""
+    """Context with an empty folder outside of the dataset; on exit it is removed and its processes are killed."""
     try:
         return Guard("uavbench-job-")
     except OSError as error:
@@ -51,7 +51,7 @@ def job_folder() -> Guard:
 def write_job(
     folder: Path, structure: Structure, camera: Camera, cam_from_world: Pose, *, mode: str, rate_hz: float, seed: int
 ) -> None:
-    """Write the files that both forms share."""
+    """Write the files of both forms, stream and folder."""
     write_text(folder / "job.toml", f'mode = "{mode}"\nrate_hz = {rate_hz!r}\nseed = {seed}\n')
     write_known(folder, structure, camera, cam_from_world)
 
@@ -65,7 +65,7 @@ def write_known(folder: Path, structure: Structure, camera: Camera, cam_from_wor
 
 
 def write_sensors(folder: Path, body: Body) -> None:
-    """Write `sensors.toml`: what is known of the body and its sensors."""
+    """Write `sensors.toml`: mounting, rates and noise of the body's sensors."""
     text = _matrix("cam_from_body", body.cam_from_body)
     for name, sensor in body.sensors.items():
         about = {"kind": sensor.kind, "columns": list(sensor.columns), **sensor.parameters}
@@ -79,9 +79,9 @@ def _matrix(key: str, pose: Pose) -> str:
 
 
 def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
-    """Write the images at these indices, their stamps, and what the sensors measured up to the last of them.
+    """Write the images at these indices, their stamps, and the sensors' measurements up to the last of them.
 
-    Copies, so that a dataset cannot be changed.
+    Images are copied, not linked, so that a tracker cannot modify the dataset.
     """
     (folder / "frames").mkdir()
     lines = ["stamp_ns,file\n"]
@@ -98,7 +98,7 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
 
 
 def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
-    """Copy the job folder of a faulty run, with the faults in faults.txt; links in it are not followed."""
+    """Copy the job folder of a run with faults, and write these to faults.txt; links are not followed."""
     with new_folder(kept, KEPT_MARKER) as new:
         shutil.copytree(folder, new, symlinks=True, dirs_exist_ok=True, ignore=_not_worth_keeping)
         for words in (new / "stdout.txt", new / "stderr.txt"):
@@ -111,11 +111,11 @@ def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
 
 
 def _not_worth_keeping(folder: str, names: list[str]) -> list[str]:
-    """Temporary files, pipes, sockets and devices."""
+    """Names of temporary files, pipes, sockets and devices, which are not copied."""
     return [n for n in names if n == "tmp" or not ((p := Path(folder, n)).is_symlink() or p.is_file() or p.is_dir())]
 
 
 def sample_lines(samples: Mapping[str, Samples]) -> bytes:
-    """Lines `NAME,stamp_ns,...` of the samples of all sensors, in the order of their stamps."""
+    """Samples of all sensors as lines `NAME,stamp_ns,...`, in the order of their stamps."""
     rows = [(stamp, f"{name},{row}\n") for name, some in samples.items() for stamp, row in some.rows()]
     return "".join(line for _, line in sorted(rows, key=lambda row: row[0])).encode()

@@ -1,4 +1,4 @@
-"""A program run in its own folder: no shell, limits on time and memory; kills its process group at the end."""
+"""Runs a program in its own folder, without a shell, with limits on time and memory; kills its processes at the end."""
 
 import fcntl
 import os
@@ -31,20 +31,20 @@ PIPE_BYTES = 1 << 20
 MAX_LINE_BYTES = 1 << 14
 MAX_FILE_MB = 1024
 GONE_S = 2.0
-"""Time in s that a program may take to end after closing its output."""
+"""Time in s within which a program must end after closing its output."""
 
 
 class Process:
     """A running program; on exit of the context its whole process tree is killed.
 
-    files: what an isolated program may read beside its folder; None: it is not isolated.
+    files: files that an isolated program may read besides its folder; None: not isolated.
     """
 
     def __init__(
         self, command: Sequence[str], guard: Guard, *, memory_mb: int, piped: bool, files: Sequence[Path] | None = None
     ) -> None:
         if shutil.which(command[0]) is None:
-            raise TrackerFault("cannot-start", "command", f"{command[0]!r} is no program that can be run")
+            raise TrackerFault("cannot-start", "command", f"{command[0]!r} is not an executable program")
         self.guard, self.popen = guard, guard.popen
         self.memory_mb, self._folder, self._buffer = memory_mb, guard.folder, bytearray()
         self.stdin: int | None = None
@@ -64,7 +64,7 @@ class Process:
                 os.close(handle)
 
     def _input(self, piped: bool) -> int:
-        """The program's end of its standard input; ours is stored."""
+        """The program's end of its standard input; our end is stored."""
         if not piped:
             return os.open(os.devnull, os.O_RDONLY)
         theirs, self.stdin = os.pipe()
@@ -72,7 +72,7 @@ class Process:
         return theirs
 
     def _output(self, piped: bool) -> int:
-        """The program's end of its standard output; ours is stored."""
+        """The program's end of its standard output; our end is stored."""
         if not piped:
             return _open(self._folder / "stdout.txt")
         self.stdout, theirs = os.pipe()
@@ -94,13 +94,13 @@ class Process:
             self.stdout = None
 
     def close_input(self) -> None:
-        """End the program's standard input."""
+        """Close the program's standard input."""
         if self.stdin is not None:
             os.close(self.stdin)
             self.stdin = None
 
     def finish(self, timeout_s: float, where: str) -> None:
-        """Wait for the program's own end; TrackerFault when it hangs or ends with an error."""
+        """Wait for the program to exit; TrackerFault on timeout or a non-zero exit code."""
         self.close_input()
         ended = self.guard.wait(timeout_s)
         if ended is None:
@@ -109,7 +109,7 @@ class Process:
             raise self.crash(where)
 
     def send(self, parts: Sequence[bytes | memoryview], deadline: float, where: str) -> None:
-        """Write all parts; TrackerFault when the program is gone, or does not read them by the deadline."""
+        """Write all parts; TrackerFault when the program has ended, or does not read them by the deadline."""
         assert self.stdin is not None
         handle = self.stdin
         poll = select.poll()
@@ -127,14 +127,14 @@ class Process:
                     raise self.crash(where) from None
 
     def line(self, deadline: float, where: str) -> str:
-        """The program's next output line; TrackerFault when it has ended, times out, or prints no text."""
+        """The program's next output line; TrackerFault when it has ended, on timeout, or when the line is not text."""
         while b"\n" not in self._buffer:
             if len(self._buffer) > MAX_LINE_BYTES:
                 raise TrackerFault("malformed", where, f"a line longer than {MAX_LINE_BYTES} bytes")
             if not self._read(deadline - time.monotonic()):
                 if self.guard.wait(0.0) is not None or time.monotonic() < deadline:
                     raise self.crash(where)
-                raise TrackerFault("hung", where, "no answer came in time")
+                raise TrackerFault("hung", where, "no answer before the timeout")
         text, _, self._buffer = self._buffer.partition(b"\n")
         try:
             return text.decode("utf-8")
@@ -142,16 +142,16 @@ class Process:
             raise TrackerFault("malformed", where, f"the answer is not UTF-8 text: {bytes(text[:40])!r}") from None
 
     def said_more(self) -> str:
-        """Output of the program beyond the lines taken, "" if nothing."""
+        """Output of the program after the lines already read; "" without any."""
         self._read(0.0)
         return self._buffer.decode("utf-8", errors="replace").strip()
 
     def discard(self) -> None:
-        """Discard output of the program beyond the lines taken."""
+        """Discard output of the program after the lines already read."""
         self._buffer.clear()
 
     def _read(self, timeout_s: float) -> bool:
-        """Read the program's output; False at its end, or when nothing came in time."""
+        """Read the program's output; False at its end, or on timeout."""
         assert self.stdout is not None
         poll = select.poll()
         poll.register(self.stdout, select.POLLIN)
@@ -164,15 +164,15 @@ class Process:
         return True
 
     def crash(self, where: str) -> TrackerFault:
-        """The fault of a program that has ended, with its exit code and its last line of standard error."""
+        """Fault of a program that has ended: its exit code and the last line of its standard error."""
         ended = self.guard.wait(GONE_S)
         if ended is None:
             how = "it closed its standard output but did not end"
         elif ended.used_mb:
-            what = f"its processes together took {ended.used_mb:.0f} MB, memory_mb is {self.memory_mb}"
+            what = f"its processes used {ended.used_mb:.0f} MB in total, memory_mb is {self.memory_mb}"
             return TrackerFault("out-of-memory", where, what)
         elif ended.code < 0:
-            how = f"it was ended by signal {signal.Signals(-ended.code).name}"
+            how = f"it was killed by signal {signal.Signals(-ended.code).name}"
         elif ended.code == 127:
             return TrackerFault("cannot-start", where, f"it ended with exit code 127: {self.last_words()}")
         else:
@@ -180,12 +180,12 @@ class Process:
         return TrackerFault("crashed", where, f"{how} (memory limit {self.memory_mb} MB): {self.last_words()}")
 
     def last_words(self) -> str:
-        """The last line on its standard error."""
+        """The last line of the program's standard error."""
         with (self._folder / "stderr.txt").open("rb") as handle:
             handle.seek(0, os.SEEK_END)
             handle.seek(max(0, handle.tell() - 2000))
             lines = handle.read().decode("utf-8", errors="replace").strip().splitlines()
-        return one_line(lines[-1])[:300] if lines else "no word on standard error"
+        return one_line(lines[-1])[:300] if lines else "nothing on standard error"
 
 
 def _open(path: Path) -> int:
@@ -193,7 +193,7 @@ def _open(path: Path) -> int:
 
 
 def _ready(pipe: int) -> None:
-    """Enlarge the buffer of our end of a pipe, and make it non-blocking."""
+    """Enlarge the buffer of a pipe, and make our end non-blocking."""
     os.set_blocking(pipe, False)
     with suppress(OSError, AttributeError):
         fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

@@ -1,8 +1,8 @@
-"""External trackers: a program in any language, given a folder or a stream of frames, never the ground truth.
+"""External trackers: programs in any language that get a folder or a stream of frames, never the ground truth.
 
-In the folder form the program gets all frames at once and writes `estimates.csv`. In the stream form it gets one frame
-at a time on standard input, says `ready` once and then one line for each frame, so that its latency is measured here
-and it cannot look ahead. docs/external-trackers.md is the protocol in full.
+In the folder form the program gets all frames at once and writes `estimates.csv`. In the stream form it prints `ready`,
+gets one frame at a time on standard input and answers each with one line, so that it cannot use later frames and its
+latency is measured here. docs/external-trackers.md specifies the protocol.
 """
 
 import time
@@ -39,20 +39,21 @@ MAX_FAULTS_REPORTED = 20
 EXPECTED = "expected"
 """First word of the line with the filter's predicted camera pose."""
 LONGEST_S = 86_400.0
-"""Longest timeout, a day; waiting for a program counts milliseconds in 31 bits, which are 24 days."""
+"""Longest timeout, s: a day; `poll` counts milliseconds in 31 bits, at most 24 days."""
 MOST_MB = 1 << 27
-"""128 TiB, the address space of a process on x86-64 Linux: more is no limit."""
+"""128 TiB in MB, the address space of a process on x86-64 Linux; a larger limit has no effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class External:
     """A program of your own, in any language, as a tracker.
 
-    command: program and arguments, no shell; those that are files beside the config are found there. mode: `stream`
-    gives a frame at a time, `folder` all at once. pixels: what the stream carries. timeout_s: for one frame, or for the
-    whole folder; start_timeout_s: until `ready`. memory_mb: address space of each of its processes, and memory of all.
-    input_files: further files whose change makes its results stale (sources, weights). isolate: it sees the system,
-    these files and its job folder, and no more (`uavbench.bench.external.isolation`).
+    command: program and arguments, without a shell; relative names of files beside the config are resolved there. mode:
+    `stream` sends one frame at a time, `folder` all at once. pixels: format of the streamed images. timeout_s: for one
+    frame, or for the whole folder; start_timeout_s: until `ready`. memory_mb: limit of the address space of each
+    process, and of their total memory. input_files: further files whose change makes its results stale (sources,
+    weights). isolate: only the system, these files and the job folder are visible to it
+    (`uavbench.bench.external.isolation`).
     """
 
     command: Annotated[tuple[str, ...], MinLen(1)]
@@ -67,21 +68,21 @@ class External:
     def __post_init__(self) -> None:
         for name in self.input_files:
             if not Path(name).is_file():
-                raise ValueError(f"input_files: {name} is no file")
+                raise ValueError(f"input_files: {name} is not a file")
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """Files whose content enters every result: what the command is made of, the input_files, the protocol's own."""
+        """Files whose content is hashed into every result: the command's, input_files, and the protocol's modules."""
         own = sorted(Path(__file__).parent.glob("*.py"))
         return (*own, *command_files(self.command), *map(Path, self.input_files))
 
     @property
     def seen_files(self) -> tuple[Path, ...]:
-        """Files that it sees when isolated: what its command names and its scripts import, and the input_files."""
+        """Files visible to the isolated program: those that its command names, their imports, and input_files."""
         return (*run_files(self.command), *map(Path, self.input_files))
 
     def run(self, guard: Guard) -> Process:
-        """The program at work in the folder of a guard."""
+        """The program, running in the folder of a guard."""
         files = self.seen_files if self.isolate else None
         return Process(self.command, guard, memory_mb=self.memory_mb, piped=self.mode == "stream", files=files)
 
@@ -94,7 +95,7 @@ class External:
         *,
         body: Body | None = None,
     ) -> Run:
-        """Begin a run in the stream form; it ends with the last reference to it. UserError in the folder form."""
+        """Start a run in the stream form; it ends with the last reference to it. UserError in the folder form."""
         if self.mode == "folder":
             raise UserError(f"{self.command[0]}: mode `folder` takes a whole sequence; use mode `stream` here")
         with ExitStack() as stack:
@@ -109,9 +110,9 @@ class External:
 
 
 def isolated_trackers(trackers: Mapping[str, Tracker]) -> dict[str, Tracker]:
-    """Trackers by label, the programs among them isolated.
+    """Trackers by label, with the external programs isolated.
 
-    UserError where no program can be isolated here, and for Python code of the user's own, which runs in this process.
+    UserError where isolation is not supported, and for user plug-ins in Python, which run in this process.
     """
     usable()
     for label, tracker in trackers.items():
@@ -121,7 +122,7 @@ def isolated_trackers(trackers: Mapping[str, Tracker]) -> dict[str, Tracker]:
 
 
 class StreamRun:
-    """A run of a program that gets a frame at a time; `owes`: its answer to the last frame is outstanding."""
+    """A run in the stream form; owes: whether the answer to the last frame is outstanding."""
 
     held: ExitStack | None = None
     owes = False
@@ -144,9 +145,9 @@ class StreamRun:
         self.expected = ",".join(repr(float(number)) for number in numbers)
 
     def track(self, image: Image, stamp_ns: int) -> TrackResult:
-        """Send the samples, what is expected, and a frame, take its answer; TrackerFault when there is no good one.
+        """Send the queued samples and prediction and a frame, and read the answer; TrackerFault without a valid one.
 
-        `total` is the wall time from the first byte sent until the answer was there.
+        `total` is the wall-clock time from the first byte sent to the answer.
         """
         where = f"frame {self.frames} (stamp {stamp_ns})"
         self.expect_silence(where)
@@ -177,16 +178,16 @@ class StreamRun:
         )
 
     def close(self) -> None:
-        """End the program's standard input and let it end by itself; TrackerFault when it does not, or says more."""
+        """Close the program's standard input and wait for its exit; TrackerFault when it hangs or prints more lines."""
         self.process.finish(self.tracker.timeout_s, "at its end")
         self.expect_silence("at its end")
 
     def expect_silence(self, where: str) -> None:
-        """TrackerFault when more than one line for each frame was said."""
+        """Raise TrackerFault when the program has printed more than one line per frame."""
         more = self.process.said_more()
         if more:
             name = "duplicate" if more.split(",")[0] == str(self.stamp_ns) else "unasked"
-            raise TrackerFault(name, where, f"{more[:60]!r} was said beyond one line for each frame")
+            raise TrackerFault(name, where, f"{more[:60]!r} was printed; expected one line for each frame")
 
     def __del__(self) -> None:
         if self.held is not None:
@@ -205,9 +206,9 @@ def track_external(
 ) -> Results:
     """Results of a program on every k-th frame of a sequence, from the initial pose of `start`.
 
-    What breaks the protocol makes frames lost and is reported under `errors` in the record; the job folder is then kept
-    at `kept_folder`. TrackerFault when the program cannot be started at all, UserError when isolation is asked for and
-    impossible.
+    Violations of the protocol make frames lost and are listed under `errors` of the record; the job folder is then kept
+    at `kept_folder`. TrackerFault when the program cannot be started, UserError when isolation is requested but not
+    supported.
     """
     frames = np.arange(0, len(sequence), stride(sequence, rate_hz)).tolist()
     if tracker.isolate:
@@ -236,7 +237,7 @@ def track_external(
 def _by_folder(
     tracker: External, sequence: Sequence, frames: list[int], guard: Guard, on_frame: OnFrame | None
 ) -> Estimates:
-    """All frames at once; the latency of single frames is unknown."""
+    """Track all frames in the folder form; the latency of single frames is unknown."""
     write_frames(guard.folder, sequence, frames)
     faults: list[Fault] = []
     with _named(faults), tracker.run(guard) as process:
@@ -252,7 +253,7 @@ def _by_folder(
 def _by_stream(
     tracker: External, sequence: Sequence, frames: list[int], guard: Guard, feed: Feed, on_frame: OnFrame | None
 ) -> Estimates:
-    """A frame at a time; after a protocol fault the remaining frames are lost."""
+    """Track frame by frame in the stream form; after a protocol fault the remaining frames are lost."""
     rows: list[TrackResult] = []
     faults: list[Fault] = []
     with _named(faults), tracker.run(guard) as process:
@@ -277,7 +278,7 @@ def _by_stream(
 
 @contextmanager
 def _named(faults: list[Fault]) -> Iterator[None]:
-    """Gather the fault that ends a run."""
+    """Append a TrackerFault raised in the context to the faults."""
     try:
         yield
     except TrackerFault as error:

@@ -1,8 +1,8 @@
-"""Rows printed by an external tracker, and the named faults in them.
+"""Parser of the rows that an external tracker prints, with named faults.
 
-A row is `stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz`, then, if the tracker claims a covariance, the 21 numbers of its
-upper triangle by rows. The pose is `cam_from_world`. The statuses `lost`,
-`ambiguous` and `not_initialized` need nothing after them.
+A row is `stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz`, optionally followed by the 21 numbers of the upper triangle of
+the covariance, row by row. The pose is `cam_from_world`. The statuses `lost`, `ambiguous` and `not_initialized` are
+followed by nothing.
 """
 
 import io
@@ -24,36 +24,36 @@ POSE_HEADER = ["stamp_ns", "status", *POSE_COLUMNS]
 HEADERS = [POSE_HEADER, [*POSE_HEADER, *COVARIANCE_COLUMNS]]
 STATUSES: tuple[Status, ...] = get_args(Status)
 MOST_ROW_BYTES = 4096
-"""Bytes of one row; 30 numbers of 26 characters, the longest that are written, are 780."""
+"""Longest row in bytes; 30 numbers of 26 characters, the longest ones in use, take 780."""
 MOST_FAULTS = 10_000
-"""Faults of one run that are named; the rest is counted."""
+"""Most faults of a run that are listed; the rest are counted."""
 
 FAULTS = {
-    "cannot-start": "check that the program is there, is executable, and finds its libraries",
-    "not-ready": "print the line `ready` on standard output and flush it when the tracker can take frames",
-    "crashed": "its own words are in stderr.txt of the job folder",
-    "out-of-memory": "take less, or raise memory_mb, which holds for all of its processes together",
+    "cannot-start": "check that the program exists, is executable, and finds its libraries",
+    "not-ready": "print the line `ready` on standard output and flush it once the tracker can receive frames",
+    "crashed": "its error output is in stderr.txt of the job folder",
+    "out-of-memory": "use less memory, or raise memory_mb, the limit for all of its processes together",
     "hung": "answer every frame, and flush standard output after each line; or raise timeout_s",
     "no-output": "write estimates.csv in the current folder",
     "malformed": "write stamp_ns,status,px_m,py_m,pz_m,qw,qx,qy,qz, numbers with a decimal point",
     "not-finite": "a frame without a good pose has the status `lost`",
-    "too-many": "mend the first ones",
+    "too-many": "correct the first ones",
     "bad-rotation": "write a unit quaternion, w first",
     "bad-covariance": "write the upper triangle of a symmetric, positive semi-definite 6x6 matrix by rows",
     "unknown-stamp": "repeat the stamp of the frame that the row belongs to",
     "duplicate": "write one row for each frame",
     "missing": "write one row for each frame; one without a pose has the status `lost`",
     "out-of-order": "write the rows in the order of the frames",
-    "unasked": "say one line for each frame, after it has come, and nothing else on standard output",
+    "unasked": "print one line for each frame, after receiving it, and nothing else on standard output",
 }
 """Name of each fault -> its remedy."""
 ROW_FAULTS = ("not-finite", "bad-rotation", "bad-covariance")
-"""Faults that lose one frame and leave program and harness in step."""
+"""Faults that cost one frame, after which program and benchmark remain synchronized."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: its name in FAULTS, the row or frame it is in, and what is wrong, as plain text in one line."""
+    """A fault: its name in FAULTS, the row or frame, and what is wrong, as one line of plain text."""
 
     name: str
     where: str
@@ -68,7 +68,7 @@ class Fault:
 
 
 class TrackerFault(UserError):
-    """An external tracker broke the protocol."""
+    """An external tracker violated the protocol."""
 
     def __init__(self, name: str, where: str, what: str) -> None:
         self.fault = Fault(name, where, what)
@@ -79,21 +79,21 @@ class TrackerFault(UserError):
 
 
 class EstimateRow(NamedTuple):
-    """Result of the frame that a row names by its stamp."""
+    """A row's stamp, and the result of the frame with this stamp."""
 
     stamp_ns: int
     result: TrackResult
 
 
 class Estimates(NamedTuple):
-    """Result of each frame, in the order of the frames, and what was wrong with the rows."""
+    """Result of each frame, in the order of the frames, and the faults of the rows."""
 
     results: list[TrackResult]
     faults: list[Fault]
 
 
 def read_row(text: str, where: str) -> EstimateRow:
-    """Stamp and result of one row; TrackerFault when it is malformed, not finite or no pose."""
+    """Stamp and result of a row; TrackerFault when it is malformed, not finite or not a valid pose."""
     cells = [cell.strip() for cell in text.strip().split(",")]
     try:
         if len(cells[0]) > 20:  # 64 bits and a sign
@@ -129,9 +129,9 @@ def read_row(text: str, where: str) -> EstimateRow:
 
 
 def read_estimates(path: Path, stamps_ns: Sequence[int]) -> Estimates:
-    """Result of each frame and all faults of an `estimates.csv`; a frame whose row is absent or faulty is lost.
+    """Result of each frame and all faults of an `estimates.csv`; frames with a missing or faulty row are lost.
 
-    Of two rows for one frame the first counts.
+    Of several rows for one frame the first is used.
     """
     limit = FileLimit("file of estimates", MOST_ROW_BYTES * (len(stamps_ns) + 2), "write one row for each frame")
     try:
@@ -184,12 +184,12 @@ def _read(path: Path, lines: io.TextIOWrapper, stamps_ns: Sequence[int]) -> Esti
     ]
     more += len(missing[room:])
     if more:
-        faults.append(Fault("too-many", path.name, f"there are {more:,} faults more"))
+        faults.append(Fault("too-many", path.name, f"and {more:,} more faults"))
     return Estimates([results.get(row, TrackResult(status="lost")) for row in range(len(stamps_ns))], faults)
 
 
 def _rows(lines: io.TextIOWrapper) -> Iterator[str]:
-    """Lines of a file; an overlong line comes in pieces, none of which is a valid row."""
+    """Lines of a file; an overlong line is split into pieces, none of which is a valid row."""
     while line := lines.readline(MOST_ROW_BYTES):
         yield line
 

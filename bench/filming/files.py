@@ -2,4 +2,4 @@
 
 VIDEO = "flight.webm"
 MARKER = "video.json"
-"""Marks the folder as complete; holds the content hash of the video's inputs."""
+"""File that marks the folder as complete; holds the content hash of the video's inputs."""

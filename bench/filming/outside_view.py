@@ -20,7 +20,7 @@ VIEW_DEG = 45.0
 FROM_DEG, ABOVE_DEG = -62.0, 28.0
 """Azimuth and elevation of the viewpoint, as in the figures of flights."""
 BACKDROP = 0.55
-"""Linear radiance of the background: bright and dark lines both stand out from it."""
+"""Linear radiance of the background, against which bright and dark lines are both visible."""
 GRID_M = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """Candidate spacings of the floor grid; the smallest with at most GRID_LINES lines is used."""
 GRID_LINES = 24
@@ -48,7 +48,7 @@ class OutsideView:
     def of(cls, spec: SequenceSpec, extent_m: tuple[Array, Array], size_px: tuple[int, int]) -> "OutsideView":
         """View of a spec's structure alone, on a floor grid.
 
-        extent_m: lower and upper corner (3,) in the world of a box that is wholly in view; size_px: width, height.
+        extent_m: lower and upper corner (3,) in the world of a box that is entirely in view; size_px: width, height.
         """
         low, high = extent_m
         camera = Camera.from_field_of_view(*size_px, VIEW_DEG)
@@ -84,7 +84,7 @@ class OutsideView:
 
 
 def looking_at(low: Array, high: Array, camera: Camera, above_deg: float = ABOVE_DEG) -> Pose:
-    """cam_from_world of a camera that has the box between two corners (3,), in m, in view, tilted down by above_deg."""
+    """cam_from_world of a camera tilted down by above_deg, with the box between two corners (3,), in m, in view."""
     azimuth, elevation = np.radians([FROM_DEG, above_deg])
     ahead = -np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     right = np.cross(ahead, [0.0, 0.0, 1.0])

@@ -28,7 +28,7 @@ from uavbench.trajectories.pose import rotation_from_quaternion
 from uavbench.trajectories.trajectory import Trajectory
 
 CODEC = "VP80"
-"""Plays in every browser, and is part of OpenCV's wheels."""
+"""Codec that every browser plays and OpenCV's wheels include."""
 OUTSIDE_PX = (640, 480)
 """Width and height of the view from outside."""
 ARM_PART = 0.035
@@ -48,7 +48,7 @@ def write_video(
     flown = Flown.load(flight)
     frames = flown.results.stamps_ns.tolist()
     if not frames:
-        raise UserError(f"{flight}: the flight ended before its first frame; there is nothing to show")
+        raise UserError(f"{flight}: the flight ended before its first frame; there are no images for a video")
     outside = Outside.of(spec, flown)
     way = Trajectory(flown.path.stamps_ns, flown.path.group("true_p_m"), flown.path.group("true_q"))
     rate_hz = float(flown.record["rate_hz"])

@@ -37,11 +37,11 @@ class Section:
 
 
 SECTIONS: dict[object, Section] = {
-    StructureSpec: Section("Structures", "What is flown around.", "structure", structure_picture),
+    StructureSpec: Section("Structures", "The objects of inspection.", "structure", structure_picture),
     EnvironmentSpec: Section(
-        "Environments", "Ground, walls, sky and light around it.", "environment", environment_picture
+        "Environments", "Ground, walls, sky and light around the structure.", "environment", environment_picture
     ),
-    ClutterSpec: Section("Clutter", "What stands, walks and flies about.", "clutter", environment_picture),
+    ClutterSpec: Section("Clutter", "Objects around the structure, static or moving.", "clutter", environment_picture),
     EffectSpec: Section(
         "Effects",
         "What shutter, lens, sensor and link do to the image, mostly more of it than usual: left without, right with "
@@ -52,7 +52,7 @@ SECTIONS: dict[object, Section] = {
     PathSpec: Section(
         "Paths", "A flight from its start (dot), dark to light, with the direction of the view.", "path", path_picture
     ),
-    SensorSpec: Section("Sensors", "What is measured on board, over ten seconds.", "sensors", sensor_picture),
+    SensorSpec: Section("Sensors", "Measurements on board, over ten seconds.", "sensors", sensor_picture),
 }
 """Protocol -> its section."""
 

@@ -1,4 +1,4 @@
-"""Pictures of what is rendered: structures, environments, clutter, and effects on the image."""
+"""Pictures of structures, environments, clutter, and image effects."""
 
 from dataclasses import replace
 from functools import lru_cache

@@ -1,9 +1,9 @@
-"""A baseline as one file that can be committed: `uavbench gate RESULTS --baseline FILE --update` makes it.
+"""A baseline as one file that can be committed, written by `uavbench gate RESULTS --baseline FILE --update`.
 
-It holds only the numbers that the gate compares, without frames and results, for the flights of one suite. It is
-compared with newly rendered frames, perhaps from another machine or newer code: the resulting random differences are
-part of the spread that the gate measures, so its margins are wider. It must not be edited: it contains the hash of its
-content.
+It holds only the numbers that the gate compares, for the flights of one suite, without frames and results. It is
+compared with newly rendered frames, possibly of another machine or newer code; the resulting random differences are
+part of the spread that the gate measures, so its margins are wider. It contains a hash of its content and must not be
+edited.
 """
 
 import hashlib
@@ -49,9 +49,9 @@ def write_baseline(side: Side, path: Path) -> None:
 def read_baseline(path: Path, flights: str) -> Side:
     """The baseline of a file; UserError when it was edited, or is of other flights than these."""
     body = read_json(path, limit=SETTINGS)
-    anew = f"make it anew with `uavbench gate RESULTS --baseline {path} --update`"
+    anew = f"create it again with `uavbench gate RESULTS --baseline {path} --update`"
     if body.pop("sha256", None) != _digest(body):
-        raise UserError(f"{path}: this is no baseline as it was written; {anew}, never by hand")
+        raise UserError(f"{path}: this baseline was edited or is incomplete; {anew}")
     if not flights or body.get("flights") != flights:
         raise UserError(f"{path}: the suite's flights have changed since it was made; {anew}")
     try:
@@ -65,7 +65,7 @@ def read_baseline(path: Path, flights: str) -> Side:
             for run, sequence, seed, coverage, errors, *crash in body["runs"]
         }
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        raise UserError(f"{path}: this is no baseline ({error}); {anew}") from None
+        raise UserError(f"{path}: this is not a baseline ({error}); {anew}") from None
     return Side(runs, {}, flights)
 
 

@@ -1,10 +1,10 @@
-"""Two versions of a repository on the same frames: `uavbench compare BASE_REF HEAD_REF`.
+"""Comparison of two versions of a repository on the same frames: `uavbench compare BASE_REF HEAD_REF`.
 
-Everything that belongs to a version comes from its own tree: uavbench itself where the repository contains it, the
-suite's tables of trackers, their programs, files and plug-ins. The frames are those of the head's suite, rendered once
-by the running uavbench. Then the trackers of both versions run on them in turn, interleaved in ABBA order and repeated,
-so that other load on the machine affects both alike; the smallest time of each frame is used. The running version
-computes the scores, and the gate decides.
+Everything that belongs to a version comes from its own tree: uavbench itself if the repository contains it, the suite's
+tables of trackers, their programs, files and plug-ins. The frames are those of the head's suite, rendered once by the
+running uavbench. The trackers of both versions run on them repeatedly, interleaved in ABBA order, so that other load on
+the machine affects both equally; the smallest time of each frame is used. The running version computes the scores, and
+the gate decides.
 """
 
 import json
@@ -80,7 +80,7 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
 
 @contextmanager
 def reading_from(folders: str | None) -> Iterator[None]:
-    """Allow suites to read from these folders too within the context."""
+    """Context in which suites may also read from these folders."""
     before = os.environ.get(FREE)
     if folders is not None:
         os.environ[FREE] = folders
@@ -159,7 +159,7 @@ def track_on(side: Side, run: Run, frames: Path, out: Path, start: dict[str, Any
     }
     answer = side.track(run.label, ask)
     if "error" not in answer:
-        mark(results, MARKER)  # an older version does not
+        mark(results, MARKER)  # an older version does not write it
     return answer
 
 

@@ -17,14 +17,14 @@ from uavbench.trajectories.errors import UserError, plain
 from uavbench.trajectories.files.reading import read_toml
 
 MOST_TOLD = 8
-"""Most names of untracked files that are reported; the rest is counted."""
+"""Most names of untracked files that are reported; the rest are counted."""
 
 
 @dataclass(frozen=True)
 class Side:
-    """One version to compare: its trackers' tables by label, why others cannot run, and which are of no version.
+    """One version to compare: its trackers' tables by label, and why others cannot run.
 
-    suite: the file of its suite; foreign: labels of whose program or plug-in git keeps nothing.
+    suite: the file of its suite; foreign: labels of trackers whose program or plug-in is not in git.
     """
 
     version: Version
@@ -35,7 +35,7 @@ class Side:
     server: Talk
 
     def track(self, label: str, ask: dict[str, Any]) -> dict[str, Any]:
-        """The server's answer to a request to run a tracker; UserError when it is gone, or cannot do what is asked."""
+        """The server's answer to a request to run a tracker; UserError when it has ended or lacks support."""
         commit = self.version.commit
         asked = {**ask, "label": label, "suite": str(self.suite), "tracker": self.tables[label]}
         if self.version.folder != self.version.top:
@@ -57,7 +57,7 @@ class Side:
 
 @contextmanager
 def at_work(version: Version, file: Path, labels: list[str]) -> Iterator[Side]:
-    """A version with its process, for these trackers of the suite in `file`, its own one where it has the file."""
+    """Context with a version's server process for these trackers of the suite, of its own `file` if it has one."""
     suite = file_of(version, file)
     tables = trackers_in(suite)
     mine = {label: placed(version, tables[label], file.parent) for label in labels if label in tables}
@@ -73,13 +73,13 @@ def at_work(version: Version, file: Path, labels: list[str]) -> Iterator[Side]:
 
 
 def file_of(version: Version, file: Path) -> Path:
-    """A version's own file; the one that is given where the version has none."""
+    """A version's own copy of a file; the given file if the version has none."""
     own = version.of(file)
     return own if own.is_file() else file
 
 
 def trackers_in(suite: Path) -> dict[str, dict[str, Any]]:
-    """The tables of a suite's trackers, as they stand; UserError naming the file."""
+    """The tables of a suite's trackers, not validated; UserError naming an unreadable file."""
     try:
         tables: dict[str, dict[str, Any]] = read_toml(suite)["trackers"]
         assert all(isinstance(table, dict) for table in tables.values())
@@ -89,7 +89,7 @@ def trackers_in(suite: Path) -> dict[str, dict[str, Any]]:
 
 
 def plugin_root(table: Mapping[str, Any]) -> Path | None:
-    """Folder that a user's plug-in is imported from here; None for a tracker of ours, or where it cannot be."""
+    """Folder from which a user's plug-in is imported here; None for uavbench's trackers, or if the import fails."""
     kind = table.get("kind")
     if not isinstance(kind, str) or ":" not in kind:
         return None
@@ -101,7 +101,7 @@ def plugin_root(table: Mapping[str, Any]) -> Path | None:
 
 
 def statements(sides: Mapping[str, Side], file: Path) -> Iterator[str]:
-    """What is shared by both sides although it may look like part of a version, a line each."""
+    """A line for each input that both sides share although it might be expected to differ between versions."""
     for name, side in sides.items():
         commit, top = side.version.commit, side.version.top
         if file.is_relative_to(top) and side.suite == file and side.version.folder != top:

@@ -1,4 +1,4 @@
-"""The gate: whether results are worse than a baseline on the same frames, decided by statistics.
+"""The gate's decision: statistical test whether results are worse than a baseline on the same frames.
 
 Errors and latency are compared as ratios: `fail` when the one-sided 95 % lower bound of the change, from a paired
 hierarchical bootstrap and corrected by Holm over all metrics, lies above the margin; `inconclusive` when there are
@@ -39,8 +39,9 @@ ALPHA = 0.05
 MIN_SEEDS = 5
 TINY = 1e-12
 TYPICAL = 2.0
-"""How much a run counts in a typical change, in units of what must be distinguished: enough to carry any change that is
-in all runs, too little for a run that breaks by chance to hide it."""
+"""Clipping limit of each run's change in a typical change, in units of the change to be distinguished: a change of all
+runs is preserved, and a single outlier cannot hide it.
+"""
 ROUNDS = 5
 """Bootstrap replicates; enough that the smallest p survives Holm's correction over many metrics."""
 
@@ -65,7 +66,7 @@ class Finding:
     baseline and value are means over sequences of means over seeds: geometric, so that change is value / baseline - 1,
     or, for the coverage, arithmetic, so that change is baseline - value. change, low and high are shares: of the
     baseline, or of all frames, a loss being positive. p is corrected over all findings; NaN where nothing could be
-    computed. reason says why, in words.
+    computed. reason: of the verdict, as text.
     """
 
     run: str
@@ -90,7 +91,7 @@ def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Fi
     base = read_baseline(baseline, head.flights) if baseline.is_file() else read_side(baseline)
     if not base.runs:
         raise UserError(f"{baseline}: no scores in it; `uavbench run` a suite there first")
-    if base.is_flown and base.flights != head.flights:  # a flight's score does not say of what it is
+    if base.is_flown and base.flights != head.flights:  # a flight's score does not identify its inputs
         raise UserError(
             f"{baseline} and {results} are of different flights: their suites differ in sequences, seeds, start or "
             "loops; fly the same suite in both"
@@ -107,7 +108,7 @@ def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], ma
     findings += [_not_judged(run, "the baseline has no such tracker or rate") for run in sorted(of_head - of_base)]
     findings += [_not_judged(run, why) for run, why in sorted(head.not_compared.items()) if run not in of_base]
     findings += [
-        _not_judged(run, f"the baseline has `{metric}`, which this version does not know", metric)
+        _not_judged(run, f"the baseline has the metric `{metric}`, which this version lacks", metric)
         for run, metric in sorted({(key[0], name) for key, one in base.runs.items() for name in known(one.errors)})
         if metric not in _units(base, head)
     ]
@@ -160,7 +161,7 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
         why = f"{_runs_crash(crashed)} that did not, first {sequence}, seed {seed}: {crash(head, crashed[0])}"
         found = [replace(found[0], verdict="fail", p=math.nan, reason=why)]
     both = sorted({k for k in keys if crash(head, k) and crash(base, k)})
-    if both and not head.is_flown:  # of a flight its success says so, on both sides alike
+    if both and not head.is_flown:  # flights count crashes in their success rate
         _, sequence, seed = both[0]
         why = f"{_runs_crash(both)} on both sides, first {sequence}, seed {seed}: {crash(head, both[0])}"
         found.append(_not_judged(run, why, "crashes"))
@@ -251,7 +252,7 @@ def share_finding(run: str, metric: str, values: PairedValues, margin: float) ->
 
 
 def _described(run: str, metric: str, unit: str, values: PairedValues, margin: float) -> Finding:
-    """The finding as far as it is known; it fails at once when a number is missing."""
+    """The finding without its test; its verdict is `fail` if a number is missing."""
     missing = values.missing()
     undefined = next(
         (f"no number on either side for {name}, seed {seed}" for name, seed in sorted(values.undefined)), ""

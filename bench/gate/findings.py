@@ -19,7 +19,7 @@ HEADER = ["tracker", "metric", "baseline", "value", "change", "95 % bounds", "ma
 FOOT = (
     "baseline and value: means over sequences of means over seeds. Of errors and latency they are geometric: change = "
     "value / baseline - 1. Of coverage and success they are arithmetic: change = value - baseline. A typical change "
-    "limits each run's ratio and has no means of its own."
+    "clips each run's ratio; baseline and value are not defined for it."
 )
 EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 
@@ -42,7 +42,7 @@ def write_reports(findings: list[Finding], margins: Margins, folder: Path, worst
 def cells(finding: Finding) -> list[str]:
     """A finding as the cells of a table, in the order of HEADER."""
     unit = f" {finding.unit}" if finding.unit else ""
-    sign = -1 if finding.metric in (COVERAGE, SUCCESS) else 1  # a loss is shown as one
+    sign = -1 if finding.metric in (COVERAGE, SUCCESS) else 1  # a loss is negative in the table
     low, high = sorted((sign * finding.low, sign * finding.high))
     bounds = "-" if math.isnan(finding.low) else f"{percent(low)} .. {percent(high)}"
     numbers = [f"{v:#.5g}{unit}" if math.isfinite(v) else "-" for v in (finding.baseline, finding.value)]

@@ -1,4 +1,4 @@
-"""The scores of two suites' folders, paired run by run: same tracker, same rate, same frames."""
+"""Scores of two folders of a suite, paired by run: same tracker, rate and frames."""
 
 import math
 from collections.abc import Callable, Mapping, Set
@@ -23,7 +23,7 @@ HOW = ("compared", "association", "rpe_pairs", "success", "std_ddof")
 
 
 def _size(error: float) -> float:
-    """An error, NaN where a file says one below 0."""
+    """An error; NaN for a negative number in a file."""
     return error if error >= 0 else math.nan
 
 
@@ -47,9 +47,9 @@ FLIGHT_ERRORS: dict[str, tuple[str, Callable[[FlightScore], float]]] = {
     "path error": ("m", lambda score: score.path_rms_m),
     "estimate error": ("m", lambda score: math.nan if score.estimate_rms_m is None else score.estimate_rms_m),
 }
-"""The same of flights in closed loop; one on its true state has no estimate."""
+"""The same for flights in closed loop; one flown on its true state has no estimate."""
 FLOWN = "flown"
-"""Key of `how` of a flight: it is compared with no replayed run."""
+"""Key in `how` of a flight, which prevents comparison with a run on recorded frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +124,7 @@ class Side:
 
 
 def read_side(folder: Path) -> Side:
-    """Measured values of a suite's folder; UserError when it is none."""
+    """Measured values of a suite's folder; UserError when it is not one."""
     about = read_json(folder / "suite.json")
     found: dict[Key, Measured] = {}
     faults: dict[Key, str] = {}
@@ -135,7 +135,7 @@ def read_side(folder: Path) -> Side:
         pairs = [(label, rate) for label in about["trackers"] for rate in about["rates_hz"]]
         runs = [f"{label}@{float(rate):g}hz{loop}" for label, rate in pairs for loop in loops]
         if leads := [name for name in (*names, *runs) if "/" in name or "\0" in name]:
-            raise ValueError(f"{leads[0]!r} is no name of a folder")
+            raise ValueError(f"{leads[0]!r} is not the name of a folder")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise UserError(f"{folder / 'suite.json'}: not uavbench's: {error}") from None
     for name in names:
@@ -162,7 +162,7 @@ def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
     what = f"{key[0]} on {key[1]}, seed {key[2]}"
     if base.frames and base.frames != head.frames:
         raise UserError(
-            f"{what}: baseline and results are of different frames; use `uavbench compare`, or make the baseline anew"
+            f"{what}: baseline and results are of different frames; use `uavbench compare`, or update the baseline"
         )
     if base.images and head.images and base.images != head.images:
         raise UserError(
@@ -181,7 +181,7 @@ def expect_comparable(base: Measured, head: Measured, key: Key) -> None:
 class PairedValues:
     """One metric of one tracker on both sides: (sequence, seed) -> value, NaN where there is none.
 
-    undefined: runs that both sides have a score of, and neither the number: a flight too short for it.
+    undefined: runs in which both sides have a score but neither has the number, as of flights too short for it.
     """
 
     base: Mapping[tuple[str, int], float]
@@ -189,7 +189,7 @@ class PairedValues:
     undefined: Set[tuple[str, int]] = frozenset()
 
     def missing(self) -> str:
-        """The first other run without a finite number on one of the sides, and which; "" when there is none."""
+        """Message on the first other run without a finite number on one of the sides; "" if there is none."""
         for sequence, seed in sorted({*self.base, *self.head} - self.undefined):
             for side, values in (("results", self.head), ("baseline", self.base)):
                 if not np.isfinite(values.get((sequence, seed), np.nan)):

@@ -19,7 +19,7 @@ from uavbench.trajectories.source_files import sources
 
 
 def track(ask: dict[str, Any]) -> dict[str, Any]:
-    """Run one tracker and write its results; wall time of each frame in ms, and that its `start` was followed."""
+    """Run one tracker and write its results; wall-clock time of each frame in ms, and that `start` was applied."""
     suite, out = Path(ask["suite"]), Path(ask["out"])
     plugins = own_plugins(ask["tracker"])
     if "not_from" in ask:

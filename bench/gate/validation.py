@@ -2,10 +2,10 @@
 
 SUITE_FOLDER holds rendered sequences (`uavbench render gate`). Every tracker of the suite runs on each of them
 `--reruns` times, each time with another random stream and, with --new-noise, other camera noise added to each frame. A
-comparison takes two different reruns of every tracker, sequence and seed: one for the baseline, one for the results.
+comparison uses two different reruns of every tracker, sequence and seed, one for the baseline and one for the results.
 Both are of the same code, so every failure is a false alarm. Then a regression is injected into one tracker's results:
-the error of every estimate, as a twist, times a factor; or, with --worse LABEL.PARAMETER=VALUE, real runs with a worse
-setting, whose true effect is measured over all reruns. Scoring and gate are those of every user.
+the error of every estimate, as a twist, is multiplied by a factor; or, with --worse LABEL.PARAMETER=VALUE, by real runs
+with a worse setting, whose true effect is measured over all reruns. Scoring and gate are those that users run.
 """
 
 import json
@@ -37,12 +37,12 @@ from uavbench.trajectories.random_streams import stream
 
 FACTORS = (1.05, 1.10)
 Scores = dict[str, dict[Key, list[Measured]]]
-"""By the name of a variant: what was measured in the reruns of each tracker, sequence and seed."""
+"""Name of a variant -> measured values of the reruns of each tracker, sequence and seed."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A tracker of the suite as it runs, or with one parameter worse (`setting`, "" if none)."""
+    """A tracker of the suite, with one worse parameter (`setting`) or unchanged ("")."""
 
     label: str
     tracker: Tracker
@@ -230,7 +230,7 @@ class Trial:
 @click.option("--jobs", default=2, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), required=True)
 def main(folder: Path, suite: str, worse: tuple[str, ...], jobs: int, out: Path, **numbers: Any) -> None:
-    """Run the trackers as often as needed, then say how often the gate calls what."""
+    """Run the missing reruns, then print the rates of the gate's verdicts."""
     trial = Trial(**numbers)
     try:
         loaded = load_suite(suite_file(suite))

@@ -38,12 +38,12 @@ class Version:
     linked: tuple[str, ...] = ()
 
     def of(self, path: Path) -> Path:
-        """Where a path in the repository lies in this version; the path itself where it lies outside."""
+        """The path in this version that corresponds to one of the repository; paths outside of it are unchanged."""
         plain = Path(os.path.normpath(path))
         return self.folder / plain.relative_to(self.top) if plain.is_relative_to(self.top) else path
 
     def keeps(self, path: Path) -> bool:
-        """Whether a path is of the repository, and not of what the working tree has beside it."""
+        """Whether a path is tracked by git in this version, rather than linked from the working tree."""
         if not path.is_relative_to(self.top) or path.is_relative_to(sys.prefix):
             return False
         return not any(path.is_relative_to(self.top / name) for name in self.linked)
@@ -70,9 +70,9 @@ class Version:
 
 @dataclass(frozen=True)
 class Placed:
-    """A tracker's table with its files those of a version.
+    """A tracker's table with its files replaced by those of a version.
 
-    missing: files of the working tree that git keeps and the version lacks; own: whether git keeps any of its files.
+    missing: tracked files of the working tree that the version lacks; own: whether any of its files is tracked.
     """
 
     table: dict[str, Any]
@@ -91,16 +91,16 @@ def version(ref: str) -> Iterator[Version]:
     with Guard("uavbench-version-") as guard:
         folder = guard.folder.resolve()
         with tarfile.open(fileobj=io.BytesIO(git("-C", str(top), "archive", "--format=tar", commit))) as archive:
-            # As it is, links that lead out of it too: git lets no name do so. Python before 3.11.4 knows no filter.
+            # Without a filter, so that links out of the folder are kept; git allows no names that lead out of it.
             archive.extraction_filter = lambda member, _: member
             archive.extractall(folder)
         yield Version(commit, folder, top, tuple(_link_untracked(folder, top)))
 
 
 def placed(version: Version, table: dict[str, Any], beside: Path) -> Placed:
-    """A tracker's table that stands in a file in the folder `beside`, with the files that it names those of a version.
+    """A tracker's table from a file in the folder `beside`, with files that it names replaced by those of a version.
 
-    A word counts as a file where there is one by its name, in the working tree or in the version.
+    A word counts as a file if one of this name exists in the working tree or in the version.
     """
     beside = beside.resolve()
     missing: list[str] = []
@@ -131,7 +131,7 @@ def placed(version: Version, table: dict[str, Any], beside: Path) -> Placed:
 
 
 def _link_untracked(folder: Path, top: Path) -> Iterator[str]:
-    """Link what lies in the working tree and is not in git into a version's folder; their names."""
+    """Link the untracked files of the working tree into a version's folder; their names."""
     listed = git("-C", str(top), "ls-files", "--others", "--directory", "-z").decode(errors="surrogateescape")
     for name in filter(None, listed.split("\0")):
         path = Path(name)
@@ -144,7 +144,7 @@ def _link_untracked(folder: Path, top: Path) -> Iterator[str]:
 
 
 def git(*arguments: str) -> bytes:
-    """Output of git; UserError with its own words when it fails."""
+    """Output of git; UserError with git's message when it fails."""
     try:
         done = subprocess.run(["git", *arguments], capture_output=True, check=True)
     except FileNotFoundError:

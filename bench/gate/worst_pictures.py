@@ -1,6 +1,6 @@
 """Pictures of the worst sequences: the frame with the largest error, at the baseline's pose and at the new one.
 
-They lie beside `gate.md`, which embeds them, as does the comment of the CI recipes on a change under review.
+They are written beside `gate.md`, which embeds them, as does the comment that the CI recipes post on a pull request.
 """
 
 import json
@@ -29,21 +29,21 @@ MOST = 3
 """Number of sequences shown."""
 FOLDER, MARKER = "worst", "worst.json"
 WIDTH_PX, GAP_PX = 440, 4
-"""Width of each of the two images, and what lies between them: together they fit into a comment on GitHub."""
+"""Width in px of each of the two images, and of the gap; together they fit into a comment on GitHub."""
 COLOURS = 128
-"""Colours of a picture's palette: a third of the bytes, and lines keep their colours."""
+"""Size of a picture's palette: a third of the bytes, and lines keep their colours."""
 LEAST_MARGIN = 1e-3
 """Lower limit of margins when changes are ranked in units of them."""
 TINY = 1e-12
 LEGEND = (
-    "Of each its frame with the largest position error, or without a pose that the baseline has. Left with the "
-    "baseline's pose, right with the one of these results; green: the model there, white: at the true pose."
+    "For each, the frame with the largest position error, or one for which only the baseline has a pose. Left: the "
+    "baseline's pose, right: that of these results; the model is green at this pose, and white at the true one."
 )
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run that both sides have a score of, and how much worse it became, in units of the margins."""
+    """A run with a score on both sides, and how much worse it became, in units of the margins."""
 
     key: Key
     base: Measured
@@ -52,7 +52,7 @@ class Run:
 
     @property
     def rank(self) -> tuple[float, float, Key]:
-        """The worst come first: by how much worse they became, then by their error."""
+        """Sort key, worst first: by how much worse the run became, then by its error."""
         ate = self.head.errors.get("ATE", math.nan)
         return -max(self.worse, 0.0), -(ate if math.isfinite(ate) else math.inf), self.key
 
@@ -74,7 +74,7 @@ class Seen:
 def write_worst(results: Path, baseline: Path, margins: Margins, out: Path) -> str:
     """Write pictures of the worst sequences into out/worst; Markdown that shows them.
 
-    "" where there is nothing to show: a baseline in one file, flights in closed loop, frames that are not kept.
+    "" without pictures: for a baseline in one file, flights in closed loop, or frames that were not kept.
     """
     shown: list[str] = []
     found = _pictures(results, baseline, margins)
@@ -96,7 +96,7 @@ def write_worst(results: Path, baseline: Path, margins: Margins, out: Path) -> s
 
 
 def _pictures(results: Path, baseline: Path, margins: Margins) -> Iterator[tuple[str, Image]]:
-    """Caption and picture of each sequence of which there are frames and results, the worst first."""
+    """Caption and picture of each sequence that has frames and results, the worst first."""
     if baseline.is_file():
         return
     base, head = read_side(baseline), read_side(results)
@@ -132,7 +132,7 @@ def worsening(base: Measured, head: Measured, margins: Margins) -> float:
 
 
 def _picture(run: Run, results: Path, baseline: Path) -> tuple[str, Image]:
-    """Caption of a run, and its worst frame with the poses of both sides; UserError when something is not there."""
+    """Caption of a run, and its worst frame with the poses of both sides; UserError when a file is missing."""
     label, name, seed = run.key
     sequence = Sequence.load(_folder(results / "sequences", name, seed))
     of_base, of_head = (
@@ -157,13 +157,13 @@ def _picture(run: Run, results: Path, baseline: Path) -> tuple[str, Image]:
 
 
 def _folder(within: Path, name: str, seed: int) -> Path:
-    """Folder of a sequence in another: with its seed in its name, or without."""
+    """Folder of a sequence within another, with or without the seed in its name."""
     seeded = within / f"{name}-s{seed}"
     return seeded if seeded.is_dir() else within / name
 
 
 def worst_frame(base: FrameErrors, head: FrameErrors) -> int:
-    """The first frame that only the baseline has a pose of; else the one with the largest position error."""
+    """The first frame for which only the baseline has a pose, else the one with the largest position error."""
     located = set(base.frames[base.ok].tolist())
     for frame in head.frames[~head.ok].tolist():
         if frame in located:
@@ -182,7 +182,7 @@ def _seen(results: Results, errors: FrameErrors, frame: int) -> Seen:
 
 
 def _panel(view: View, seen: Seen, truth: Pose, words: str) -> Image:
-    """The image, small, with the model at an estimate and at the true pose."""
+    """The downscaled image with the model at an estimate and at the true pose."""
     scale = WIDTH_PX / view.image.shape[1]
     canvas: Image = np.asarray(cv2.resize(view.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
     draw(canvas, view.projected(truth) * scale, WHITE, 1)

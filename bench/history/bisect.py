@@ -29,16 +29,17 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Cannot:
-    """Why a commit could not be measured."""
+    """Reason why a commit could not be measured."""
 
     why: str
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a bisection found.
+    """Result of a bisection.
 
-    suspects: the first worse commit, then skipped ones that may be it instead; verdicts: by commit tried, in words.
+    suspects: the first commit known to be worse, then skipped ones that may be the first instead; verdicts: as text, by
+    commit measured.
     """
 
     suspects: list[str]
@@ -88,7 +89,7 @@ def between(good: str, bad: str) -> tuple[str, str]:
     ]
     first, last = found
     if git("merge-base", first, last).decode().strip() != first:
-        raise UserError(f"{good} is no ancestor of {bad}: give the good commit first, and both of one line of history")
+        raise UserError(f"{good} is not an ancestor of {bad}: give the good commit first, then a descendant of it")
     if first == last:
         raise UserError(f"{good} and {bad} are the same commit")
     return first, last

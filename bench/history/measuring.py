@@ -32,7 +32,7 @@ SEVERAL = 3
 
 @dataclass(frozen=True)
 class What:
-    """What is bisected: suite by name or file, metric, and tracker as `lsd` or `lsd@15hz` ("" for the only one)."""
+    """Subject of a bisection: suite by name or file, metric, tracker as `lsd` or `lsd@15hz` ("" for the only one)."""
 
     suite: str
     metric: str
@@ -124,7 +124,7 @@ def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, work
 
 @contextmanager
 def measuring(bad: str, what: What, out: Path, workers: int) -> Iterator[Measuring | int]:
-    """Measuring of commits, once the frames of the suite at `bad` are rendered; the exit code when rendering fails.
+    """Render the frames of the suite at `bad`; the measuring of commits on them, or an exit code when rendering fails.
 
     UserError when the suite or its tracker is wrong.
     """
@@ -154,7 +154,7 @@ def chosen(suite: Suite, tracker: str) -> TrackerAtRate:
     if not fitting:
         raise unknown_name("tracker", tracker, [*runs])
     if len(fitting) > 1:
-        raise UserError(f"the suite has several runs: say which with --tracker: {', '.join(fitting)}")
+        raise UserError(f"the suite has several runs: select one with --tracker: {', '.join(fitting)}")
     return runs[fitting[0]]
 
 

@@ -1,7 +1,8 @@
 """`uavbench gate --record FILE`: add the scores of a commit to a history.
 
-A history holds the flights of one suite, scored in one way in one environment; otherwise a step could have any cause.
-Differences are refused and named. The details of a named environment may change, and are recorded with each commit.
+A history holds the flights of one suite, scored in one way and in one environment, so that steps are due to commits.
+Scores that differ in any of these are refused. The details of a named environment may change; they are recorded with
+each commit.
 """
 
 import fcntl
@@ -38,7 +39,7 @@ FREE = ("uavbench",)
 
 @dataclass(frozen=True)
 class Where:
-    """Where scores are recorded: the history's file, the commit ("" for HEAD), the environment's name ("" for none)."""
+    """Destination of a record: the history's file, the commit ("" for HEAD), the environment's name ("" for none)."""
 
     file: Path
     commit: str = ""
@@ -48,11 +49,11 @@ class Where:
 def record(folder: Path, where: Where) -> None:
     """Add the scores of a suite's folder to a history.
 
-    UserError when a run has failed or there is none, the scores are of another suite or environment, the file is no
+    UserError when a run failed or is missing, the scores are of another suite or environment, the file is not a
     history, or the working tree has uncommitted changes.
     """
     if os.path.lexists(where.file):
-        read_history(where.file)  # what is none is refused first, whatever else is wrong
+        read_history(where.file)  # refuses a file that is not a history before any other error
     side = read_side(folder)
     for key, why in side.faults.items():
         raise UserError(f"not recorded: {key[0]} on {key[1]}, seed {key[2]}: {why}")
@@ -71,13 +72,13 @@ def record(folder: Path, where: Where) -> None:
 
 
 def identity(folder: Path, side: Side) -> SuiteIdentity:
-    """What must be equal for all commits of a history: the suite's name, its flights, and how they are scored."""
+    """Identity shared by all commits of a history: the suite's name, its flights, and how they are scored."""
     name = str(read_json(folder / "suite.json").get("suite") or folder.name)
     return SuiteIdentity(name=name, flights=side.flights, how=dict(next(iter(side.runs.values())).how))
 
 
 def expect_same(where: Where, history: History, suite: SuiteIdentity, details: dict[str, str]) -> None:
-    """UserError unless a history is of this suite and environment; details: of the environment, by name."""
+    """Raise UserError unless a history is of this suite and environment; details: of the environment, by name."""
     file = where.file
     if history.suite.flights != suite.flights:
         named = f"of the suite {history.suite.name!r}, these results are of {suite.name!r}"
@@ -97,7 +98,7 @@ def expect_same(where: Where, history: History, suite: SuiteIdentity, details: d
     if other and not where.name:
         raise UserError(
             f"{file}: the history is of another environment: {'; '.join(other)}; record into another file, or give "
-            "both a name with --environment NAME if such differences are acceptable to you"
+            "both a name with --environment NAME if these differences are acceptable"
         )
 
 
@@ -134,8 +135,8 @@ def described(where: Where) -> DescribedCommit:
     """The commit that scores are recorded for; UserError when it is unknown, or HEAD with uncommitted changes."""
     if not where.commit and (changed := list(_changed(where.file))):
         raise UserError(
-            f"the working tree has changes that are in no commit: {changed[0]}; commit them, or say with --commit "
-            "which commit the results are of"
+            f"the working tree has uncommitted changes: {changed[0]}; commit them, or name with --commit the commit "
+            "that the results are of"
         )
     ref = where.commit or "HEAD"
     shown = git("show", "--no-patch", "--format=%H%x00%cI%x00%s", "--end-of-options", f"{ref}^{{commit}}")

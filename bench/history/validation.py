@@ -2,9 +2,9 @@
 
 RERUNS holds the errors of reruns of one suite by the same code, with other seeds and noise of one grey level added to
 each frame: {tracker: {metric: {flight: [error of each rerun]}}}. A series draws a rerun of each flight at every commit,
-so every alarm is a false one; it is evaluated after every commit, as a CI does. For steps, all errors from a known
-commit on are scaled up, and the commits until the alarm are counted; for drifts, they grow with every commit by less
-than a comparison of two commits detects.
+so every alarm is a false alarm; it is evaluated after every commit, as in CI. For steps, all errors from a known commit
+on are scaled up, and the commits until the alarm are counted; for drifts, they grow with every commit by less than a
+comparison of two commits detects.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Inputs of a result: files named by configs, plug-ins' and programs' files, and the content hash of it all.
+"""Inputs of a result: files named by configs, files of plug-ins and programs, and the content hash of all of them.
 
-In: specs and paths. Out: files, and hashes. Imports source files of trajectories only.
+In: specs and paths. Out: files and hashes. Imports only source-file analysis of trajectories.
 """

@@ -1,4 +1,4 @@
-"""Files of an external tracker's program, as far as its command line shows."""
+"""Files of an external tracker's program, as far as they can be found from its command line."""
 
 import ast
 import os
@@ -13,17 +13,17 @@ from uavbench.bench.inputs.named_files import is_python, named_files
 from uavbench.trajectories.source_files import among, made_of, parsed
 
 PYTHONS = ("python", "pypy")
-"""How the names of interpreters of Python begin."""
+"""Prefixes of the names of Python interpreters."""
 SITES = ("lib/python*/site-packages", "lib/python*/dist-packages")
 LISTS = ("*.dist-info/METADATA", "*.egg-info/PKG-INFO", "*.egg-info")
-"""Where an environment says which distributions it has, in which versions."""
+"""Patterns of the files by which an environment records its distributions and their versions."""
 
 
 def command_files(command: Sequence[str]) -> tuple[Path, ...]:
-    """Files whose change may change what a command does.
+    """Files whose change may change the behaviour of a command.
 
-    The `run_files`, and more: the files that the scripts among them name, of whatever language, and the libraries that
-    a program of the user's is linked with (`named_files`); of a Python, the lists of what is installed for it.
+    These are the `run_files`; the files named in their scripts, in any language, and the libraries that a user's
+    program is linked with (`named_files`); and, for a Python interpreter, the metadata of installed distributions.
     """
     program, run = programs(command), {*run_files(command), *(path for word in command for path in whole_paths(word))}
     found = named_files(run, among(_search(program)))
@@ -34,16 +34,16 @@ def command_files(command: Sequence[str]) -> tuple[Path, ...]:
 
 
 def programs(command: Sequence[str]) -> list[Path]:
-    """The program of a command, and a Python that it is given as `env` is, looked for on PATH too."""
+    """The program of a command, and a Python interpreter among its arguments, as of `env`, both searched on PATH."""
     words = [command[0], *(word for word in command[1:] if Path(word).name.startswith(PYTHONS))]
     return [Path(found).absolute() for word in words if (found := shutil.which(word))]
 
 
 def run_files(command: Sequence[str]) -> tuple[Path, ...]:
-    """Files that a command runs or is given: all that a program needs to see that is isolated.
+    """Files that a command runs or gets as arguments: those that an isolated program must be able to read.
 
-    The program; the files on the command line; what Python scripts among them import, as far as it lies beside them,
-    on PYTHONPATH or where an installation in place leads. Not what a script merely names: that may be anything.
+    These are the program; the files on the command line; and what the Python scripts among them import from their own
+    folder, from PYTHONPATH or from editable installs. Files that a script merely names are not included.
     """
     program = programs(command)
     words = [Path(part) for word in command for part in {word, word.partition("=")[2]}]
@@ -55,13 +55,13 @@ def run_files(command: Sequence[str]) -> tuple[Path, ...]:
 
 
 def _search(program: Sequence[Path]) -> list[Path]:
-    """Folders that scripts import from beside their own: those on PYTHONPATH, and those of installations in place."""
+    """Folders from which scripts import, besides their own: those on PYTHONPATH, and those of editable installs."""
     given = [Path(place) for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
     return [*given, *(place for path in program for site in sites_of(path) for place in in_place(site))]
 
 
 def sites_of(program: Path) -> Iterator[Path]:
-    """Folders of what is installed for a program that is a Python, or lies in an environment of one."""
+    """The site-packages folders of a Python interpreter, or of the environment that contains a program."""
     root = program.parent.parent
     if program.name.startswith(PYTHONS) or is_file(root / "pyvenv.cfg"):
         for pattern in SITES:
@@ -69,7 +69,7 @@ def sites_of(program: Path) -> Iterator[Path]:
 
 
 def in_place(site: Path) -> Iterator[Path]:
-    """Folders outside of a site's own that its distributions are imported from: those of `pip install -e`."""
+    """Folders outside of a site-packages folder from which its distributions are imported (`pip install -e`)."""
     for path in sorted(site.glob("*.pth")):
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
         yield from (folder for line in lines if (folder := site / line.strip()).is_dir() and line.strip())

@@ -1,4 +1,4 @@
-"""Content hashes: a result is fresh when it carries the hash of all of its inputs."""
+"""Content hashes: a result is up to date when it carries the hash of all of its inputs."""
 
 import hashlib
 import json
@@ -24,9 +24,9 @@ LIBRARIES = [
     *("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "mujoco", "trimesh", "pillow", "ifcopenshell"),
     *("pyrender", "PyOpenGL", "pandas", "matplotlib", "jinja2", "pydantic"),
 ]
-"""Libraries whose version may change a frame, an estimate, a score or a figure."""
+"""Libraries whose version may affect a frame, an estimate, a score or a figure."""
 WORK = ROOT / "bench" / "runner" / "tasks.py"
-"""What every job does."""
+"""Packages that every job uses."""
 
 
 def content_hash(*parts: Any) -> str:
@@ -36,7 +36,7 @@ def content_hash(*parts: Any) -> str:
 
 
 def canonical(value: Any) -> Any:
-    """JSON form of a value; a dataclass carries its class, and, where it is a user's own, the hash of its source."""
+    """JSON form of a value; a dataclass includes its class, and for a user's own class the hash of its source."""
     if type(value) in PLAIN:
         return value
     if is_dataclass(value) and not isinstance(value, type):
@@ -54,7 +54,7 @@ def canonical(value: Any) -> Any:
 
 @contextmanager
 def one_look() -> Iterator[None]:
-    """Cache the canonical forms of plug-ins within this context, which many jobs share."""
+    """Context that caches the canonical forms of plug-ins, since many jobs share them."""
     _looked.append({})
     try:
         yield
@@ -63,11 +63,11 @@ def one_look() -> Iterator[None]:
 
 
 _looked: list[dict[int, tuple[Any, Any]]] = []
-"""By identity: plug-ins, kept alive, and their canonical forms."""
+"""id of a plug-in -> the plug-in, which is thus kept alive, and its canonical form."""
 
 
 def _of_plugin(value: Any) -> dict[str, Any]:
-    """Class, code, fields and files of a dataclass: a field that names a file stands for its content."""
+    """Class, code, fields and files of a dataclass; a field that names a file is replaced by the file's content."""
     cls = type(value)
     form = {f.name: canonical(getattr(value, f.name)) for f in fields(cls)}
     form["class"] = f"{cls.__module__}:{cls.__qualname__}"
@@ -86,7 +86,7 @@ def _of_plugin(value: Any) -> dict[str, Any]:
 
 
 def file_form(path: Path) -> list[str]:
-    """Name and content of a file; the whole path where there is none, or none that can be read."""
+    """Name and content of a file; its whole path when it is missing or cannot be read."""
     try:
         return [path.name, file_digest(path)] if is_file(path) else [str(path), "no file"]
     except OSError:
@@ -95,7 +95,7 @@ def file_form(path: Path) -> list[str]:
 
 @cache
 def code_hash(*packages: str) -> str:
-    """Hash over the sources of these packages and the versions of the libraries that they use."""
+    """Hash of the sources of these packages and of the versions of the libraries that they use."""
     python = ".".join(platform.python_version_tuple()[:2])
     under = [python, file_digest(WORK), *(f"{name} {_version(name)}" for name in LIBRARIES)]
     digest = hashlib.sha256(json.dumps(under).encode())
@@ -114,7 +114,7 @@ def _version(distribution: str) -> str:
 
 
 def carried_hash(path: Path) -> str | None:
-    """Content hash that a JSON file carries, None when there is no such file or it is not whole."""
+    """Content hash stored in a JSON file; None when the file is missing or incomplete."""
     try:
         return str(read_json(path)["content_hash"])
     except (UserError, KeyError):

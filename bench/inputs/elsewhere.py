@@ -1,4 +1,4 @@
-"""Files of the user's that a script names, wherever they lie, and the libraries that a program is linked with."""
+"""User files that a script names by whole paths or on PATH, and libraries that a program is linked with."""
 
 import os
 import re
@@ -11,23 +11,23 @@ from uavbench.bench.inputs.file_paths import is_file
 from uavbench.trajectories.source_files import stamp
 
 SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib64", "/etc", "/nix", "/gnu", "/dev", "/proc", "/sys")
-"""System folders, whose programs are not tracked as inputs."""
+"""System folders; programs in them are not tracked as inputs."""
 LARGEST_PROGRAM = 1 << 28
-"""Bytes of a program that are searched for the names of its libraries."""
+"""Number of bytes of a program that are searched for the names of its libraries."""
 WORD = re.compile(r"[^\s\"'`$(){}\[\];|&<>=,:*?!#\\]+")
 ELF = b"\x7fELF"
 RUN_PATH = re.compile(rb"\0((?:/|\$ORIGIN|\$\{ORIGIN\})[\x20-\x7e]{0,4095})(?=\0)")
 
 
 def named_anywhere(text: str) -> Iterator[Path]:
-    """Files of the user's that a script names by their whole paths, or as programs on PATH."""
+    """User files that a script names by their whole paths, or as programs on PATH."""
     yield from whole_paths(text)
     found = (shutil.which(word) for word in {*WORD.findall(text)} if "/" not in word)
     yield from (Path(at).absolute() for at in found if at and not of_system(Path(at)))
 
 
 def linked_with(path: Path) -> tuple[Path, ...]:
-    """Shared libraries that a program of the user's names, in its folder, in `lib` beside that, or on its run path."""
+    """Shared libraries that a user's program names, in its folder, in a `lib` folder beside it, or on its run path."""
     try:
         return _linked(path, stamp(path)) if is_file(path) and not of_system(path) else ()
     except OSError:
@@ -35,13 +35,13 @@ def linked_with(path: Path) -> tuple[Path, ...]:
 
 
 def whole_paths(text: str) -> Iterator[Path]:
-    """Files of the user's that a text names by their whole paths."""
+    """User files that a text names by their whole paths."""
     words = map(Path, WORD.findall(text))
     return (path for path in words if path.is_absolute() and is_file(path) and not of_system(path))
 
 
 def of_system(path: Path) -> bool:
-    """Whether a path is of what the system has installed, links not followed."""
+    """Whether a path is in a system folder; links are not followed."""
     return os.path.normpath(path.absolute()).startswith(tuple(f"{folder}/" for folder in SYSTEM))
 
 

@@ -1,8 +1,8 @@
-"""Files that a config names, restricted to the config's own folder.
+"""Paths of files in a config, restricted to the config's own folder.
 
-Suites are untrusted: they may read only files in their folder, links resolved, or in a folder listed in the
+Suites are untrusted: after resolving links, they may read only files in their own folder or in folders listed in the
 environment variable UAVBENCH_DATA (separated by colons; inherited by workers and Slurm jobs). The `command` of an
-external tracker may be anywhere, since it runs with all the user's rights anyway.
+external tracker is not restricted, since the program has all rights of the user anyway.
 """
 
 import os
@@ -11,23 +11,23 @@ from typing import Any, NamedTuple
 
 FREE = "UAVBENCH_DATA"
 MOST_TOLD = 3
-"""Links of one folder that are named."""
+"""Most links of a folder that are listed in errors."""
 
 
 def names_a_file(key: str) -> bool:
-    """Whether a config key holds the path of a file, by its name."""
+    """Whether a config key holds the path of a file, judged by its name."""
     return key in {"file", "path"} or key.endswith(("_file", "_path"))
 
 
 class Located(NamedTuple):
-    """A config whose relative file names start at its folder, and a line for each that leads out of it."""
+    """A config with file names resolved against its folder, and an error line for each that is outside of it."""
 
     config: Any
     outside: list[str]
 
 
 def located(config: Any, folder: Path, at: str = "") -> Located:
-    """The config with relative file names taken from its folder; `at` is the path of its key, for the lines."""
+    """The config with relative file names resolved against its folder; at: path of its key, for error lines."""
     if isinstance(config, list):
         pairs = [located(item, folder, f"{at}[{i}]") for i, item in enumerate(config)]
         return Located([item for item, _ in pairs], [line for _, lines in pairs for line in lines])
@@ -51,7 +51,7 @@ def located(config: Any, folder: Path, at: str = "") -> Located:
 
 
 def _beside(word: Any, folder: Path) -> Any:
-    """A word of a command, or a file: the file beside the config where there is one.
+    """The file of this name beside the config if there is one, else the word unchanged.
 
     Links are not resolved: the location of a virtual environment's interpreter determines the environment.
     """
@@ -59,7 +59,7 @@ def _beside(word: Any, folder: Path) -> Any:
 
 
 def _leading_out(name: str, folder: Path, at: str) -> list[str]:
-    """A line where a file, or anything in a folder, lies neither in the config's folder nor in an allowed one."""
+    """Error line when a file, or a link in a folder, is neither in the config's folder nor in an allowed one."""
     free = [Path(word).resolve() for word in os.environ.get(FREE, "").split(os.pathsep) if word]
     roots = (folder.resolve(), *free)
     try:
@@ -67,7 +67,7 @@ def _leading_out(name: str, folder: Path, at: str) -> list[str]:
         links = (path for path in (folder / name).rglob("*") if path.is_symlink())
         astray = [path for path in (real, *(path.resolve() for path in links)) if not _is_in(path, roots)]
     except (OSError, ValueError, RuntimeError) as error:
-        return [f"{at}: {name!r} is no file name: {error}"]
+        return [f"{at}: {name!r} is not a file name: {error}"]
     return [
         f"{at}: {name if path == real else path} lies outside of {folder.resolve()}, the folder of this file; copy it "
         f"there, or allow its own: {FREE}={path.parent}"
@@ -80,8 +80,8 @@ def _is_in(path: Path, roots: tuple[Path, ...]) -> bool:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a file, False also where no file can have such a name."""
+    """Whether a path is a file; False also for invalid names."""
     try:
         return path.is_file()
-    except (OSError, ValueError):  # too long, not allowed to look, or a null character
+    except (OSError, ValueError):  # name too long, permission denied, or a null character
         return False

@@ -1,9 +1,8 @@
 """Files that sources and scripts name: data, modules, further scripts; a superset of those used.
 
-A name counts where there is a file of it in the folder of the source, in the one above, or in a folder there that the
-source names too, so that `HERE / "data" / "weights.npy"` is found as well as `"data/weights.npy"`. In a script of
-another language than Python whole paths and programs on PATH count too, and of a program the libraries that it is
-linked with.
+A name is looked up in the folder of the source, in the parent folder, and in folders there that the source also names,
+so that both `HERE / "data" / "weights.npy"` and `"data/weights.npy"` are found. Scripts in languages other than Python
+may also name files by whole paths and programs on PATH; a program also names the libraries that it is linked with.
 """
 
 import re
@@ -19,18 +18,18 @@ from uavbench.trajectories.source_files import Find, among, is_ours, made_of, so
 MOST_BYTES = 1 << 20
 """Largest script or settings file that is searched for names; longer files count as data."""
 LONGEST_NAME = 255
-"""Characters that the name of a file may have on Linux."""
+"""Longest file name on Linux (NAME_MAX)."""
 MOST_FOLDERS = 64
-"""Most folders in which the names of one source are looked for."""
+"""Most folders in which the names of one source are looked up."""
 WORD = re.compile(r"[\w.+@%~*-]+(?:/[\w.+@%~*-]+)*")
-"""A part of a text that may be the name of a file, or a pattern of names."""
+"""Part of a text that may be a file name or a glob pattern."""
 PATTERN = re.compile(r"[^*]*\*(?!\*)[^*]*(?:\*(?!\*)[^*]*)*\.\w+")
-"""Of names with an ending of their own: `*.npy`, but neither `*` nor what goes through all folders."""
+"""Glob patterns with a suffix: `*.npy`, but neither `*` nor recursive patterns."""
 MODULES = (".py", "/__init__.py", "/__main__.py")
 
 
 def named_files(sources: Iterable[Path], find: Find = source_file) -> set[Path]:
-    """Files that the user's sources name, and what these name and import in turn; find: where modules are."""
+    """Files that the user's sources name, and those that they name and import in turn; find: locates modules."""
     known = set(sources)
     waiting = [*known]
     while waiting:
@@ -62,7 +61,7 @@ def _named_by(source: Path) -> Iterator[Path]:
         yield from named_anywhere(_text(source))
         yield from linked_with(source)
     folders = [source.parent, source.parent.parent]
-    for folder in folders:  # which grows
+    for folder in folders:  # grows within the loop
         there = _names_in(folder)
         for word in words:
             for name in (word, f"{source.stem}{word}", *(word.replace(".", "/") + end for end in MODULES)):
@@ -76,7 +75,7 @@ def _named_by(source: Path) -> Iterator[Path]:
 
 
 def _fitting(folder: Path, there: frozenset[str], pattern: str) -> Iterator[Path]:
-    """Files of a folder whose names fit a pattern."""
+    """Files of a folder whose names match a pattern."""
     if "/" in pattern:
         yield from filter(is_file, folder.glob(pattern))
     else:
@@ -92,17 +91,17 @@ def _names_in(folder: Path) -> frozenset[str]:
 
 @lru_cache(maxsize=10_000)
 def _words(path: Path, _: tuple[int, ...]) -> frozenset[str]:
-    """What may be names in a source: the texts of Python and their words, the words of any other text."""
+    """Possible file names in a source: for Python the string literals and their words, else all words."""
     given = texts(path) if is_python(path) else frozenset({_text(path)})
     words = {text for text in given if not text.startswith("/")}
     for word in {word for text in given for word in WORD.findall(text)}:
         parts = word.split("/")
-        words |= {"/".join(parts[k:]) for k in range(len(parts))}  # behind $HERE/, or a part of an f-string
+        words |= {"/".join(parts[k:]) for k in range(len(parts))}  # after $HERE/, or in an f-string
     return frozenset(word for word in words - {"", ".", ".."} if len(word) <= LONGEST_NAME)
 
 
 def _text(path: Path) -> str:
-    """Content of a short text file, "" of any other."""
+    """Content of a short text file; "" for any other file."""
     try:
         if path.stat().st_size > MOST_BYTES:
             return ""

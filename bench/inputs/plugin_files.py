@@ -1,4 +1,4 @@
-"""Files of a user's plug-in: every file and distribution whose change may change its behaviour."""
+"""Files and distributions of a user's plug-in whose change may change its behaviour."""
 
 import sys
 from collections.abc import Iterable, Iterator
@@ -11,14 +11,14 @@ from uavbench.bench.inputs.named_files import named_files
 from uavbench.trajectories.source_files import digest, made_of, source_file
 
 loaded: dict[str, frozenset[str]] = {}
-"""Module of a plug-in -> the modules that its import loaded, by whatever way it names them."""
+"""Module of a plug-in -> the modules loaded by importing it."""
 
 
 def plugin_key(cls: type) -> dict[str, Any]:
-    """Hash of the files that a plug-in is made of, and the versions of the distributions that it imports.
+    """Hash of a plug-in's files, and of the versions of the distributions that it imports.
 
-    Files: its whole package, all modules of the user's that it imports or that its import loaded, and the files that
-    their source names (`named_files`).
+    Its files are its whole package, all user modules that it imports or that were loaded by importing it, and the files
+    named in their source (`named_files`).
     """
     made = made_of([cls.__module__, *loaded.get(cls.__module__, ())])
     files = {*named_files(made.files), *_package(cls.__module__)}
@@ -26,14 +26,14 @@ def plugin_key(cls: type) -> dict[str, Any]:
 
 
 def bench_key(cls: type) -> str:
-    """Hash of the files of this package that a class of it is made of; the packages below have hashes of their own."""
+    """Hash of the files of `bench` that a class of this package depends on; lower packages have their own hashes."""
     package = "uavbench.bench"
     own = made_of([cls.__module__], find=lambda name: source_file(name) if name.startswith(f"{package}.") else None)
     return digest(own.files)
 
 
 def _package(module: str) -> Iterator[Path]:
-    """All files of the package that a module lies in; its own file alone where there is no package."""
+    """All files of a module's package; only its own file when it is in no package."""
     file = getattr(sys.modules[module], "__file__", None)
     if file is None:
         return
@@ -44,7 +44,7 @@ def _package(module: str) -> Iterator[Path]:
 
 
 def files_of(path: Path, *, whole: bool) -> Iterator[Path]:
-    """The path itself, or, where it is a folder and `whole`, all files in it but hidden and compiled ones."""
+    """The file itself, or, for a folder with `whole`, all files in it except hidden and compiled ones."""
     if not (whole and path.is_dir()):
         yield path
         return
@@ -55,7 +55,7 @@ def files_of(path: Path, *, whole: bool) -> Iterator[Path]:
 
 
 def _versions(names: Iterable[str]) -> dict[str, str]:
-    """Versions of the distributions that give modules of these names."""
+    """Versions of the distributions that provide modules of these names."""
     owners = _distributions()
     return {owner: version(owner) for name in sorted(names) for owner in sorted(set(owners.get(name, ())))}
 

@@ -42,8 +42,9 @@ except ImportError:
 
 NAME = "uavbench/Inspection-v0"
 REACH_M, REACH_RAD = 0.5, 0.5
-"""Offset of the setpoint from the estimated state for an action of 1: several m/s at the camera's rate, limited only by
-the controller."""
+"""Offset of the setpoint from the estimated state for an action of 1; at the camera's rate it allows several m/s,
+limited by the controller.
+"""
 CRASH_REWARD = -1.0
 """Reward of a crash: minus that of covering the whole surface."""
 
@@ -163,7 +164,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         self._loop.guidance = self._guidance
         self._points, self._normals = surface_points(scene.built.structure)
         self._seen = np.zeros(len(self._points), dtype=bool)
-        while self._loop.image is None and self._flies(self._loop):  # an effect may withhold frames
+        while self._loop.image is None and self._flies(self._loop):  # effects may drop frames
             self._to_next_frame(self._loop)
         if self._loop.image is None:
             raise UserError(f"sequence {spec.name}, seed {own}: the flight ends before the camera gives a frame")
@@ -177,7 +178,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         """
         loop = self._loop
         if loop is None:
-            raise UserError("the environment is not begun; call reset")
+            raise UserError("the environment is not initialized; call reset")
         given = np.asarray(action, dtype=float)
         if given.shape != (4,) or not np.isfinite(given).all():
             raise UserError(f"an action is four numbers from -1 to 1 (x, y, z, yaw), not {given.tolist()}")
@@ -209,7 +210,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
 
     @staticmethod
     def _flies(loop: Loop) -> bool:
-        """Whether the flight goes on."""
+        """Whether the flight is still in progress."""
         return loop.notes.ending is None and not loop.simulation.is_over
 
     def _to_next_frame(self, loop: Loop) -> None:

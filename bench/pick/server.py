@@ -1,8 +1,8 @@
-"""Manual picking of points of the model in the first image, on a page served on localhost only.
+"""Server of the page on which points of the model are picked in the first image, on localhost only.
 
 The page shows the image with a magnifier and the model as a wireframe with numbered corners. A corner and its pixel
-make a pair; with four pairs or more the pose is solved after each change and the model drawn into the image. Save
-writes `init.toml` and ends the server.
+form a pair; with four or more pairs the pose is solved after each change and the model is drawn into the image. Save
+writes `init.toml` and stops the server.
 """
 
 import json
@@ -40,7 +40,7 @@ NOT_HERE = b"not here: open the address that uavbench printed, on this computer"
 
 @dataclass(frozen=True, eq=False)
 class Picking:
-    """The first image, and what is picked on it; corners (n, 3) are the ends of the structure's edges."""
+    """A picking session: the first image, the structure, and the camera; its corners are the end points of edges."""
 
     image: Image
     camera: Camera
@@ -49,7 +49,7 @@ class Picking:
 
     @property
     def corners(self) -> Array:
-        """Points (n, 3) of the model to choose from, in m."""
+        """Points (n, 3) of the model that can be picked, in m."""
         return self.structure.vertices[np.unique(self.structure.edges)]
 
     def page(self, token: str) -> str:
@@ -77,7 +77,7 @@ class Picking:
         return {"lines": lines, "residuals_px": away.tolist(), "rms_px": float(np.sqrt(np.mean(away**2)))}
 
     def save(self, pairs: Iterable[Any]) -> dict[str, Any]:
-        """Write `init.toml`, whole or not at all, once the pairs give a pose."""
+        """Write `init.toml`, completely or not at all; UserError when the pairs determine no pose."""
         pairs = list(pairs)
         solved = self.solve(pairs)
         points, pixels = self._read(pairs)
@@ -89,12 +89,12 @@ class Picking:
         return {"saved": str(self.out), "rms_px": solved["rms_px"]}
 
     def _read(self, pairs: Iterable[Any]) -> tuple[Array, Array]:
-        """Model points (n, 3) and pixels (n, 2) of pairs {corner, image_px}; UserError when they are something else."""
+        """Model points (n, 3) and pixels (n, 2) of pairs {corner, image_px}; UserError when they are invalid."""
         try:
             rows = [(int(p["corner"]), float(p["image_px"][0]), float(p["image_px"][1])) for p in pairs]
             points = self.corners[[k for k, _, _ in rows if k >= 0]]
         except (KeyError, IndexError, TypeError, ValueError):
-            raise UserError("a pair has a corner of the model and a place in the image") from None
+            raise UserError("a pair consists of a corner of the model and a pixel of the image") from None
         pixels = np.array([[u, v] for _, u, v in rows]).reshape(-1, 2)
         if len(rows) < FEWEST or len(points) != len(rows) or not np.isfinite(pixels).all():
             raise UserError(f"{len(rows)} pairs; a pose takes at least {FEWEST}, better five")
@@ -102,12 +102,12 @@ class Picking:
 
 
 def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, browser: bool) -> None:
-    """Pick points on the first image of a folder or a video; UserError naming the file at fault."""
+    """Pick points on the first image of a folder or a video; UserError naming an invalid file."""
     refuse_foreign_file(out)
     lens = Camera.load(camera)
     first = next(frames(source, lens, 1.0), None)
     if first is None:
-        raise UserError(f"{source}: no image in it")
+        raise UserError(f"{source}: contains no image")
     picking = Picking(first[1], lens, load_model(model), out)
 
     def announce(address: str) -> None:
@@ -128,7 +128,7 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
     done: list[str] = []
 
     class Handler(BaseHTTPRequestHandler):
-        timeout = SILENT_S  # a request that does not go on is dropped
+        timeout = SILENT_S  # stalled requests are dropped
 
         def do_GET(self) -> None:
             if not self.from_here():
@@ -154,10 +154,10 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
                 self.tell(actions[self.path], size)
 
         def tell(self, verb: Callable[[Iterable[Any]], dict[str, Any]], size: int) -> None:
-            """Answer what a verb says of the pairs in the body."""
+            """Apply a method to the pairs in the request body, and answer with its result."""
             try:
                 body = self.rfile.read(size)
-            except OSError:  # fewer bytes came than were announced
+            except OSError:  # the body is shorter than its Content-Length
                 self.close_connection = True
                 return
             if len(body) < size:
@@ -173,7 +173,7 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
                 done.append(reply["saved"])
 
         def from_here(self) -> bool:
-            """Whether the page itself asks: under this address and no other name of it, and from no other page."""
+            """Whether a request is from the page itself, by Host and Origin: guards against DNS rebinding and CSRF."""
             own = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}  # type: ignore[attr-defined]
             origin = self.headers.get("Origin")
             return self.headers.get("Host") in own and (origin is None or origin in {f"http://{name}" for name in own})
@@ -192,7 +192,7 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
     try:
         server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
     except OSError as error:
-        raise UserError(f"port {port} of this computer cannot be used: {error.strerror}; name another one") from None
+        raise UserError(f"port {port} cannot be used: {error.strerror}; choose another with --port") from None
     with server:
         server.timeout = 0.2
         announce(f"http://127.0.0.1:{server.server_port}/{token}")

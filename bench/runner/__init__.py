@@ -1,5 +1,5 @@
-"""The job graph: render, track, score, report; cached, resumed, in workers here or on a cluster.
+"""The job graph: render, track, score, report; cached and resumable, on local workers or on a cluster.
 
-In: a suite and a folder. Out: the folder brought up to date. Imports config, inputs, external and third-party
-trackers, and what each job runs.
+In: a suite and a folder. Out: the folder, up to date. Imports config, inputs, external and third-party trackers, and
+what each job runs.
 """

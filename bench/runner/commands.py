@@ -1,4 +1,4 @@
-"""The commands over a suite."""
+"""Implementation of the commands over a suite."""
 
 import json
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ from uavbench.trajectories.files.writing import write_text
 
 @dataclass(frozen=True, kw_only=True)
 class ExecutionOptions:
-    """Where a suite is executed, and how much of it; see `uavbench run --help`."""
+    """Options of executing a suite: workers, cluster, shards; see `uavbench run --help`."""
 
     workers: int = 1
     shard: str = ""
@@ -43,7 +43,7 @@ class ExecutionOptions:
 
 
 def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOptions) -> int:
-    """Run the missing jobs of a suite up to `verb`; exit code 0 when all are done, 2 after a user's mistake, else 1."""
+    """Run the missing jobs of a suite up to `verb`; exit code 0 when all are done, 2 after a user error, else 1."""
     suite = load_suite(suite_file(suite_name))
     if where.isolate:
         suite = replace(suite, trackers=isolated_trackers(suite.trackers))
@@ -83,12 +83,12 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
 
 
 def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False, video: bool = False) -> int:
-    """Do one shard `i/n` of a suite in this process; the report is written after all shards."""
+    """Run a shard `i/n` of a suite in this process, without the report, which needs all shards."""
     return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate, video=video))
 
 
 def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:
-    """Count as failed the jobs, fresh ones too, whose tracker failed on all frames; their results are there to see."""
+    """Count jobs, including up-to-date ones, as failed when their tracker failed on all frames; results are kept."""
     for job in jobs:
         if job.verb == "track" and job.name not in outcome.failed and job.marker.is_file():
             record = json.loads(job.marker.read_text(encoding="utf-8"))
@@ -103,9 +103,9 @@ def _executor(where: ExecutionOptions, folder: Path) -> AbstractContextManager[P
 
 
 def tell(outcome: Outcome, folder: Path) -> None:
-    """Report on standard error what was done, how long it took, and what failed and why."""
+    """Report on standard error the jobs done, their time, and the failures with their reasons."""
     count = f"{len(outcome.done)} jobs done, {len(outcome.fresh)} were fresh, {len(outcome.failed)} failed"
-    cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes together"
+    cost = f"{outcome.wall_s:.1f} s, at most {outcome.peak_mb:.0f} MB in all processes"
     say(f"{count}; {cost}", err=True)
     for line in shortfalls(job.marker for job in outcome.done if job.verb == "render"):
         say(line, err=True)
@@ -121,12 +121,12 @@ def tell(outcome: Outcome, folder: Path) -> None:
             write_text(path, f"{text.rstrip()}\n", sealed=True)
             say(f"details: {path}", err=True)
         elif is_sealed(path):
-            path.unlink()  # of an earlier run
+            path.unlink()  # left by an earlier run
 
 
 @contextmanager
 def told_at_most(path: Path) -> Iterator[None]:
-    """Warn of a file that cannot be written, and continue: the work itself is done."""
+    """Context that prints a warning for a file that cannot be written, and continues, since the jobs are done."""
     try:
         yield
     except UserError as error:
@@ -138,7 +138,7 @@ def told_at_most(path: Path) -> Iterator[None]:
 def track_real(
     kind: str, source: Path | BagTopic, model: Path, camera: Path, init: Path, out: Path, rate_hz: float
 ) -> None:
-    """Run a tracker on the images of a folder, a video or a topic of a bag, and say where the estimates are."""
+    """Run a tracker on the images of a folder, a video or a topic of a bag, and print the path of the estimates."""
     from uavbench.tracker.images.track_images import track_images
     from uavbench.tracker.registry import TRACKERS
     from uavbench.tracker.run import all_failed

@@ -1,4 +1,4 @@
-"""Estimated run time of a plan: reference times, corrected by those of earlier jobs in this folder."""
+"""Estimated run time of a plan: reference times, corrected by those measured in this folder."""
 
 import json
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ def remember(outcome: Outcome, folder: Path) -> None:
 
 
 def remembered(folder: Path) -> dict[str, float]:
-    """Seconds of the jobs done in this folder, by name; none when there is no such file or it is not whole."""
+    """Seconds of the jobs done in this folder, by name; empty when the file is missing or incomplete."""
     try:
         table = read_json(folder / SECONDS)["seconds"]
         return {str(name): float(seconds) for name, seconds in table.items()}
@@ -29,7 +29,7 @@ def remembered(folder: Path) -> dict[str, float]:
 
 
 def kind(job: Job) -> str:
-    """Kind of a job, within which time is proportional to weight: the verb, and the tracker with its rate."""
+    """Kind of a job (step, tracker and rate), within which time is proportional to the job's weight."""
     return f"track {job.name.split()[-1]}" if job.verb == "track" else job.verb
 
 

@@ -18,13 +18,13 @@ from uavbench.trajectories.errors import UserError
 
 WAIT_FOR_WORKERS_S = 60
 MOST_DEATHS = 2
-"""Deaths of workers that a call survives: one beside another call that may be the cause, one alone by chance."""
+"""Deaths of workers after which a call is retried: one that another call may have caused, and one more by chance."""
 PACKAGES = ("bench", "reports", "scenes", "tracker", "trajectories")
 
 
 @dataclass
 class Task:
-    """A call that was submitted; deaths: how often a worker died while it ran, or waited for one."""
+    """A submitted call; deaths: number of times that a worker died while the call ran or waited for a worker."""
 
     call: Callable[[], Any]
     future: Future[Any] = field(default_factory=Future)
@@ -39,16 +39,16 @@ class Call:
     arguments: tuple[Any, ...]
 
     def __call__(self) -> Any:
-        """Call it."""
+        """Call the function."""
         return self.function(*self.arguments)
 
 
 class SpawnPool(Executor):
-    """Spawned processes, a GL context each; a worker that dies costs only the call it was at.
+    """Pool of spawned processes with a GL context each; when a worker dies, only the call that it ran fails.
 
-    `ProcessPoolExecutor` gives up everything when one worker dies. Here the calls that were running then are tried
-    again, one at a time: the one whose workers go on dying has failed, and the others go on. All workers are started by
-    one thread that lives as long as the pool: the kernel ends a worker with the thread that started it.
+    `ProcessPoolExecutor` fails all calls when one worker dies. Here the calls that were running are retried one at a
+    time; a call whose workers keep dying fails, and the others continue. All workers are started by one thread that
+    lives as long as the pool, because the kernel kills a worker with the thread that started it (PDEATHSIG).
     """
 
     def __init__(self, workers: int) -> None:
@@ -65,7 +65,7 @@ class SpawnPool(Executor):
         self._broken = self._closed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Future of a call; BrokenProcessPool when its worker died three times."""
+        """Future of a call; it raises BrokenProcessPool when its worker died three times."""
         assert not kwargs, "positional arguments only"
         task = Task(Call(fn, args))
         with self._lock:
@@ -74,7 +74,7 @@ class SpawnPool(Executor):
         return task.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers; calls that wait are cancelled."""
+        """Stop the workers; pending calls are cancelled."""
         with self._lock:
             self._closed = True
             for task in (*self._waiting, *self._suspects):
@@ -83,7 +83,7 @@ class SpawnPool(Executor):
             self._suspects.clear()
         self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
         if wait:
-            self._starter.shutdown()  # and not before: workers that still have something to do would end with it
+            self._starter.shutdown()  # last, since workers still running are killed with this thread
 
     def _new_pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
@@ -95,11 +95,11 @@ class SpawnPool(Executor):
             self._starter.submit(self._fill)
 
     def _fill(self) -> None:
-        """Start what may run now: suspects alone, else as many as there are workers."""
+        """Start the calls that may run now: suspects one at a time, others on all workers."""
         with self._lock:
             broken = self._pool if self._broken and not self._running else None
         if broken is not None:
-            broken.shutdown(wait=True)  # or a call would be tried again while its first worker still cleans up
+            broken.shutdown(wait=True)  # else a call could be retried while its first worker still cleans up
             with self._lock:
                 self._pool, self._broken = self._new_pool(), False
         with self._lock:
@@ -118,7 +118,7 @@ class SpawnPool(Executor):
                 self._broken = True
                 self._fill_soon()
                 return
-            except Exception as error:  # no process can be started
+            except Exception as error:  # no process could be started
                 task.future.set_exception(error)
                 continue
             self._running[future] = task
@@ -146,7 +146,7 @@ class SpawnPool(Executor):
 
 
 class Pool(NamedTuple):
-    """An executor, and the queue on which its workers report progress; None where they report none."""
+    """An executor, and the queue on which its workers report progress, None if they do not."""
 
     executor: Executor
     progress: Any
@@ -154,7 +154,7 @@ class Pool(NamedTuple):
 
 @contextmanager
 def local_pool(workers: int) -> Iterator[Pool]:
-    """Pool of spawned processes and the queue on which they report progress; no process outlives it."""
+    """Context with a pool of spawned processes and their progress queue; no process outlives it."""
     pool = SpawnPool(workers)
     try:
         yield Pool(pool, pool.progress)

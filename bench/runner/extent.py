@@ -1,4 +1,4 @@
-"""Size of a suite's sequences: frames, seconds of flight, megabytes; and requests that their paths do not reach."""
+"""Size of a suite's sequences: frames, seconds of flight, megabytes; and path requirements that are not met."""
 
 import json
 from collections.abc import Iterable
@@ -15,23 +15,25 @@ from uavbench.trajectories.simulation.flight import path_name
 from uavbench.trajectories.simulation.summary import FlightSummary, planned_summary
 
 IMAGE_BYTES_PER_PX, NOISY_IMAGE_BYTES_PER_PX = 1.2, 1.6
-"""Of a PNG of frames/, without and with sensor noise; measured at 640x480 on a box and a building, 15 % off."""
+"""Bytes per pixel of a PNG of frames/, without and with sensor noise; measured at 640x480 on a box and a building,
+within 15 %.
+"""
 DEPTH_BYTES_PER_PX, MASK_BYTES_PER_PX, EDGES_BYTES = 0.5, 0.01, 1000.0
-"""Of a frame's depth and mask (per pixel) and of its file of edges, measured on the box."""
+"""Bytes of a frame's depth and mask (per pixel) and of its file of edges, measured on the box."""
 FLOW_BYTES_PER_PX, NORMALS_BYTES_PER_PX = 0.5, 0.03
-"""Of a frame's flow with its occlusion, and of its normals, measured on the box."""
+"""Bytes of a frame's flow with its occlusion, and of its normals, measured on the box."""
 RAY_BYTES = 16.0
-"""Of a ray of a lidar, its range and the true one; a step has half as much again, two stamps and the azimuth."""
+"""Bytes of a lidar ray, measured and true range; a step adds half as much, two stamps and the azimuth."""
 ROW_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 200.0, 550.0, 0.5e6
-"""Of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
+"""Bytes of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
 NOISY = {"Noise", "AnalogLink"}
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Size of each of the sequences of one name, one per seed, or why their flight cannot be planned.
+    """Size of each sequence of one name, one per seed, or the reason why their flight cannot be planned.
 
-    bytes are those of one sequence, on disk where one is rendered (measured), else about.
+    bytes: of one sequence, measured on disk if one is rendered, else estimated.
     """
 
     name: str
@@ -44,7 +46,7 @@ class Extent:
 
 
 def extents(renders: Iterable[Render]) -> list[Extent]:
-    """Extent of the rendered sequences by name; those that differ by their seed alone are planned once."""
+    """Extent of the sequences by name; those that differ only by their seed are planned once."""
     by_name: dict[str, list[Render]] = {}
     for render in renders:
         if isinstance(render.spec, SequenceSpec):
@@ -53,7 +55,7 @@ def extents(renders: Iterable[Render]) -> list[Extent]:
 
 
 def table_of_extents(renders: Iterable[Render]) -> str:
-    """Table of frames, seconds and megabytes by sequence, their sum, and what the paths do not reach; "" for none."""
+    """Table of frames, seconds and megabytes by sequence, their sum, and unmet path requirements; "" without any."""
     found = extents(renders)
     if not found:
         return ""
@@ -75,7 +77,7 @@ def table_of_extents(renders: Iterable[Render]) -> str:
 
 
 def shortfalls(markers: Iterable[Path]) -> list[str]:
-    """What the flights of rendered sequences did not reach of what was asked for, by their sequence.json."""
+    """Path requirements that the flights of rendered sequences did not meet, from their sequence.json."""
     lines = []
     for marker in markers:
         info = json.loads(marker.read_text(encoding="utf-8"))
@@ -117,7 +119,7 @@ def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:
 
 
 def _bytes_per_s(sensor: object) -> float:
-    """Of the readings of a body sensor."""
+    """Bytes per second of the readings of a body sensor."""
     if isinstance(sensor, Lidar2d):
         return RAY_BYTES * (sensor.rays_per_s + 1.5 * sensor.steps_per_s)
     return ROW_BYTES * float(getattr(sensor, "rate_hz", 0.0))

@@ -1,4 +1,4 @@
-"""Run a graph of jobs on an executor: fresh jobs are skipped, failed ones do not stop independent jobs."""
+"""Runs a graph of jobs on an executor: up-to-date jobs are skipped, failures do not stop independent jobs."""
 
 import queue
 import resource
@@ -29,10 +29,10 @@ NOT_DONE = "not done, because this failed: "
 
 
 class Work(Protocol):
-    """Task of a job: a picklable value whose call writes the job's output."""
+    """Task of a job: a picklable callable that writes the job's output."""
 
     def __call__(self, content_hash: str, on_step: OnStep) -> None:
-        """Write the output, its marker carrying content_hash; on_step(done, total) reports progress."""
+        """Write the output, with content_hash in its marker; on_step(done, total) reports progress."""
         ...
 
 
@@ -40,10 +40,10 @@ class Work(Protocol):
 class Job:
     """One idempotent step of a suite.
 
-    verb and name are what is shown; marker is the JSON file that carries the content hash once the output is whole.
-    root: the suite's folder, by default the marker's; lists: the file that lists the others of the marker's folder,
-    where that is this job's own. without: what to do instead when needs failed, given why by the names of all jobs
-    that failed; None, or a work of None, fails this job too.
+    verb, name: shown to the user; marker: JSON file that holds the content hash once the output is complete; root: the
+    suite's folder, by default the marker's; lists: file that lists the others of the marker's folder, if that belongs
+    to this job alone; without: maps the reasons of failed jobs by name to a substitute task when needs failed; if it is
+    None or returns None, this job fails too.
     """
 
     verb: str
@@ -59,20 +59,20 @@ class Job:
 
     @property
     def place(self) -> Place:
-        """Where its output is written."""
+        """Place of its output."""
         return Place(self.root or self.marker.parent, self.marker, self.lists)
 
     @property
     def fresh(self) -> bool:
-        """Whether the output is there as it was written, made from just what would make it now."""
+        """Whether the output is unchanged since it was written, and was made from the current inputs."""
         return _is_done(self.place, self.content_hash)
 
 
 @dataclass
 class Outcome:
-    """Result of a graph: jobs done, jobs that were fresh, why others failed, and what it took.
+    """Result of a graph: jobs done, jobs that were up to date, reasons of failures, times and memory.
 
-    users_mistake: some job failed for one; tracebacks are of the failures that are not.
+    users_mistake: whether a job failed because of a user error; tracebacks: of all other failures.
     """
 
     done: list[Job] = field(default_factory=list)
@@ -86,27 +86,27 @@ class Outcome:
 
 
 class JobFaultError(Exception):
-    """A job failed, and not by a user's mistake; only text, so that it reaches another process whatever was raised."""
+    """Failure of a job other than a user error; holds only text, so that it can be pickled whatever was raised."""
 
 
 _progress: Any = None
 
 
 def start_worker(progress: Any) -> None:
-    """Set up a worker: an interrupt is the parent's to handle, a termination cleans up what is half-written."""
+    """Set up a worker: interrupts are left to the parent, SIGTERM removes incomplete files."""
     global _progress
     _progress = progress
     if progress is not None:
-        progress.cancel_join_thread()  # a termination in the middle of a put() would else wait for its thread forever
-    cv2.setNumThreads(1)  # a worker has one core
+        progress.cancel_join_thread()  # else SIGTERM during put() would wait for the queue's thread forever
+    cv2.setNumThreads(1)  # one core per worker
     end_with_parent()
-    end_when_told()  # last: what is raised in here is printed with a traceback, and until now nothing is half-written
+    end_when_told()  # last, because an exception here prints a traceback, and nothing has been written yet
 
 
 def fresh_jobs(jobs: list[Job]) -> list[Job]:
-    """Jobs that are fresh, as are all that they need: damaged output is made anew with everything derived from it.
+    """Jobs that are up to date together with all their needs: damaged output is remade with everything derived from it.
 
-    Needs stand before the jobs that need them.
+    jobs: in topological order.
     """
     fresh: dict[int, Job] = {}
     for job in jobs:
@@ -125,9 +125,9 @@ class JobCost(NamedTuple):
 def run_job(
     name: str, work: Work, content_hash: str, marker: Path, root: Path | None = None, lists: str = ""
 ) -> JobCost:
-    """Do one job in a worker; what it cost.
+    """Run one job in a worker and return its cost.
 
-    A job that is done already is left alone: a cluster may ask again when the worker that did it was lost.
+    A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost.
     """
     begin = time.perf_counter()
     place = Place(root or marker.parent, marker, lists)
@@ -149,15 +149,15 @@ def run_job(
         raise UserError(disk_error_message(error)) from error
     except (KeyboardInterrupt, Terminated):
         raise
-    except BaseException as error:  # a plug-in may be anyone's, and end as it likes
+    except BaseException as error:  # a user's plug-in may raise anything, including SystemExit
         raise JobFaultError(_fault(error)) from error
     return JobCost(time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 
 
 def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outcome:
-    """Run every job that is not fresh, after the jobs it needs; a job whose need failed fails too or does without.
+    """Run every job that is not up to date, after its needs; when one of these failed, it fails or runs without it.
 
-    UserError before anything is done where a job's folder holds what uavbench did not write.
+    UserError before the first job when a job's folder holds files that uavbench did not write.
     """
     begin = time.perf_counter()
     for job in jobs:
@@ -180,7 +180,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
         future.add_done_callback(settled.put)
 
     def release(job: Job) -> None:
-        """Start, or fail, what waited for a job that is settled."""
+        """Start, or fail, the jobs that waited for a finished job."""
         for dependent in dependents.get(id(job), ()):
             awaited[id(dependent)] -= 1
             if dependent.name in outcome.failed or (awaited[id(dependent)] and dependent.without):
@@ -217,7 +217,7 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
 
 
 def _fault(error: BaseException) -> str:
-    """What was raised, and where in the code of a user's plug-in."""
+    """The exception as text, with its place in the code of a user's plug-in."""
     return f"{one_line(named(error))}{users_place(error)}"
 
 
@@ -243,7 +243,7 @@ def _settle(job: Job, future: Future[JobCost], outcome: Outcome, peaks: dict[str
 
 
 class Bar:
-    """Progress over a graph in shares of its jobs: a bar on a terminal, a line per job elsewhere."""
+    """Progress of a graph: a bar on a terminal, a line per job elsewhere."""
 
     def __init__(self, jobs: list[Job]) -> None:
         self.weight = {job.name: job.weight for job in jobs}
@@ -272,7 +272,7 @@ class Bar:
                 self.bar.set_description_str(name)
 
     def finish(self, job: Job, outcome: Outcome) -> None:
-        """Mark a job as settled."""
+        """Mark a job as finished."""
         self._move(job.name, 1.0)
         if job.name in outcome.seconds:
             self.bar.write(f"  {job.name:<44} {outcome.seconds[job.name]:7.1f} s", file=sys.stderr)

@@ -3,12 +3,12 @@
 DIR/suite.json                          description of the folder
 DIR/sequences/SEQUENCE/                 rendered sequences
 DIR/results/SEQUENCE/TRACKER@RATEhz/    estimates, and score.json
-DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol that gives true poses on the way
-DIR/made/                               what each job wrote, with digests
-DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that broke the protocol
+DIR/restarts/SEQUENCE/TRACKER@RATEhz/PROTOCOL/    the same under a protocol with restarts from true poses
+DIR/made/                               files written by each job, with digests
+DIR/failed/SEQUENCE/TRACKER@RATEhz/     job folder of an external tracker that violated the protocol
 DIR/index.html ...                      the report
 DIR/flights/SEQUENCE/TRACKER@RATEhz/    one flight in closed loop, and score.json; TRACKER@RATEhz+LOOP of several loops
-DIR/videos/SEQUENCE/TRACKER@RATEhz/     the video of a flight, where it was asked for
+DIR/videos/SEQUENCE/TRACKER@RATEhz/     the video of a flight, with --video
 DIR/flights.json                        all scores of flights, beside index.html, tables/flights.md and figures/flights/
 """
 
@@ -51,9 +51,9 @@ START_S, RENDER_S, BOUND_S, TRACK_S, SCORE_S, REPORT_S = 3.0, 0.08, 2.0, 0.02, 0
 FLIGHT_SCORE_S, FLIGHT_FIGURE_S = 2.0, 2.0
 """Seconds of a flight's score, most of it the coverage, and of its figure."""
 VIDEO_S = 1.0
-"""Seconds of a video for each of its flight: its frames are rendered again, and drawn on."""
+"""Seconds of work on a video per second of flight: its frames are rendered again, and drawn on."""
 FLIGHTS = "flights.json"
-"""What the report of flights lists its files in."""
+"""File in which the report of flights lists its files."""
 
 
 def plan(suite: Suite, folder: Path, last: str = "report", figures: Figures = "page") -> list[Job]:
@@ -80,7 +80,7 @@ def _plan(suite: Suite, folder: Path, last: str, figures: Figures) -> list[Job]:
 
 
 def frames(spec: Spec) -> float:
-    """How many frames a sequence will have; a guess of a minute where nothing says how long it takes."""
+    """Number of frames of a sequence; for a path of unknown duration a minute is assumed."""
     path = spec.flight.path if isinstance(spec, SequenceSpec) else spec.source
     return float(getattr(path, "duration_s", None) or 60.0) * spec.rate_hz
 

@@ -17,13 +17,13 @@ from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
 
 SUITE = "suite.json"
 DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2, "failed": 1, "made": 4}
-"""Folders in which something is written under a temporary name, and how many levels below."""
+"""Folders in which files are written under temporary names, and the number of levels below."""
 
 
 def resolved(folder: Path) -> Path:
-    """The folder itself, links followed; UserError for a link that leads nowhere."""
+    """The folder with links resolved; UserError for a dangling link."""
     if folder.is_symlink() and not folder.exists():
-        raise UserError(f"{folder}: is a link that leads nowhere; name another folder with --out")
+        raise UserError(f"{folder}: is a dangling link; name another folder with --out")
     return folder.resolve()
 
 
@@ -31,8 +31,8 @@ def resolved(folder: Path) -> Path:
 def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iterator[Path]:
     """The folder, created or reopened; UserError when it holds something else or is in use.
 
-    Shards of a suite may be at work in one folder at the same time, each once; nothing else may. What killed processes
-    have left is removed, before and after.
+    Different shards of a suite may use one folder at the same time; other processes may not. Incomplete files of killed
+    processes are removed before and after.
     """
     _refuse_foreign(folder)
     with ExitStack() as stack:
@@ -48,7 +48,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iter
                 fcntl.flock(lock, how | fcntl.LOCK_NB)
         except OSError:
             raise UserError(
-                f"{folder}: another uavbench is at work in it; wait for it or name another folder"
+                f"{folder}: another uavbench process uses it; wait for its end or name another folder"
             ) from None
         _refuse_foreign(folder)
         clean_leftovers(folder, alone=shard is None)
@@ -60,7 +60,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iter
 
 
 def clean_leftovers(folder: Path, *, alone: bool) -> None:
-    """Remove unfinished files of killed processes from a suite's folder; alone: nothing else is at work in it."""
+    """Remove incomplete files of killed processes from a suite's folder; alone: no other process uses it."""
     remove_leftovers(folder, alone=alone)
     for name, depth in DEPTHS.items():
         _clean(folder / name, depth, alone)
@@ -80,7 +80,7 @@ def _clean(folder: Path, depth: int, alone: bool) -> None:
 
 
 def _refuse_foreign(folder: Path) -> None:
-    """UserError when uavbench did not make the folder; its own have a `suite.json` with a valid seal."""
+    """Raise UserError unless uavbench made the folder: then it has a `suite.json` with a valid seal."""
     if os.path.lexists(folder) and not folder.is_dir():
         raise UserError(f"{folder}: not a folder; name another one with --out")
     if not folder.is_dir() or is_sealed(folder / SUITE):
@@ -94,7 +94,7 @@ def _refuse_foreign(folder: Path) -> None:
 
 
 def _describe(folder: Path, suite: Suite) -> None:
-    """Write `suite.json`, unless it says the same already: then shards that start together need not write it."""
+    """Write `suite.json` unless it is up to date, so that concurrent shards do not write it."""
     about = {
         "suite": suite.name,
         "title": suite.title,
@@ -113,11 +113,11 @@ def _describe(folder: Path, suite: Suite) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[int]:
-    """A lock file, made where there is none and never written to; OSError when it is a link, UserError for a device."""
+    """Open a lock file, created if missing and never written to; OSError for a link, UserError for a device."""
     handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
     try:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise UserError(f"{path}: is no regular file; move it away or name another folder with --out")
+            raise UserError(f"{path}: is not a regular file; move it away or name another folder with --out")
         yield handle
     finally:
         os.close(handle)

@@ -12,9 +12,9 @@ from uavbench.trajectories.lost_signals import raise_lost_signals_again
 
 
 def end_with_parent() -> None:
-    """Have this worker end when the process that started it does, however that ends.
+    """Make this worker end when its parent process ends, for whatever reason.
 
-    The kernel sees to it on Linux; elsewhere, and should the thread that started it live on, a pipe to the parent does.
+    On Linux the kernel does so (PDEATHSIG); elsewhere, and if the thread that started it outlives the parent, a pipe.
     """
     parent = multiprocessing.parent_process()
     if parent is None or parent.pid is None:
@@ -24,12 +24,12 @@ def end_with_parent() -> None:
 
 
 def hold_interrupts() -> None:
-    """Hold back interrupts in this thread and in the processes that it starts, which import their modules first."""
+    """Block interrupts in this thread and in the processes that it starts while these import their modules."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def end_when_told() -> None:
-    """Have this worker clean up what is half-written and end at SIGTERM; an interrupt is its parent's to handle."""
+    """Make this worker remove incomplete files and end on SIGTERM; interrupts are left to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     signal.signal(signal.SIGTERM, _end)
@@ -37,10 +37,10 @@ def end_when_told() -> None:
 
 
 def start_resource_tracker() -> None:
-    """Start the process in which multiprocessing keeps account of semaphores, so that a hang-up does not end it.
+    """Start multiprocessing's resource tracker, which tracks semaphores, such that SIGHUP does not kill it.
 
-    It ignores interrupts and terminations by itself. One that was ended is started anew without its account, and prints
-    a traceback for each name that it does not know.
+    It already ignores SIGINT and SIGTERM. If it is killed, multiprocessing starts another one without its records,
+    which prints a traceback for each unknown name.
     """
     if threading.current_thread() is not threading.main_thread():
         return

@@ -1,4 +1,4 @@
-"""`uavbench.render`: the sequences of a suite, rendered and opened."""
+"""`uavbench.render`: renders the sequences of a suite and opens them."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
@@ -17,19 +17,19 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
 
 NOT_RENDERED: dict[str, Any] = {"title": "Sequences of a script", "trackers": {"hold": {"kind": "hold"}}}
-"""What a suite must have beside its sequences, where only these are wanted."""
+"""Required keys of a suite besides its sequences, for suites of which only these are rendered."""
 DICT = Path("suite")
-"""What a suite given as a dict is called."""
+"""Name of a suite given as a dict."""
 
 
 def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None, *, workers: int = 1) -> list[Sequence]:
     """Render the sequences of a suite that are not there yet, and open them all.
 
-    suite: a name that `uavbench list` shows, a TOML file, or a dict with what such a file holds, of which `sequences`
-    is enough; relative paths in a dict start at the current folder. out: the suite's folder, by default `out/NAME`,
-    `out/suite` for a dict. workers: 1 renders in this process; more need `if __name__ == "__main__":` in a script.
-    Iterate over the result, and over each `Sequence` for its frames: see `open_sequence`. UserError telling all
-    mistakes of the suite, or why sequences could not be rendered.
+    suite: a name that `uavbench list` shows, a TOML file, or a dict of such a file's content, of which `sequences` is
+    sufficient; relative paths in a dict are resolved against the current folder. out: the suite's folder, by default
+    `out/NAME`, `out/suite` for a dict. workers: 1 renders in this process; more need `if __name__ == "__main__":` in a
+    script. Returns an iterable of `Sequence`, each an iterable of its frames: see `open_sequence`. UserError listing
+    all errors of the suite, or the reasons why sequences could not be rendered.
 
     >>> import uavbench as ub
     >>> box = {"structure": {"kind": "box"}, "environment": {"kind": "studio"}, "rate_hz": 10.0}
@@ -51,10 +51,10 @@ def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None,
 
 
 class InProcess(Executor):
-    """Does each call at once in this process, so that a script needs no `if __name__ == "__main__":`."""
+    """Executor that runs each call in this process, so that a script needs no `if __name__ == "__main__":`."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Future of a call that is over."""
+        """Future of a finished call."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))

@@ -14,11 +14,11 @@ POLL_S = 5.0
 def run_shards(
     run_shard: Callable[[str], int], out: Path, shards: int, options: tuple[str, ...], *, cluster: str | None = None
 ) -> int:
-    """Run every shard as a job of its own and wait for them; how many failed. An interrupt cancels them.
+    """Run each shard as a Slurm job and wait for all; returns the number of failures. An interrupt cancels the jobs.
 
-    run_shard: gets `i/n`, returns an exit code; it is pickled. Logs lie in `slurm` under out.
-    options: `key=value` of submitit (`slurm_partition=short`, `timeout_min=600`). UserError when submitit is not
-    installed, there is no Slurm, or an option is wrong.
+    run_shard: picklable function from `i/n` to an exit code. out: logs are written to its subfolder `slurm`.
+    options: `key=value` of submitit (`slurm_partition=short`, `timeout_min=600`). UserError when submitit or Slurm is
+    not installed, or an option is invalid.
     """
     try:
         import submitit  # type: ignore[import-not-found, unused-ignore]
@@ -28,7 +28,7 @@ def run_shards(
     try:
         executor = submitit.AutoExecutor(folder=logs, cluster=cluster)
         if executor.cluster == "local" and cluster is None:
-            raise UserError("--slurm: there is no sbatch on this machine; run it where Slurm's commands are")
+            raise UserError("--slurm: sbatch is not installed on this machine; run this on a submit node of Slurm")
         executor.update_parameters(**{"cpus_per_task": 1, "timeout_min": 24 * 60, **_parsed(options)})
         with executor.batch():
             jobs = [executor.submit(run_shard, f"{i}/{shards}") for i in range(1, shards + 1)]

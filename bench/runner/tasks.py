@@ -21,12 +21,12 @@ from uavbench.trajectories.trajectory import Trajectory
 
 Spec = SequenceSpec | RecordingSpec
 Figures = Literal["page", "all"]
-"""Figures of a report, as in uavbench.reports.drawings; repeated here, because that module needs matplotlib."""
+"""Figures of a report, as in uavbench.reports.report_figures; repeated here, because that module needs matplotlib."""
 
 
 @dataclass(frozen=True)
 class Render:
-    """Render one sequence, or take over one that was recorded."""
+    """Render one sequence, or import a recorded one."""
 
     spec: Spec
     folder: Path
@@ -83,7 +83,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Restart:
-    """Run one tracker over one sequence under a protocol that gives it true poses on the way."""
+    """Run one tracker over one sequence under a protocol with restarts from true poses."""
 
     track: Track
     protocol: Protocol
@@ -103,7 +103,7 @@ class Restart:
 
 
 def groundtruth(sequence: Sequence, results: Results) -> Trajectory | None:
-    """True `world_from_body` at the frames of results, None for a recording."""
+    """True `world_from_body` at the frames of results; None for a recording."""
     return None if sequence.recorded else sequence.ground_truth.select(results.frames)
 
 
@@ -125,7 +125,7 @@ class Score:
 
 
 class ScoredFolders(NamedTuple):
-    """Folders of a sequence and of results on it; `why` the results do not count, "" where they do."""
+    """Folders of a sequence and of results on it; why: reason why the results do not count, "" if they do."""
 
     sequence: Path
     results: Path
@@ -160,7 +160,7 @@ class Report:
         write_report(self.folder, inputs, figures=self.figures, content_hash=content_hash, on_step=on_step)
 
     def without(self, failed: Mapping[str, str]) -> "Report | None":
-        """The report with failed runs marked as failed; None where no sequence is left."""
+        """The report with failed runs marked as failed; None if no sequence is left."""
         unrendered, scored = {}, []
         for sequence, results, _ in self.scored:
             run = f"{sequence.name} {results.name}"
@@ -176,7 +176,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Fly:
-    """Fly one sequence on one tracker at one rate."""
+    """Fly one sequence in closed loop with one tracker at one rate."""
 
     spec: SequenceSpec
     pilot: Pilot
@@ -246,7 +246,7 @@ class ReportFlights:
         write_flights(self.folder, notes, self.flights, **given)
 
     def without(self, failed: Mapping[str, str]) -> "ReportFlights | None":
-        """The report of the flights that were flown; None where there is none."""
+        """The report of the completed flights; None without any."""
         lost = {path: _why_unflown(path, failed) for path in self.flights}
         kept = tuple(path for path in self.flights if not lost[path])
         told = tuple((" ".join(path.parts[-2:]), why) for path, why in lost.items() if why)

@@ -1,8 +1,7 @@
 """Records of written files: `made/` in a suite's folder holds the size, times and digest of every file.
 
-A job counts as done only while all of it is as it was written. The record says so from before work begins (then
-without a content hash, so that a job killed on its way is never taken for done) and keeps the names, so that what is
-damaged can be made anew.
+A job counts as done only while all of its files are unchanged. The record is written before the work begins, without a
+content hash, so that a killed job never counts as done; it keeps the names, so that damaged output can be replaced.
 """
 
 import hashlib
@@ -22,7 +21,7 @@ RECORDS = "made"
 
 @dataclass(frozen=True)
 class Stamp:
-    """A file as it was written: size in bytes, times of its content and of its entry in ns, sha256."""
+    """A file as it was written: size in bytes, mtime and ctime in ns, sha256."""
 
     size: int
     mtime_ns: int
@@ -38,7 +37,7 @@ class Stamp:
         return cls(about.st_size, about.st_mtime_ns, about.st_ctime_ns, digest)
 
     def now(self, path: Path) -> "Stamp | None":
-        """The same file's stamp now, None when it is another or gone; its content is read only where times differ."""
+        """Current stamp of the file, None when changed or missing; its content is read only if the times differ."""
         try:
             about = path.lstat()
             if not stat.S_ISREG(about.st_mode) or about.st_size != self.size:
@@ -53,14 +52,14 @@ class Stamp:
 
 @dataclass(frozen=True)
 class Record:
-    """Files that a job wrote, by their names in the suite's folder; content_hash is "" until all is there."""
+    """Files that a job wrote, by their names in the suite's folder; content_hash is "" until the job is done."""
 
     content_hash: str = ""
     files: Mapping[str, Stamp] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path) -> "Record":
-        """The record of a file; an empty one where there is none, or none that is whole."""
+        """Read a record; an empty one when the file is missing or incomplete."""
         try:
             about = json.loads(path.read_text(encoding="utf-8"))
             return cls(str(about["content_hash"]), {name: Stamp(*stamp) for name, stamp in about["files"].items()})
@@ -68,16 +67,16 @@ class Record:
             return cls()
 
     def write(self, path: Path) -> None:
-        """Write it, whole or not at all."""
+        """Write the record, completely or not at all."""
         files = {name: (stamp.size, stamp.mtime_ns, stamp.ctime_ns, stamp.sha256) for name, stamp in self.files.items()}
         write_text(path, json.dumps({"content_hash": self.content_hash, "files": files}, indent=1) + "\n", sealed=True)
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a job writes: a suite's folder, the marker of what it makes in there, and whether that folder is its own.
+    """Output of a job: the suite's folder, the marker in it, and whether the marker's folder belongs to this job alone.
 
-    lists: the file that lists the others of its own folder.
+    lists: the file that lists the others of that folder.
     """
 
     root: Path
@@ -90,9 +89,9 @@ class Place:
         return self._record_of(self.marker.relative_to(self.root).as_posix())
 
     def is_whole(self, content_hash: str) -> bool:
-        """Whether all that was made for this hash is there as it was written.
+        """Whether all files made for this hash exist unchanged.
 
-        Where times alone have changed, as in a copy, the record is brought up to date, so that this is found once.
+        If only times differ, as after copying, the record is updated, so that the contents are compared only once.
         """
         record = Record.read(self.record)
         if record.content_hash != content_hash or not record.files:
@@ -102,13 +101,13 @@ class Place:
         if len(whole) < len(now):
             return False
         if whole != record.files:
-            with suppress(OSError, UserError):  # a folder that is only looked at
+            with suppress(OSError, UserError):  # a read-only folder
                 Record(content_hash, whole).write(self.record)
         return True
 
     @contextmanager
     def writing(self, content_hash: str) -> Iterator[None]:
-        """Put on record what is written inside."""
+        """Context that records the files written in it."""
         before = Record.read(self.record)
         Record("", before.files).write(self.record)
         with owning(self._known(before)), noting() as written:
@@ -117,13 +116,13 @@ class Place:
         self.keep(content_hash, (path for path in {*written, self.marker.absolute()} if path.is_relative_to(here)))
 
     def keep(self, content_hash: str, paths: Iterable[Path]) -> None:
-        """Put these files on record as what was made for this hash."""
+        """Record these files as the output for this hash."""
         root = self.root.absolute()
         names = sorted(path.absolute().relative_to(root).as_posix() for path in paths if path.exists())
         Record(content_hash, {name: Stamp.of(root / name) for name in names}).write(self.record)
 
     def refuse_foreign(self) -> None:
-        """UserError naming what is in the job's own folder and was not written by uavbench."""
+        """Raise UserError naming a file in the job's own folder that uavbench did not write."""
         folder = self.marker.parent
         if not self.lists or not os.path.lexists(folder):
             return
@@ -134,7 +133,7 @@ class Place:
             refuse_foreign(folder, self.lists)
 
     def _known(self, record: Record) -> set[Path]:
-        """Files on this record, and those in the job's own folder that are another job's."""
+        """Files of this record, and those in the job's own folder that belong to another job."""
         folder = self.marker.parent
         known = {self.root / name for name in record.files}
         if self.lists and folder.is_dir() and not folder.is_symlink():

@@ -9,14 +9,14 @@ Number = float | int | tuple[float | int, ...]
 
 @dataclass(frozen=True)
 class Value:
-    """A number of a config, or a tuple of them that is scaled as one: its dotted path, default and limits."""
+    """A number of a config, or a tuple of numbers scaled together: its dotted path, default and limits."""
 
     path: str
     default: Number
     limits: tuple[Any, ...]
 
     def scaled(self, factor: float) -> Number | None:
-        """The default times a factor, clipped to its bounds; None when that changes nothing or is not allowed."""
+        """The default times a factor, clipped to its bounds; None when that has no effect or is not allowed."""
         if isinstance(self.default, tuple):
             each = [_within(_times(number, factor), self.limits) for number in self.default]
             made: Number | None = None if None in each else tuple(n for n in each if n is not None)
@@ -47,12 +47,12 @@ def _is_number(given: Any) -> bool:
 
 
 def _times(number: float, factor: float) -> float | int:
-    """A number times a factor; a whole one stays whole."""
+    """A number times a factor; integers are rounded."""
     return round(number * factor) if isinstance(number, int) else number * factor
 
 
 def _limits(hint: Any) -> tuple[Any, ...]:
-    """Limits that an annotation sets to a number, or to each of a tuple."""
+    """Limits that an annotation sets for a number, or for each element of a tuple."""
     limits: tuple[Any, ...] = ()
     while get_origin(hint) in (Annotated, tuple):
         if get_origin(hint) is Annotated:
@@ -62,7 +62,7 @@ def _limits(hint: Any) -> tuple[Any, ...]:
 
 
 def _within(number: float, limits: tuple[Any, ...]) -> float | int | None:
-    """The number, brought to a bound that it may lie on; None where it lies beyond one that it may not."""
+    """The number clipped to inclusive bounds; None if it violates an exclusive one."""
     for limit in limits:
         least, most = getattr(limit, "ge", None), getattr(limit, "le", None)
         above, below = getattr(limit, "gt", None), getattr(limit, "lt", None)

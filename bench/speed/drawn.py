@@ -1,4 +1,4 @@
-"""A small sequence drawn without the renderer, and results on it."""
+"""A small test sequence drawn without the renderer, and results on it."""
 
 import json
 from pathlib import Path

@@ -87,7 +87,7 @@ class Verdict(StrEnum):
 
 
 class Judged(NamedTuple):
-    """A goal in words, and the verdict of a measurement against it."""
+    """A goal as text, and the verdict of a measurement against it."""
 
     goal: str
     verdict: Verdict

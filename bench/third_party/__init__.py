@@ -1,4 +1,4 @@
-"""Third-party trackers (ViSP, OpenCV contrib): programs that run beside ours and are never imported.
+"""Third-party trackers (ViSP, OpenCV contrib): baselines that run as separate programs and are never imported.
 
-In: what is installed. Out: trackers, or why they are absent. Imports external trackers.
+In: what is installed. Out: trackers, or the reason why one is unavailable. Imports external trackers.
 """

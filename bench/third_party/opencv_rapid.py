@@ -1,6 +1,6 @@
-"""`opencv-rapid`: the module `rapid` of OpenCV contrib, in an environment of its own.
+"""`opencv-rapid`: the module `rapid` of OpenCV contrib, in its own virtual environment.
 
-The product's OpenCV has no such module, and that of OpenCV 5 stops with a failed assertion in GOS and OLS.
+uavbench's OpenCV is built without contrib, and in OpenCV 5 the module's GOS and OLS trackers fail an assertion.
 """
 
 import os
@@ -21,7 +21,7 @@ from uavbench.trajectories.files.seals import is_sealed
 from uavbench.trajectories.files.writing import write_text
 
 MARKER = "uavbench.json"
-"""Of the environment, written before anything else is put into it."""
+"""Marker file of the environment, written before anything else."""
 RUNNER = Path(__file__).parent / "rapid_runner.py"
 PACKAGES = ("opencv-contrib-python-headless==4.14.0.94", "numpy==2.4.6")
 
@@ -30,7 +30,8 @@ PACKAGES = ("opencv-contrib-python-headless==4.14.0.94", "numpy==2.4.6")
 class OpencvRapid(ThirdPartyTracker):
     """OpenCV contrib's RAPID (Harris & Stennett 1990), GOS or OLS tracker.
 
-    points on the model's edges, search_px to either side of each, at most so many iterations a frame.
+    points: control points on the model's edges; search_px: search range to either side of each; iterations: at most,
+    per frame.
     """
 
     name: ClassVar[str] = "opencv-rapid"
@@ -42,13 +43,13 @@ class OpencvRapid(ThirdPartyTracker):
     iterations: Annotated[int, Ge(1)] = 20
 
     def command(self) -> tuple[str, ...]:
-        """The runner in its environment, and its arguments."""
+        """The environment's Python, the runner, and its arguments."""
         numbers = map(str, (self.points, self.search_px, self.iterations))
         return (str(self.folder() / "venv" / "bin" / "python"), str(RUNNER), self.method, *numbers)
 
     @classmethod
     def setup(cls) -> dict[str, str]:
-        """Make the environment and install what the runner needs, in versions that were tried."""
+        """Create the environment and install tested versions of the runner's dependencies; UserError on failure."""
         folder = cls.folder() / "venv"
         _empty(folder)
         try:
@@ -67,7 +68,7 @@ class OpencvRapid(ThirdPartyTracker):
 
 
 def _empty(folder: Path) -> None:
-    """Remove what an earlier setup put into the folder of the environment; UserError where another one did."""
+    """Empty the folder of an earlier environment; UserError when it was not made by `setup`."""
     ours = not folder.is_symlink() and is_sealed(folder / MARKER)
     if os.path.lexists(folder) and not ours:
         raise UserError(f"{folder}: is not as `uavbench third-party setup` made it; move it away")

@@ -1,6 +1,6 @@
 """OpenCV contrib's `rapid` module as a program for uavbench: python rapid_runner.py METHOD POINTS SEARCH_PX ITERATIONS.
 
-Runs in an environment of its own, since this module comes with opencv-contrib only; numpy and OpenCV are all it needs.
+Runs in its own environment, because only opencv-contrib has this module; it depends on numpy and OpenCV alone.
 Its folder holds camera.toml, model.obj and init.toml (docs/external-trackers.md).
 """
 
@@ -30,7 +30,7 @@ def read_model() -> tuple[Any, Any]:
 
 
 def straightener(camera: dict[str, Any], K: Any) -> Callable[[Any], Any]:
-    """A function that undistorts an image, since the module knows no distortion."""
+    """A function that undistorts an image, since the module has no distortion model."""
     size, D = (camera["width"], camera["height"]), np.array(camera["distortion"])
     if camera["distortion_model"] == "none":
         return lambda image: image
@@ -54,7 +54,7 @@ def quaternion(m: Any) -> Any:
 
 
 def main() -> None:
-    """Answer frame by frame."""
+    """Track frame by frame, from standard input to standard output."""
     method, points, search_px, iterations = sys.argv[1], *map(int, sys.argv[2:])
     camera = read_toml("camera.toml")
     K = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]])
@@ -71,7 +71,7 @@ def main() -> None:
         stamp_ns, width, height, channels = map(int, words)
         pixels = sys.stdin.buffer.read(width * height * channels)
         image = straighten(np.frombuffer(pixels, np.uint8).reshape(height, width, channels))
-        stop = (cv2.TERM_CRITERIA_MAX_ITER | cv2.TERM_CRITERIA_EPS, iterations, 1.5)  # the module's own precision
+        stop = (cv2.TERM_CRITERIA_MAX_ITER | cv2.TERM_CRITERIA_EPS, iterations, 1.5)  # the module's default precision
         try:
             share, r, t = tracker.compute(image, points, search_px, K, pose[0].copy(), pose[1].copy(), stop)
         except cv2.error as error:

@@ -1,4 +1,4 @@
-"""Every third-party tracker by its name: set up, present or absent."""
+"""Registry of the third-party trackers: their setup, and whether they are available."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,23 +12,23 @@ from uavbench.trajectories.files.seals import is_sealed
 from uavbench.trajectories.files.writing import write_text
 
 THIRD_PARTY: dict[str, type[ThirdPartyTracker]] = {"visp": Visp, "opencv-rapid": OpencvRapid}
-"""Name -> parameters of every third-party tracker."""
+"""Name of each third-party tracker -> class with its parameters."""
 
 
 def absent(trackers: Mapping[str, Tracker]) -> dict[str, str]:
-    """Why each of the trackers that cannot run here is absent, by label."""
+    """Reason for each tracker that is not available on this machine, by label."""
     theirs = {label: tracker for label, tracker in trackers.items() if isinstance(tracker, ThirdPartyTracker)}
     return {label: why for label, tracker in theirs.items() if (why := tracker.absence())}
 
 
 def status() -> Iterator[str]:
-    """A line for each third-party tracker."""
+    """A line of text for each third-party tracker: its folder, or why it is not available."""
     for name, tracker in THIRD_PARTY.items():
         yield f"{name:<14} {tracker.absence() or tracker.folder()}"
 
 
 def setup(name: str) -> str:
-    """Set up a third-party tracker, and return its folder; UserError for an unknown name, or saying what is missing."""
+    """Set up a third-party tracker and return its folder; UserError for an unknown name or a missing dependency."""
     if name not in THIRD_PARTY:
         raise unknown_name("third-party tracker", name, list(THIRD_PARTY))
     tracker = THIRD_PARTY[name]
@@ -41,7 +41,7 @@ def _claim(folder: Path) -> None:
     """Mark a folder as made for a third-party tracker; UserError when it holds something else."""
     marker = folder / "setup.json"
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UserError(f"{folder}: is no folder; name another place in UAVBENCH_THIRD_PARTY")
+        raise UserError(f"{folder}: is not a folder; name another place in UAVBENCH_THIRD_PARTY")
     if folder.is_dir() and any(folder.iterdir()) and not is_sealed(marker):
         raise UserError(f"{folder}: holds something that `uavbench third-party setup` did not write; move it")
     write_text(marker, '{\n "made": "by uavbench third-party setup"\n}\n', sealed=True)

@@ -1,4 +1,4 @@
-"""Base of third-party trackers: a folder it is set up in, and a program that is there or absent."""
+"""Base class of third-party trackers: programs that have to be set up on a machine before they can run."""
 
 import json
 import os
@@ -19,10 +19,10 @@ from uavbench.trajectories.pose import Pose
 
 
 class ThirdPartyTracker(ABC):
-    """A tracker by other authors; a frozen dataclass of its parameters, with `command`.
+    """A tracker by other authors: a frozen dataclass of its parameters, with `command`.
 
-    It is absent until `uavbench third-party setup NAME` has set it up: then its folder holds `versions.json` with the
-    versions of what it is made of, and they enter the hash of every result.
+    It is unavailable until `uavbench third-party setup NAME` has set it up. Then its folder holds `versions.json` with
+    the versions of its components, which are part of the hash of every result.
     """
 
     name: ClassVar[str]
@@ -30,13 +30,13 @@ class ThirdPartyTracker(ABC):
 
     @classmethod
     def folder(cls) -> Path:
-        """Where it is set up: `$UAVBENCH_THIRD_PARTY/NAME`, by default under the user's cache."""
+        """Folder in which it is set up: `$UAVBENCH_THIRD_PARTY/NAME`, by default in the user's cache."""
         cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
         return Path(os.environ.get("UAVBENCH_THIRD_PARTY") or f"{cache}/uavbench/third-party") / cls.name
 
     @classmethod
     def absence(cls) -> str:
-        """Why it cannot run here, "" when it can."""
+        """Reason why it is not available on this machine; "" if it is."""
         if (cls.folder() / "versions.json").is_file():
             return ""
         return f"not set up on this machine; `uavbench third-party setup {cls.name}` does it"
@@ -44,11 +44,11 @@ class ThirdPartyTracker(ABC):
     @classmethod
     @abstractmethod
     def setup(cls) -> dict[str, str]:
-        """Set it up on this machine; the versions of what it is made of. UserError saying what to install."""
+        """Set it up on this machine; the versions of its components. UserError saying what to install."""
 
     @classmethod
     def mark(cls, versions: dict[str, str]) -> None:
-        """Note that it is set up."""
+        """Write `versions.json`, which marks it as set up."""
         write_text(cls.folder() / "versions.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", sealed=True)
 
     @abstractmethod
@@ -57,7 +57,7 @@ class ThirdPartyTracker(ABC):
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """Files whose content enters every result."""
+        """Files whose content is hashed into every result."""
         marker = self.folder() / "versions.json"
         return (*self.program.entering_files, marker) if marker.is_file() else ()
 
@@ -73,11 +73,11 @@ class ThirdPartyTracker(ABC):
         return External(command=self.command(), pixels=self.pixels)
 
     def present(self) -> External:
-        """The program; UserError where the third-party tracker is absent."""
+        """The program; UserError when the tracker is not available."""
         if why := self.absence():
             raise UserError(f"{self.name}: {why}")
         return self.program
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
-        """Begin a run; UserError where the third-party tracker is absent."""
+        """Start a run; UserError when the tracker is not available."""
         return self.present().start(structure, camera, cam_from_world, rng)

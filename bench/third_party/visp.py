@@ -1,6 +1,6 @@
 """`visp`: the generic model-based tracker of ViSP (Comport et al. 2006; Trinh et al. 2018), from Debian's packages.
 
-ViSP is under the GPL: the runner is compiled and linked on the user's machine, and speaks with uavbench over pipes.
+ViSP is under the GPL: the runner is compiled and linked on the user's machine, and communicates over pipes.
 """
 
 import os
@@ -27,8 +27,8 @@ OPENCV = ("opencv_calib3d", "opencv_imgproc", "opencv_core")
 class Visp(ThirdPartyTracker):
     """ViSP's model-based tracker on edges, on KLT points of the faces, or on both.
 
-    range_px, edge_threshold and sample_step_px are those of its moving edges, by default as in its tutorial. scanline
-    tests visibility by scan lines instead of face by face: without it, edges behind the structure are tracked too.
+    range_px, edge_threshold, sample_step_px: parameters of its moving edges, by default those of its tutorial.
+    scanline: visibility test by scan lines instead of per face; without it, occluded edges are tracked too.
     """
 
     name: ClassVar[str] = "visp"
@@ -46,7 +46,7 @@ class Visp(ThirdPartyTracker):
 
     @classmethod
     def setup(cls) -> dict[str, str]:
-        """Compile the runner against the system's ViSP, which is installed first where this user may."""
+        """Compile the runner against the system's ViSP, installed first when run as root; UserError on failure."""
         headers = _headers() or _install()
         folder = cls.folder()
         runner = folder / "visp_runner"
@@ -64,7 +64,7 @@ class Visp(ThirdPartyTracker):
 
 
 def _headers() -> Path | None:
-    """Folder with ViSP's headers, None when they or the compiler are not there."""
+    """Folder with ViSP's headers; None when they or the compiler are missing."""
     if shutil.which("g++") is None:
         return None
     places = (Path("/usr/local/include"), Path("/usr/include"), *sorted(Path("/usr/include").glob("*-linux-gnu")))
@@ -72,7 +72,7 @@ def _headers() -> Path | None:
 
 
 def _install() -> Path:
-    """Install Debian's packages as root; UserError with the line to type for anybody else."""
+    """Install Debian's packages as root; for other users a UserError with the command to run."""
     line = f"apt-get install -y --no-install-recommends {' '.join(PACKAGES)}"
     if os.geteuid() == 0 and shutil.which("apt-get"):
         for command in ("apt-get update -qq", line):
@@ -84,6 +84,6 @@ def _install() -> Path:
 
 
 def _value(header: Path, name: str) -> str:
-    """Value of a macro in a header, "" when it is not there."""
+    """Value of a macro in a header; "" when it is not defined."""
     lines = (line.split(None, 2) for line in header.read_text(encoding="utf-8").splitlines())
     return next((words[2].strip('"') for words in lines if words[:2] == ["#define", name] and len(words) > 2), "")

@@ -26,9 +26,9 @@ RIGHT = "cam_from_world, metres, w first, OpenCV axes, in the world of the model
 
 
 def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
-    """Findings on a tracker that is run on the tiny sequence, line by line; the last begins with `good` or `faulty`.
+    """Run a tracker on the tiny sequence and yield findings as lines; the last begins with `good` or `faulty`.
 
-    kept_folder: job folder of an external tracker. UserError when a third-party tracker is absent.
+    kept_folder: copy of the job folder of an external tracker. UserError when a third-party tracker is unavailable.
     """
     sequence = Sequence.load(TRIAL)
     rate_hz = float(sequence.info["rate_hz"])
@@ -45,7 +45,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
     if mistaken:
         yield f"[convention] the poses are right if read as {mistaken}; write {RIGHT}"
     if astray:
-        yield f"[first-pose] {astray}, and right by no convention that is tried here; write {RIGHT}"
+        yield f"[first-pose] {astray}, and no known convention makes it right; write {RIGHT}"
     if times := [row.stage_ms["total"] for row in first.rows if "total" in row.stage_ms]:
         yield f"time per frame: median {np.median(times):.2f} ms, worst {max(times):.2f} ms"
     if not faults:
@@ -55,7 +55,7 @@ def check(tracker: Tracker, kept_folder: Path) -> Iterator[str]:
         yield (
             "a second run gave the same poses" if same else "note: a second run gave other poses; seed it from job.toml"
         )
-    yield "faulty" if faults or mistaken or astray else "good: the protocol is kept"
+    yield "faulty" if faults or mistaken or astray else "good: the tracker follows the protocol"
 
 
 def _run(tracker: Tracker, sequence: Sequence, rate_hz: float, kept_folder: Path) -> Results:
@@ -67,14 +67,14 @@ def _run(tracker: Tracker, sequence: Sequence, rate_hz: float, kept_folder: Path
 
 
 def _accuracy(results: Results, sequence: Sequence) -> Iterator[str]:
-    """Line with the median error; none without a pose."""
+    """A line with the median error; no line without a pose."""
     if pairs := _pairs(results, sequence):
         metres, degrees = _median_error(pairs, AS_IT_IS, sequence)
         yield f"median error: {metres * 100:.2f} cm, {degrees:.2f} deg"
 
 
 def _mistaken(results: Results, sequence: Sequence) -> str:
-    """The simplest convention under which inaccurate poses are accurate; "" when they are accurate, or under none."""
+    """The simplest convention by which inaccurate poses become accurate; "" if they are accurate, or by none."""
     pairs = _pairs(results, sequence)
     if not pairs or _is_close(*_median_error(pairs, AS_IT_IS, sequence)):
         return ""

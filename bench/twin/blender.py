@@ -43,7 +43,7 @@ def find_blender() -> Blender:
     wanted = os.environ.get(VARIABLE) or "blender"
     program = shutil.which(wanted)
     if program is None:
-        raise UserError(f"blender: absent, there is no program {wanted!r}; {INSTALL}")
+        raise UserError(f"blender: the program {wanted!r} is not installed; {INSTALL}")
     try:
         done = subprocess.run(
             [program, "--version"], capture_output=True, text=True, env=_environment(), errors="replace"
@@ -52,7 +52,7 @@ def find_blender() -> Blender:
         raise UserError(f"blender: {program} cannot be run: {error.strerror}; {INSTALL}") from None
     found = re.search(r"^Blender (\d+)\.(\d+)(\.\d+)?", done.stdout, re.MULTILINE)
     if done.returncode or found is None:
-        raise UserError(f"blender: {program} does not tell its version: {_last(done.stderr or done.stdout)}; {INSTALL}")
+        raise UserError(f"blender: {program} prints no version: {_last(done.stderr or done.stdout)}; {INSTALL}")
     if tuple(map(int, found.groups()[:2])) < OLDEST:
         raise UserError(
             f"blender: {program} is {found[0]}, too old: at least {'.'.join(map(str, OLDEST))} is needed; {INSTALL}"

@@ -123,7 +123,7 @@ def material(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> Any:
         surface = nodes.add("MixShader", holes, nodes.add("BsdfTransparent"), surface)
     nodes.add("OutputMaterial", surface)
     if hasattr(made, "cycles") and hasattr(made.cycles, "sample_as_light"):
-        made.cycles.sample_as_light = False  # haze is no lamp
+        made.cycles.sample_as_light = False  # haze does not illuminate
     if hasattr(made.cycles, "emission_sampling"):
         made.cycles.emission_sampling = "NONE"
     return made
@@ -170,7 +170,7 @@ def build_world(folder: Path, scene: dict[str, Any]) -> None:
 
 
 def prepare(scene: dict[str, Any], samples: int, threads: int) -> str:
-    """Configure Cycles and the output files; the name of the denoiser, "" where this Blender has none."""
+    """Configure Cycles and the output files; the name of the denoiser, "" if this Blender has none."""
     settings = bpy.context.scene
     settings.render.engine = "CYCLES"
     settings.render.threads_mode, settings.render.threads = "FIXED", threads

@@ -14,7 +14,7 @@ from uavbench.tracker.results import Results
 from uavbench.tracker.run import track_sequence
 
 RANKED = 0.5
-"""A tracker whose coverage is below this share ranks behind all others."""
+"""Share of coverage below which a tracker ranks behind all others."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def table(trackers: Mapping[str, Tracker], sequence: Sequence, twin: Sequence) -
         yield f"| `{each.label}` | {' | '.join(cells)} |"
     for label, why in absent(trackers).items():
         yield f"| `{label}` | absent: {why} | | | | | |"
-    yield f"\nThe ranking is {'the same' if ranks[0] == ranks[1] else 'not the same'}."
+    yield f"\nThe rankings {'agree' if ranks[0] == ranks[1] else 'differ'}."
 
 
 def _tracked(tracker: Tracker, sequence: Sequence, rate_hz: float) -> Results:

@@ -94,13 +94,13 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
     """
     path = sequence.folder / "sequence.json"
     if "twin" in sequence.info:
-        raise UserError(f"{sequence.folder}: is a twin itself; name the sequence that it was made of")
+        raise UserError(f"{sequence.folder}: is itself a twin; name the sequence that it was made from")
     config = sequence.info.get("config")
     if sequence.recorded or not isinstance(config, dict):
         raise UserError(f"{path}: has no `config` to build its scene from, as recordings have none; render a sequence")
     spec = recorded_spec(config, path)
     if spec.clock != CameraClock():
-        raise UserError(f"{path}: its frames have a `clock` of their own, which a twin has not; render it without")
+        raise UserError(f"{path}: its camera has its own `clock`, which twins do not support; render it without")
     return spec
 
 
@@ -117,7 +117,7 @@ def _refuse_other(out: Path, folder: Path) -> None:
     if out.resolve().is_relative_to(folder.resolve()):
         raise UserError(f"{out}: lies in the sequence itself; name another folder with --out")
     if out.is_dir() and any(out.iterdir()) and "twin" not in Sequence.load(out).info:
-        raise UserError(f"{out}: holds a sequence that is no twin; name another folder with --out")
+        raise UserError(f"{out}: holds a sequence that is not a twin; name another folder with --out")
 
 
 def _check_same(sequence: Sequence, spec: SequenceSpec, scene: Scene, flight: Flight) -> None:
@@ -129,7 +129,7 @@ def _check_same(sequence: Sequence, spec: SequenceSpec, scene: Scene, flight: Fl
     same = np.allclose(flown, recorded, rtol=0, atol=SAME_M)
     if not (same and here.shape == there.shape and np.allclose(here, there, rtol=0, atol=SAME_M)):
         raise UserError(
-            f"{sequence.folder}: this version of uavbench builds or flies it in another way; render the sequence again"
+            f"{sequence.folder}: this version of uavbench builds or flies it differently; render the sequence again"
         )
     if spec.camera.camera() != sequence.camera:
         raise UserError(f"{sequence.folder / 'camera.toml'}: is not the camera of `config`; render the sequence again")
@@ -149,7 +149,7 @@ def _write_frames(
     for frame, stamp_ns in enumerate(stamps.tolist()):
         view = source.render(stamp_ns) if edges else None  # first: the image then needs no further view of this instant
         light = source.image(stamp_ns)
-        assert light is not None, "no effect but drops loses a frame, and the twin has none"
+        assert light is not None, "only `drops` loses frames, and a twin has no such effect"
         name, image = f"frames/{frame:06d}.png", encode(light)
         (new / name).write_bytes(cv2.imencode(".png", image)[1].tobytes())
         lines.append(f"{frame},{stamp_ns},{name}")
@@ -188,7 +188,7 @@ def _numbered(rows: Iterable[str]) -> Iterable[str]:
 
 
 def _provenance(sequence: Sequence, tracing: Tracing, blender: Blender) -> dict[str, Any]:
-    """Inputs that determine a twin: its sequence and the settings of the renderer."""
+    """Inputs that determine a twin: its sequence and the renderer's settings."""
     return {
         "of": sequence.name,
         "content_hash": sequence.content_hash,

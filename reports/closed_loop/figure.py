@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # typ
 
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import tracker_errors
-from uavbench.reports.figures.drawn import Drawn, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, save_drawn
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.space import limits
 from uavbench.reports.style import GROUND_TRUTH, LOSS, panel_letter

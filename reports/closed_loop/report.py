@@ -22,9 +22,9 @@ from uavbench.reports.closed_loop.figure import flight_in_closed_loop
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
-from uavbench.reports.drawings import Drawing, Easel, Figures
 from uavbench.reports.page.templates import FigureOnPage, asset, environment
 from uavbench.reports.progress import OnStep, Steps
+from uavbench.reports.report_figures import Drawing, Easel, Figures
 from uavbench.reports.statistics.bootstrap import CONFIDENCE
 from uavbench.reports.style import house_style, write_csv
 from uavbench.scenes.dataset.table_files import read_json
@@ -131,7 +131,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     made = [
         Drawing("success", "Success",
                 "Share of flights that succeed, with its 95 % interval (Wilson), and the greatest path error of each "
-                "flight; a flight that crashed is as far off as it came.", partial(success_of_runs, scores))
+                "flight; for a crashed flight, up to the crash.", partial(success_of_runs, scores))
     ]  # fmt: skip
     tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD)["loop"] for run in runs}
     if found := swept_loops(tables):

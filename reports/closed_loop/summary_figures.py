@@ -13,7 +13,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from uavbench.reports.closed_loop.comparison import by_run, success
 from uavbench.reports.closed_loop.measures import FlightScore
-from uavbench.reports.figures.drawn import Drawn, legend_of, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, legend_of, save_drawn
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.sweeps import LEAST_VALUES, leaves
 from uavbench.reports.style import colour, line, marker, panel_letter

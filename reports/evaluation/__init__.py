@@ -1,4 +1,5 @@
-"""`uavbench evaluate`: two trajectories of any format, scored and drawn.
+"""`uavbench evaluate`: errors of an estimated trajectory against a reference, from files of any supported format.
 
-In: two files or folders. Out: errors with a record of how they were computed. Imports metrics and the figures' style.
+In: two files, folders, arrays or DataFrames. Out: errors with a record of how they were computed, and figures. Imports
+metrics and the figures' style.
 """

@@ -1,4 +1,4 @@
-"""Likely mistakes in a readable trajectory file: units of stamps and positions, order of quaternions."""
+"""Plausibility checks of a trajectory: units of stamps and positions, order of quaternion components."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,11 @@ from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
 ALIKE = 0.2
-"""Relative tolerance within which a ratio is taken for a power of ten, and so for another unit."""
+"""Relative tolerance within which a ratio counts as a power of ten, which suggests another unit."""
 SAME_WAY = 0.9
-"""Correlation of the distances from the centre above which two paths count as of the same shape."""
+"""Correlation of the distances from the centroid above which two paths count as having the same shape."""
 CLOSE_RAD = np.radians(10.0)
-"""Median rotation error in rad below which another quaternion order counts as the right one."""
+"""Median rotation error in rad below which the quaternion order is not doubted."""
 STAMP_FACTORS, LENGTH_FACTORS = (1e3, 1e6, 1e9), (1e2, 1e3)
 """Factors of other units: milli-, micro- and nanoseconds; centimetres and millimetres."""
 SCALED: tuple[Alignment, ...] = ("sim3", "scale", "origin-scale")
@@ -23,7 +23,7 @@ SCALED: tuple[Alignment, ...] = ("sim3", "scale", "origin-scale")
 
 
 def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align: Alignment) -> Iterator[str]:
-    """A sentence for each likely mistake in the estimate's or the reference's units, or in the order of a quaternion.
+    """A sentence for each likely mistake in the units of a trajectory, or in the order of its quaternion components.
 
     pairs: matched poses before alignment.
     """
@@ -31,7 +31,7 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
     if factor := _unit(ours, theirs, STAMP_FACTORS):
         yield (
             f"the stamps of the estimate span {_times(factor)} those of the reference: are both in the unit of their "
-            "form (TUM: seconds, EuRoC: nanoseconds)?"
+            "format (TUM: seconds, EuRoC: nanoseconds)?"
         )
     if len(pairs) < 3:
         return
@@ -46,11 +46,11 @@ def doubts(reference: Trajectory, estimate: Trajectory, pairs: PosePairs, align:
             and given > CLOSE_RAD
             and _angle(pairs.estimate_q[:, order], pairs.reference_q) < 0.1 * given
         ):
-            yield f"the rotations of the estimate would fit if its quaternions were read with {what}: which are they?"
+            yield f"the rotations of the estimate would fit if its quaternions were read {what}: is their order right?"
 
 
 def _unit(value: float, other: float, factors: tuple[float, ...]) -> float:
-    """The factor that a ratio is close to, or one over it; 0 where it is close to none."""
+    """The factor, or its inverse, that a ratio is close to; 0 if it is close to none."""
     if not (value > 0 and other > 0):
         return 0.0
     both = (*factors, *(1 / factor for factor in factors))

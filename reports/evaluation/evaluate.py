@@ -1,4 +1,4 @@
-"""Score any two trajectory files: the one-call form of association, alignment, ATE and RPE."""
+"""Evaluation of two trajectory files: reading, conversion to a common frame, association, alignment, ATE and RPE."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -6,20 +6,20 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from uavbench.reports.evaluation.evaluation import Evaluation, evaluate
+from uavbench.reports.evaluation.find_trajectory import Found
 from uavbench.reports.evaluation.frames import in_one_frame
 from uavbench.reports.evaluation.given import Given, found_in, name_of
 from uavbench.reports.evaluation.options import OWN_MODE, EvaluateOptions, Options, chosen_options
-from uavbench.reports.evaluation.trajectory_files import Found
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.trajectory import Trajectory
 
 
 def evaluate_files(reference: Given, estimate: Given, **options: Unpack[EvaluateOptions]) -> Evaluation:
-    """Evaluation of two trajectories: files of TUM, KITTI, EuRoC or uavbench itself, folders that hold one, or `Given`.
+    """Evaluation of two trajectories, each a file (TUM, KITTI, EuRoC, uavbench's own), a folder with one, or `Given`.
 
     A topic of a ROS 2 bag is named as `bag.mcap:/odom`, a transform as `bag.mcap:/tf:world.base_link`. Files without
-    stamps (KITTI) are paired row by row. UserError for a user's mistake, and for two files that declare different
-    frames, unless ignore_frames: the names differ, and the frames do not.
+    stamps (KITTI) are paired row by row. UserError for an unreadable file or an invalid option, and for two files that
+    declare different frames, unless ignore_frames is set, which treats differently named frames as one.
     """
     chosen, plot = chosen_options(options), options.get("plot")
     if plot is not None and plot.suffix not in (".pdf", ".png"):
@@ -28,7 +28,7 @@ def evaluate_files(reference: Given, estimate: Given, **options: Unpack[Evaluate
         from uavbench.reports.style import refuse_foreign_figure
 
         refuse_foreign_figure(plot.with_suffix(""), [plot.suffix])
-    with ThreadPoolExecutor(2) as pool:  # the parser of long files runs beside itself
+    with ThreadPoolExecutor(2) as pool:  # two long files are parsed in parallel
         formats = (options.get("reference_format"), options.get("estimate_format"))
         first, second = pool.map(found_in, (reference, estimate), ("reference", "estimate"), formats)
     sides = (Side(first, name_of(reference, "reference")), Side(second, name_of(estimate, "estimate")))
@@ -42,14 +42,14 @@ def evaluate_files(reference: Given, estimate: Given, **options: Unpack[Evaluate
 
 @dataclass(frozen=True)
 class Side:
-    """A trajectory that was read, and its name in errors."""
+    """A trajectory and its name in error messages."""
 
     found: Found
     name: str
 
 
 def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: EvaluateOptions) -> Evaluation:
-    """Evaluation of two trajectories that were read; options: mount, ignore_frames, and the mode for the record."""
+    """Evaluation of two trajectories already read; options: mount, ignore_frames, and the mode for the record."""
     first, second, mount = reference.found, estimate.found, options.get("mount")
     if not options.get("ignore_frames"):
         second = in_one_frame(first, second, None if mount is None else Path(mount), chosen.align)
@@ -64,16 +64,16 @@ def evaluate_found(reference: Side, estimate: Side, chosen: Options, options: Ev
 
 
 def paired_by_row(p: Trajectory, q: Trajectory, reference: str, estimate: str) -> tuple[Trajectory, Trajectory]:
-    """Both trajectories with the stamps of the one that has some; UserError when their lengths differ."""
+    """Both trajectories with the stamps of the one that has any; UserError when their lengths differ."""
     if len(p) != len(q):
         raise UserError(
-            f"{reference} has {len(p)} poses and {estimate} has {len(q)}: files in KITTI form have no stamps, so they "
-            "can only be compared row by row"
+            f"{reference} has {len(p)} poses and {estimate} has {len(q)}: files in the KITTI format have no stamps "
+            "and can only be compared row by row"
         )
     return p, Trajectory(p.stamps_ns, q.positions_m, q.quaternions_wxyz)
 
 
 def _about(found: Found) -> dict[str, Any]:
-    """The record's entry of a file."""
+    """Entry of a file in the record."""
     frame = found.frame or "frame not said"
     return {"file": str(found.file), "format": found.format, "poses": len(found.trajectory), "frame": frame}

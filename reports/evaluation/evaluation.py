@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ClaimedNees:
-    """Consistency of the covariances that an estimate claims, before and after its alignment; None: no pair has one.
+    """Consistency of the covariances that an estimate claims, before and after alignment; None if no pair has one.
 
-    The alignment rotates and scales the covariances with the estimate, and is itself fitted to the errors.
+    The alignment rotates and scales the covariances with the estimate; since it is fitted to the errors, NEES tends to
+    be lower afterwards.
     """
 
     before: Consistency | None
@@ -39,13 +40,13 @@ class ClaimedNees:
 
     @classmethod
     def of(cls, pairs: PosePairs, claimed: PoseCovariances, found: Similarity) -> "ClaimedNees":
-        """Consistency of unaligned pairs, and after the alignment found."""
+        """Consistency of the unaligned pairs, and of the same pairs after the given alignment."""
         before = pose_consistency(pairs, claimed)
         moved = claimed.aligned(found.scale, found.rotation)
         return cls(before=before, after=pose_consistency(found.apply(pairs), moved))
 
     def lines(self) -> list[str]:
-        """Text lines before and after the alignment; a single one where the alignment changes nothing."""
+        """A text line each for before and after the alignment; a single one if the alignment changes nothing."""
         named = {"NEES": self.before, "NEES, aligned": self.after}
         if self.before == self.after:
             del named["NEES, aligned"]
@@ -67,8 +68,8 @@ def _shown(found: Consistency | None) -> str:
 class Evaluation:
     """Errors of an estimate against a reference; rpe is None where the trajectory is too short for one pair interval.
 
-    coverage: poses matched over the poses that the sparser of the two files would have over the reference's time span.
-    nees: where the estimate's file claims covariances, their consistency, as they are and after the alignment.
+    coverage: matched poses over the number of poses that the sparser of the two trajectories would have over the
+    reference's time span. nees: consistency of the estimate's covariances, if it has any.
     """
 
     ate: dict[str, ErrorSummary]
@@ -80,7 +81,7 @@ class Evaluation:
     nees: "ClaimedNees | None" = None
 
     def frames(self) -> "DataFrame":
-        """One row per pair of poses, the estimate as it was aligned.
+        """One row per pair of poses, with the aligned estimate.
 
         Columns: stamp_ns, time_s since the first pair, position_error_m, rotation_error_deg, and the positions
         reference_x_m ... estimate_z_m.
@@ -90,7 +91,7 @@ class Evaluation:
     def plot(self, axes: "Axes | None" = None, quantity: "Quantity" = "position") -> "Axes":
         """Draw errors of position (m) or rotation (deg) over time (s), or both paths from above (m), on an Axes.
 
-        Without one it is drawn on a new figure of pyplot. The Axes is returned.
+        Without an Axes a new pyplot figure is created. Returns the Axes. UserError for an unknown quantity.
         """
         from uavbench.reports.evaluation.panels import draw
 
@@ -204,7 +205,7 @@ def evaluate(
             "all_pairs": interval.all_pairs,
             "pairs_from": interval.pairs_from,
             "std_ddof": 0,
-            "coverage": "matched / poses of the sparser file over the reference's span",
+            "coverage": "matched poses / poses of the sparser file over the reference's span",
             "doubts": [*doubts(reference, estimate, raw, options.align)],
             "versions": versions(),
         },
@@ -214,7 +215,7 @@ def evaluate(
 
 
 def coverage(reference: Trajectory, estimate: Trajectory, pairs: PosePairs) -> float:
-    """Share of the poses that the sparser of both files, at its median rate, would have over the reference's span."""
+    """Matched poses over those that the sparser trajectory at its median rate has over the reference's span."""
     span_s = float(reference.stamps_ns[-1] - reference.stamps_ns[0]) / NS
     matched = 1 + int(np.count_nonzero(np.diff(pairs.stamps_ns)))
     if len(reference) < 2 or len(estimate) < 2:

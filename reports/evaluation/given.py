@@ -1,11 +1,11 @@
-"""Trajectories as scripts have them: a path, a `Trajectory`, an array or a DataFrame."""
+"""Trajectories given by a script as a path, a `Trajectory`, an array or a DataFrame."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uavbench.reports.evaluation.trajectory_files import POSE, Found, find_trajectory, world_from_cameras
+from uavbench.reports.evaluation.find_trajectory import POSE, Found, find_trajectory, world_from_cameras
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
@@ -28,9 +28,9 @@ def found_in(given: Given, side: str, format: str | None = None) -> Found:
     """Trajectory of a path, a Trajectory, an array or a DataFrame; `side` names it in errors.
 
     array (n, 8): time in s, position x y z in m, quaternion x y z w, as in a line of a TUM file. DataFrame: columns
-    stamp_ns or time_s, px_m py_m pz_m, qw qx qy qz; with a `status`, as in a tracker's frames.csv, its poses are
-    `cam_from_world` and those that are not ok are left out. Quaternions have unit norm (1e-3), stamps grow. UserError
-    naming the side and the row or column that is wrong.
+    stamp_ns or time_s, px_m py_m pz_m, qw qx qy qz; with a column `status`, as in a tracker's frames.csv, the poses are
+    `cam_from_world`, and those whose status is not ok are left out. Quaternions must have unit norm (to 1e-3), stamps
+    must increase. UserError naming the side and the invalid row or column.
     """
     if isinstance(given, str | Path):
         return find_trajectory(Path(given), format)
@@ -45,7 +45,7 @@ def found_in(given: Given, side: str, format: str | None = None) -> Found:
 
 
 def name_of(given: Given, side: str) -> str:
-    """Name in error messages: the path, or the side."""
+    """Name in error messages: the path if one was given, else the side."""
     return str(given) if isinstance(given, str | Path) else f"the {side}"
 
 
@@ -65,7 +65,7 @@ def _of_table(table: Any, name: Path) -> Found:
     tracked = "status" in table.columns
     rows = table[table["status"] == "ok"] if tracked else table
     if not len(rows):
-        raise ValueError("holds no pose: no row of it is ok")
+        raise ValueError("holds no pose: no row has the status ok")
     values = rows[POSE].to_numpy(dtype=np.float64)
     given = rows[stamp].to_numpy()
     stamps_ns = given if stamp == "stamp_ns" else _nanoseconds(given.astype(np.float64))
@@ -78,8 +78,8 @@ def _of_table(table: Any, name: Path) -> Found:
 
 
 def _nanoseconds(seconds: Array) -> "NDArray[np.int64]":
-    """Stamps (n,) of times in s; ValueError naming the row of the first that is none."""
+    """Stamps (n,) in ns of times (n,) in s; ValueError naming the first invalid row."""
     bad = ~(np.abs(seconds) < 9e9)  # 2^63 ns
     if bad.any():
-        raise ValueError(f"row {int(np.argmax(bad))}: {seconds[bad][0]} is no time in seconds")
+        raise ValueError(f"row {int(np.argmax(bad))}: {seconds[bad][0]} is not a time in seconds")
     return np.rint(seconds * 1e9).astype(np.int64)

@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a comparison of two trajectories."""
+    """Options of the evaluation of an estimate against a reference."""
 
     align: Alignment = "none"
     association: Association = "one-to-one"
@@ -37,13 +37,13 @@ MODES: dict[str, Options] = {
 
 
 class EvaluateOptions(TypedDict, total=False):
-    """Options of `evaluate_files`; those not given are of `mode`.
+    """Options of `evaluate_files`; those not given have the defaults of `mode`.
 
-    align; association and max_difference_s: how stamps are paired; t_offset_s: added to the stamps of the estimate;
-    delta, unit, all_pairs, pairs_from: pair interval of the RPE; mode: conventions of a known tool;
-    reference_format, estimate_format: of the two files, recognized where not given; mount: a sequence folder, whose
-    mount turns the estimate into the frame that the reference declares; ignore_frames: although the two name their
-    frames differently; plot: .pdf or .png file to draw into.
+    align: alignment of the estimate; association, max_difference_s: how stamps are paired; t_offset_s: added to the
+    stamps of the estimate; delta, unit, all_pairs, pairs_from: pair interval of the RPE; mode: conventions of a known
+    tool; reference_format, estimate_format: formats of the two files, by default detected; mount: folder of a sequence
+    whose cam_from_body converts the estimate to the frame of the reference; ignore_frames: do not compare the declared
+    frames; plot: .pdf or .png file of the figure.
     """
 
     align: Alignment | None
@@ -63,7 +63,7 @@ class EvaluateOptions(TypedDict, total=False):
 
 
 def chosen_options(given: EvaluateOptions) -> Options:
-    """The given options, completed by the defaults of the mode; UserError for an unknown name."""
+    """The given options, completed by the defaults of the mode; UserError for an unknown option or mode."""
     for name in given:
         if name not in EvaluateOptions.__annotations__:
             raise unknown_name("option", name, list(EvaluateOptions.__annotations__))

@@ -1,4 +1,4 @@
-"""One panel of an evaluation on an Axes: an error over time, or both paths from above."""
+"""A panel of an evaluation: an error over time, or both paths from above."""
 
 from typing import Literal, get_args
 
@@ -14,7 +14,7 @@ Quantity = Literal["position", "rotation", "path"]
 
 
 def draw(pairs: PosePairs, quantity: Quantity, axes: Axes | None = None) -> Axes:
-    """The Axes, a new one where none is given, with a quantity of pairs; UserError for an unknown quantity."""
+    """Draw a quantity of the pairs on an Axes (None: a new one) and return it; UserError for an unknown quantity."""
     if quantity not in get_args(Quantity):
         raise unknown_name("quantity", quantity, list(get_args(Quantity)))
     panel = given_axes(axes)

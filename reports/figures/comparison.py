@@ -11,7 +11,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from uavbench.reports.figures.drawn import Drawn, save_drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.scoring.coverage import AUC_LIMIT_M, success_auc, success_curve

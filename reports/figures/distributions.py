@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.scoring.attributes import ATTRIBUTES, Part
 from uavbench.reports.scoring.runs import ScoredRun

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
-from uavbench.reports.figures.drawn import Drawn, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, save_drawn
 from uavbench.reports.figures.space import limits
 from uavbench.reports.style import GROUND_TRUTH, LOSS, panel_letter
 from uavbench.scenes.camera import Camera

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from uavbench.reports.figures.drawn import Drawn, finite, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, save_panel
 from uavbench.reports.statistics.bootstrap import Comparison, Ranks, least_units
 from uavbench.reports.style import GROUND_TRUTH, colour, marker
 

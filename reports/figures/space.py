@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 
-from uavbench.reports.figures.drawn import Drawn, finite, save_drawn
+from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn
 from uavbench.reports.figures.logarithmic import logarithmic
 from uavbench.reports.figures.time import nice_log
 from uavbench.reports.metrics.rpe import PairInterval, interval_pairs, relative_errors

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from uavbench.reports.figures.distributions import draw_sweep
-from uavbench.reports.figures.drawn import Drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, save_panel
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.pose import Array

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from uavbench.reports.figures.drawn import Drawn, finite, save_drawn, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, save_drawn, save_panel
 from uavbench.reports.figures.logarithmic import logarithmic, plain_powers
 from uavbench.reports.metrics.association import NS
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
@@ -43,7 +43,7 @@ def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
     axes = figure.subplots(2, 3, sharex=True)
     sparse = len(t) < 80
     for k, ((name, unit), panel) in enumerate(zip(COMPONENTS, axes.flat, strict=True)):
-        shade_loss(panel, t, run.errors.success)
+        shade_failures(panel, t, run.errors.success)
         panel.plot(t_full, ground_truth[:, k], color=GROUND_TRUTH, lw=1.4, label="ground truth")
         low, high = estimate[:, k] - 3 * sigma[:, k], estimate[:, k] + 3 * sigma[:, k]
         if np.isfinite(low).any():
@@ -126,7 +126,7 @@ def draw_segment_counts(run: ScoredRun, panel: Axes) -> Drawn:
     t = (run.results.stamps_ns - run.sequence.stamps_ns[0]) / NS
     names = {"segments": "segments", "control_points": "control points", "inliers": "inliers"}
     shown = {label: counts(run.results, name) for name, label in names.items()}
-    shade_loss(panel, run.errors.seconds, run.errors.success)
+    shade_failures(panel, run.errors.seconds, run.errors.success)
     for k, (label, values) in enumerate(shown.items()):
         if np.isfinite(values).any():
             panel.plot(t, values, label=label, **line(k))
@@ -172,7 +172,7 @@ def nice_log(panel: Axes) -> None:
     plain_powers(panel.yaxis)
 
 
-def shade_loss(panel: Axes, t: Array, success: NDArray[np.bool_]) -> None:
+def shade_failures(panel: Axes, t: Array, success: NDArray[np.bool_]) -> None:
     """Shade the times t (n,) in s without a pose within 5 cm and 5 deg."""
     for a, b in spans(t, ~success):
         panel.axvspan(a, b, color=LOSS, lw=0, zorder=0.5)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from uavbench.reports.figures.drawn import Drawn, finite, save_panel
+from uavbench.reports.figures.figure_files import Drawn, finite, save_panel
 from uavbench.reports.history.change_points import Change
 from uavbench.reports.history.series import LEAST_ERROR, Series
 from uavbench.reports.history.trend import Trend, short

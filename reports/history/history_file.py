@@ -110,7 +110,7 @@ def read_history(path: Path) -> History:
     except UserError as error:
         raise UserError(f"{error}; {advice}" if path.is_file() else f"{error}") from None
     if body.pop("format", None) != FORMAT:
-        raise UserError(f"{path}: is no history of `uavbench gate --record` (no format {FORMAT!r}); {advice}")
+        raise UserError(f"{path}: is not a history of `uavbench gate --record` (no format {FORMAT!r}); {advice}")
     try:
         history = _adapter().validate_python(body)
     except ValidationError as error:
@@ -128,7 +128,7 @@ def read_history(path: Path) -> History:
 
 
 def write_history(path: Path, history: History) -> None:
-    """Write a history, whole or not at all; UserError when `path` exists and is no history."""
+    """Write a history, whole or not at all; UserError when `path` exists and is not a history."""
     ours = [path] if path.is_file() and read_history(path) else []
     head = {"format": FORMAT, **asdict(history)}
     lines = [json.dumps(entry, allow_nan=False) for entry in head.pop("commits")]

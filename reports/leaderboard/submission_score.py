@@ -83,10 +83,12 @@ class SubmissionScore:
 
     @classmethod
     def load(cls, path: Path) -> "SubmissionScore":
-        """Read what `save` wrote; UserError for a file that is no score, was edited, or was scored by other rules."""
+        """Read what `save` wrote; UserError when it is not a score, was edited, or was scored by other rules."""
         about = read_json(path)
         if not is_sealed(path):
-            raise UserError(f"{path}: is no score as `uavbench score-submission` wrote it; score the submission again")
+            raise UserError(
+                f"{path}: is not a score written by `uavbench score-submission`; score the submission again"
+            )
         try:
             known = {f.name: about[f.name] for f in fields(cls)}
             score = TypeAdapter(cls).validate_python(known)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from uavbench.reports.figures.drawn import finite
+from uavbench.reports.figures.figure_files import finite
 from uavbench.reports.figures.tracker_pictures import View
 from uavbench.reports.page.failures import failed_trackers, status, worst_first
 from uavbench.reports.page.overlay_animation import scrubbed

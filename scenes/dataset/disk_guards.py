@@ -23,7 +23,7 @@ def inside(folder: Path, name: str) -> Path:
     try:
         path = (folder / name).resolve()
     except (OSError, ValueError, RuntimeError) as error:
-        raise UserError(f"{folder}: {name!r} is no file name: {error}") from None
+        raise UserError(f"{folder}: {name!r} is not a file name: {error}") from None
     if not path.is_relative_to(folder.resolve()):
-        raise UserError(f"{folder}: its file {name!r} leads out of the folder; this dataset is not to be trusted")
+        raise UserError(f"{folder}: its file {name!r} leads out of the folder; do not trust this dataset")
     return path

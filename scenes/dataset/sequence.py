@@ -98,7 +98,7 @@ class Sequence:
         """The further cameras by name, each as a sequence of its own images, annotations and poses."""
         table = self.info.get("cameras", {})
         if not (isinstance(table, dict) and all(isinstance(about, dict) for about in table.values())):
-            raise UserError(f"{self.folder / 'sequence.json'}: `cameras` is no table of tables; render it again")
+            raise UserError(f"{self.folder / 'sequence.json'}: `cameras` is not a table of tables; render it again")
         return MappingProxyType({name: self._camera(name, about) for name, about in table.items()})
 
     def _camera(self, name: str, about: Mapping[str, Any]) -> "Sequence":

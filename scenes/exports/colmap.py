@@ -76,11 +76,11 @@ def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
         files["images/"] = "images of each camera by number"
         if _at_once(cameras):
             write_text(folder / "rig_config.json", _rig(cameras))
-            files["rig_config.json"] = "where the cameras sit, for `colmap rig_configurator`"
+            files["rig_config.json"] = "poses of the cameras on the rig, for `colmap rig_configurator`"
         else:
             limits.append("Rig: the cameras do not expose at the same times, so there is no rig_config.json.")
     if masked:
-        files["masks/"] = "255 where the structure is seen, 0 elsewhere, where COLMAP looks for no features"
+        files["masks/"] = "255 where the structure is visible, 0 elsewhere, where COLMAP extracts no features"
     return Held(
         files=files,
         frames={},

@@ -80,19 +80,19 @@ SIMULATED = {
     "rai:dataAnnotationProtocol": "Poses, depth and masks are written by the renderer; nobody annotates by hand.",
     "rai:dataBiases": (
         "One structure, environment and flight, as chosen in `config` of the sequence; materials, light and sensors "
-        "are models. Errors on rendered images do not tell errors on real ones."
+        "are models. Errors on rendered images do not predict errors on real ones."
     ),
     "rai:dataUseCases": (
         "Comparison of trackers that localize a camera against a known model. Not for claims about a real vehicle or "
-        "site, nor for training what is to recognize people."
+        "site, nor for training models that recognize people."
     ),
     "rai:personalSensitiveInformation": "None: people in the scene, where there are any, are drawn figures.",
     "rai:dataSocialImpact": "Localization serves inspection; it would serve surveillance by drones as well.",
 }
 RECORDED = {
-    "rai:dataCollection": "Real images, given by whoever recorded them; uavbench has copied them.",
+    "rai:dataCollection": "Real images, provided by their author and copied by uavbench.",
     "rai:dataCollectionType": ["Direct measurement"],
-    "rai:personalSensitiveInformation": "Not known to uavbench: whoever publishes the images is to say what they show.",
+    "rai:personalSensitiveInformation": "Not known to uavbench: to be described by the publisher of the images.",
     "rai:dataUseCases": "Comparison of trackers that localize a camera against a known model.",
 }
 

@@ -49,7 +49,7 @@ def export_transforms(shown: Shown, folder: Path, on_frame: Callable[[int, int],
     annotations = []
     if write_masks(shown, folder / "masks", lambda frame: f"{frame:06d}.png"):
         annotations.append("mask")
-        files["masks/"] = "255 where the structure is seen, 0 elsewhere, which is not learned"
+        files["masks/"] = "255 where the structure is visible, 0 elsewhere, which is ignored in training"
     if _write_depths(shown, folder / "depths"):
         annotations.append("depth")
         files["depths/"] = f"depth along the optical axis, {UNITS_PER_M:g} units a metre; 0: none, or beyond 65.5 m"

@@ -37,7 +37,7 @@ def sensors_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     """Parameters of each body sensor of a sequence by the file of its readings; UserError when it cannot be read."""
     sensors = sequence.info.get("sensors", {})
     if not (isinstance(sensors, dict) and all(isinstance(sensor, dict) for sensor in sensors.values())):
-        raise UserError(f"{sequence.folder / 'sequence.json'}: `sensors` is no table of tables; render it again")
+        raise UserError(f"{sequence.folder / 'sequence.json'}: `sensors` is not a table of tables; render it again")
     for name in sensors:
         inside(sequence.body_folder, name)
     return sensors

@@ -232,7 +232,7 @@ def _values(row: str) -> list[str]:
 def _whole(word: str) -> int:
     """Integer from text, where ViSP also accepts `4.0`; ValueError when it is not an integer."""
     if not float(word).is_integer():
-        raise ValueError(f"{word} is no whole number")
+        raise ValueError(f"{word} is not a whole number")
     return int(float(word))
 
 

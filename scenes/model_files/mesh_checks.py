@@ -131,7 +131,7 @@ def check_textures(path: Path, pixels: int) -> None:
     """UserError when the textures of a model have more than MOST_PIXELS in total."""
     if pixels > MOST_PIXELS:
         raise UserError(
-            f"{path}: its textures have {pixels:,} pixels together, more than {MOST_PIXELS:,}; scale them down"
+            f"{path}: its textures have {pixels:,} pixels in total, more than {MOST_PIXELS:,}; scale them down"
         )
 
 

@@ -277,7 +277,7 @@ def test_bags_that_cannot_be_read_say_why(bag, tum, tmp_path):
     path.unlink()
     assert "no such file" in refused("evaluate", path, tum)
     os.mkfifo(path)
-    assert "no regular file" in refused("evaluate", path, tum)
+    assert "not a regular file" in refused("evaluate", path, tum)
     (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
     assert "rosbags-convert" in refused("evaluate", tmp_path / "old.bag", tum)
     (tmp_path / "small.mcap.zst").write_bytes(b"")

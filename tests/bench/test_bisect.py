@@ -120,7 +120,7 @@ def test_mistakes_are_told(repository):
     with pytest.raises(UserError, match="cannot be measured: it does not build"):
         bisect(names[0], names[2], 0.01, measured({**values, names[2]: None})[0], lambda _: None)
     for good, bad, words in (
-        ("HEAD", "HEAD~1", "no ancestor"),
+        ("HEAD", "HEAD~1", "not an ancestor"),
         ("HEAD", "HEAD", "same commit"),
         ("gone", "HEAD", "gone"),
     ):

@@ -179,7 +179,7 @@ def test_packing_again_renders_nothing_and_gives_the_same_bytes(challenge):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--truth", "participants/kept"], "lie in each other"),
+        (["--truth", "participants/kept"], "must not contain each other"),
         (["--truth", "kept", "--secret", "new/secret.toml"], "participants get"),
         (["--truth", "kept", "--secret", "weak.toml"], "can be guessed"),
         (["--truth", "kept", "--secret", "short.toml"], "64 hexadecimal digits"),
@@ -199,7 +199,7 @@ def test_what_would_tell_the_truth_is_refused(challenge, monkeypatch, more, mess
 
 def test_pack_makes_packages_without_truth_alone(challenge):
     done = CliRunner().invoke(main, ["pack", "tiny", "--out", str(challenge / "no")])
-    assert done.exit_code == 2 and "say --without-truth" in done.output
+    assert done.exit_code == 2 and "confirm with --without-truth" in done.output
 
 
 def flown(path, tmp_path):
@@ -213,7 +213,7 @@ def flown(path, tmp_path):
 
 
 def test_a_flight_that_the_file_tells_is_refused(tmp_path):
-    with pytest.raises(UserError, match="its path depends on the seed too little"):
+    with pytest.raises(UserError, match="the path depends too little on the seed"):
         refuse_guessed(*flown('{ kind = "orbit", turns = 0.15, duration_s = 6.0 }', tmp_path))
     refuse_guessed(*flown('{ kind = "hand-pilot", duration_s = 8.0 }', tmp_path))
 

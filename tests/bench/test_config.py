@@ -109,8 +109,16 @@ def test_each_mistake_names_its_key(tmp_path, old, new, key, told):
         ("rates_hz = [15.0]", "seeds = [0, 3, 0, 0]\nrates_hz = [15.0]", ["seeds[2]: 0", "seeds[3]: 0"]),
         ("rates_hz = [15.0]", "rates_hz = [15.0, 14.9999999, 1]", ["rates_hz[1]: 14.9999999"]),
         ("rates_hz = [15.0]", "rates_hz = [3, 15.0, 3.0]", ["rates_hz[2]: 3"]),
-        ("rates_hz = [15.0]", "rates_hz = [15.0, 14.0]", ["rates_hz[1]: 14 Hz is every 1. frame"]),
-        ("rates_hz = [15.0]", "rates_hz = [7.5, 5, 8]", ["rates_hz[2]: 8 Hz is every 2. frame"]),
+        (
+            "rates_hz = [15.0]",
+            "rates_hz = [15.0, 14.0]",
+            ["rates_hz[1]: 14 Hz has stride 1"],
+        ),
+        (
+            "rates_hz = [15.0]",
+            "rates_hz = [7.5, 5, 8]",
+            ["rates_hz[2]: 8 Hz has stride 2"],
+        ),
         ("rates_hz = [15.0]", 'rates_hz = [15.0]\nprotocols = ["reset", "reset"]', ["protocols[1]: 'reset'"]),
         ("[sequences.box]", "[sequences.Box]", ["sequences.Box"]),
         ("hold =", "hold = { kind = 'hold' }\nHold =", ["trackers.Hold"]),
@@ -129,9 +137,7 @@ def test_a_sequence_under_a_second_name_would_count_twice(tmp_path, seeds):
     head, _, rest = GOOD.partition("[sequences.box]")
     body, trackers, after = rest.partition("[trackers]")
     twice = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}{trackers}{after}"
-    assert mistakes(tmp_path, twice) == [
-        "sequences.again: is the same as box, and nothing but its name differs; leave one out"
-    ]
+    assert mistakes(tmp_path, twice) == ["sequences.again: equals box except for its name; remove one"]
     other = f"{seeds}{head}[sequences.box]{body}[sequences.again]{body}rate_hz = 30.0\n{trackers}{after}"
     path = tmp_path / "suite.toml"
     path.write_text(other)

@@ -148,7 +148,7 @@ def test_input_files_of_a_plugin_without_such_a_field(folder):
     assert before != content_hash(tracker(folder, name))
     write(folder / "net.bin", "2")
     assert content_hash(mine) != before
-    with pytest.raises(UserError, match=r"tracker\.input_files: .*none\.bin is no file"):
+    with pytest.raises(UserError, match=r"tracker\.input_files: .*none\.bin is not a file"):
         tracker(folder, name, 'input_files = ["none.bin"]')
 
 

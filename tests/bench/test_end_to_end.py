@@ -237,4 +237,4 @@ def test_two_runs_do_not_share_a_folder(suite, tmp_path):
         first.kill()
         first.wait()
     assert second.returncode == 2
-    assert "another uavbench is at work" in second.stderr
+    assert "another uavbench process uses it" in second.stderr

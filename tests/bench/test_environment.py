@@ -125,5 +125,5 @@ def test_it_is_made_by_name_and_its_mistakes_are_told(suite):
         InspectionEnv.of_suite(str(suite), "robots")
     with pytest.raises(UserError, match="loop"):
         InspectionEnv.of_suite(str(suite), "truth", "late")
-    with pytest.raises(UserError, match=r"tiny says nothing of how it is flown: give it a table \[loop\]"):
+    with pytest.raises(UserError, match=r"tiny has no table \[loop\]"):
         InspectionEnv.of_suite("tiny", "lsd")

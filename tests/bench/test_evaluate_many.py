@@ -246,7 +246,7 @@ def test_a_mount_is_refused_where_nothing_says_what_it_converts(made, tmp_path, 
     for estimates in (("cam.tum",), ("body.tum", "cam.tum")):
         done = call(tmp_path, *estimates, "--mount", tmp_path, monkeypatch=monkeypatch)
         assert done.exit_code == 2, done.output
-        assert "gt.tum: does not say whether its poses are of the body or of the camera" in done.output
+        assert "gt.tum: does not declare whether its poses are of the body or of the camera" in done.output
 
 
 def test_the_pairs_are_those_of_the_names(run, made, tmp_path, monkeypatch):

@@ -130,9 +130,9 @@ def test_kitti_poses_without_times_are_paired_by_row(made, tmp_path):
         ("sequence/edges.csv", "is neither tum"),
         ("sequence/model.obj", ""),
         ("sequence/sequence.json", ""),
-        ("bop", "holds no trajectory that is known"),
+        ("bop", "holds no trajectory of a known name"),
         ("bop/test/000001/scene_gt.json", ""),
-        ("sequence/frames", "holds no trajectory that is known"),
+        ("sequence/frames", "holds no trajectory of a known name"),
         ("nowhere", "no such file"),
     ],
 )
@@ -149,7 +149,7 @@ def test_a_damaged_own_file_is_told(made, tmp_path):
     shutil.copytree(made / "results", tmp_path / "results")
     path = tmp_path / "results" / "frames.csv"
     path.write_text(path.read_text().replace(",ok,", ",lost,"))
-    assert "no frame of it is ok" in refused(made / "sequence", path)
+    assert "no frame has the status ok" in refused(made / "sequence", path)
 
 
 def test_truth_at_100_hz_and_at_the_images_is_one(made):

@@ -18,7 +18,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 def good(tracker, tmp_path):
     lines = list(check(tracker, tmp_path / "kept"))
-    assert lines[-1] == "good: the protocol is kept", "\n".join(lines)
+    assert lines[-1] == "good: the tracker follows the protocol", "\n".join(lines)
 
 
 def test_the_python_example_tracks_better_than_holding(tmp_path, monkeypatch):

@@ -127,4 +127,4 @@ def test_a_flood_of_rows_is_refused_by_its_size_and_faults_are_counted(tmp_path,
     monkeypatch.setattr("uavbench.bench.external.rows.MOST_FAULTS", 10)
     results, faults = read_estimates(path, [0, 1000, 2000])
     assert [row.status for row in results] == ["lost", "ok", "lost"]
-    assert len(faults) == 11 and faults[-1].name == "too-many" and "42 faults more" in str(faults[-1])
+    assert len(faults) == 11 and faults[-1].name == "too-many" and "42 more faults" in str(faults[-1])

@@ -76,10 +76,10 @@ def test_an_edited_file_is_refused(tmp_path, baseline):
     about = json.loads(baseline.read_text())
     about["runs"][0][4]["ATE"] *= 2
     baseline.write_text(json.dumps(about))
-    with pytest.raises(UserError, match=r"make it anew with .*--update`, never by hand"):
+    with pytest.raises(UserError, match=r"was edited or is incomplete; create it again with .*--update`"):
         gate(tmp_path / "base", baseline)
     baseline.write_text("{}")
-    with pytest.raises(UserError, match="never by hand"):
+    with pytest.raises(UserError, match="was edited or is incomplete"):
         gate(tmp_path / "base", baseline)
 
 
@@ -124,7 +124,7 @@ def test_a_body_of_another_form_is_no_baseline(tmp_path, body):
     whole = {"flights": "these", **body}
     digest = hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
     (tmp_path / "baseline.json").write_text(json.dumps({"sha256": digest, **whole}))
-    with pytest.raises(UserError, match=r"this is no baseline \(.*make it anew"):
+    with pytest.raises(UserError, match=r"this is not a baseline \(.*create it again"):
         read_baseline(tmp_path / "baseline.json", "these")
 
 

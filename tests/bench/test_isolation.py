@@ -192,5 +192,5 @@ def test_a_dataset_that_would_be_seen_is_refused(tmp_path):
     inside = tmp_path / "sequence"
     shutil.copytree(TRIAL, inside)
     tracker = External(command=("true",), input_files=(str(inside / "groundtruth.csv"),), isolate=True)
-    with pytest.raises(UserError, match="would be seen"):
+    with pytest.raises(UserError, match="would be visible"):
         track_external(tracker, Sequence.load(inside), rate_hz=15.0, seed=0, kept_folder=tmp_path / "kept")

@@ -80,7 +80,7 @@ def test_a_peer_keeps_the_protocol_or_says_how_to_get_it(name, tmp_path):
             list(check(third_party, tmp_path / "kept"))
         assert any(line.startswith(name) and line.endswith(why) for line in status())
     else:
-        assert list(check(third_party, tmp_path / "kept"))[-1] == "good: the protocol is kept"
+        assert list(check(third_party, tmp_path / "kept"))[-1] == "good: the tracker follows the protocol"
         assert third_party.record["versions"]
 
 

@@ -166,7 +166,7 @@ def test_a_blender_that_is_too_old_or_none_is_named(sequence, tmp_path, monkeypa
     fake_blender(tmp_path, monkeypatch, "echo 'Blender 2.83.5'; echo '  build date: 2020'")
     refused(twin(sequence, "--out", tmp_path / "t"), "2.83.5", "too old", "at least 3.1")
     fake_blender(tmp_path, monkeypatch, "echo 'no display' >&2; exit 3")
-    refused(twin(sequence, "--out", tmp_path / "t"), "does not tell its version", "no display")
+    refused(twin(sequence, "--out", tmp_path / "t"), "prints no version", "no display")
 
 
 def test_the_last_words_of_a_blender_that_fails_are_told(sequence, tmp_path, monkeypatch):
@@ -181,7 +181,7 @@ def test_what_has_no_spec_is_refused(sequence, tmp_path):
     recorded = shutil.copytree(sequence, tmp_path / "recorded")
     for change, words in (
         ({"initial_cam_from_world": np.eye(4).tolist()}, "recordings"),
-        ({"twin": {"of": "box-s0"}}, "is a twin itself"),
+        ({"twin": {"of": "box-s0"}}, "is itself a twin"),
         ({"config": {"structure": {"kind": "os:system"}}}, "unknown kind 'os:system'"),
     ):
         info = json.loads((sequence / "sequence.json").read_text()) | change
@@ -211,7 +211,7 @@ def test_a_sequence_of_another_version_is_refused(sequence, tmp_path, monkeypatc
     cells = rows[1].split(",")
     cells[2] = repr(float(cells[2]) + 1e-3)
     (other / "groundtruth.csv").write_text("\n".join([head, rows[0], ",".join(cells), *rows[2:]]) + "\n")
-    refused(twin(other, "--out", tmp_path / "t"), "in another way")
+    refused(twin(other, "--out", tmp_path / "t"), "builds or flies it differently")
 
 
 def test_trackers_rank_on_both_and_an_absent_one_does_not(tmp_path, monkeypatch):
@@ -223,7 +223,7 @@ def test_trackers_rank_on_both_and_an_absent_one_does_not(tmp_path, monkeypatch)
     assert {cells["hold"][2], cells["rapid"][2]} == {"1", "2"}
     assert float(cells["hold"][0]) > 1 and cells["hold"][1] == "100"
     assert "absent" in cells["visp"][0] and "third-party setup visp" in cells["visp"][0]
-    assert lines[-1].strip() == "The ranking is the same."
+    assert lines[-1].strip() == "The rankings agree."
 
 
 # --- a program in Blender's place, which draws all black ----------------------------------------------------------
@@ -400,4 +400,4 @@ def test_a_twin_is_a_sequence_like_any_other_the_same_twice(blender, sequence, t
     assert len(track_sequence(Rapid(), made, rate_hz=7.5, seed=0).frames) == len(made)
     export(made, "euroc", tmp_path / "euroc")
     assert twin(sequence, "--every", 3, "--samples", 1, "--out", tmp_path / "twin").exit_code == 0  # over our own
-    refused(twin(tmp_path / "twin", "--out", tmp_path / "of-a-twin"), "is a twin itself")
+    refused(twin(tmp_path / "twin", "--out", tmp_path / "of-a-twin"), "is itself a twin")

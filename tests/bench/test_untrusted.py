@@ -274,7 +274,7 @@ def test_no_file_of_results_is_read_that_is_not_its_own(tmp_path, name, target):
         (run / each).write_text("{}")
     (run / name).unlink(missing_ok=True)
     (run / name).symlink_to(target)
-    with pytest.raises(UserError, match=r"leads out of the folder|no regular file|missing columns|differ from"):
+    with pytest.raises(UserError, match=r"leads out of the folder|not a regular file|missing columns|differ from"):
         Results.load(run) if name != "score.json" else Score.load(run / name)
 
 
@@ -303,7 +303,7 @@ def test_a_file_that_never_ends_is_refused_at_once(tmp_path, read, kind):
     else:
         path.symlink_to(kind)
     more = {read_airframe: [Mount()], read_init: [Sequence.load(TRIAL).camera], read_baseline: ["f"]}.get(read, [])
-    with pytest.raises(UserError, match=r"no regular file|has 4,398,046,511,104 bytes; "):
+    with pytest.raises(UserError, match=r"not a regular file|has 4,398,046,511,104 bytes; "):
         read(path, *more)
 
 

@@ -37,7 +37,7 @@ def test_pipes_devices_and_folders_are_refused_at_once(folder):
     os.mkfifo(folder / "pipe")
     (folder / "zero").symlink_to("/dev/zero")
     for name in ("pipe", "zero", "."):
-        with pytest.raises(UserError, match="no regular file"):
+        with pytest.raises(UserError, match="not a regular file"):
             read_bytes(folder / name, SETTINGS)
 
 
@@ -45,7 +45,7 @@ def test_a_file_that_is_swapped_for_a_pipe_after_it_was_looked_at_is_refused(fol
     os.mkfifo(folder / "pipe")
     real = os.open
     monkeypatch.setattr(os, "open", lambda path, flags: real(folder / "pipe", flags))
-    with pytest.raises(UserError, match="no regular file"):
+    with pytest.raises(UserError, match="not a regular file"):
         read_bytes(folder / "note", SETTINGS)
 
 

@@ -1,8 +1,8 @@
 """`vo`: monocular visual odometry on features, which uses the structure for its initial pose only.
 
-Corners are followed by optical flow (Lucas & Kanade 1981) and triangulated once their rays have turned; each frame's
-pose is PnP on the corners that have a place. Frame and scale come from the initial pose: the first corners on the
-structure are put where their rays meet it. After that the structure is forgotten: it shows how a model-free method
+Corners are tracked by optical flow (Lucas & Kanade 1981) and triangulated once their parallax suffices; each frame's
+pose is found by PnP on the triangulated corners. Frame and scale come from the initial pose: the first corners on the
+structure are back-projected onto it. The structure is not used afterwards, so `vo` shows how a model-free method
 drifts.
 """
 
@@ -24,13 +24,13 @@ from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 
 MIN_CORNERS = 12
-"""Fewer corners with a known place than this fix no pose."""
+"""Least number of triangulated corners for a pose."""
 OUTLIER_PX = 2.0
 
 
 @dataclass(frozen=True)
 class Vo:
-    """Parameters of `vo`: corners followed, their least distance, and the parallax that triangulates them."""
+    """Parameters of `vo`: number of tracked corners, their least spacing, and the least parallax for triangulation."""
 
     corners: Annotated[int, Ge(20)] = 300
     apart_px: Annotated[float, Gt(0)] = 10.0
@@ -48,9 +48,9 @@ class VoRun:
     def __init__(self, parameters: Vo, structure: Structure, camera: Camera, cam_from_world: Pose) -> None:
         self.parameters, self.structure, self.camera, self.pose = parameters, structure, camera, cam_from_world
         self.last: Image | None = None
-        self.pixels = np.zeros((0, 2))  # where each corner is now
-        self.points = np.zeros((0, 3))  # its place in the world
-        self.first_eye = np.zeros((0, 3))  # where the camera was, and its ray in the world, when first seen
+        self.pixels = np.zeros((0, 2))  # current pixel of each corner
+        self.points = np.zeros((0, 3))  # its position in the world
+        self.first_eye = np.zeros((0, 3))  # camera centre and ray in the world at its first observation
         self.first_ray = np.zeros((0, 3))
         self.placed = np.zeros(0, dtype=bool)
 
@@ -90,7 +90,7 @@ class VoRun:
         self._keep((good.ravel() > 0) & (good_back.ravel() > 0) & closed)
 
     def _solve(self) -> bool:
-        """PnP on the placed corners; those that disagree are dropped."""
+        """PnP on the triangulated corners; outliers are dropped."""
         rows = np.flatnonzero(self.placed)
         if len(rows) < MIN_CORNERS:
             return False
@@ -123,7 +123,7 @@ class VoRun:
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     def _triangulate(self) -> None:
-        """Place corners whose ray has turned enough since it was first seen: midway where the two rays come nearest."""
+        """Triangulate corners with enough parallax since their first observation, by the midpoint of the two rays."""
         if not len(self.pixels):
             return
         eye, rays = self.pose.inverse().translation, self._rays(self.pixels)
@@ -138,7 +138,7 @@ class VoRun:
                 self.placed[k] = True
 
     def _add(self, gray: Image) -> None:
-        """Start to follow new corners; of the very first, those on the structure have their place at once."""
+        """Start tracking new corners; in the first frame those on the structure are back-projected onto it."""
         missing = self.parameters.corners - len(self.pixels)
         if missing < self.parameters.corners // 4:
             return

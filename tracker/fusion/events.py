@@ -1,4 +1,4 @@
-"""Events of the vehicle's filter, its state after each of them, and what became of each measurement."""
+"""Events of the vehicle's filter, its state after each of them, and the outcome of each measurement."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -7,7 +7,7 @@ from uavbench.trajectories.pose import Array, Pose
 
 
 class Key(NamedTuple):
-    """When an event counts, and in which order at one stamp; `arrival` decides between two alike."""
+    """Sort key of events: stamp, rank at equal stamps, and order of arrival at equal ranks."""
 
     stamp_ns: int
     rank: int
@@ -26,8 +26,8 @@ class Sample:
 class Verdict:
     """Outcome of a measurement.
 
-    d2: its squared normalized innovation, dof its degrees of freedom; both None where it was not compared. why: empty
-    when it was taken.
+    d2: its squared normalized innovation, dof its degrees of freedom; both None if it was not tested. why: reason of
+    its rejection, empty when it was accepted.
     """
 
     stamp_ns: int
@@ -39,7 +39,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """State of the filter right after an event, from which it can be replayed."""
+    """State of the filter right after an event, from which later events can be replayed."""
 
     stamp_ns: int
     state: Array
@@ -64,7 +64,7 @@ class PredictedCamera(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """State and covariance at a stamp, and the IMU reading there, None before the first one."""
+    """State and covariance at a stamp, and the IMU reading there, None before the first sample."""
 
     state: Array
     P: Array

@@ -16,7 +16,7 @@ from uavbench.trajectories.pose import Array
 
 @compiled("f1", inner=True)
 def second_integral(phi: Array) -> Array:
-    """Integral of `so3_left_jacobian`, which a constant specific force moves the position by (Bloesch et al. 2012)."""
+    """Integral of `so3_left_jacobian`: displacement per constant specific force and dt^2 (Bloesch et al. 2012)."""
     a2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     if a2 < 1e-4:
         return combination(phi, 0.5, 1.0 / 6.0 - a2 / 120.0, 1.0 / 24.0 - a2 / 720.0)
@@ -175,7 +175,7 @@ def solved(L: Array, B: Array) -> Array:
 
 @compiled("f2 f1 f2 f2")
 def normalized_innovation(P: Array, residual: Array, H: Array, N: Array) -> float:
-    """Squared Mahalanobis distance of a residual (m,), H (m, 21) its Jacobian, N (m, m) its noise; NaN if singular."""
+    """Squared Mahalanobis distance of a residual (m,) with Jacobian H (m, 21) and noise N (m, m); NaN if singular."""
     S = product(product(H, P), np.ascontiguousarray(H.T)) + N
     L = np.zeros(S.shape)
     if not cholesky(S, L):

@@ -1,7 +1,7 @@
-"""Measurements of the filter besides the IMU: camera poses, positions, heights, optical flow; each predicts itself.
+"""Measurements of the filter besides the IMU: camera poses, positions, heights, optical flow, with their models.
 
-A measurement at the nominal state gives its residual, the Jacobian of that by the error (sign: residual = H error +
-noise), and its noise covariance.
+Each returns at a nominal state its residual, the Jacobian H of the residual with respect to the error state (sign:
+residual = H error + noise), and its noise covariance.
 """
 
 import math
@@ -15,12 +15,12 @@ from uavbench.tracker.geometry_kernels import se3_log_left
 from uavbench.trajectories.pose import Array, Pose, hat, read_only
 
 POSITION, VELOCITY, ATTITUDE, SLOW = slice(0, 3), slice(3, 6), slice(6, 9), slice(15, 21)
-"""Where the parts of the error stand."""
+"""Slices of the parts of the error state."""
 
 
 @dataclass(frozen=True, eq=False)
 class Innovation:
-    """residual (m,), H (m, 21) its Jacobian by the error, noise (m, m) its covariance."""
+    """Innovation: residual (m,), its Jacobian H (m, 21) by the error state, and its noise covariance (m, m)."""
 
     residual: Array
     H: Array
@@ -28,17 +28,17 @@ class Innovation:
 
 
 class Measurement(Protocol):
-    """Anything that the filter can be updated with; `rank` orders measurements of one stamp."""
+    """A measurement with which the filter can be updated; rank: order among measurements of equal stamps."""
 
     rank: ClassVar[int]
 
     @property
     def stamp_ns(self) -> int:
-        """When it was measured."""
+        """Time of the measurement, ns."""
         ...
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation | None:
-        """At a nominal state (27,) and a body rate (3,) in rad/s; None where the state cannot predict it."""
+        """Innovation at a nominal state (27,) and a body rate (3,) in rad/s; None if the state cannot predict it."""
         ...
 
 
@@ -46,7 +46,8 @@ class Measurement(Protocol):
 class CameraPose:
     """A tracker's pose, with the error xi (6,): cam_from_world_true = exp(xi) @ cam_from_world.
 
-    xi is white noise of a covariance (6, 6), and the slow error of the camera's poses of the covariance `slow` (6, 6).
+    xi is the sum of white noise with a covariance (6, 6) and of the slow error of the camera's poses with the
+    covariance `slow` (6, 6).
     """
 
     rank: ClassVar[int] = 1
@@ -65,7 +66,7 @@ class CameraPose:
     def claimed(
         cls, stamp_ns: int, cam_from_world: Pose, covariance: Array, cam_from_body: Pose, config: FusionConfig
     ) -> "CameraPose":
-        """A pose whose tracker claims a covariance (6, 6) in all; ValueError unless that is finite and positive."""
+        """A pose with the total covariance (6, 6) claimed by its tracker; ValueError unless positive definite."""
         whole = checked(covariance, 6)
         return cls(
             stamp_ns=stamp_ns,
@@ -76,11 +77,11 @@ class CameraPose:
         )
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
-        """The twist from the measured to the predicted camera, negated, and how the body's error moves it."""
+        """Negative twist from the measured to the predicted camera, and its Jacobian."""
         R, C = state[6:15].reshape(3, 3), self.cam_from_body
         rotation = C.rotation @ R.T
         translation = C.translation - rotation @ state[0:3]
-        measured = np.ascontiguousarray(self.cam_from_world.rotation)  # that of an inverse is stored by columns
+        measured = np.ascontiguousarray(self.cam_from_world.rotation)  # inverses are stored column-major
         e = se3_log_left(measured, self.cam_from_world.translation, rotation, translation)
         # log(exp(d) exp(e)) = e + d - 1/2 ad(e) d to first order in d and in e; ad acts on (translation, rotation).
         after = np.eye(6)
@@ -101,7 +102,7 @@ class CameraPose:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Position:
-    """A GNSS fix: position (3,) m in the world of an antenna at offset_m in the body, and its velocity where known."""
+    """A GNSS fix: position (3,) in the world, m, of an antenna at offset_m on the body, and optionally velocity."""
 
     rank: ClassVar[int] = 2
     stamp_ns: int
@@ -121,7 +122,7 @@ class Position:
             object.__setattr__(self, "velocity_covariance", checked(self.velocity_covariance, 3))
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
-        """Position, and velocity where there is one, less where the antenna is predicted and how fast."""
+        """Measured minus predicted position of the antenna, and velocity if measured."""
         R, arm = state[6:15].reshape(3, 3), np.asarray(self.offset_m, dtype=float)
         H = np.zeros((3, ERROR))
         H[:, POSITION], H[:, ATTITUDE] = np.eye(3), -R @ hat(arm)
@@ -152,7 +153,7 @@ class Height:
         checked(np.array([[self.sigma_m**2]]), 1)
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation:
-        """Height less the predicted one."""
+        """Measured minus predicted height."""
         H = np.zeros((1, ERROR))
         H[0, 2] = 1.0
         return Innovation(np.array([self.height_m - state[2]]), H, np.array([[self.sigma_m**2]]))
@@ -167,7 +168,7 @@ class OpticalFlow:
 
     rank: ClassVar[int] = 4
     LEAST_UPRIGHT: ClassVar[float] = 0.5
-    """Beyond 60 degrees of tilt the deck looks past the floor beneath."""
+    """Least cosine of the tilt: beyond 60 degrees the deck does not see the floor below."""
     stamp_ns: int
     flow_rad_s: Array
     flow_sigma_rad_s: float
@@ -179,14 +180,14 @@ class OpticalFlow:
         checked(np.diag([self.flow_sigma_rad_s**2, self.range_sigma_m**2]), 2)
 
     def innovation(self, state: Array, rate_rad_s: Array) -> Innovation | None:
-        """Flow and range less what a floor at z = 0 would show; None when tilted too far, or beneath the floor."""
+        """Measured minus predicted flow and range of a floor at z = 0; None when tilted too far, or below the floor."""
         R = state[6:15].reshape(3, 3)
         up = float(R[2, 2])
         if up < self.LEAST_UPRIGHT or state[2] <= 0:
             return None
         distance = state[2] / up
         v = R.T @ state[3:6]
-        tilt = -R[2] @ hat(np.array([0.0, 0.0, 1.0]))  # of R33 by the attitude error
+        tilt = -R[2] @ hat(np.array([0.0, 0.0, 1.0]))  # derivative of R33 by the attitude error
         H = np.zeros((3, ERROR))
         H[2, 2] = 1.0 / up
         H[2, ATTITUDE] = -distance / up * tilt
@@ -200,7 +201,7 @@ class OpticalFlow:
 
 
 def finite(name: str, values: Array) -> None:
-    """ValueError when a measurement holds something that is no number."""
+    """Raise ValueError when a measurement contains a value that is not finite."""
     if not np.isfinite(values).all():
         raise ValueError(f"{name} is not finite: a measurement without a value is no measurement")
 

@@ -1,10 +1,9 @@
 """The filter's state, its error, and its parameters.
 
 World z up, body x forward, y left, z up. The nominal state is position and velocity in the world, rotation
-`world_from_body`, accelerometer and gyroscope bias, and the slow error of the camera's poses, in parts of its own
-standard deviations. Its error (21,) is that
-of Sola, Quaternion kinematics for the error-state Kalman filter (2017), section 5, with the attitude error in the
-body (eq. 234), the slow error of the camera's poses last:
+`world_from_body`, accelerometer and gyroscope bias, and the slow error of the camera's poses, in units of its standard
+deviations. The error state (21,) is that of Sola, Quaternion kinematics for the error-state Kalman filter (2017),
+section 5, with the attitude error in the body (eq. 234) and the slow error of the camera's poses last:
 
     position 0:3   velocity 3:6   attitude 6:9   accelerometer bias 9:12   gyroscope bias 12:15   slow error 15:21
 """
@@ -16,7 +15,7 @@ import numpy as np
 from uavbench.trajectories.pose import Array, Pose, read_only
 
 STATE, ERROR = 27, 21
-"""Numbers in a nominal state (rotation as a matrix) and in its error."""
+"""Sizes of a nominal state (rotation as a matrix) and of its error."""
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard acceleration of gravity (ISO 80000-3)."""
 
@@ -25,17 +24,17 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 class FusionConfig:
     """The filter's assumptions on its sensors; every value is a noise, a physical bound or a probability.
 
-    IMU densities as Kalibr's model has them; the defaults are those of EuRoC's ADIS16448 (Burri et al. 2016). A
-    tracker's error is not white: of the covariance that it claims for a pose `camera_slow_share` is a slow error, a
-    first-order Gauss-Markov process with the time constant `camera_slow_s`, and the rest is white. To the slow error
-    is added what no tracker sees in its images, camera_bias_m and camera_bias_rad: the tolerance of the structure
-    as it is built, and of the camera's place on the body; the defaults are for a simulated one, which is exact. Share
-    and time are those of `robust`'s errors, whitened by its claims, on 15 flights of the suite gate-small and five of
-    other paths and structures: their correlation is 0.6 from one frame at 15 Hz to the next (median; 0.2 to 0.8), 0.4
-    after 1 s and 0.2 after 2 s.
-    A measurement is refused when its normalized innovation lies beyond `gate` of its distribution (chi-square); after
-    `doubt_after` camera poses refused in a row it is the filter that is doubted: its covariance grows until the next
-    one passes. `history_s`: how late a measurement may be.
+    IMU noise densities follow Kalibr's model; the defaults are those of EuRoC's ADIS16448 (Burri et al. 2016). A
+    tracker's error is not white: the share `camera_slow_share` of the covariance that it claims for a pose is a slow
+    error, a first-order Gauss-Markov process with the time constant `camera_slow_s`, and the rest is white noise.
+    camera_bias_m and camera_bias_rad are added to the slow error for what cannot be observed in images: the tolerances
+    of the structure as built and of the camera's mounting; the defaults are for a simulation, which has none. Share and
+    time constant are those of the errors of `robust`, whitened by its covariances, on 15 flights of the suite
+    gate-small and five of other paths and structures: their autocorrelation is 0.6 between frames at 15 Hz (median; 0.2
+    to 0.8), 0.4 after 1 s and 0.2 after 2 s.
+    A measurement is rejected when its normalized innovation exceeds the quantile `gate` of its chi-square distribution.
+    After `doubt_after` consecutive rejected camera poses the filter's covariance is inflated until one is accepted.
+    history_s: largest delay of a measurement.
     """
 
     accel_noise_m_s2_sqrt_hz: float = 2.0e-3
@@ -65,14 +64,14 @@ class FusionConfig:
 
     @property
     def densities(self) -> Array:
-        """The process noise as the kernels take it (8,)."""
+        """Process noise (8,) in the order of the kernels."""
         return np.array([
             self.accel_noise_m_s2_sqrt_hz, self.gyro_noise_rad_s_sqrt_hz, self.accel_walk_m_s3_sqrt_hz,
             self.gyro_walk_rad_s2_sqrt_hz, 1.0, 1.0, self.camera_slow_s, self.gravity_m_s2,
         ])  # fmt: skip
 
     def slow_covariance(self, claimed: Array) -> Array:
-        """Covariance (6, 6) of the slow part of a pose's error, of which a tracker claims so much in all."""
+        """Covariance (6, 6) of the slow part of a pose's error; claimed: total covariance (6, 6) by the tracker."""
         bias = np.repeat([self.camera_bias_m, self.camera_bias_rad], 3) ** 2
         return np.asarray(self.camera_slow_share * np.asarray(claimed) + np.diag(bias))
 
@@ -81,8 +80,8 @@ class FusionConfig:
 class Estimate:
     """State of the filter at a stamp.
 
-    velocity_m_s in the world; biases as they are added to the readings; angular_velocity_rad_s (3,) in the body, None
-    before the first IMU sample. covariance (15, 15) of the error, in the order of this module's docstring without the
+    velocity_m_s in the world; biases as contained in the readings; angular_velocity_rad_s (3,) in the body, None before
+    the first IMU sample; covariance (15, 15) of the error state, in the order of this module's docstring, without the
     slow error of the camera's poses.
     """
 
@@ -114,7 +113,7 @@ class Estimate:
         accel_bias_m_s2: float = 0.05,
         gyro_bias_rad_s: float = 0.01,
     ) -> "Estimate":
-        """Standing still at a pose that is known up to these standard deviations (each of one axis)."""
+        """Estimate at rest at a pose with these standard deviations, each of one axis."""
         sigmas = np.repeat([position_m, velocity_m_s, attitude_rad, accel_bias_m_s2, gyro_bias_rad_s], 3)
         return cls(
             stamp_ns=stamp_ns,
@@ -124,7 +123,7 @@ class Estimate:
         )
 
     def pack(self) -> Array:
-        """The nominal state (27,) as the kernels take it, without a slow error of the camera's poses."""
+        """Nominal state (27,) for the kernels, with a slow error of zero."""
         pose = self.world_from_body
         return np.concatenate([
             pose.translation, self.velocity_m_s, pose.rotation.ravel(), self.accel_bias_m_s2, self.gyro_bias_rad_s,

@@ -1,4 +1,4 @@
-"""The vehicle's filter: IMU and measurements in any order; each counts at its own stamp, however late it comes."""
+"""The vehicle's filter: IMU samples and measurements in any order, each applied at its own stamp, even when delayed."""
 
 from bisect import bisect_left, insort
 
@@ -14,17 +14,17 @@ from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 
 IMU_RANK = 0
-"""An IMU sample comes before the measurements of its stamp."""
+"""Rank of an IMU sample, before the measurements of equal stamp."""
 DOUBT = 2.0
-"""How much the standard deviations of the pose grow at each camera pose refused while the filter is doubted."""
+"""Inflation factor of the standard deviations of the pose for each rejected camera pose beyond `doubt_after`."""
 
 
 class VehicleFilter:
     """Error-state Kalman filter of pose, velocity, IMU biases and the slow error of the camera's poses.
 
-    Events are kept for `history_s` with the state after each. One that comes late is put where it belongs, and all
-    after it is done again, so that the state is the same to the bit as if it had come in time. Readings between two
-    IMU samples lie on the line between them; a measurement counts once a sample at or after its stamp is there.
+    Events are kept for `history_s` with the state after each. A delayed event is inserted at its stamp, and all later
+    ones are replayed, so that the state is bit-identical to that without the delay. IMU readings are interpolated
+    linearly between samples; a measurement is applied once an IMU sample at or after its stamp has arrived.
     """
 
     def __init__(self, config: FusionConfig, cam_from_body: Pose, initial: Estimate) -> None:
@@ -42,14 +42,14 @@ class VehicleFilter:
         self._past: list[Verdict] = []
 
     def imu(self, stamp_ns: int, gyro_rad_s: Array, accel_m_s2: Array) -> None:
-        """Take one IMU sample; ValueError when it is not finite."""
+        """Process an IMU sample; ValueError when it is not finite."""
         gyro, accel = (np.array(v, dtype=np.float64) for v in (gyro_rad_s, accel_m_s2))
         if gyro.shape != (3,) or accel.shape != (3,) or not (np.isfinite(gyro).all() and np.isfinite(accel).all()):
             raise ValueError(f"IMU sample at {stamp_ns}: two finite vectors (3,) are needed")
         self._put(Key(stamp_ns, IMU_RANK, 0), Sample(gyro, accel))
 
     def camera(self, stamp_ns: int, result: TrackResult) -> None:
-        """Take a tracker's answer; one that is not `ok`, or claims no covariance, is no measurement."""
+        """Process a tracker's result; ignored unless its status is `ok` and it has a covariance."""
         if result.status != "ok" or result.cam_from_world is None or result.covariance is None:
             return
         try:
@@ -62,7 +62,7 @@ class VehicleFilter:
         self.take(pose)
 
     def take(self, measurement: Measurement) -> None:
-        """Take any measurement; it is refused, and `verdicts` says why, when it is too late or does not fit."""
+        """Process a measurement; one that is too late or fails the gate is rejected, with the reason in `verdicts`."""
         self._arrivals += 1
         self._put(Key(measurement.stamp_ns, measurement.rank, self._arrivals), measurement)
 
@@ -92,7 +92,8 @@ class VehicleFilter:
     def nominal(self, stamp_ns: int) -> Nominal:
         """Nominal state (27,) at a stamp, and angular velocity (3,) in the body, without their covariance.
 
-        For a controller, which asks at its own rate; ValueError as in `estimate`, and before the first IMU sample.
+        Intended for a controller, which runs at its own rate. ValueError as `estimate`, and before the first IMU
+        sample.
         """
         state, _, sample = self._at(stamp_ns)
         if sample is None:
@@ -100,7 +101,7 @@ class VehicleFilter:
         return Nominal(state, sample.gyro - state[18:21])
 
     def covariance(self, stamp_ns: int) -> Array:
-        """Covariance (15, 15) of the estimate at a stamp, alone; ValueError as in `estimate`."""
+        """Covariance (15, 15) of the estimate at a stamp; ValueError as `estimate`."""
         return self._at(stamp_ns)[1][:15, :15]
 
     def predict_camera(self, stamp_ns: int) -> PredictedCamera:
@@ -118,7 +119,7 @@ class VehicleFilter:
         return self._done[-1] if self._done else self._base
 
     def _put(self, key: Key, event: "Sample | Measurement") -> None:
-        """Put an event where it belongs, and do what can be done."""
+        """Insert an event at its place in the history, and process what can be processed."""
         if key.stamp_ns < self._base.stamp_ns:
             if key.rank != IMU_RANK:
                 self._past.append(Verdict(key.stamp_ns, type(event).__name__, None, None, "older than the history"))
@@ -128,7 +129,7 @@ class VehicleFilter:
             return  # the same sample twice
         insort(self._keys, key)
         self._events.insert(place, event)
-        if key.rank == IMU_RANK:  # measurements since the sample before it lay on another line
+        if key.rank == IMU_RANK:  # measurements after the previous sample used another interpolation
             while place and self._keys[place - 1].rank != IMU_RANK:
                 place -= 1
         del self._done[place:]
@@ -136,7 +137,7 @@ class VehicleFilter:
         self._forget()
 
     def _go_on(self) -> None:
-        """Do every event up to the last IMU sample."""
+        """Process all events up to the last IMU sample."""
         covered = next((i for i in range(len(self._keys), 0, -1) if self._keys[i - 1].rank == IMU_RANK), 0)
         end = self._keys[covered - 1].stamp_ns if covered else None
         while len(self._done) < len(self._keys):
@@ -153,7 +154,7 @@ class VehicleFilter:
                 )
 
     def _reading(self, place: int) -> Sample:
-        """IMU reading at an event's stamp: on the line between the samples around it."""
+        """IMU reading at an event's stamp, interpolated linearly between the adjacent samples."""
         key, event = self._keys[place], self._events[place]
         if isinstance(event, Sample):
             return event
@@ -170,7 +171,7 @@ class VehicleFilter:
         return Sample(gyro, last.sample.accel + share * (later.accel - last.sample.accel))
 
     def _carried(self, before: Checkpoint, stamp_ns: int, reading: Sample) -> Carried:
-        """State and covariance at a stamp, by the mean of the readings at both ends."""
+        """State and covariance propagated to a stamp with the mean of the readings at both ends."""
         dt = (stamp_ns - before.stamp_ns) * 1e-9
         if dt <= 0:
             return Carried(before.state, before.P, reading)
@@ -180,7 +181,7 @@ class VehicleFilter:
         return Carried(state, P, reading)
 
     def _measured(self, event: Measurement, at: Checkpoint) -> Checkpoint:
-        """After a measurement: updated when it passes the gate, otherwise as before, with the verdict."""
+        """State after a measurement, updated if it passes the gate, and the verdict."""
         assert at.sample is not None
         kind, camera = type(event).__name__, isinstance(event, CameraPose)
         found = event.innovation(at.state, at.sample.gyro - at.state[18:21])
@@ -201,7 +202,7 @@ class VehicleFilter:
 
     @staticmethod
     def _doubted(P: Array) -> Array:
-        """Larger standard deviations of position, velocity and attitude."""
+        """Covariance with inflated standard deviations of position, velocity and attitude."""
         scale = np.ones(ERROR)
         scale[:9] = DOUBT
         return np.asarray(P * np.outer(scale, scale))

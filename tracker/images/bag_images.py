@@ -27,18 +27,18 @@ ENCODINGS: dict[str, tuple[int, int | None]] = {
     "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2BGR),
     "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2BGR),
 }
-"""Bytes a pixel of each encoding of sensor_msgs/image_encodings.hpp that is read, and how it becomes BGR."""
+"""Bytes per pixel of each supported encoding of sensor_msgs/image_encodings.hpp, and its conversion to BGR."""
 
 
 class StampedImage(NamedTuple):
-    """An image BGR (h, w, 3), and its stamp."""
+    """A BGR image (h, w, 3), and its stamp in ns."""
 
     stamp_ns: int
     image: Image
 
 
 def bag_frames(source: BagTopic, camera: Camera) -> Iterator[StampedImage]:
-    """Stamps in ns and BGR images of a topic; UserError naming a message that is wrong or of another size."""
+    """Stamps in ns and BGR images of a topic; UserError naming a message that is invalid or of another size."""
     before = None
     with opened_bag(source.bag) as bag:
         kind = bag.topics[source.topic].type if source.topic in bag.topics else ""
@@ -58,7 +58,7 @@ def bag_frames(source: BagTopic, camera: Camera) -> Iterator[StampedImage]:
 
 
 def bag_rate_hz(source: BagTopic) -> float:
-    """Images a second of a topic, over the time in which they were recorded; 0 for a single one."""
+    """Mean rate in Hz of the images of a topic, by their time of recording; 0 for a single image."""
     with opened_bag(source.bag) as bag:
         bag.check(source.topic, (RAW, COMPRESSED))
         count = bag.topics[source.topic].messages
@@ -67,7 +67,7 @@ def bag_rate_hz(source: BagTopic) -> float:
 
 
 def _raw(name: Path, message: Any) -> Image:
-    """BGR image of an Image, whose rows may be padded."""
+    """BGR image of an Image message, whose rows may be padded."""
     if message.encoding not in ENCODINGS:
         raise UserError(
             f"{name}: its encoding {message.encoding!r} is not read ({', '.join(ENCODINGS)} are); convert the topic, "
@@ -87,11 +87,11 @@ def _raw(name: Path, message: Any) -> Image:
 
 
 def _compressed(name: Path, message: Any) -> Image:
-    """BGR image of a CompressedImage: PNG, JPEG, and what else images are read from."""
+    """BGR image of a CompressedImage message: PNG, JPEG, or another supported image format."""
     try:
         return decoded(name, message.data.tobytes())
     except UserError:
         raise UserError(
-            f"{name}: its data, of the format {message.format!r}, are no image that is read (PNG, JPEG); convert the "
+            f"{name}: its data, of the format {message.format!r}, are not a supported image (PNG, JPEG); convert the "
             "topic, as with image_transport's republish"
         ) from None

@@ -1,4 +1,4 @@
-"""The overlay: what a tracker believes, drawn on its image."""
+"""The overlay: the model at a tracker's estimate, drawn on the image."""
 
 import cv2
 import numpy as np
@@ -12,13 +12,13 @@ from uavbench.tracker.visible_edges import to_image
 OK_COLOUR = (60, 220, 60)
 LOST_COLOUR = (40, 40, 230)
 PIECES = 16
-"""Straight pieces that an edge is drawn with under a lens with distortion."""
+"""Number of straight pieces that approximate an edge under lens distortion."""
 SHIFT = 4
-"""Binary digits of a pixel that OpenCV's drawing takes."""
+"""Fractional bits of pixel coordinates in OpenCV's drawing functions."""
 
 
 def draw_edges(image: Image, structure: Structure, camera: Camera, result: TrackResult) -> Image:
-    """Copy (h, w, 3) of an image with the edges that no face hides at the estimate, or with the word of its status."""
+    """Copy (h, w, 3) of an image with the unoccluded model edges at the estimate, or with the status as text."""
     drawn = np.array(image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     if result.cam_from_world is None:
         cv2.putText(drawn, result.status, (12, 32), cv2.FONT_HERSHEY_SIMPLEX, 1.0, LOST_COLOUR, 2, cv2.LINE_AA)

@@ -33,7 +33,7 @@ VISP_CUBE = "mbt/cube"
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Image files in their order, and what is known of them."""
+    """Image files in order, with structure, camera and initial pose."""
 
     images: tuple[Path, ...]
     camera: Camera
@@ -42,16 +42,16 @@ class Recording:
 
 
 class RecordingSource(Protocol):
-    """Where a recording comes from: a frozen dataclass of parameters."""
+    """Source of a recording: a frozen dataclass of its parameters."""
 
     def find(self) -> Recording:
-        """The recording; UserError naming what is not there and where to get it."""
+        """The recording; UserError naming what is missing and where to get it."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Files:
-    """Files of your own: a folder of images, a model, camera.toml and init.toml as `uavbench track --images` takes."""
+    """Your own files: a folder of images, a model, camera.toml and init.toml, as for `uavbench track --images`."""
 
     images_path: str
     model_file: str
@@ -60,7 +60,7 @@ class Files:
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """The images, and what the model loads, whose content enters the sequence's hash."""
+        """Files whose content enters the sequence's hash: the images, and those that the model refers to."""
         folder = Path(self.images_path)
         return (*(images_in(folder) if folder.is_dir() else ()), *parts_of(Path(self.model_file)))
 
@@ -73,21 +73,22 @@ class Files:
 
 @dataclass(frozen=True)
 class VispCube:
-    """218 real frames of a cube of 8.4 cm, from Debian's package visp-images-data; images_path where it is elsewhere.
+    """218 real frames of a cube of 8.4 cm, from Debian's package visp-images-data.
 
-    images_path is the folder `ViSP-images`. Camera and initial pose are those that come with the images.
+    images_path: the folder `ViSP-images`, if it is not in the package's place. Camera and initial pose are those that
+    come with the images.
     """
 
     images_path: str = ""
 
     @property
     def root(self) -> Path | None:
-        """The folder `ViSP-images`, None where it is not."""
+        """The folder `ViSP-images`; None if it is missing."""
         return next((place for place in self._places if (place / VISP_CUBE).is_dir()), None)
 
     @property
     def entering_files(self) -> tuple[Path, ...]:
-        """The images and what comes with them, whose content enters the sequence's hash."""
+        """Files whose content enters the sequence's hash: the images and their model, camera and pose."""
         root = self.root
         if root is None:
             return ()
@@ -119,12 +120,12 @@ class VispCube:
 
 
 RECORDINGS: dict[str, type[RecordingSource]] = {"files": Files, "visp-cube": VispCube}
-"""Name -> parameters of every source of recordings."""
+"""Name -> source of recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingSpec:
-    """One recorded sequence: where it comes from, and how many images a second it has."""
+    """A recorded sequence: its source and its frame rate."""
 
     name: str
     seed: Annotated[int, Ge(0)]
@@ -135,9 +136,9 @@ class RecordingSpec:
 def record(
     spec: RecordingSpec, folder: Path, *, content_hash: str, on_frame: Callable[[int, int], None] | None = None
 ) -> None:
-    """Write the sequence `folder` of a recording, whole or not at all.
+    """Write the sequence `folder` of a recording, completely or not at all.
 
-    UserError when something of it is not there, an image is not readable, or the folder holds something else.
+    UserError when a file is missing, an image cannot be read, or the folder holds anything other than a sequence.
     """
     refuse_foreign(folder, "manifest.json")
     recording = spec.source.find()

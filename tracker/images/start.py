@@ -1,4 +1,4 @@
-"""`uavbench.start`: a tracker on a model and a camera, to be fed with images."""
+"""`uavbench.start`: starts a tracker on a model and a camera, for images from any source."""
 
 from pathlib import Path
 from typing import Any
@@ -25,17 +25,16 @@ def start(
     *,
     seed: int = 0,
 ) -> Run:
-    """A tracker at work: `run.track(image, stamp_ns)` gives the estimate of each next frame.
+    """Start a tracker; `run.track(image, stamp_ns)` returns the estimate for the next frame.
 
-    tracker: a name that `uavbench list` shows, or a tracker with parameters of its own. model: a file (OBJ, STL, PLY,
-    glTF, CAO, IFC) in metres, z up, or a `Structure`. camera: a `Camera` or its camera.toml. cam_from_world: pose of
-    the first image, a `Pose` or a homogeneous matrix (4, 4), metres; the world is the model's frame, the camera's axes
-    are x right, y down, z forward.
+    tracker: a name that `uavbench list` shows, or a tracker object with its parameters. model: a file (OBJ, STL, PLY,
+    glTF, CAO, IFC) in metres, z up, or a `Structure`. camera: a `Camera` or the path of its camera.toml.
+    cam_from_world: pose of the first image, a `Pose` or a homogeneous matrix (4, 4), in metres; the world is the
+    model's frame, the camera's axes are x right, y down, z forward.
 
-    `track` takes an image (h, w, 3) BGR or (h, w) grey, uint8, and its time in ns, growing. Its result has `.status`
-    (`ok`, `ambiguous`, `lost`, `not_initialized`), `.cam_from_world` and `.covariance` (6, 6) of the twist, translation
-    (m) first.
-    UserError for a file, name or pose that cannot be used.
+    `track` takes an image (h, w, 3) BGR or (h, w) grey, uint8, and its stamp in ns, strictly increasing. Its result has
+    `.status` (`ok`, `ambiguous`, `lost`, `not_initialized`), `.cam_from_world` and `.covariance` (6, 6) of the twist,
+    translation (m) first. UserError for an invalid file, name or pose.
 
     >>> import numpy as np
     >>> from uavbench import Camera, Structure, start

@@ -1,7 +1,4 @@
-"""Real images, a model, a camera and an initial pose in; results and an overlay video out.
-
-Images come from a folder, a video or a topic of a ROS 2 bag.
-"""
+"""Runs a tracker on real images of a folder, a video or a topic of a ROS 2 bag; writes results and an overlay video."""
 
 import re
 from collections.abc import Iterator
@@ -30,9 +27,9 @@ from uavbench.trajectories.random_streams import stream
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 UNKNOWN_BODY = Body(Pose.identity(), {})
-"""Of what carries the camera nothing is known."""
+"""Mounting of the camera, which is unknown for real images."""
 SEED = 0
-"""Of the tracker's random numbers."""
+"""Seed of the tracker's random numbers."""
 
 
 def track_images(
@@ -49,8 +46,8 @@ def track_images(
 
     `out` gets frames.csv, times.csv, estimate_world_from_cam.tum (world: the model's frame), record.json and
     overlay.mp4.
-    A folder's frames are taken in the order of their names, 9.png before 10.png, and to be 1 / rate_hz apart; a video
-    has its own rate, a bag the stamps of its headers. UserError naming the file at fault.
+    The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
+    rate, a bag the stamps of its headers. UserError naming the invalid file.
     """
     refuse_foreign(out, MARKER)
     lens = Camera.load(camera)
@@ -90,7 +87,7 @@ def track_images(
 def load_model(path: Path) -> Structure:
     """Structure of a model file in the file's own frame and in metres; UserError naming the file."""
     from uavbench.scenes.model_files.mesh_file import (
-        MeshFile,  # reads models; a vehicle that has its structure already needs none of it
+        MeshFile,  # lazy: a vehicle with a ready structure does not need the readers
     )
 
     return MeshFile(path=str(path), keep_origin=True, allow_open=True).build(stream(0, "model")).structure
@@ -123,13 +120,13 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[
 
 
 def in_order(folder: Path) -> list[Path]:
-    """Images of a folder in the order of their names, numbers in them by their value: 9.png comes before 10.png."""
+    """Images of a folder sorted by name, with numbers compared by value: 9.png before 10.png."""
     images = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
     return sorted(images, key=lambda path: [int(n) if n.isdigit() else n for n in re.split(r"([0-9]+)", path.name)])
 
 
 def rate_of(source: Path | BagTopic, rate_hz: float) -> float:
-    """Frames per second of a video or a topic of a bag; rate_hz for a folder, and where none is known."""
+    """Frame rate in Hz of a video or a topic of a bag; rate_hz for a folder, or if the rate is unknown."""
     if isinstance(source, BagTopic):
         rate = bag_rate_hz(source)
     elif source.is_dir():

@@ -1,7 +1,7 @@
 """`robust`: model edges and texture patches in one fit, with learned biases, track loss and relocalization.
 
 In: an image and its stamp. Out: a pose with covariance, or `lost`. Imports the tracker protocol and geometry kernels;
-nothing of `shang_shen`. `Robust` is imported when it is asked for: a kernel of this room does not load all of it.
+nothing of `shang_shen`. `Robust` is imported lazily, so that importing one kernel does not load the whole package.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""Decision: whether a frame's fit may be believed (ok), rivals explain it as well (ambiguous), or neither (lost)."""
+"""Decision on the status of a frame: the fit is accepted (ok), rivals fit as well (ambiguous), or neither (lost)."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,14 +18,14 @@ from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 
 SEARCH_EVERY = 8
-"""Frames from a search that found nothing better to the next, while support is enough: a limit of their time."""
+"""Frames between searches that find nothing better, while support is sufficient: limits their time."""
 
 
 class Decision(NamedTuple):
-    """A fit, and whether it may be believed.
+    """A fit, and whether it is accepted.
 
-    settled: all poses that had to be tried before were. rivalled: they were, and another pose explains the frame about
-    as well.
+    settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
+    well.
     """
 
     fit: Fit
@@ -43,7 +43,7 @@ class Decider:
         self.was_wrong = self.kept_initial = False
 
     def decide(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
-        """The best fit of a frame; settled where it also has the support that it needs."""
+        """The best fit of a frame; settled if it also has the required support."""
         found = self.initialized_or_recovered(frame, fit, clock)
         fit = self.without_patches(frame, found.fit, clock)
         settled = found.settled and self.state.holds(fit, frame.predicted)
@@ -51,7 +51,7 @@ class Decider:
         return Decision(fit, settled, found.rivalled)
 
     def initialized_or_recovered(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
-        """The fit at hand; on the first frame a prior-constrained one, and where support is low the best one found."""
+        """The given fit; on the first frame a prior-constrained fit, with low support the best fit of a pose search."""
         self.until_search -= 1
         first = self.state.is_first
         kept = self.prior_constrained(frame, fit, clock) if first and not self.relocator.under_way else None
@@ -69,7 +69,7 @@ class Decider:
         return found
 
     def without_patches(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit:
-        """The fit; that of the edges alone where they contradict the patches and are clearly better supported so."""
+        """The fit, or one of the edges alone if they contradict the patches and have clearly more support."""
         loss, relocalization = self.config.loss, self.config.relocalization
         contradict = fit.edge_support < min(loss.min_support, fit.support)
         room = self.fitter.work.left >= self.fitter.largest_fit
@@ -89,7 +89,7 @@ class Decider:
             return fit
 
     def prior_constrained(self, frame: Frame, fit: Fit, clock: StageClock) -> Fit | None:
-        """A fit constrained to the initial pose; None where another one has clearly more support."""
+        """A fit constrained to the initial pose; None if another fit has clearly more support."""
         initial = self.config.initialization
         half_px = self.config.relocalization.refit_half_px
         least = max(initial.min_support, fit.support - self.config.relocalization.lead)
@@ -97,11 +97,11 @@ class Decider:
         kept = self.fitter.fit(frame.image, self.state.motion.cam_from_world, narrow, clock, half_px)
         if not (kept.finite and kept.support >= least):
             return None
-        sure = max(self.config.good_support, kept.edge_support)  # patches are taken there at once
+        sure = max(self.config.good_support, kept.edge_support)  # patches are created there immediately
         return replace(kept, edge_support=sure)
 
     def confirmed(self, frame: Frame, fit: Fit, clock: StageClock) -> Decision:
-        """The fit; where motion was extrapolated for long, held against the places that look alike."""
+        """The fit; after a long extrapolation of motion it is compared with fits at similar-looking poses."""
         if not self.is_slow(frame):
             return Decision(fit, True)
         with clock.stage("relocalize"):
@@ -113,7 +113,7 @@ class Decider:
         return Decision(found.fit, found.leads, not found.leads)
 
     def search_is_due(self, frame: Frame, fit: Fit) -> bool:
-        """Whether a fit's support is too low to do without a pose search."""
+        """Whether a fit's support is so low that a pose search is required."""
         loss, slow = self.config.loss, self.is_slow(frame)
         doubted = self.was_wrong and self.state.frames_ok < self.config.initialization.young_frames
         wanted = self.state.usual_or_good() if slow else self.config.good_support
@@ -123,11 +123,11 @@ class Decider:
         return doubted or slow or due or not fit.support >= loss.min_support
 
     def is_slow(self, frame: Frame) -> bool:
-        """Whether motion was extrapolated for so long that a neighbouring edge may be fitted."""
+        """Whether motion was extrapolated for so long that the fit may be to a neighbouring edge."""
         return frame.extrapolated_s >= self.config.loss.slow_s
 
     def recover(self, frame: Frame, fit: Fit) -> Decision:
-        """The best fit of a slice of the search around the prediction and the last pose, or the fit at hand."""
+        """The best fit of a slice of the search around the prediction and the last pose, or the given fit."""
         loss, predicted, covariance = self.config.loss, frame.predicted.cam_from_world, frame.predicted.covariance
         if self.state.frames_ok < self.config.initialization.young_frames and not self.kept_initial:
             covariance = covariance + isotropic_covariance(self.config.relocalization.guess_sigma, self.state.range_m)
@@ -139,7 +139,7 @@ class Decider:
         scale = self.state.prediction_errors.scale
         found = self.relocator.search(Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale))
         enough = found.fit.support >= self.state.required_support(found.fit, frame.predicted)
-        # Frames far apart: another place that looks the same may have as much support as usual.
+        # After a long frame interval another pose that looks alike may have the usual support.
         is_sure = found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
         rivalled = enough and found.near_done and not found.leads and not is_sure
         settled = not rivalled and (is_sure or found.all_done or (found.near_done and enough))

@@ -1,4 +1,4 @@
-"""One image and a predicted pose: control points, search, hypotheses and M-estimation to the pose that fits."""
+"""Fit of a pose to an image from a prediction: control points, search, hypotheses and M-estimation."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,13 +44,13 @@ from uavbench.trajectories.pose import Array, Pose
 
 Indices = NDArray[np.int64]
 MIN_POINTS = 6
-"""With fewer control points and fewer patches nothing is fitted."""
+"""Least number of control points or patches for a fit."""
 MOST_POINTS = 220
-"""Control points are wider apart where there would be many more: a limit of their time."""
+"""Approximate largest number of control points, beyond which their spacing grows: limits their time."""
 FIT_EVALUATIONS = 1_500
-"""What fitting a control point takes, in evaluations (see `BudgetConfig`): 3 us on the same core."""
+"""Cost of fitting a control point, in evaluations (see `BudgetConfig`): 3 us on the same core."""
 TAKE_EVERY = 4
-"""Frames from one search of new patches to the next while enough are found: a limit of their time."""
+"""Frames between searches for new patches while enough are found: limits their time."""
 
 
 class EdgeFitter:
@@ -70,7 +70,7 @@ class EdgeFitter:
         self.draws = rng.random((HYPOTHESES, EDGES_DRAWN * DRAWS_PER_EDGE))
 
     def begin(self, stamp_ns: int, step_s: float, sharp: bool) -> None:
-        """Begin with the frame of a stamp, step_s after the one before; sharp: its image was not smoothed."""
+        """Begin with a frame by its stamp, step_s after the previous one; sharp: its image was not smoothed."""
         self.texture.now_s, self.sharp = stamp_ns * 1e-9, sharp
         self.work = Work(self.config.budget.allowed(step_s))
 
@@ -84,7 +84,7 @@ class EdgeFitter:
     ) -> Fit:
         """Fit to an image (h, w) or (h, w, c) from a predicted pose with its covariance (6, 6).
 
-        Search lines are no longer than half_px to either side, where it is given.
+        half_px: largest half length of the search lines, None for no limit.
         """
         most_px = float(MAX_HALF_PX) if half_px is None else half_px
         problem = self.project(layered(image), predicted, covariance, clock)
@@ -100,7 +100,7 @@ class EdgeFitter:
             return self.judge(problem, aligned.matches, found, best)
 
     def project(self, image: Image, predicted: Pose, covariance: Array, clock: StageClock) -> Problem:
-        """The control points and the patches that a prediction shows, with the weights of the points."""
+        """Control points, their weights, and patches that are visible at the prediction."""
         weights, view = self.values.weights, self.view.at(predicted)
         with clock.stage("project"):
             points = self.sample(view)
@@ -114,7 +114,7 @@ class EdgeFitter:
         return Problem(image, view, covariance, prior, points, lines, spacing_px, weight, edges)
 
     def align(self, problem: Problem, most_px: float, clock: StageClock) -> Aligned:
-        """A first estimate: by the patches where enough of them are found, else by hypotheses over a wide search."""
+        """Coarse estimate, by the patches if enough of them are found, else by hypotheses over a wide search."""
         view, widths, solver = problem.view, self.values.widths, self.config.solver
         with clock.stage("texture"):
             matches = self.texture.align(problem.image, view)
@@ -138,7 +138,7 @@ class EdgeFitter:
             return Aligned(view, self.texture.align(problem.image, view))
 
     def update(self, problem: Problem, aligned: Aligned, clock: StageClock) -> Solution:
-        """The estimate by a short search."""
+        """Estimate by a short search."""
         view = aligned.view
         half_px = np.full(len(problem.points.points), self.config.solver.estimator.fine_half_px)
         with clock.stage("search"):
@@ -149,7 +149,7 @@ class EdgeFitter:
         return Solution(estimate, measured, edges)
 
     def refine_subpixel(self, problem: Problem, aligned: Aligned, found: Solution, clock: StageClock) -> Estimate:
-        """The estimate by steps of light fitted to the pixels about the control points."""
+        """Estimate from intensity steps fitted to the pixels around the control points."""
         with clock.stage("subpixel"):
             view = aligned.view.to(found.estimate.R, found.estimate.t)
             lines, weighting = self.search_lines(problem.points, view), found.estimate.weighting
@@ -168,7 +168,7 @@ class EdgeFitter:
             return self.solve(problem, measured, aligned.matches, found.edges, view, self.values.widths.last)
 
     def judge(self, problem: Problem, matches: PatchMatches, found: Solution, best: Estimate) -> Fit:
-        """The fit, supported by what a search found: what a fit near a pose finds does not support that pose."""
+        """The fit with its support, which counts only the matches of a search, not those of the refinement."""
         points, weighting = problem.points, best.weighting
         searched: Weighting = found.estimate.weighting
         share = support(
@@ -199,14 +199,14 @@ class EdgeFitter:
         )
 
     def measure(self, problem: Problem, lines: SearchLines, half_px: Array) -> EdgeMeasurements:
-        """Candidates on search lines no longer than half_px (n,) to either side, with variances of their points."""
+        """Candidates on search lines of half lengths half_px (n,), with the variances of their control points."""
         points = problem.points
         found = search(problem.image, lines, points.rows, self.appearance, half_px, self.values.search)
         variance_px2 = point_variances(points, found, self.appearance, self.weak_step, self.values.weights)
         return EdgeMeasurements(points, lines, found, problem.weight, variance_px2)
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
-        """The offsets of the edges in view, with the prior variances that measurements give them."""
+        """Offsets of the edges in view, with prior variances from the measurements."""
         variance_px2 = offset_variances(measured, self.values.weights)
         return EdgeOffsets(problem.edges, self.offset_scale * variance_px2)
 
@@ -219,7 +219,7 @@ class EdgeFitter:
         view: View,
         widths_px: Array,
     ) -> Estimate:
-        """M-estimation over measurements and matches from a view on."""
+        """M-estimation over edge measurements and patch matches, starting from a view."""
         biases = self.biases.at(edges, view.R, view.t)
         return refine(measured, matches, biases, problem.prior, view, widths_px, self.values.estimator)
 
@@ -232,7 +232,7 @@ class EdgeFitter:
         return search_lines(points, self.edges, view)
 
     def learn(self, image: Image, fit: Fit, dt_s: float) -> None:
-        """Update the appearance of edges, the patches and the biases with a fit, dt_s after the one before."""
+        """Update the appearance of edges, the patches and the biases with a fit, dt_s after the previous one."""
         patches, used, pose, image = self.config.patches, fit.residuals, fit.cam_from_world, layered(image)
         if used is None:
             return
@@ -260,5 +260,5 @@ class EdgeFitter:
 
 
 def layered(image: Image) -> Image:
-    """Image (h, w, c), contiguous, of one (h, w) or (h, w, c)."""
+    """Contiguous image (h, w, c) of an image (h, w) or (h, w, c)."""
     return np.ascontiguousarray(image[..., None] if image.ndim == 2 else image)

@@ -1,8 +1,8 @@
-"""Is the structure there by chance? The number of false alarms of the edges found (Desolneux, Moisan & Morel 2000).
+"""Number of false alarms of the edges found, a test against chance (Desolneux, Moisan & Morel 2000).
 
-Background model: on a search line with m candidates laid at random one lies within the width of the M-estimator with
-probability 1 - (1 - width / half length)^m. The line's own candidates are counted, so that a cluttered image, where
-chance finds much, asks for more. Points of one part of an edge are found or missed together: parts are counted.
+Background model: on a search line with m random candidates at least one is within the cutoff of the M-estimator with
+probability 1 - (1 - width / half length)^m. m is counted on each line, so that more edges are required in cluttered
+images, which match by chance. Points of one part of an edge are found or missed together, so parts are counted.
 """
 
 import math
@@ -14,9 +14,10 @@ from uavbench.trajectories.pose import Array
 
 
 def log10_false_alarms(fit: Fit, width_px: float, half_px: float, tests: int) -> float:
-    """Decimal logarithm of the number of poses, of so many tested, at which chance finds as many parts of edges.
+    """Decimal logarithm of the expected number of `tests` random poses at which as many parts of edges are found.
 
-    An upper bound, by Chernoff's bound of the binomial tail; width_px of the weights, half_px of the search lines.
+    An upper bound, by Chernoff's bound of the binomial tail. width_px: cutoff of the weights; half_px: half length of
+    the search lines.
     """
     if fit.residuals is None or not len(fit.residuals.points.rows):
         return math.log10(tests)
@@ -30,7 +31,7 @@ def log10_false_alarms(fit: Fit, width_px: float, half_px: float, tests: int) ->
 
 
 def log10_tail(found: Array, expected: Array) -> float:
-    """Bound of the probability that as large a share (n,) is found where that much (n,) is expected, as log10."""
+    """log10 of a bound on the probability of finding a fraction (n,) or more, given its expectation (n,)."""
     share, chance = float(found.mean()), float(expected.mean())
     if share <= chance:
         return 0.0

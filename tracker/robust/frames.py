@@ -1,4 +1,4 @@
-"""Frames as `robust` takes them: preprocessed, with the predicted motion; learned colours follow their light."""
+"""Preparation of frames: preprocessing, predicted motion, and photometric adaptation of learned colours."""
 
 from typing import NamedTuple
 
@@ -16,14 +16,14 @@ from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Array
 
 ROWS_APART = 16
-"""Step between the rows of a frame that are compared with those of the frame before."""
+"""Stride of the rows of a frame that are compared with the previous frame."""
 
 
 class Frame(NamedTuple):
     """An image before and after preprocessing, and the predicted motion.
 
-    dt_s is the time since the last frame that was ok, step_s that since the last one, extrapolated_s the part of dt_s
-    over which the prediction is the motion model's own guess.
+    dt_s: time since the last frame that was ok; step_s: time since the last frame; extrapolated_s: part of dt_s over
+    which the prediction is the motion model's extrapolation.
     """
 
     raw: Image
@@ -35,21 +35,21 @@ class Frame(NamedTuple):
 
 
 class Photometry(NamedTuple):
-    """State that depends on light and exposure: learned appearance of the edges, contrast stretch of images."""
+    """State that depends on illumination and exposure: learned appearance of the edges, contrast stretch of images."""
 
     appearance: Array
     stretch: ContrastStretch
 
 
 class FittedFrame(NamedTuple):
-    """A fit and the frame, as it was preprocessed for that fit."""
+    """A fit, and the frame as preprocessed for it."""
 
     fit: Fit
     frame: Frame
 
 
 class Frames:
-    """Takes the images of a run in turn; learned appearance and contrast stretch follow their light."""
+    """Prepares the images of a run in order; learned appearance and contrast stretch follow their illumination."""
 
     def __init__(self, fitter: EdgeFitter, state: TrackState, config: RobustConfig) -> None:
         self.fitter, self.state, self.config = fitter, state, config
@@ -60,23 +60,23 @@ class Frames:
         self.step_s = 0.0
 
     def is_new(self, image: Image, stamp_ns: int) -> bool:
-        """Whether a frame is later than those before it, and not equal to the last one to the bit; remembers it."""
+        """Whether a frame is later than all previous ones and not identical to the last; stores it."""
         return self.comes_after(stamp_ns) and not self.is_frozen(image)
 
     def comes_after(self, stamp_ns: int) -> bool:
-        """Whether a frame is later than those before it; remembers its stamp."""
+        """Whether a frame is later than all previous ones; stores its stamp."""
         later = self.seen_ns is None or stamp_ns > self.seen_ns
         self.step_s = 0.0 if self.seen_ns is None else (stamp_ns - self.seen_ns) * 1e-9
         self.seen_ns = stamp_ns if later else self.seen_ns
         return later
 
     def is_frozen(self, image: Image) -> bool:
-        """Whether a frame equals the one before it to the bit; remembers some of its rows."""
+        """Whether a frame is identical to the previous one; stores some of its rows."""
         last, self.seen_rows = self.seen_rows, image[::ROWS_APART].copy()
         return last is not None and np.array_equal(last, self.seen_rows)
 
     def prepared(self, raw: Image, stamp_ns: int, expected: Motion | None, clock: StageClock) -> Frame:
-        """A frame, stretched and smoothed as it needs, with the prediction: that of the vehicle where it is surer."""
+        """A frame, stretched and smoothed as necessary, with the more certain prediction, the vehicle's or its own."""
         state = self.state
         dt_s = 0.0 if state.ok_ns is None else (stamp_ns - state.ok_ns) * 1e-9
         with clock.stage("denoise"):
@@ -92,7 +92,7 @@ class Frames:
         return Frame(raw, image, predicted, dt_s, self.step_s, dt_s)
 
     def compensated(self, frame: Frame, fit: Fit, clock: StageClock) -> FittedFrame:
-        """Fit and frame after gain-offset compensation of the learned colours, where that is better supported."""
+        """Fit and frame after gain-offset compensation of the learned colours, if that increases the support."""
         config = self.config.preprocessing
         if self.state.is_first or fit.support >= self.state.usual_or_good():
             return FittedFrame(fit, frame)
@@ -116,9 +116,9 @@ class Frames:
 
     @property
     def photometry(self) -> Photometry:
-        """The learned appearance and the stretch, as they are."""
+        """Copy of the learned appearance and the stretch."""
         return Photometry(self.fitter.appearance, self.stretch)
 
     def restore(self, before: Photometry) -> None:
-        """Take back what a wrong pose told of the light."""
+        """Restore the state from before a wrong pose."""
         self.fitter.appearance, self.stretch = before

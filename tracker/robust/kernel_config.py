@@ -1,4 +1,4 @@
-"""The config of a fit as the compiled kernels take it."""
+"""The config of a fit as arguments of the compiled kernels."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from uavbench.trajectories.pose import Array
 
 
 class Widths(NamedTuple):
-    """Widths of Tukey's weights in px, one after the other, of each fit of a frame."""
+    """Cutoffs of Tukey's biweight in px, in order, for each fit of a frame."""
 
     coarse: Array
     fine: Array
@@ -25,7 +25,7 @@ class Widths(NamedTuple):
 
 
 class KernelConfig(NamedTuple):
-    """The stages' values, each as `kernel_values` makes them."""
+    """Values of the stages, each as returned by `kernel_values`."""
 
     search: SearchConfig
     appearance: AppearanceConfig

@@ -1,7 +1,7 @@
-"""Config values as compiled kernels take them: arguments, so that another value needs no recompilation.
+"""Config values as arguments of compiled kernels, so that changing a value needs no recompilation.
 
-A stage's config is a frozen dataclass, which numba does not know. Its numbers become a named tuple of the same field
-names; kernels are written against the dataclass, so that mypy checks their use of it.
+A stage's config is a frozen dataclass, which numba does not support. Its numbers become a named tuple with the same
+field names; kernels are annotated with the dataclass, so that mypy checks their use of it.
 """
 
 import sys
@@ -15,24 +15,24 @@ from uavbench.trajectories.kernels.argument_types import named_tuple
 T = TypeVar("T")
 WORDS = {float: "f0", int: "i0"}
 PLAIN = {word: plain for plain, word in WORDS.items()}
-"""An int where a float is due is a mistake that Python forgives and numba does not."""
+"""Word of a kernel's declaration -> Python type, to which values are converted: numba takes no int for a float."""
 
 
 def kernel_values(config: T) -> T:
-    """The numbers of a stage's config as a named tuple, which replaces the config in kernels."""
+    """The numbers of a stage's config as a named tuple, which takes the place of the config in kernels."""
     of: type = type(config)
     numbers = {name: PLAIN[word](getattr(config, name)) for name, word in _numbers(of).items()}
     return cast(T, values_class(of)(**numbers))
 
 
 def kernel_type(config: type) -> Any:
-    """Numba's type of what `kernel_values` makes of a config of this class."""
+    """Numba's type of the result of `kernel_values` for this config class."""
     return named_tuple(values_class(config), " ".join(_numbers(config).values()))
 
 
 @cache
 def values_class(config: type) -> Any:
-    """Named tuple of the numbers of a config class; it lies beside the class, where pickled kernels look for it."""
+    """Named tuple of the numbers of a config class, stored in its module, where unpickled kernels look it up."""
     name = f"{config.__name__}Values"
     made: Any = namedtuple(name, _numbers(config), module=config.__module__)  # type: ignore[misc]
     setattr(sys.modules[config.__module__], name, made)

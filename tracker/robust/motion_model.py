@@ -9,9 +9,9 @@ from uavbench.tracker.robust.config.robust import MotionConfig
 from uavbench.trajectories.pose import Array, Pose
 
 FAR_CHI2 = 12.6
-"""Squared Mahalanobis distance beyond which a pose is far: 95 % of a chi-square with six degrees of freedom."""
+"""Squared Mahalanobis distance beyond which a pose is far: 95 % quantile of chi-square with six degrees of freedom."""
 THOUSANDTH = 3.09
-"""Quantile of the standard normal distribution that one draw in a thousand exceeds."""
+"""99.9 % quantile of the standard normal distribution."""
 TRANSLATION, ROTATION = slice(0, 21, 7), slice(21, 36, 7)
 """Indices of the variances of translation and rotation in a flat covariance (36,)."""
 
@@ -56,7 +56,7 @@ class Motion:
         return float(away @ np.linalg.solve(self.covariance, away))
 
     def update(self, cam_from_world: Pose, covariance: Array, dt_s: float) -> "Motion":
-        """Motion at a new pose, dt_s after this one; the velocity is kept where no time has passed."""
+        """Motion at a new pose, dt_s after this one; the velocity is kept if dt_s is 0."""
         if dt_s <= 0:
             return Motion(cam_from_world, covariance, self.velocity)
         was = self.cam_from_world
@@ -72,7 +72,7 @@ class PredictionErrors:
     count: float = 0.0
 
     def updated(self, predicted: Motion, cam_from_world: Pose, rate: float) -> "PredictionErrors":
-        """With one more frame; rate, in [0, 1], is the forgetting factor: the weight of a new frame at least."""
+        """Errors with one more frame; rate, in [0, 1]: least weight of a new frame (exponential forgetting)."""
         chi2 = predicted.squared_mahalanobis(cam_from_world)
         return PredictionErrors((1 - rate) * self.sum + chi2, (1 - rate) * self.count + 1)
 

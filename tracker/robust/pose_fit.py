@@ -1,4 +1,4 @@
-"""A fit: the problem, what its stages pass on, and the pose with its support and the residuals that it leaves."""
+"""A fit: its problem, intermediate results, and the pose with its support and residuals."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -27,7 +27,7 @@ NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.ze
 
 
 class Problem(NamedTuple):
-    """An image (h, w, c), the prediction with its covariance (6, 6), and the control points that it shows.
+    """An image (h, w, c), the prediction with its covariance (6, 6), and the control points visible at it.
 
     lines are those at the prediction; spacing_px (n,) to the nearest other edge; weight (n,) of each control point;
     edges (g,) rows of the edges in view among the offsets.
@@ -45,14 +45,14 @@ class Problem(NamedTuple):
 
 
 class Aligned(NamedTuple):
-    """A view near enough for a short search, and where the patches are found from it."""
+    """A view close enough for a short search, and the matches of the patches near it."""
 
     view: View
     matches: PatchMatches
 
 
 class Solution(NamedTuple):
-    """An estimate, the measurements that it is made of, and the offsets of the edges in view."""
+    """An estimate, its measurements, and the offsets of the edges in view."""
 
     estimate: Estimate
     measured: EdgeMeasurements
@@ -61,7 +61,7 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FitResiduals:
-    """What a fit was made of, for the appearance and the biases to be learned from.
+    """Inputs and residuals of a fit, from which appearance and biases are learned.
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
     view, the sums over a frame and the last step; prior_information (6, 6) of the prediction; candidates_px (n, k) on
@@ -83,8 +83,8 @@ class FitResiduals:
 class Fit:
     """A pose with its covariance (6, 6), and how well the image supports it.
 
-    support in [0, 1]: weighted inlier ratio of the control points and patches, edge_support that of the control points
-    alone; found: weight of all inliers; range_m: depth of a control point amid the others, nan where there is none.
+    support in [0, 1]: weighted inlier ratio of the control points and patches; edge_support: of the control points
+    alone; found: weight of all inliers; range_m: depth of the middle control point, NaN without any.
     """
 
     cam_from_world: Pose
@@ -100,5 +100,5 @@ class Fit:
 
     @property
     def finite(self) -> bool:
-        """Whether pose and covariance are numbers."""
+        """Whether pose and covariance are finite."""
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())

@@ -1,4 +1,4 @@
-"""What a run of `robust` knows from its frames so far, and the support that it asks of the next one."""
+"""State of a run of `robust` after its frames so far, and the support required of the next one."""
 
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 
 
 class Tentative(NamedTuple):
-    """The motion as it would be if an undecided frame's best fit were right, and that frame's stamp."""
+    """The motion under the hypothesis of an undecided frame's best fit, and that frame's stamp."""
 
     motion: Motion
     stamp_ns: int
@@ -43,18 +43,18 @@ class TrackState:
             return predicted
         since_s = (stamp_ns - self.tentative.stamp_ns) * 1e-9
         likely = self.tentative.motion.predict(since_s, self.range_m, self.config.motion)
-        return replace(predicted, cam_from_world=likely.cam_from_world)  # likelier than what was known, but no surer
+        return replace(predicted, cam_from_world=likely.cam_from_world)  # likelier, but not more certain
 
     def usual_or_good(self) -> float:
         """The larger of a good support and a part of the usual one."""
         return max(self.config.good_support, self.config.loss.slow_part * self.usual_support)
 
     def holds(self, fit: Fit, predicted: Motion) -> bool:
-        """Whether a fit has the support that it needs, or shows what chance would not."""
+        """Whether a fit has the required support, or matches more edges than chance would."""
         return fit.finite and (fit.support >= self.required_support(fit, predicted) or self.is_there(fit, predicted))
 
     def required_support(self, fit: Fit, predicted: Motion) -> float:
-        """Support that a fit needs: far from the prediction nearly as much as usual."""
+        """Support required of a fit: far from the prediction nearly the usual one."""
         loss = self.config.loss
         if self.is_first:
             return self.config.initialization.min_support
@@ -62,7 +62,7 @@ class TrackState:
         return max(loss.min_support, loss.far_part * self.usual_support if far or self.is_lost else 0.0)
 
     def is_there(self, fit: Fit, predicted: Motion) -> bool:
-        """Whether a track goes on since chance would not find so many edges where they are predicted."""
+        """Whether a track is continued because chance would not match as many edges near the prediction."""
         if self.is_first or self.is_lost or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
             return False
         estimator = self.config.solver.estimator
@@ -70,7 +70,7 @@ class TrackState:
         return log10_false_alarms(fit, width_px, half_px, HYPOTHESES) < self.config.loss.log10_false_alarms
 
     def suppose(self, fit: Fit, dt_s: float, stamp_ns: int) -> None:
-        """Predict from an undecided frame's fit, where it is supported as one that is right."""
+        """Predict from an undecided frame's fit, if its support is that of a correct pose."""
         if not self.is_first and fit.finite and fit.support >= self.usual_or_good():
             self.tentative = Tentative(self.motion.update(fit.cam_from_world, fit.covariance, dt_s), stamp_ns)
 

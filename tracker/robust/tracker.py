@@ -22,7 +22,7 @@ from uavbench.trajectories.pose import Array, Pose
 
 @dataclass(frozen=True)
 class Robust:
-    """Parameters of `robust`: its config. What differs between sequences is learned from their frames."""
+    """Parameters of `robust`: its config; quantities that differ between sequences are learned from their frames."""
 
     config: RobustConfig = field(default_factory=RobustConfig)
 
@@ -46,7 +46,7 @@ class RobustRun:
         config: RobustConfig,
     ) -> None:
         self.camera, self.config = camera, config
-        # That of an inverse is stored by columns, which the kernels do not take.
+        # The rotation of an inverse is stored column-major, which the kernels do not accept.
         cam_from_world = Pose(np.ascontiguousarray(cam_from_world.rotation), cam_from_world.translation)
         middle = structure.bounds.mean(axis=0, keepdims=True)
         range_m = float(np.linalg.norm(cam_from_world.transform(middle)))
@@ -58,9 +58,9 @@ class RobustRun:
         self.expected: Motion | None = None
 
     def predict(self, cam_from_world: Pose, covariance: Array) -> None:
-        """Take what the vehicle's filter expects of the next frame; the surer of it and the motion model counts there.
+        """Set the vehicle filter's prediction of the next frame, used if it is more certain than the motion model's.
 
-        Its covariance is widened: earlier poses of this run are in it, and must not count twice.
+        Its covariance is inflated, because it depends on earlier poses of this run, which must not count twice.
         """
         pose = Pose(np.ascontiguousarray(cam_from_world.rotation), np.ascontiguousarray(cam_from_world.translation))
         self.expected = Motion(pose, self.config.motion.expected_scale**2 * np.asarray(covariance))
@@ -96,7 +96,7 @@ class RobustRun:
 
 
 def tracked(fit: Fit, clock: StageClock) -> TrackResult:
-    """The result of a frame whose pose may be believed."""
+    """The result of a frame with an accepted pose."""
     return TrackResult(
         status="ok",
         cam_from_world=fit.cam_from_world,
@@ -109,7 +109,7 @@ def tracked(fit: Fit, clock: StageClock) -> TrackResult:
 
 
 def undecided(decision: Decision, frame: Frame, clock: StageClock) -> TrackResult:
-    """The result of a frame whose best pose is only a guess: `ambiguous` where another explains it about as well."""
+    """The result of a frame without an accepted pose: `ambiguous` if several poses explain it about equally well."""
     fit = decision.fit
     return TrackResult(
         status="ambiguous" if decision.rivalled else "lost",

@@ -1,4 +1,4 @@
-"""A camera at a pose, as the compiled kernels take it."""
+"""A camera at a pose, as arrays for the compiled kernels."""
 
 from typing import NamedTuple
 
@@ -15,9 +15,9 @@ from uavbench.trajectories.pose import Array, Pose
 class View(NamedTuple):
     """Pose, camera and image of one view.
 
-    R (3, 3), t (3,) are cam_from_world; lens (11,) is of `camera_array`; size_px (2,) width and height of the image;
-    bounds_px (4,) smallest x, y and largest x, y of its border without distortion; near the least depth that is
-    projected, in units of the model.
+    R (3, 3), t (3,): cam_from_world; lens (11,): see `camera_array`; size_px (2,): width and height of the image;
+    bounds_px (4,): smallest x, y and largest x, y of its undistorted border; near: least projected depth, in units of
+    the model.
     """
 
     R: Array
@@ -44,7 +44,7 @@ class View(NamedTuple):
         return self._replace(R=np.array(pose.rotation), t=np.array(pose.translation))
 
     def to(self, R: Array, t: Array) -> "View":
-        """The same camera at cam_from_world (R, t), arrays that can be written."""
+        """The same camera at cam_from_world (R, t), in writable arrays."""
         return self._replace(R=R, t=t)
 
 

@@ -1,16 +1,16 @@
-"""The work of a frame, counted in evaluations and not in milliseconds: the same on every machine."""
+"""The work of a frame, counted in evaluations instead of milliseconds, and thus equal on all machines."""
 
 from dataclasses import dataclass
 
 
 @dataclass
 class Work:
-    """Evaluations (edge points looked up in an image) that a frame is allowed, and that it has done."""
+    """Evaluations (edge points looked up in an image) allowed for a frame, and spent so far."""
 
     allowed: int
     done: int = 0
 
     @property
     def left(self) -> int:
-        """Evaluations left; negative where more was done than allowed."""
+        """Evaluations left; negative if the budget was exceeded."""
         return self.allowed - self.done

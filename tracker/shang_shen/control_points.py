@@ -9,12 +9,12 @@ from uavbench.tracker.visible_edges import ProjectedEdges
 from uavbench.trajectories.pose import Array
 
 CONTROL_POINT_SPACING_PX = 8.0
-"""One control point for so many px of a visible edge."""
+"""Spacing of control points along a visible edge, px."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControlPoints:
-    """Points on the visible edges, in the order of the edges.
+    """Points on the visible edges, ordered by edge.
 
     points_m (n, 3) in the world; pixels (n, 2) and unit normals (n, 2) of the edge's projection in the undistorted
     image; edge (n,) row of `ProjectedEdges`.

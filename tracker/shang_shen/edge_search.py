@@ -1,4 +1,4 @@
-"""Step 7, matching: a 1-D search from each control point along the edge's normal, and the candidates it meets."""
+"""Step 7, matching: a 1-D search for candidates from each control point along the edge's normal."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,20 +15,20 @@ from uavbench.tracker.visible_edges import to_image
 from uavbench.trajectories.pose import Array
 
 SEARCH_PX = 20.0
-"""Half length of a search line."""
+"""Half length of a search line, px."""
 MAX_ANGLE_DEG = 8.0
-"""A segment turned further than this against the projected edge is no candidate."""
+"""Largest angle between a candidate segment and the projected edge."""
 MAX_CANDIDATES = 5
-"""Candidates kept for a control point, the nearest ones."""
+"""Number of nearest candidates kept per control point."""
 REMAP_ROWS = 16384
-"""OpenCV's remap takes no more than 32767 rows at once."""
+"""Rows per call of OpenCV's remap, which takes at most 32767."""
 MIN_GRADIENT = 8.0
-"""Weakest step of a candidate on a grey profile, in grey levels per px."""
+"""Least gradient of a candidate on a grey profile, grey levels per px."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Signed distances (n, k) in px along the normal of each control point, nearest first, inf where there is none."""
+    """Signed distances (n, k) in px along the normal of each control point, nearest first, inf for none."""
 
     distances: Array
 
@@ -41,7 +41,7 @@ class Candidates:
 def search_segments(
     points: ControlPoints, segments: Array, search_px: float = SEARCH_PX, max_angle_deg: float = MAX_ANGLE_DEG
 ) -> Candidates:
-    """Candidates where the search lines cross undistorted segments (m, 4)."""
+    """Candidates at the crossings of search lines with undistorted segments (m, 4)."""
     if not len(segments) or not len(points):
         return Candidates(np.full((len(points), 1), np.inf))
     distances = np.empty((len(points), MAX_CANDIDATES))
@@ -53,7 +53,7 @@ def search_segments(
 def search_edge_pixels(
     points: ControlPoints, edge_image: Image, camera: Camera, search_px: float = SEARCH_PX
 ) -> Candidates:
-    """Candidates where the search lines meet edge pixels (h, w) of the camera's image."""
+    """Candidates at the crossings of search lines with edge pixels (h, w) of the camera's image."""
     steps = np.arange(-search_px, search_px + 1)
     on_edge = profiles(points, edge_image, camera, steps, cv2.INTER_NEAREST) > 0
     first = on_edge.copy()
@@ -73,7 +73,7 @@ def search_gradient(
     search_px: float = SEARCH_PX,
     min_gradient: float = MIN_GRADIENT,
 ) -> Candidates:
-    """Candidates at the maxima of the gradient along the search lines, to a part of a pixel (a parabola's top)."""
+    """Candidates at the maxima of the gradient along the search lines, with sub-pixel precision (parabola)."""
     steps = np.arange(-search_px - 2, search_px + 3)
     values = profiles(points, gray, camera, steps, cv2.INTER_LINEAR)
     slope = np.abs(values[:, 2:] - values[:, :-2]) / 2
@@ -85,7 +85,7 @@ def search_gradient(
 
 
 def profiles(points: ControlPoints, image: Image, camera: Camera, steps: Array, interpolation: int) -> Array:
-    """Values (n, k) of an image at the steps (k,) in px along each normal; the border goes on outside."""
+    """Values (n, k) of an image at the steps (k,) in px along each normal; the border is replicated."""
     at = points.pixels[:, None] + steps[None, :, None] * points.normals[:, None]
     if not len(points):
         return np.zeros((0, len(steps)))

@@ -1,8 +1,8 @@
-"""Steps 8 and 9, low-level multiple hypotheses and RANSAC: which candidate of each control point is the edge.
+"""Steps 8 and 9, low-level multiple hypotheses and RANSAC: selection of the candidate of each control point.
 
-Every control point keeps several candidates (Teuliere, Marchand & Eck 2010). A hypothesis takes one candidate at two
-control points of each of a few edges and moves the camera accordingly; of all hypotheses the one wins whose best set
-of candidates, one or none for each control point, has the smallest distance errors.
+Every control point keeps several candidates (Teuliere, Marchand & Eck 2010). A hypothesis is the camera motion that
+fits one candidate at two control points of each of a few edges; the best hypothesis is the one whose best set of
+candidates, one or none for each control point, has the smallest distance errors.
 """
 
 from dataclasses import dataclass
@@ -18,17 +18,18 @@ from uavbench.trajectories.pose import Array
 RANSAC_HYPOTHESES = 200
 """Number of hypotheses drawn."""
 EDGES_PER_HYPOTHESIS = 3
-"""Edges in a hypothesis: three lines fix a pose."""
+"""Edges per hypothesis: three lines determine a pose."""
 MOTION_COST = 150.0
-"""Weight of the camera's motion, in units of the weak prior, against squared distance errors in px: where a pose is
-nearly free, as before a single face, the smaller motion wins."""
+"""Weight of the camera's motion, in units of the weak prior, relative to squared distance errors in px: if the pose is
+nearly unconstrained, as in front of a single face, the smaller motion is preferred.
+"""
 INLIER_PX = 1.0
-"""A candidate farther than this from its moved control point is an outlier."""
+"""Distance in px from its moved control point beyond which a candidate is an outlier."""
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """The set that won: the distance (n,) of each control point's candidate, and whether it is an inlier (n,)."""
+    """The best set: distance (n,) of each control point's candidate, and whether it is an inlier (n,)."""
 
     distances: Array
     inlier: NDArray[np.bool_]
@@ -51,12 +52,12 @@ def ransac(
     hypotheses: int = RANSAC_HYPOTHESES,
     inlier_px: float = INLIER_PX,
 ) -> Matches:
-    """The winning set over candidates of control points with Jacobians J (n, 6) on edges `edge` (n,)."""
+    """The best set of candidates for control points with Jacobians J (n, 6) on edges `edge` (n,)."""
     twists = _hypothesis_twists(candidates, J, edge, prior, rng, hypotheses)
     motion = MOTION_COST * np.einsum("hi,hi->h", twists @ prior, twists)
     twist = twists[cheapest(twists, motion, J, candidates.distances, inlier_px)]
     matches = best_set(candidates.distances, J @ twist, inlier_px)
-    for _ in range(2):  # the winner is improved on its own inliers (Chum, Matas & Kittler 2003)
+    for _ in range(2):  # local optimization on the inliers (Chum, Matas & Kittler 2003)
         if matches.inlier.any():
             twist = least_squares(J[matches.inlier], matches.distances[matches.inlier], prior)
             matches = best_set(candidates.distances, J @ twist, inlier_px)
@@ -71,7 +72,7 @@ def _hypothesis_twists(
     rng: np.random.Generator,
     hypotheses: int,
 ) -> Array:
-    """Camera motions (h, 6), the first of them none."""
+    """Camera motions (h, 6), the first of them zero."""
     usable = np.flatnonzero(candidates.counts > 0)
     rows, first, count = np.unique(edge[usable], return_index=True, return_counts=True)
     take = min(EDGES_PER_HYPOTHESIS, len(rows))

@@ -11,14 +11,14 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 ITERATIONS = 3
-"""Gauss-Newton steps of a pose update, which begins within a search line's length of where it ends."""
+"""Gauss-Newton steps of a pose update, whose start is within a search line's length of its result."""
 
 
 @compiled("f2 f2 f2 f0 f0 f2!")
 def crossings(pixels: Array, normals: Array, segments: Array, search_px: float, max_sine: float, out: Array) -> None:
     """Signed distances (n, k) at which the search lines cross segments (m, 4): the k nearest, then inf.
 
-    Of two equally far the earlier segment comes first.
+    Ties are in the order of the segments.
     """
     m, k = len(segments), out.shape[1]
     out[:] = np.inf
@@ -61,9 +61,9 @@ def twists_of(rows: NDArray[np.int64], wanted: Array, J: Array, prior: Array, ou
 
 @compiled("f2 f1 f2 f2 f0")
 def cheapest(twists: Array, extra: Array, J: Array, distances: Array, inlier_px: float) -> int:
-    """The twist (h,) of least cost, the first of equals.
+    """Index of the twist (h,) of least cost, the first of equals.
 
-    Its cost is extra (h,) and the squared distance errors of the best set of candidates (n, k), each cut off.
+    The cost is extra (h,) plus the truncated squared distance errors of the best set of candidates (n, k).
     """
     best, least = 0, np.inf
     for h in range(len(twists)):
@@ -99,9 +99,9 @@ class SolvedPose(NamedTuple):
 def gauss_newton(
     points_m: Array, normals: Array, target: Array, cam: Array, R: Array, t: Array, prior: Array
 ) -> SolvedPose:
-    """The pose that brings points (n, 3) to target (n,) px along their normals, with its information.
+    """The pose at which points (n, 3) are at target (n,) px along their normals, with its information.
 
-    prior (6, 6) holds it to where it starts, (R, t); cam is an array of a camera without distortion.
+    prior (6, 6): information of the start pose (R, t); cam: array of a camera without distortion.
     """
     R_first, t_first = R, t
     R, t = R.copy(), t.copy()

@@ -35,7 +35,7 @@ class LsdSingle(Published):
 
 @dataclass(frozen=True)
 class Lsd(LsdSingle):
-    """Parameters of `lsd`; inlier_px is the orthogonal distance up to which a candidate supports a hypothesis."""
+    """Parameters of `lsd`; inlier_px: orthogonal distance up to which a candidate supports a hypothesis."""
 
     hypotheses: Annotated[int, Ge(1)] = RANSAC_HYPOTHESES
     inlier_px: Annotated[float, Gt(0)] = INLIER_PX

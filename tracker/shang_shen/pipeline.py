@@ -25,10 +25,10 @@ from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 
 MIN_MATCHES = 5
-"""Fewer matched control points than this fix no pose (the paper's PnP takes five points)."""
+"""Least number of matched control points for a pose (the paper's PnP takes five points)."""
 
 PASSES = 3
-"""Times that a frame is projected, searched and solved, each from the pose of the one before."""
+"""Iterations of projection, search and solution per frame, each from the previous pose."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Published(ABC):
 
     @abstractmethod
     def detect(self, gray: Image, camera: Camera) -> Any:
-        """Step 5: the edges of an image, as `search` takes them."""
+        """Step 5: the edges of an image, in the form that `search` takes."""
 
     @abstractmethod
     def search(self, points: ControlPoints, edges: Any, camera: Camera) -> Candidates:
@@ -52,7 +52,7 @@ class Published(ABC):
     def choose(
         self, candidates: Candidates, points: ControlPoints, J: Array, prior: Array, rng: np.random.Generator
     ) -> Matches:
-        """One hypothesis for each control point, its nearest candidate, and nothing refused."""
+        """The nearest candidate of each control point, without outlier rejection."""
         return Matches(candidates.distances[:, 0], candidates.counts > 0)
 
     def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
@@ -73,7 +73,7 @@ class PublishedRun:
         rng: np.random.Generator,
     ) -> None:
         self.variant, self.structure, self.camera = variant, structure, camera
-        # The rotation of an inverse is stored by columns, which the kernels do not take.
+        # The rotation of an inverse is stored column-major, which the kernels do not accept.
         rotation = np.ascontiguousarray(cam_from_world.rotation)
         self.cam_from_world, self.rng = Pose(rotation, cam_from_world.translation), rng
 

@@ -1,7 +1,7 @@
-"""Step 10, pose update: the camera pose that brings the control points onto what was found.
+"""Step 10, pose update: the camera pose that aligns the control points with their matches.
 
-Only the distance along the normal of an edge is seen: a point of a straight edge may lie anywhere along it (the
-aperture problem). So PnP here minimizes orthogonal distances, by Gauss-Newton (Harris & Stennett 1990, section 3).
+Only the distance along the normal of an edge is observable (the aperture problem), so PnP minimizes orthogonal
+distances, by Gauss-Newton (Harris & Stennett 1990, section 3).
 """
 
 from typing import NamedTuple
@@ -21,14 +21,16 @@ def normal_jacobian(points_cam_m: Array, normals: Array, camera: Camera) -> Arra
     The twist xi moves the pose to exp(xi) @ cam_from_world, translation first.
     """
     x, y, z = points_cam_m.T
-    # d(u, v)/d(point) of the pinhole, turned along the normal
+    # d(u, v)/d(point) of the pinhole, projected onto the normal
     gx, gy = camera.fx * normals[:, 0] / z, camera.fy * normals[:, 1] / z
     gz = -(gx * x + gy * y) / z
     return np.stack([gx, gy, gz, y * gz - z * gy, z * gx - x * gz, x * gy - y * gx], axis=1)
 
 
 def prior_information(depth_m: float, sigma_part: float = 0.2, sigma_rad: float = 0.2) -> Array:
-    """Weak information (6, 6) that holds what the edges leave free: sigma in parts of the depth, and in rad."""
+    """Weak prior information (6, 6) for directions that the edges do not constrain: sigma relative to the depth, and in
+    rad.
+    """
     return np.diag([1 / (sigma_part * depth_m) ** 2] * 3 + [1 / sigma_rad**2] * 3)
 
 
@@ -47,7 +49,7 @@ class UpdatedPose(NamedTuple):
 def update_pose(points: ControlPoints, distances: Array, camera: Camera, cam_from_world: Pose) -> UpdatedPose:
     """PnP on control points matched at `distances` (n,): the new pose and its information matrix (6, 6) for 1 px.
 
-    `distances` are measured from `points.pixels`, the projection at the pose that the points were made with.
+    distances: from `points.pixels`, the projection at the pose at which the points were sampled.
     """
     target = np.einsum("ij,ij->i", points.pixels, points.normals) + distances
     prior = prior_information(float(np.median(cam_from_world.transform(points.points_m)[:, 2])))

@@ -12,9 +12,9 @@ from uavbench.tracker.shang_shen.edge_search import MIN_GRADIENT, Candidates, se
 from uavbench.tracker.shang_shen.pipeline import Published
 
 RAPID_SEARCH_PX = 15.0
-"""Half length of a search line: without hypotheses a longer one meets more of what is not the edge."""
+"""Half length of a search line, px: without hypotheses a longer one finds more wrong edges."""
 RAPID_SPACING_PX = 20.0
-"""RAPID takes few control points, 20 to 30 on a structure."""
+"""Spacing of control points, px: RAPID uses few, 20 to 30 on a structure."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Rapid(Published):
     min_gradient: Annotated[float, Gt(0)] = MIN_GRADIENT
 
     def detect(self, gray: Image, camera: Camera) -> Image:
-        """RAPID detects nothing ahead of its search."""
+        """The image itself: RAPID searches without prior edge detection."""
         return gray
 
     def search(self, points: ControlPoints, edges: Image, camera: Camera) -> Candidates:

@@ -15,7 +15,7 @@ MIN_SEGMENT_PX = 15.0
 GRADIENT_ERROR = 1.0
 """Bound on the error of a gradient in grey levels (LSD's `quant`).
 
-Its authors take 2; with 1, low contrast such as that of cardboard on a wooden floor still makes segments.
+The authors use 2; with 1, edges of low contrast, such as cardboard on a wooden floor, are still detected.
 """
 CANNY_LOW, CANNY_HIGH = 40.0, 120.0
 """Thresholds of Canny's hysteresis on the gradient of 8-bit images (ratio 1:3, Canny 1986)."""

@@ -41,12 +41,12 @@ def reader() -> Any:
 
 
 class _NoFile:
-    """Stands in for the decompressor of compressed files and messages, which are refused."""
+    """Replaces the decompressor of compressed files and messages, which are not supported."""
 
     @staticmethod
     def open(*_: Any) -> Any:
         raise UserError(
-            "its files are compressed (zstd by file), which is not read; write it anew without: `ros2 bag convert`"
+            "its files are compressed (zstd by file), which is not supported; convert it with `ros2 bag convert`"
         )
 
 
@@ -57,7 +57,7 @@ def _plain_yaml() -> Any:
     class Tree(composer.Composer):  # type: ignore[misc,name-defined]
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.parser.check_event(yaml.events.AliasEvent):
-                raise ValueError("its YAML has an alias, which metadata of a bag have not")
+                raise ValueError("its YAML has an alias, which metadata of a bag do not contain")
             return super().compose_node(parent, index)
 
     class Plain(yaml.YAML):  # type: ignore[misc,name-defined]

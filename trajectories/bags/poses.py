@@ -31,7 +31,7 @@ BODY = ("base_link", "body")
 OPTICAL = ("_optical_frame", "_optical")
 """Suffix of camera frames with x right, y down and z forward (REP-103)."""
 UNSAID = "?"
-"""Stands for a frame that a message does not name."""
+"""Placeholder for a frame that a message does not name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +158,7 @@ def _tree(bag: Bag, topic: str) -> dict[str, _Rows]:
             if rows.parent != parent:
                 raise UserError(f"{bag.path}: {child!r} is placed in {rows.parent!r} and in {parent!r} by {topic}")
             if name == static:
-                rows.stamps_ns.clear()  # the last one holds
+                rows.stamps_ns.clear()  # the latest one applies
                 rows.poses.clear()
             rows.stamps_ns.append(stamp_ns(transform.header))
             rows.poses.append(_numbers(transform.transform))
@@ -217,7 +217,7 @@ def _pose(message: Any) -> Any:
 
 
 def _numbers(pose: Any) -> tuple[float, ...]:
-    """Position and quaternion, w first, of a pose or a transform."""
+    """Position and quaternion wxyz of a pose or a transform."""
     p = pose.position if hasattr(pose, "position") else pose.translation
     q = pose.orientation if hasattr(pose, "orientation") else pose.rotation
     return p.x, p.y, p.z, q.w, q.x, q.y, q.z

@@ -24,7 +24,7 @@ NS = 10**9
 
 @dataclass(frozen=True)
 class BagTopic:
-    """A bag and the name of a topic in it, "" where none is given; written `FILE:/topic`."""
+    """A bag and the name of one of its topics, "" if none is given; written `FILE:/topic`."""
 
     bag: Path
     topic: str = ""
@@ -88,7 +88,7 @@ class Bag:
             raise UserError(f"{self.path}: {topic} holds no messages; {self.listed()}")
 
     def listed(self) -> str:
-        """What the bag holds, for errors."""
+        """Topics of the bag as text, for errors."""
         shown = list(self.topics.items())[:SHOWN_TOPICS]
         lines = [f"{name} ({topic.type or 'several types'}, {topic.messages})" for name, topic in shown]
         more = f" and {len(self.topics) - len(shown)} more" if len(self.topics) > len(shown) else ""
@@ -96,7 +96,7 @@ class Bag:
 
 
 def bag_topic(given: Path) -> BagTopic | None:
-    """Bag and topic of `FILE` or `FILE:/topic`, where FILE is a bag by its name or its metadata.yaml; None else."""
+    """Bag and topic of `FILE` or `FILE:/topic`, if FILE is a bag by its suffix or its metadata.yaml; None otherwise."""
     text = str(given)
     if is_bag(given):
         return BagTopic(given)
@@ -126,7 +126,7 @@ def _file_in(path: Path) -> Path:
 
 @contextmanager
 def opened_bag(path: Path) -> Iterator[Bag]:
-    """An open bag; UserError naming the file when it is no bag, truncated, too large, or compressed."""
+    """An open bag; UserError naming the file when it is not a bag, truncated, too large, or compressed."""
     _check_files(path)
     bag = reader()(path)
     try:
@@ -166,7 +166,7 @@ def _topics(path: Path, bag: Any) -> dict[str, Topic]:
 
 
 def _check_files(path: Path) -> None:
-    """UserError unless every file of a bag is a regular file in its folder and not too large."""
+    """Raise UserError unless every file of a bag is a regular file in its folder and not too large."""
     if path.suffix == ".bag":
         raise UserError(f"{path}: is a bag of ROS 1; convert it: rosbags-convert --src {path} --dst {path.stem}")
     if path.suffix in COMPRESSED:
@@ -176,7 +176,7 @@ def _check_files(path: Path) -> None:
         return
     with opened(path / METADATA, BAG_METADATA, inside=path):
         pass
-    for file in path.iterdir():  # of any name: the metadata say which are the bag's
+    for file in path.iterdir():  # of any name: the metadata list those of the bag
         if file.is_symlink() or not file.is_dir():
             _check_storage(file, path)
 

@@ -13,11 +13,11 @@ SQLITE = b"SQLite format 3\0"
 """Magic bytes of an SQLite database."""
 OF_A_URI = "?#%"
 """Characters that rosbags does not escape when it puts a file name into a URI."""
-UNTRUSTED = "which a recording has not; it is not to be trusted"
+UNTRUSTED = "which recordings do not have; do not trust it"
 
 
 def check_database(path: Path) -> None:
-    """UserError unless a database has plain tables only: views and generated columns can be of any size."""
+    """Raise UserError unless a database has plain tables only: views and generated columns can be of any size."""
     if found := [letter for letter in OF_A_URI if letter in str(path)]:
         raise UserError(f"{path}: a name with {found[0]!r} cannot be opened; rename the file or its folder")
     try:

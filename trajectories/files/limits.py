@@ -10,7 +10,7 @@ MB = 1 << 20
 
 @dataclass(frozen=True)
 class FileLimit:
-    """Most bytes of one kind of file, and what to do about a larger one."""
+    """Size limit of one kind of file in bytes, and the remedy for a larger file."""
 
     kind: str
     most_bytes: int

@@ -17,7 +17,7 @@ from uavbench.trajectories.files.seals import is_sealed, seal
 KEYS = ("files", "sha256", "before")
 """Keys of a marker that hold digests by name: its own list, a manifest, and the list that it replaces."""
 SEALED = "sealed"
-"""Stands for the digest of a file with a seal of its own, whose bytes may differ from run to run."""
+"""Placeholder for the digest of a file with its own seal, whose bytes may differ between runs."""
 
 
 @dataclass(frozen=True)

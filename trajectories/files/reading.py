@@ -22,11 +22,11 @@ HOLDS = {dict: "object", list: "list", str: "string", int: "number", float: "num
 def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: str = "") -> BufferedReader:
     """Handle of a file of at most limit.most_bytes; links are followed, but not out of the folder `inside`.
 
-    UserError naming the file when it is missing (the hint follows), is no regular file, lies elsewhere or is too large.
+    UserError naming the file when it is missing (the hint follows), is not a regular file, is outside or too large.
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: opening has side effects on some devices
-            raise UserError(f"{path}: is no regular file (but a folder, a pipe or a device)")
+        if not stat.S_ISREG(path.stat().st_mode):  # checked first, because opening some devices has side effects
+            raise UserError(f"{path}: is not a regular file (but a folder, a pipe or a device)")
         if inside is not None and not path.resolve().is_relative_to(inside.resolve()):
             raise _outside(path, inside)
         handle = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
@@ -35,9 +35,9 @@ def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: st
     except (OSError, ValueError, RuntimeError) as error:  # no permission, a cycle of links, a null character
         raise UserError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     try:
-        found = os.fstat(handle.fileno())  # of the open file: it may have been swapped since
+        found = os.fstat(handle.fileno())  # of the open file, since the path may have been replaced meanwhile
         if not stat.S_ISREG(found.st_mode):
-            raise UserError(f"{path}: is no regular file (but a pipe or a device)")
+            raise UserError(f"{path}: is not a regular file (but a pipe or a device)")
         if inside is not None and not _place(handle.fileno(), path).is_relative_to(inside.resolve()):
             raise _outside(path, inside)
         if found.st_size > limit.most_bytes:
@@ -52,7 +52,7 @@ def read_bytes(path: Path, limit: FileLimit, *, inside: Path | None = None, hint
     """Content of a file; UserError as `opened`."""
     with opened(path, limit, inside=inside, hint=hint) as handle:
         try:
-            data = handle.read(limit.most_bytes + 1)  # a file may grow while it is read
+            data = handle.read(limit.most_bytes + 1)  # the file may grow while it is read
         except OSError as error:
             raise UserError(f"{path}: cannot be read: {error.strerror or error}") from None
     if len(data) > limit.most_bytes:
@@ -100,7 +100,7 @@ def read_json(path: Path, *, limit: FileLimit = JSON, inside: Path | None = None
 
 
 def toml_table(text: str) -> dict[str, Any]:
-    """Table of TOML text; ValueError when it is none, or nested too deep."""
+    """Table of TOML text; ValueError when it is invalid or nested too deep."""
     if DOTTED.search(text):  # tomllib is quadratic in the depth
         raise ValueError(_TOO_DEEP)
     try:
@@ -112,7 +112,7 @@ def toml_table(text: str) -> dict[str, Any]:
 
 
 def json_value(text: str | bytes) -> Any:
-    """Value of JSON text; ValueError when it is none, or nested too deep."""
+    """Value of JSON text; ValueError when it is invalid or nested too deep."""
     try:
         value = json.loads(text)
     except RecursionError:
@@ -141,7 +141,7 @@ def _shallow(value: Any) -> None:
 
 
 def _place(number: int, path: Path) -> Path:
-    """Path of an open file by its descriptor, or its name where the system has no such look-up."""
+    """Path of an open file by its descriptor, or the given path if the system has no such lookup."""
     try:
         return Path(f"/proc/self/fd/{number}").readlink()
     except OSError:
@@ -149,7 +149,7 @@ def _place(number: int, path: Path) -> Path:
 
 
 def _outside(path: Path, inside: Path) -> UserError:
-    return UserError(f"{path}: leads out of the folder {inside}; what it holds is not to be trusted")
+    return UserError(f"{path}: leads out of the folder {inside}; do not trust its content")
 
 
 def _too_large(path: Path, limit: FileLimit, size: int) -> UserError:

@@ -49,7 +49,7 @@ def temporary(path: Path) -> Iterator[Temporary]:
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
             raise
-        owner.write_text(text, encoding="ascii")  # a file system without links
+        owner.write_text(text, encoding="ascii")  # file systems without links
     try:
         yield own
     finally:
@@ -104,7 +104,7 @@ def _start(pid: int) -> str:
 
 
 def _answers(pid: int) -> bool:
-    """Whether there is a process of this number, where there is no `/proc` to ask."""
+    """Whether a process with this number exists, for systems without `/proc`."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -240,7 +240,7 @@ def _refuse_foreign_place(folder: Path, name: str) -> None:
         if above == folder:
             break
         if os.path.lexists(above) and not above.is_dir():
-            raise UserError(f"{above}: is there already and is no folder; move it")
+            raise UserError(f"{above}: is there already and is not a folder; move it")
     refuse_foreign_file(folder / name)
 
 

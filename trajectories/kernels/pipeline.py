@@ -103,7 +103,7 @@ class DeclaredLowering(KernelLowering):
 
 @cast(Any, register_pass)(mutates_CFG=True, analysis_only=False)
 class InnerLowering(DeclaredLowering):
-    """The same for a kernel that other kernels call and Python does not."""
+    """The same for a kernel that is called only by other kernels."""
 
     _name = "inner_kernel_lowering"
     inner = True
@@ -150,6 +150,6 @@ class DeclaredCompiler(KernelCompiler):
 
 
 class InnerCompiler(KernelCompiler):
-    """The same for kernels that Python does not call."""
+    """The same for kernels that are not called from Python."""
 
     lowering = InnerLowering

@@ -29,7 +29,7 @@ NUMBER = np.dtype(np.uint16)
 LOCK = ".compiling"
 """Lock file beside the kernels that serializes the processes of one user."""
 PR_SET_PDEATHSIG = 1
-"""Of linux/prctl.h."""
+"""Option of prctl (linux/prctl.h)."""
 
 
 @cache
@@ -134,7 +134,7 @@ def _locks() -> Iterator[int]:
 
 @contextlib.contextmanager
 def _help(kernels: list[Kernel], queue: int) -> Iterator[None]:
-    """Let another process take kernels from the queue too, and wait for its last one."""
+    """Context in which another process also takes kernels from the queue; waits for its last one."""
     if len(os.sched_getaffinity(0)) < 2:
         yield
         return
@@ -144,7 +144,7 @@ def _help(kernels: list[Kernel], queue: int) -> Iterator[None]:
     quiet = subprocess.DEVNULL
     try:
         helper = subprocess.Popen(command, env=environment, stdin=queue, stdout=quiet, stderr=quiet)
-    except OSError:  # one that may start no process compiles alone
+    except OSError:  # without permission to start processes, compile alone
         yield
         return
     try:
@@ -171,7 +171,7 @@ def _no_collection() -> Iterator[None]:
 def main(parent: int, names: list[str]) -> None:
     """Compile those of the kernels, each named `module:function`, that are taken from the queue on standard input.
 
-    Ends with the process that started it, however that ends.
+    Ends when its parent process ends, for whatever reason.
     """
     _end_with(parent)
     modules = list(dict.fromkeys(name.partition(":")[0] for name in names))
@@ -184,8 +184,8 @@ def main(parent: int, names: list[str]) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Have the kernel kill this process when its parent ends; at once where that has ended already."""
-    with contextlib.suppress(OSError, AttributeError):  # there is no prctl but on Linux
+    """Make the kernel kill this process when its parent ends; exit if the parent has already ended."""
+    with contextlib.suppress(OSError, AttributeError):  # prctl exists on Linux only
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
         os._exit(1)

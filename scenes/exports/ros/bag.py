@@ -153,7 +153,7 @@ class Content:
         sensors |= {link_of(name): body_from_imu(sequence.body_folder / name, imu) for name, imu in self.imus.items()}
         sensors |= {link_of(name): Pose.identity() for name in self.receivers}
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
-        yield Channel("/tf_static", "tf2_msgs/TFMessage", "where the sensors sit on `base_link`", still)
+        yield Channel("/tf_static", "tf2_msgs/TFMessage", "poses of the sensors on `base_link`", still)
         yield Channel("/tf", "tf2_msgs/TFMessage", "ground truth: `base_link` in `world`", messages.transforms(state))
         about = "ground truth: pose in `world`, twist in `base_link`; 100 a second and one at each image"
         yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))

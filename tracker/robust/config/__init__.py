@@ -1,7 +1,7 @@
-"""Every tuned value of `robust`, nested by stage, with its unit, bounds and where it comes from.
+"""Every tuned value of `robust`, nested by stage, with its unit, bounds and source.
 
-In: a suite's table, or nothing. Out: a frozen `RobustConfig`. Imports nothing of the tracker's other rooms, which all
-import it.
+In: a suite's table, or nothing. Out: a frozen `RobustConfig`. Imports no other package of the tracker; all of
+them import it.
 """
 
 from uavbench.tracker.robust.config.robust import RobustConfig

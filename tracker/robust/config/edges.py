@@ -13,9 +13,11 @@ class SamplingConfig:
     """Control points on the visible edges."""
 
     spacing_px: Positive = 6.0
-    """One control point for so much of projected length. Chosen on rendered seeds, for time."""
+    """Spacing of control points along projected edges. Chosen on rendered seeds, for time."""
     rounded_deg: Annotated[float, Interval(gt=0, le=90)] = 35.0
-    """Faces that turn by less are parts of one rounded surface: a column of 12 sides has 30 degrees. Physical."""
+    """Angle between faces below which they belong to one rounded surface: 30 degrees for a column of 12 sides.
+    Physical.
+    """
 
 
 @dataclass(frozen=True)
@@ -23,12 +25,12 @@ class SearchConfig:
     """Search lines across the control points, and the candidates on them."""
 
     min_contrast_grey: Positive = 5.0
-    """Weakest step of a candidate, and of a learned one that has a direction in colour. Chosen on rendered seeds."""
+    """Least intensity step of a candidate, and of a learned edge with a colour direction. Chosen on rendered seeds."""
     learned_step_part: Part = 0.2
-    """Part of the learned step that a candidate needs. Chosen on rendered seeds."""
+    """Least step of a candidate as a fraction of the learned step. Chosen on rendered seeds."""
     colour_sigma_grey: Positive = 14.0
-    """Spread of the colour beside an edge from frame to frame; added to the learned step by which contrasts are divided
-    for the rank. Chosen on rendered seeds."""
+    """Standard deviation of the colour beside an edge between frames; also added to the learned step, by which
+    contrasts are divided for ranking. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
@@ -36,23 +38,23 @@ class AppearanceConfig:
     """Colours and residuals learned of each part of an edge."""
 
     max_colour_residual_px: Positive = 0.7
-    """Colours are learned of points found no farther from the pose's edge. Chosen on rendered seeds."""
+    """Largest residual of a control point from which colours are learned. Chosen on rendered seeds."""
     learning_rate: Part = 0.1
-    """Least share of the newest frame in what is learned: colours, residuals, the usual support, the scale of the
+    """Least weight of the newest frame in running means: of colours, residuals, the usual support, the scale of the
     offsets. Chosen on rendered seeds."""
     weak_step_grey: Positive = 15.0
-    """Step of an edge that errs by 1 px, and in inverse proportion to its step, while its errors are not learned; it
-    weighs half of one that does not err. Chosen on rendered seeds."""
+    """Intensity step at which an edge is assumed to have an error of 1 px, inversely proportional to the step, while
+    its residuals are not learned; at this step its weight is one half. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
 class WeightConfig:
-    """Weights and variances of control points, and the weight of a patch in the support."""
+    """Weights and variances of control points, and weight of a patch in the support."""
 
     unknown_weight: Part = 0.25
-    """Weight of an edge whose appearance is not learned. Chosen on rendered seeds."""
+    """Weight of an edge whose appearance is not learned yet. Chosen on rendered seeds."""
     point_variance_px2: Positive = 0.08**2
-    """Variance of a control point by itself. Chosen on rendered seeds."""
+    """Independent variance of a control point. Chosen on rendered seeds."""
     silhouette_variance_px2: Positive = 0.05**2
     """Variance of the offset of an edge with one visible face. Measured at true poses: silhouettes lie 0.01 to 0.1 px
     from the model's edge."""
@@ -63,15 +65,15 @@ class WeightConfig:
 
 @dataclass(frozen=True)
 class SubpixelConfig:
-    """A blurred step of linear light fitted to the pixels about each control point."""
+    """Fit of a blurred step of linear intensity to the pixels around each control point."""
 
     variance_px2: Positive = 0.02**2
-    """Variance of a fitted step beside that of its noise. Chosen on rendered seeds."""
+    """Variance of a fitted step in addition to that due to noise. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
 class EdgesConfig:
-    """Everything about edges."""
+    """Values of the edges."""
 
     sampling: SamplingConfig = field(default_factory=SamplingConfig)
     """Sampling of control points."""

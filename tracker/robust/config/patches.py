@@ -13,15 +13,14 @@ class AlignmentConfig:
     """Alignment of a patch by Gauss-Newton (Baker & Matthews 2004)."""
 
     min_correlation: Part = 0.85
-    """Least correlation of a patch that counts as found. Chosen on rendered seeds."""
+    """Least correlation at which a patch counts as found. Chosen on rendered seeds."""
     min_contrast_grey: NotNegative = 3.0
-    """Contrast below which a patch is mostly noise: it is neither taken nor found. Chosen on rendered seeds."""
+    """Contrast below which a patch is mostly noise and is neither created nor matched. Chosen on rendered seeds."""
     variance_px2: Positive = 0.1**2
-    """Variance of a patch along either axis beside that of noise. Measured on rendered boxes: patches are known
-    relative to each other to about 0.1 px."""
+    """Variance of a patch along either axis in addition to that due to noise. Measured on rendered boxes: relative
+    positions of patches are accurate to about 0.1 px."""
     max_area_change: Annotated[float, Gt(1), Unit("1")] = 3.0
-    """A patch is looked for while it is seen at most so many times larger or smaller than when it was taken. Chosen on
-    rendered seeds."""
+    """Largest change of scale since its creation at which a patch is still searched. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +30,8 @@ class PatchesConfig:
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
     """Alignment in later frames."""
     enough_to_predict: Count = 8
-    """With so many found at the predicted pose the edges need no wide search. Chosen on rendered seeds."""
+    """Number of patches found from which edges need no wide search. Chosen on rendered seeds."""
     flat_margin_px: Positive = 3.0
-    """Margin around a patch that must lie on its face. Chosen on rendered seeds."""
+    """Margin around a patch that must also lie on its face. Chosen on rendered seeds."""
     min_corner_grey2: Positive = 8.0
     """Least strength of a corner, (grey levels per px)^2 (Shi & Tomasi 1994). Chosen on rendered seeds."""

@@ -13,7 +13,7 @@ class PreprocessingConfig:
     """Denoising, contrast stretch and gain-offset compensation."""
 
     max_noise_grey: Positive = 3.5
-    """Noise left as it is, one standard deviation. Chosen on rendered seeds 100 to 107."""
+    """Standard deviation of noise up to which an image is not smoothed. Chosen on rendered seeds 100 to 107."""
     usual_range_grey: Positive = 45.0
     """Range from the 5th to the 95th percentile for which thresholds were chosen. Measured on 30 rendered flights and
     two real ones: 42 to 223."""

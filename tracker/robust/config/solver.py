@@ -12,36 +12,36 @@ Widths = Annotated[tuple[Positive, ...], MinLen(1)]
 
 @dataclass(frozen=True)
 class HypothesesConfig:
-    """Camera motions on which candidates of several edges agree (RANSAC: Fischler & Bolles 1981)."""
+    """Hypotheses: camera motions that agree with candidates of several edges (RANSAC: Fischler & Bolles 1981)."""
 
     prior_weight: Weight = 0.25
-    """Weight of the prediction against candidates not weighed by their own errors yet. Chosen on rendered seeds."""
+    """Weight of the prediction relative to candidates, which have unit variance here. Chosen on rendered seeds."""
 
 
 @dataclass(frozen=True)
 class EstimatorConfig:
-    """M-estimation with Tukey's weights of widths that shrink (Beaton & Tukey 1974)."""
+    """M-estimation with Tukey's biweight of decreasing cutoffs (Beaton & Tukey 1974)."""
 
     coarse_widths_px: Widths = (8.0, 5.0, 3.0)
-    """Widths after the hypotheses, and of a fit to patches alone; at the last one a candidate is an outlier of a
+    """Cutoffs after the hypotheses, and of a fit to patches alone; beyond the last one a candidate is an outlier of a
     hypothesis. Chosen on rendered seeds."""
     fine_widths_px: Widths = (4.0, 3.0, 2.0, 1.5, 1.5)
-    """Widths after the short search; the last two alone for the sub-pixel steps. Chosen on
-    rendered seeds: narrower ones lose edges with large offsets."""
+    """Cutoffs after the short search; only the last two in sub-pixel refinement. Chosen on rendered seeds: smaller
+    ones lose edges with large offsets."""
     patches_prior_part: Annotated[float, Interval(gt=0, le=1), Unit("1")] = 0.01
-    """Share of all information that holds the pose of the patches alone. Chosen on rendered seeds."""
+    """Fraction of the total information that regularizes the pose of the patches alone. Chosen on rendered seeds."""
 
     @property
     def fine_half_px(self) -> float:
-        """Half length of search lines once the pose is nearly right, and the shortest from a prediction.
+        """Half length of search lines of the short search, and the least one from a prediction.
 
-        Farther candidates have no weight; a pixel more, as one may lie so far beside the steepest pixel.
+        Farther candidates have no weight; one pixel more, because a sub-pixel maximum may be that far from its pixel.
         """
         return float(self.fine_widths_px[0]) + 1.0
 
     @property
     def separate_px(self) -> float:
-        """Distance from which edges do not disturb each other: the widest weight does not reach that far."""
+        """Spacing from which edges do not disturb each other: beyond the largest cutoff."""
         return float(self.coarse_widths_px[0])
 
 
@@ -50,11 +50,11 @@ class BiasConfig:
     """Nuisance biases: the patches' common error and the offset of each edge."""
 
     correlation_s: Positive = 1.0
-    """Time over which errors of edges beside their offsets are correlated, and those of a patch: at this age its
-    variance is twice that of an old one, as it may lie on a moving occluder. Chosen on rendered seeds."""
+    """Correlation time of the errors of edges, apart from their offsets, and of patches: a patch of this age has twice
+    the variance of an old one, since it may lie on a moving occluder. Chosen on rendered seeds."""
     forgotten_part: Part = 0.6
-    """Part forgotten in that time: other patches are found by then. Measured on 8 to 10 sequences; with ten seconds in
-    place of one, depth drifts by 2 to 5 mm at 1 Hz."""
+    """Fraction forgotten in that time, in which other patches are found. Measured on 8 to 10 sequences; with ten
+    seconds instead of one, depth drifts by 2 to 5 mm at 1 Hz."""
 
 
 @dataclass(frozen=True)

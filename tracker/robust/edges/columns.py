@@ -1,7 +1,7 @@
 """Names of the columns and codes of arrays that kernels share."""
 
 SILHOUETTE_POSITIVE, SILHOUETTE_NEGATIVE, CREASE, OUTSIDE = 1, -1, 0, 9
-"""Side of a control point: of its normal on which the only visible face lies; both are visible; not in the image."""
+"""Side of a control point: side of its normal with the only visible face; both faces visible; outside the image."""
 BOTH_FACES = 3
 """Bits of the visible faces of an edge, both set."""
 EDGE, FACES, PART = 0, 1, 2
@@ -10,7 +10,8 @@ U, V, NORMAL_U, NORMAL_V = 0, 1, 2, 3
 """Columns of a search line: pixel of its middle, unit normal of the edge there."""
 NEGATIVE_COLOUR, POSITIVE_COLOUR, TIMES_SEEN, MEAN_SQUARE = 0, 3, 6, 7
 """Columns of a row of appearance: mean colour (three columns) on the negative and on the positive side of the normal;
-how often it was seen; mean square of its residuals, px^2."""
+number of observations; mean square of its residuals, px^2.
+"""
 APPEARANCE_COLUMNS = 8
 BESIDE = 3
-"""The colours beside an edge are those 2 and 3 px away."""
+"""Distances in px at which the colours beside an edge are sampled."""

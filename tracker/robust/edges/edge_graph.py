@@ -1,4 +1,4 @@
-"""The structure as the compiled kernels take it: edges, faces, and a tree of triangles for hidden-line removal."""
+"""The structure as arrays for the kernels: edges, faces, and a tree of triangles for hidden-line removal."""
 
 from dataclasses import replace
 from itertools import product
@@ -19,11 +19,11 @@ Indices = NDArray[np.int64]
 class EdgeMap(NamedTuple):
     """Arrays of a structure.
 
-    ends (e, 2, 3); faces (e, 2), -1 where there is none; inward (e, 2, 3) unit vectors from an edge into each of its
-    faces, 0 where there is none; planes (f, 4) with outward normal n and offset d, n . p = d on the face;
-    triangles for hidden-line removal; extent (8, 3) the corners of the box around it all; smooth (e,) whether the faces
-    beside it are of one rounded surface, so that nothing is seen of it between them; rounded (e,) whether it is an edge
-    within such a surface or at the border of one.
+    ends (e, 2, 3); faces (e, 2), -1 for none; inward (e, 2, 3) unit vectors from an edge into each of its faces, 0 for
+    none; planes (f, 4) with outward normal n and offset d, n . p = d on the face; triangles for hidden-line removal;
+    extent (8, 3) the corners of the bounding box; smooth (e,) whether both faces belong to one rounded surface, so that
+    the edge is visible only as part of the outline; rounded (e,) whether it lies within or at the border of such a
+    surface.
     """
 
     ends: Array
@@ -37,7 +37,7 @@ class EdgeMap(NamedTuple):
 
     @classmethod
     def of(cls, structure: Structure, rounded_deg: float) -> "EdgeMap":
-        """Edge map of a structure; faces that turn by less than rounded_deg are parts of one rounded surface."""
+        """Edge map of a structure; faces at angles below rounded_deg belong to one rounded surface."""
         structure = with_silhouettes(structure, rounded_deg)
         corners = structure.vertices[structure.triangles]
         _, first = np.unique(structure.triangle_face, return_index=True)
@@ -58,7 +58,7 @@ EDGE_MAP = named_tuple(EdgeMap, "f3! i2! f3! f2! triangles f2! b1! b1!", triangl
 
 
 def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:
-    """The structure with the edges between the faces of rounded surfaces, too, whose outlines are seen."""
+    """The structure with the edges within rounded surfaces added, which may be part of the outline."""
     every = Structure.from_mesh(structure.vertices, structure.triangles, COPLANAR_ANGLE_DEG)
     if not np.array_equal(every.triangle_face, structure.triangle_face):
         return structure
@@ -72,20 +72,20 @@ def with_silhouettes(structure: Structure, rounded_deg: float) -> Structure:
 
 
 def _smooth(structure: Structure, rounded_deg: float) -> NDArray[np.bool_]:
-    """Whether the two faces beside each edge (e,) turn by less than rounded_deg."""
+    """Mask (e,) of the edges whose faces meet at an angle below rounded_deg."""
     one, two = structure.edge_faces.T
     turn = np.einsum("ij,ij->i", structure.face_normals[one], structure.face_normals[two])
     return np.asarray((one >= 0) & (two >= 0) & (turn > np.cos(np.radians(rounded_deg))))
 
 
 def _rounded(structure: Structure, rounded_deg: float) -> NDArray[np.bool_]:
-    """Whether each edge (e,) lies beside a face that goes over into another one smoothly."""
+    """Mask (e,) of the edges adjacent to a face of a rounded surface."""
     faces = np.unique(structure.edge_faces[_smooth(structure, rounded_deg)])
     return np.asarray(np.isin(structure.edge_faces, faces[faces >= 0]).any(axis=1))
 
 
 def _inward(structure: Structure, corners: Array) -> Array:
-    """Unit vectors (e, 2, 3) across each edge into the triangle of either face that lies along it."""
+    """Unit vectors (e, 2, 3) perpendicular to each edge, into the adjacent triangle of either face."""
     out = np.zeros((len(structure.edges), 2, 3))
     by_face = np.argsort(structure.triangle_face, kind="stable")
     bounds = np.searchsorted(structure.triangle_face[by_face], np.arange(len(structure.face_normals) + 1))

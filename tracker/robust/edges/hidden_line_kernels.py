@@ -12,15 +12,15 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 MARGIN = 5e-4
-"""A triangle nearer to the point than this part of its distance does not hide it."""
+"""Tolerance: a triangle closer to the point than this fraction of the point's distance does not occlude it."""
 STACK = 64
 
 
 class Triangles(NamedTuple):
     """Triangles in a tree of boxes.
 
-    corners (m, 3, 3) in the order of the tree; face (m,) that each belongs to; boxes (k, 2, 3) low and high corner of
-    each node; nodes (k, 2): (first child, second child), or (-first - 1, count) of the triangles of a leaf.
+    corners (m, 3, 3) in the order of the tree; face (m,) of each; boxes (k, 2, 3) low and high corner of each node;
+    nodes (k, 2): (first child, second child), or (-first - 1, count) of the triangles of a leaf.
     """
 
     corners: Array
@@ -42,7 +42,7 @@ TRIANGLES = named_tuple(Triangles, "f3! i1! f3! i2!")
 
 @compiled("f1 f1 triangles i0 i0", inner=True, triangles=TRIANGLES)
 def hidden(eye: Array, point: Array, triangles: Triangles, face_a: int, face_b: int) -> bool:
-    """Whether a triangle hides a point (3,) of the edge between face_a and face_b from the eye (3,)."""
+    """Whether a triangle occludes a point (3,) of the edge between face_a and face_b from the viewpoint `eye` (3,)."""
     corners, face, boxes, nodes = triangles.corners, triangles.face, triangles.boxes, triangles.nodes
     ray = np.empty(3)
     for k in range(3):

@@ -1,4 +1,4 @@
-"""Named arrays that the stages of a fit pass on: control points, their search lines, candidates and weights."""
+"""Arrays passed between the stages of a fit: control points, their search lines, candidates and weights."""
 
 from typing import NamedTuple
 
@@ -12,10 +12,10 @@ Indices = NDArray[np.int64]
 
 
 class ControlPoints(NamedTuple):
-    """Points on the visible edges, those of an edge together.
+    """Points on the visible edges, grouped by edge.
 
-    points (n, 3) in the world; keys (n, 3): see `columns`; rows (n,) of appearance; first (g + 1,) the row at which
-    each of the g edges in view starts, and n.
+    points (n, 3) in the world; keys (n, 3): see `columns`; rows (n,) of appearance; first (g + 1,) first row of each of
+    the g edges in view, and n.
     """
 
     points: Array
@@ -37,7 +37,7 @@ class SearchLines(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """Steps found on the search lines, k for each.
+    """Intensity steps found on the search lines, k for each.
 
     distance (n, k) from the line's middle, px, inf where none; contrast (n, k), grey levels.
     """

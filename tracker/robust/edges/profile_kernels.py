@@ -29,13 +29,13 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 REACH = 4
-"""Px beyond the search range that a profile takes in, for the filter and the colours beside a candidate."""
+"""Margin of a profile beyond the search range, px, for the filter and the colours beside a candidate."""
 MAX_HALF_PX = 48
-"""Longest half length of a search line: profiles have room for it."""
+"""Largest half length of a search line, the size of the profile buffers."""
 CANDIDATES = 4
-"""Most candidates on a search line: a limit of the time of hypotheses, which draw among them."""
+"""Most candidates on a search line: limits the time of hypotheses, which sample among them."""
 SIGMAS = 3.0
-"""Standard deviations beyond which nothing is looked for: 99.7 % of a normal distribution lie within."""
+"""Half length of search lines in standard deviations: contains 99.7 % of a normal distribution."""
 GREY = (0.114, 0.587, 0.299)
 """Weights of b, g, r in grey (ITU-R BT.601)."""
 SEARCH, APPEARANCE = kernel_type(SearchConfig), kernel_type(AppearanceConfig)
@@ -48,7 +48,7 @@ Indices = NDArray[np.int64]
 def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
     """Colours (2 m + 1, 3) at steps of 1 px along a search line (4,), bilinear; False when it leaves the image.
 
-    A grey image (h, w, 1) fills the first column alone.
+    A grey image (h, w, 1) fills only the first column.
     """
     h, w, channels = image.shape
     u, v, nu, nv = line[U], line[V], line[NORMAL_U], line[NORMAL_V]
@@ -73,9 +73,9 @@ def sample_profile(image: Image, line: Array, m: int, out: Array) -> bool:
 
 @compiled("f2 i0 f0 f0 f0", inner=True)
 def peak_offset(colours: Array, k: int, w0: float, w1: float, w2: float) -> float:
-    """Where the step is steepest, in px from row k of a profile: the top of a parabola through three slopes.
+    """Sub-pixel position of the maximum slope, in px from row k of a profile, by a parabola through three slopes.
 
-    Pixels mix light, not its coded value, so that the values are squared first (a gamma of about two).
+    Values are squared first (a gamma of about two), since pixels integrate linear intensity, not coded values.
     """
     slope = np.empty(3)
     for s in range(3):
@@ -96,9 +96,9 @@ def search(
 ) -> Candidates:
     """Candidates of each control point on its search line.
 
-    rows (n,) are those of `appearance`; half (n,) the half lengths of the search lines in px. Candidates rank
-    by contrast, and lower the more the colours beside them differ from those learned. Contrast is signed along the
-    learned step, in grey levels; where nothing is learned it is that of the grey image, without sign.
+    rows (n,): rows of `appearance`; half (n,): half lengths of the search lines in px. Candidates are ranked by
+    contrast, less a penalty for colours beside them that differ from the learned ones. Contrast is signed along the
+    learned step, in grey levels; without learned appearance it is that of the grey image, unsigned.
     """
     lines, side = at.lines, at.side
     n, candidates = len(lines), CANDIDATES
@@ -155,13 +155,13 @@ def search(
                     after = 0.5 * (colours[k + 2, c] + colours[k + 3, c])
                     low += (before - appearance[rows[p], NEGATIVE_COLOUR + c]) ** 2
                     high += (after - appearance[rows[p], POSITIVE_COLOUR + c]) ** 2
-                if side[p] == SILHOUETTE_POSITIVE:  # the background beside a silhouette edge changes
+                if side[p] == SILHOUETTE_POSITIVE:  # the background of a silhouette edge varies
                     low = 0.0
                 elif side[p] == SILHOUETTE_NEGATIVE:
                     high = 0.0
                 cost = 0.5 * (low + high) / (config.colour_sigma_grey * config.colour_sigma_grey)
                 cost = min(SIGMAS * SIGMAS, cost)
-            value = g[k] / (step + config.colour_sigma_grey) - 0.5 * cost  # as in the exponent of a normal density
+            value = g[k] / (step + config.colour_sigma_grey) - 0.5 * cost  # exponent of a normal density
             slot = 0
             for s in range(1, candidates):
                 if rank[s] < rank[slot]:
@@ -182,9 +182,9 @@ def learn(
     appearance: Array,
     config: AppearanceConfig,
 ) -> None:
-    """Update `appearance`, in place, with the colours beside each control point that was found (n,) > 0 near its edge.
+    """Update `appearance` in place with the colours beside each control point that was found (n,) > 0 near its edge.
 
-    residual (n,) in px is how far from the pose's edge each was found, inf where nothing was near.
+    residual (n,): distance in px of the match from the projected edge, inf for none.
     """
     lines, side = at.lines, at.side
     colours = np.zeros((2 * BESIDE + 1, 3))
@@ -214,13 +214,13 @@ def learn(
 
 @compiled("f0 f0", inner=True)
 def first_square(step: float, weak_step: float) -> float:
-    """Expected mean square residual in px^2 of an edge with a step in grey levels, before any was seen."""
+    """Expected mean square residual in px^2 of an edge with a step in grey levels, before any observation."""
     return min(1.0, 0.01 + (weak_step / max(step, 1.0)) ** 2)
 
 
 @compiled("f2 f2 f0 f0")
 def search_range(J: Array, P: Array, least: float, most: float) -> Array:
-    """Half length (n,) of each search line: some standard deviations of the predicted point along its normal."""
+    """Half length (n,) of each search line: a multiple of the predicted standard deviation along its normal."""
     out = np.empty(len(J))
     for p in range(len(J)):
         s = 0.0

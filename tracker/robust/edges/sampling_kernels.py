@@ -1,4 +1,4 @@
-"""Compiled control points: sampled on the visible edges, hidden ones removed, and brought to another pose."""
+"""Compiled sampling of control points on the visible edges with hidden-line removal, and projection at another pose."""
 
 import math
 from typing import NamedTuple
@@ -30,22 +30,22 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 MARGIN_PX = float(BESIDE)
-"""No point lies nearer to the image's border: the colours beside it would lie outside."""
+"""Least distance of control points from the image border, px: the colours beside them must be inside."""
 LEAST_SHRINK = 0.2
-"""Least factor from one sampling's spacing to the next: hardly anything may be seen."""
+"""Least ratio of successive spacings, in case hardly any edge is visible."""
 SAMPLINGS = 3
-"""Times that points are sampled at most, ever closer while hidden lines leave too few."""
+"""Most samplings, with decreasing spacing while hidden-line removal leaves too few points."""
 BINS = 8
-"""Parts of an edge, each with an appearance of its own."""
+"""Number of parts of an edge, each with its own appearance."""
 
 Indices = NDArray[np.int64]
 
 
 class VisibleParts(NamedTuple):
-    """The part of each edge (e,) that lies in the image.
+    """The part of each edge (e,) within the image.
 
-    faces (e,) bits of the visible faces beside it, 0 where it is not visible; part (e, 2) shares of its length at which
-    the part starts and ends, depth (e, 2) there; length_px (e,) its projected length.
+    faces (e,) bits of the visible faces beside it, 0 if it is not visible; part (e, 2) start and end of the part as
+    fractions of the edge; depth (e, 2) at these; length_px (e,) projected length.
     """
 
     faces: Indices
@@ -56,7 +56,7 @@ class VisibleParts(NamedTuple):
 
 @compiled("edges view", inner=True, edges=EDGE_MAP, view=VIEW)
 def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
-    """Parts of the edges of visible faces inside the image (Liang & Barsky 1984), hidden lines among them."""
+    """Parts of the edges of visible faces within the image (Liang & Barsky 1984), without hidden-line removal."""
     ends, faces, smooth, planes, R, t = edges.ends, edges.faces, edges.smooth, edges.planes, view.R, view.t
     eye = camera_centre(R, t)
     fx, fy, cx, cy = view.lens[0], view.lens[1], view.lens[2], view.lens[3]
@@ -105,7 +105,7 @@ def visible_parts(edges: EdgeMap, view: View) -> VisibleParts:
 
 @compiled("f2! i2!", inner=True)
 def by_edge(points: Array, keys: Indices) -> ControlPoints:
-    """Control points with their rows of appearance, and the rows at which each edge starts."""
+    """Control points with their rows of appearance, and the first row of each edge."""
     n = len(keys)
     rows, first = np.empty(n, np.int64), np.empty(n + 1, np.int64)
     e = 0
@@ -122,7 +122,7 @@ def by_edge(points: Array, keys: Indices) -> ControlPoints:
 def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> ControlPoints:
     """Control points on the visible edges, hidden ones removed.
 
-    About one for `spacing_px` of projected length, wider where that would make many more than `most`.
+    Their spacing in the image is about spacing_px, larger if that would give many more than `most`.
     """
     ends, faces, size, R, t, lens = edges.ends, edges.faces, view.size_px, view.R, view.t, view.lens
     eye, triangles, rounded = camera_centre(R, t), edges.triangles, edges.rounded
@@ -169,7 +169,7 @@ def sample_edges(edges: EdgeMap, view: View, spacing_px: float, most: int) -> Co
 
 @compiled("points edges view", points=CONTROL_POINTS, edges=EDGE_MAP, view=VIEW)
 def search_lines(points: ControlPoints, edges: EdgeMap, view: View) -> SearchLines:
-    """Search lines of control points at a pose; outside where nearer than MARGIN_PX to the image's border."""
+    """Search lines of control points at a pose; marked as outside within MARGIN_PX of the image border."""
     places, keys, ends, inward = points.points, points.keys, edges.ends, edges.inward
     n, R, t, lens, size, near = len(places), view.R, view.t, view.lens, view.size_px, view.near
     lines, J, side = np.zeros((n, 4)), np.zeros((n, 6)), np.empty(n, np.int64)

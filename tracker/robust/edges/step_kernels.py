@@ -1,7 +1,8 @@
-"""Compiled subpixel edges: a blurred step of light fitted to all pixels about each control point near the right pose.
+"""Compiled sub-pixel refinement: a blurred step of linear intensity is fitted to the pixels around each control point.
 
-Near an edge light is a + b H(s) with s the distance across it and H a step blurred by pixel and lens. Shifted by d it
-is a + b H(s) - b d H'(s), linear in a, b and b d: three sums of squares, whose residual tells the error of d.
+Near an edge the intensity is a + b H(s), with s the distance across it and H a step blurred by pixel and lens. Shifted
+by d it is a + b H(s) - b d H'(s), linear in a, b and b d: a linear least-squares problem, whose residual gives the
+variance of d.
 """
 
 import math
@@ -35,20 +36,20 @@ from uavbench.trajectories.pose import Array
 
 CODES = np.arange(256) / 255
 LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2.4)
-"""Linear light of sRGB codes (IEC 61966-2-1): pixels mix light, not codes."""
+"""Linear intensity of sRGB codes (IEC 61966-2-1), which is what pixels integrate."""
 LEAST_STEP = float(LIGHT[1])
-"""A step of light below that of one code is none."""
+"""Least intensity step: that of one code."""
 BLUR_PX = 0.5
-"""Standard deviation of H': 0.29 px of a pixel's area, whatever its direction, and 0.4 px of a sharp lens."""
+"""Standard deviation of H': 0.29 px of the pixel area, in any direction, and 0.4 px of a sharp lens."""
 CLEARANCE_PX = 3 * BLUR_PX
 """Reach of the blur of a neighbouring edge: three standard deviations."""
 MAX_SHIFT_PX = BLUR_PX
-"""The fit is linear in the shift, and right only within one standard deviation of the blur."""
+"""Largest shift: the linearized fit is valid within one standard deviation of the blur."""
 MIN_REACH_PX, MAX_REACH_PX = 2, 3
-"""Pixels to either side of the edge on a scan line: fewer are too few for a step and two levels, more add little to it.
+"""Pixels to either side of the edge on a scan line: fewer do not determine a step and two levels, more add little.
 """
 ALONG_PX = 2
-"""Scan lines to either side of a control point: points are some 6 px apart, and those of two do not overlap."""
+"""Scan lines to either side of a control point; points are about 6 px apart, so that these do not overlap."""
 TABLE_PX, STEPS_PER_PX = MAX_REACH_PX + 1, 64
 AT = np.arange(-TABLE_PX * STEPS_PER_PX, TABLE_PX * STEPS_PER_PX + 1) / STEPS_PER_PX
 STEP = np.array([0.5 * (1 + math.erf(s / (math.sqrt(2) * BLUR_PX))) for s in AT])
@@ -99,10 +100,10 @@ def refine_subpixel(
     fitted: FittedPoints,
     config: SubpixelConfig,
 ) -> SubpixelEdges:
-    """Sub-pixel refinement: where a blurred step fits the pixels about each control point.
+    """Sub-pixel refinement: position of a blurred step fitted to the pixels around each control point.
 
-    Where no step can be fitted, distance and variance are those of `fitted`, and the distance is inf where the weight
-    is 0. spacing (n,) is the distance in px to another edge.
+    If no step can be fitted, distance and variance are those of `fitted`, with an infinite distance for a weight of 0.
+    spacing (n,): distance in px to another edge.
     """
     lines, side, rows, first = at.lines, at.side, points.rows, points.first
     residual, weights = fitted.residual, fitted.weight
@@ -131,7 +132,7 @@ def refine_subpixel(
 
 @compiled("f1 i0 f1!", inner=True)
 def learned_light(row: Array, channels: int, colour: Array) -> float:
-    """Learned step of light of an edge, 0 where nothing is learned; its direction in the channels' space in colour."""
+    """Learned intensity step of an edge, 0 if nothing is learned; its direction in colour space goes into `colour`."""
     colour[:] = 0.0
     if not row[TIMES_SEEN] > 0.0:
         return 0.0
@@ -149,10 +150,10 @@ def learned_light(row: Array, channels: int, colour: Array) -> float:
 
 @compiled("u3 f1 f0 i0 i0 f1", inner=True)
 def fit_step(image: Image, line: Array, start: float, reach: int, along: int, colour: Array) -> Step:
-    """The step of light on a search line (4,); inf where there is none in the direction `colour`.
+    """The intensity step on a search line (4,) around distance `start`; inf without one in the direction `colour`.
 
-    Pixels of `along` rows, or columns, to either side that cross the edge most steeply, about the place at distance
-    `start`, `reach` of each to either side of the edge.
+    Uses the scan lines, rows or columns, that cross the edge more steeply: `along` of them to either side, and `reach`
+    pixels of each to either side of the edge.
     """
     h, w, channels = image.shape
     nu, nv = line[NORMAL_U], line[NORMAL_V]

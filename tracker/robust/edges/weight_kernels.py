@@ -35,9 +35,9 @@ from uavbench.trajectories.pose import Array
 
 WEIGHTS = kernel_type(WeightConfig)
 LEAST_WEIGHT = 0.02
-"""Weight of edges that touch: an edge of no weight at all would have no offset."""
+"""Weight of edges that touch; positive, since the offset of an edge without weight would be undetermined."""
 PARALLEL_COSINE = 0.82
-"""Cosine of 35 degrees, up to which edges disturb each other: as much as faces of one rounded surface turn."""
+"""Cosine of 35 degrees, the angle up to which edges disturb each other: that of faces of one rounded surface."""
 
 Indices = NDArray[np.int64]
 
@@ -94,9 +94,9 @@ def point_weights(
 def point_variances(
     points: ControlPoints, found: Candidates, appearance: Array, weak_step: float, config: WeightConfig
 ) -> Array:
-    """Variance (n,) in px^2 of each control point by itself, beside the offset that those of its edge share.
+    """Independent variance (n,) in px^2 of each control point, in addition to the offset of its edge.
 
-    weak_step is the step in grey levels of an edge that errs by 1 px while it is not learned.
+    weak_step: step in grey levels of an edge with an assumed error of 1 px before it is learned.
     """
     own = np.empty(len(points.rows))
     for p in range(len(own)):
@@ -114,10 +114,7 @@ def point_variances(
 
 @compiled("measured weights", measured=EDGE_MEASUREMENTS, weights=WEIGHTS)
 def offset_variances(measured: EdgeMeasurements, config: WeightConfig) -> Array:
-    """Variance (g,) in px^2 of the offset that all control points of an edge share.
-
-    An edge of less weight may lie farther off.
-    """
+    """Prior variance (g,) in px^2 of the offset shared by all control points of an edge; larger for less weight."""
     first = measured.points.first
     shared = np.empty(len(first) - 1)
     for g in range(len(shared)):
@@ -149,17 +146,17 @@ def support(
     appearance: Array,
     weak_step: float,
 ) -> Support:
-    """Weighted share of the control points and patches that were found.
+    """Weighted inlier ratio of the control points and patches.
 
-    weights (n,) of the control points and patch_weights (m,) are those of the M-estimator, > 0 where one took part;
-    correlation (m,) < 0 where a patch was not looked for.
+    weights (n,), patch_weights (m,): weights of the M-estimator, > 0 for inliers; correlation (m,): < 0 for patches
+    that were not searched.
     """
     have, want = 0.0, 0.0
     for p in range(len(weights)):
         want += measured.weight[p]
         if appearance[measured.points.rows[p], TIMES_SEEN] > 0.0:
             have += weights[p]
-        else:  # an edge not known yet that is found by a weak step may be anything
+        else:  # a match by a weak step of an edge without learned appearance is unreliable
             step = measured.candidates.contrast[p].max()
             have += weights[p] * step * step / (step * step + weak_step * weak_step)
     edges = have / max(1.0, want)

@@ -1,4 +1,4 @@
-"""Compiled search for corners on the structure to take patches at."""
+"""Compiled detection of corners on the structure for new patches."""
 
 import math
 from typing import NamedTuple
@@ -17,11 +17,11 @@ from uavbench.trajectories.pose import Array
 Image = NDArray[np.uint8]
 Indices = NDArray[np.int64]
 CLIMB = 6
-"""Farthest that a corner is from its spot along either axis, px."""
+"""Largest distance of a corner from its start position along either axis, px."""
 
 
 class KeepOut(NamedTuple):
-    """Pixels (k, 2) within radius_px of which no corner is taken."""
+    """Pixels (k, 2) around which, within radius_px, no corner is selected."""
 
     pixels: Array
     radius_px: float
@@ -49,9 +49,9 @@ def corner_strength(image: Image, x: int, y: int) -> float:
 
 @compiled("u3 i2 keepout keepout f0 i0", keepout=KEEP_OUT)
 def strong_pixels(image: Image, spots: Indices, edges: KeepOut, patches: KeepOut, least: float, most: int) -> Array:
-    """Pixels (n, 2) of the strongest corners near spots (s, 2), away from edges, patches and each other.
+    """Pixels (n, 2) of the strongest corners near start positions `spots` (s, 2), away from edges and patches.
 
-    At most `most`, of a strength of at least `least`; patches.radius_px is also the distance from one to the next.
+    At most `most`, of a strength of at least `least`; patches.radius_px is also the least distance between corners.
     """
     known, apart_px = patches.pixels, patches.radius_px
     h, w = image.shape[0], image.shape[1]
@@ -63,7 +63,7 @@ def strong_pixels(image: Image, spots: Indices, edges: KeepOut, patches: KeepOut
         if not (near <= x < w - near and near <= y < h - near and far_from(x, y, known, len(known), apart_px - CLIMB)):
             continue
         best = corner_strength(image, x, y)
-        for _ in range(CLIMB // 2):  # uphill
+        for _ in range(CLIMB // 2):  # hill climbing
             bx, by = x, y
             for dx, dy in ((2, 0), (-2, 0), (0, 2), (0, -2)):
                 if near <= x + dx < w - near and near <= y + dy < h - near:
@@ -92,7 +92,7 @@ def strong_pixels(image: Image, spots: Indices, edges: KeepOut, patches: KeepOut
 
 @compiled("f0 f0 f2 i0 f0", inner=True)
 def far_from(x: float, y: float, others: Array, count: int, distance: float) -> bool:
-    """Whether a pixel is at least so far from the first `count` of others (k, 2)."""
+    """Whether a pixel is at least `distance` from the first `count` of others (k, 2)."""
     for k in range(count):
         du, dv = others[k, 0] - x, others[k, 1] - y
         if du * du + dv * dv < distance * distance:
@@ -102,7 +102,7 @@ def far_from(x: float, y: float, others: Array, count: int, distance: float) -> 
 
 @compiled("f1 f1 triangles", triangles=TRIANGLES)
 def first_hit(eye: Array, ray: Array, triangles: Triangles) -> int:
-    """The face that a ray (3,) from the eye meets first, -1 for none."""
+    """The first face that a ray (3,) from the viewpoint `eye` hits, -1 for none."""
     corners, boxes, nodes = triangles.corners, triangles.boxes, triangles.nodes
     tiny = 1e-300
     i0, i1, i2 = 1.0 / (ray[0] + tiny), 1.0 / (ray[1] + tiny), 1.0 / (ray[2] + tiny)

@@ -1,4 +1,4 @@
-"""Named arrays of patches and of where they are found.
+"""Arrays of patches and of their matches in an image.
 
 A patch is a grid of SIDE x SIDE texels on a plane of the structure.
 """
@@ -20,9 +20,10 @@ Indices = NDArray[np.int64]
 class Patches(NamedTuple):
     """Patches, a row for each.
 
-    middles (n, 3); axes (n, 2, 3) the step of one texel along either axis in units of the model; texels
-    (n, SIDE, SIDE) grey values of mean 0 and norm 1; face (n,) on which a patch lies; hits (n,) frames in which it took
-    part, missed (n,) those since in which it was not found; taken_s (n,) stamp at which it was taken.
+    middles (n, 3) centres; axes (n, 2, 3) step of one texel along either axis in units of the model; texels
+    (n, SIDE, SIDE) grey values of mean 0 and norm 1; face (n,) of each patch; hits (n,) number of frames in which it
+    was an inlier; missed (n,) number of frames since then in which it was not found; taken_s (n,) time of its
+    creation.
     """
 
     middles: Array
@@ -35,15 +36,15 @@ class Patches(NamedTuple):
 
     @classmethod
     def room_for(cls, count: int) -> "Patches":
-        """Rows to fill."""
+        """Uninitialized rows for `count` patches."""
         middles, axes, texels = np.zeros((count, 3)), np.zeros((count, 2, 3)), np.zeros((count, SIDE, SIDE))
         face, hits, missed = (np.zeros(count, dtype=np.int64) for _ in range(3))
         return cls(middles, axes, texels, face, hits, missed, np.zeros(count))
 
 
 class Warp(NamedTuple):
-    """A patch at a pose: pixel (u, v) of its middle, step A (2, 2) in px of a texel along either axis, and whether its
-    area is near that which it was taken with.
+    """A patch at a pose: pixel (u, v) of its centre, step A (2, 2) in px of a texel along either axis, and whether its
+    area is similar to that at its creation.
     """
 
     u: float
@@ -53,8 +54,8 @@ class Warp(NamedTuple):
 
 
 class Shift(NamedTuple):
-    """Shift (da, db) of a patch in texels, its correlation there, and the mean variance of da and db for texels that
-    differ by a variance of one.
+    """Shift (da, db) of a patch in texels, its correlation there, and the mean variance of da and db for texel
+    differences of unit variance.
     """
 
     da: float
@@ -64,10 +65,10 @@ class Shift(NamedTuple):
 
 
 class PatchMatches(NamedTuple):
-    """Where patches are found in an image.
+    """Matches of patches in an image.
 
-    places (m, 3) of their middles in the world; observed (m, 2) px; correlation (m,), 0 where a patch is not found and
-    -1 where it is not looked for; variance_px2 (m,) of the pixel along either axis.
+    places (m, 3) centres of the patches in the world; observed (m, 2) px; correlation (m,), 0 for a patch that was not
+    found, -1 for one that was not searched; variance_px2 (m,) of the pixel along either axis.
     """
 
     places: Array

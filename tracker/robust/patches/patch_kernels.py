@@ -1,4 +1,4 @@
-"""Compiled texture: small patches on known planes, found again by aligning them (Baker & Matthews 2004)."""
+"""Compiled texture tracking: small patches on known planes, matched by image alignment (Baker & Matthews 2004)."""
 
 import math
 from typing import NamedTuple
@@ -27,13 +27,13 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 BORDER_PX = HALF + 2
-"""A patch whose middle lies nearer to the image's border is not looked for: half of it, and 2 px for a larger one."""
+"""Least distance from the image border at which a patch is searched: half its size, and 2 px for a larger scale."""
 MAX_STEPS, SETTLED_TEXELS = 6, 0.02
-"""An alignment ends with a step below a fifth of a patch's own error, or after so many."""
+"""An alignment ends with a step below a fifth of a patch's error, or after this many steps."""
 MAX_COARSE = 6
-"""Patches in a frame for which a coarse search is made, at most: it samples a patch 49 times, an alignment 6 times."""
+"""Most patches of a frame with a coarse search, which samples a patch 49 times; an alignment does so 6 times."""
 REACH_TEXELS = 6
-"""Half width of the coarse search, in steps of two texels, and farthest shift of an alignment: a limit of its time."""
+"""Half width of the coarse search, in steps of two texels, and largest shift of an alignment: limits its time."""
 ALIGNMENT = kernel_type(AlignmentConfig)
 
 Image = NDArray[np.uint8]
@@ -44,7 +44,7 @@ Indices = NDArray[np.int64]
 def sample_patch(image: Image, at: Warp, da: float, db: float, out: Array, least_grey: float) -> bool:
     """Texels of a patch shifted by (da, db) texels, mean 0 and norm 1; False outside the image or with less contrast.
 
-    Of the second channel of a colour image.
+    Uses the second channel of a colour image.
     """
     u, v, A = at.u, at.v, at.A
     h, w = image.shape[0], image.shape[1]
@@ -95,7 +95,7 @@ def correlation(a: Array, b: Array) -> float:
 
 @compiled("f1 f2 view alignment", inner=True, view=VIEW, alignment=ALIGNMENT)
 def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> Warp:
-    """How a view shows a patch with its middle (3,) and texel steps (2, 3); zeros where it is too near."""
+    """Warp of a patch with its centre (3,) and texel steps (2, 3) into a view; zeros if it is too close."""
     R, t, cam = view.R, view.t, view.lens
     A = np.zeros((2, 2))
     x = R[0, 0] * middle[0] + R[0, 1] * middle[1] + R[0, 2] * middle[2] + t[0]
@@ -116,7 +116,7 @@ def warp(middle: Array, axes: Array, view: View, config: AlignmentConfig) -> War
 
 @compiled("patches i0 edges view i0", patches=PATCHES, edges=EDGE_MAP, view=VIEW)
 def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) -> Indices:
-    """Rows, in order, of at most `most` of the first `count` patches that a pose shows: those found most often."""
+    """Sorted rows of at most `most` of the first `count` patches that are visible at a pose: those found most often."""
     middles, face, planes = patches.middles, patches.face, edges.planes
     R, t, cam, size = view.R, view.t, view.lens, view.size_px
     eye = camera_centre(R, t)
@@ -158,10 +158,10 @@ def choose(patches: Patches, count: int, edges: EdgeMap, view: View, most: int) 
 
 @compiled("u3 patches i1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
 def align(image: Image, patches: Patches, chosen: Indices, view: View, config: AlignmentConfig) -> PatchMatches:
-    """Pixels at which the chosen patches (m,) are found near where a view puts them.
+    """Matches of the chosen patches (m,) near their projections in a view.
 
-    Patches that are seen too differently from when they were taken are not looked for. The variance grows with how much
-    of a patch is not as it was.
+    Patches whose scale has changed too much since their creation are not searched. The variance grows with the
+    difference between a patch and its reference.
     """
     n = len(chosen)
     places = np.empty((n, 3))
@@ -206,7 +206,7 @@ def align(image: Image, patches: Patches, chosen: Indices, view: View, config: A
 
 @compiled("u3 warp f0 f0 f2 f2! alignment", inner=True, warp=WARP, alignment=ALIGNMENT)
 def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array, config: AlignmentConfig) -> Shift:
-    """The shift that aligns a patch with its reference `ref`, from (da, db) on; its texels there are left in `now`."""
+    """The shift that aligns a patch with its reference `ref`, starting from (da, db); its texels there go to `now`."""
     h00, h01, h11 = 1e-9, 0.0, 1e-9
     for i in range(1, SIDE - 1):
         for j in range(1, SIDE - 1):
@@ -238,7 +238,7 @@ def _refine(image: Image, at: Warp, da: float, db: float, ref: Array, now: Array
 
 
 class Hits(NamedTuple):
-    """Number of patches that took part in a fit, and whether one was missed too often."""
+    """Number of patches that were inliers of a fit, and whether one was missed too often."""
 
     number: int
     any_lost: bool
@@ -248,7 +248,7 @@ class Hits(NamedTuple):
 def count_hits(patches: Patches, chosen: Indices, weights: Array, correlation: Array, most: int) -> Hits:
     """Count hits and misses of the chosen patches (m,), in place; a patch is lost when missed more than `most` times.
 
-    weights (m,) > 0 are the patches that took part, correlation (m,) < 0 those that were not looked for.
+    weights (m,): > 0 for inliers; correlation (m,): < 0 for patches that were not searched.
     """
     n, any_lost = 0, False
     for k in range(len(chosen)):
@@ -265,7 +265,7 @@ def count_hits(patches: Patches, chosen: Indices, weights: Array, correlation: A
 
 @compiled("patches i0 f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
 def shift_places(patches: Patches, count: int, twist: Array, view: View, config: AlignmentConfig) -> None:
-    """Move the patches on their planes so that a pose moved by -twist (6,) sees them where it saw them."""
+    """Shift the patches on their planes such that their pixels do not change when the pose is moved by a twist (6,)."""
     middles, axes, R, t, cam = patches.middles, patches.axes, view.R, view.t, view.lens
     row, c = np.empty(6), np.empty(3)
     for p in range(count):

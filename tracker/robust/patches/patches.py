@@ -1,9 +1,9 @@
-"""Texture on known planes: patches are taken where the pose is certain, and found again in later frames.
+"""Texture patches on known planes: created at poses that are certain, and matched in later frames.
 
-Relative to each other the patches are known to a tenth of a pixel, but all of them depend on the pose that they were
-taken at: its error is one of the `NuisanceBiases` that the edges of each frame observe. So patches carry over what the
-edges of several frames agree on, and do not drift. Where edges leave the pose poorly constrained, as in front of a
-single face, the patches constrain it.
+The relative positions of patches are accurate to a tenth of a pixel, but all of them depend on the pose at which they
+were created: its error is one of the `NuisanceBiases`, observed by the edges of each frame. Patches thus accumulate the
+information of the edges over frames, and do not drift. When edges constrain the pose poorly, as in front of a single
+face, the patches constrain it.
 """
 
 from itertools import product
@@ -23,26 +23,27 @@ from uavbench.tracker.robust.view import View
 from uavbench.trajectories.pose import Array, Pose
 
 MAX_PATCHES = 600
-"""Patches that are remembered; where there is no room for new ones, three quarters are kept."""
+"""Capacity; when it is exceeded, three quarters of the patches are kept."""
 MOST_USED = 32
-"""Patches looked for in a frame, and taken while fewer are found: a limit of their time."""
+"""Patches searched per frame, and number found below which new ones are created: limits their time."""
 MOST_NEW = 6
-"""Most new patches of a frame, but for the first ones: a limit of its time."""
+"""Most new patches per frame, except for the first ones: limits its time."""
 MAX_MISSES = 6
-"""A patch missed in more frames than this is dropped: a limit of the time spent on what is gone."""
+"""A patch missed in more frames than this is removed: limits the time spent on vanished patches."""
 FIRST_SPOTS = 400
-"""Places that are looked at for corners while there are no patches yet."""
+"""Start positions of the corner detection while there are no patches yet."""
 LEAST_AGE_S = 1e-3
-"""A patch of this very frame has hardly any weight, but some."""
+"""Least age of a patch, s: a patch of the current frame has a small but positive weight."""
 SPACING_PX = float(SIDE)
-"""Patches lie no nearer to each other, so that they do not overlap. Measured round a box 2.5 m away: patches 6 px apart
-drift."""
+"""Least distance between patches, so that they do not overlap. Measured around a box 2.5 m away: patches 6 px apart
+drift.
+"""
 
 Indices = NDArray[np.int64]
 
 
 class Texture:
-    """The patches of a structure that were taken so far; rows from len(self) on are free."""
+    """The patches of a structure created so far; rows from len(self) on are free."""
 
     def __init__(self, edges: EdgeMap, camera: Camera, view: View, config: RobustConfig) -> None:
         self.config, self.alignment = config.patches, kernel_values(config.patches.alignment)
@@ -58,19 +59,19 @@ class Texture:
         return self.count
 
     def choose(self, view: View) -> None:
-        """Choose the patches to look for in a view: on faces turned to the camera, in the image, best known first."""
+        """Select the patches to search in a view: on visible faces, inside the image, those with most hits first."""
         self.chosen = choose(self.patches, self.count, self.edges, view, MOST_USED)
 
     def align(self, image: Image, view: View) -> PatchMatches:
-        """Where the chosen patches are found near a view in an image (h, w, c)."""
+        """Matches of the chosen patches near their projections in a view, in an image (h, w, c)."""
         found = align(image, self.patches, self.chosen, view, self.alignment)
         age_s = np.maximum(self.now_s - self.patches.taken_s[self.chosen], LEAST_AGE_S)
         return found._replace(variance_px2=found.variance_px2 * (1 + self.young_s / age_s))
 
     def count_hits(self, chosen: Indices, weights: Array, correlation: Array) -> int:
-        """Number of the chosen patches (m,) that took part; those missed too often are dropped.
+        """Number of the chosen patches (m,) that were inliers; those missed too often are removed.
 
-        weights (m,) > 0 are the patches that took part, correlation (m,) < 0 those that were not looked for.
+        weights (m,): > 0 for inliers; correlation (m,): < 0 for patches that were not searched.
         """
         hits = count_hits(self.patches, chosen, weights, correlation, MAX_MISSES)
         if hits.any_lost:
@@ -78,11 +79,11 @@ class Texture:
         return hits.number
 
     def shift(self, twist: Array, pose: Pose) -> None:
-        """Move the patches on their planes so that what was seen at a pose is now seen at one moved by a twist (6,)."""
+        """Shift the patches on their planes so that their pixels at a pose are kept when it moves by a twist (6,)."""
         shift_places(self.patches, self.count, twist, self.view.at(pose), self.alignment)
 
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
-        """Take new patches at corners of an image (h, w, c) that lie on the structure, away from its edges (n, 2)."""
+        """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges."""
         c = self.config
         if self.count > MAX_PATCHES - MOST_USED:
             order = np.argsort(-self.patches.hits[: self.count], kind="stable")
@@ -106,7 +107,7 @@ class Texture:
         p, reach, channel = self.patches, int(HALF), 1 if image.shape[2] > 1 else 0
         for (x, y), ray in zip(pixels.astype(int).tolist(), rays, strict=True):
             hit = {first_hit(eye, r, self.edges.triangles) for r in ray}
-            face = hit.pop() if len(hit) == 1 else -1  # all of it on one face
+            face = hit.pop() if len(hit) == 1 else -1  # the whole patch is on one face
             texels = image[y - reach : y + reach + 1, x - reach : x + reach + 1, channel].astype(np.float64)
             texels -= texels.mean()
             norm = float(np.linalg.norm(texels))
@@ -121,12 +122,12 @@ class Texture:
             self.count += 1
 
     def _around(self) -> Array:
-        """Pixels (n, 2) about a patch's middle that must lie on the same face, the first three on its texels' axes."""
+        """Pixels (n, 2) around a patch's centre that must be on the same face, the first three on its texels' axes."""
         corner = HALF + self.config.flat_margin_px
         return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], *product((-corner, corner), repeat=2)])
 
     def _spots(self, pose: Pose) -> Indices:
-        """Pixels (n, 2) spread over the box around the structure's projection, others in every frame (Roberts 2018)."""
+        """Quasi-random pixels (n, 2) in the box around the projected structure, new in every frame (Roberts 2018)."""
         low, high = np.zeros(2), self.view.size_px.copy()
         cam = pose.transform(self.edges.extent)
         if (cam[:, 2] > self.view.near).all():

@@ -1,4 +1,4 @@
-"""Frames with much noise are smoothed before anything is measured in them, as much as their noise needs."""
+"""Denoising: frames with much noise are smoothed before any measurement, by as much as their noise requires."""
 
 import math
 
@@ -10,13 +10,13 @@ from uavbench.tracker.robust.config.preprocessing import PreprocessingConfig
 from uavbench.trajectories.kernels.compiled import compiled
 
 ROWS_APART = 32
-"""Every such row of a frame is measured."""
+"""Stride of the rows in which noise is measured."""
 MEDIAN_TO_SIGMA = 1.0 / 0.6745
 """Standard deviation of normal noise for a median absolute value of one."""
 
 
 def smoothed(image: Image, config: PreprocessingConfig) -> Image:
-    """Image (h, w) or (h, w, c) with no more noise than the config allows, or that itself."""
+    """Image (h, w) or (h, w, c) smoothed to the allowed noise; unchanged if it has no more."""
     noise_grey = noise_level(image.reshape(*image.shape[:2], -1))
     sigma_px = noise_grey / (2 * math.sqrt(math.pi) * config.max_noise_grey)
     if sigma_px <= 1 / (2 * math.sqrt(math.pi)):
@@ -28,7 +28,7 @@ def smoothed(image: Image, config: PreprocessingConfig) -> Image:
 def noise_level(image: Image) -> float:
     """One standard deviation of an image's noise in grey levels (Immerkaer 1996, with a median in place of the mean).
 
-    Of the second channel of an image (h, w, c), the first where there is but one.
+    Uses the second channel of an image (h, w, c), or its only one.
     """
     h, w, channels = image.shape
     c = 1 if channels > 1 else 0

@@ -1,4 +1,4 @@
-"""Gain-offset compensation: contrast stretch of flat images, and learned colours that follow a change of exposure."""
+"""Gain-offset compensation: contrast stretch of low-contrast images, and adaptation of learned colours to exposure."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from uavbench.tracker.robust.edges.columns import NEGATIVE_COLOUR, POSITIVE_COLO
 from uavbench.trajectories.pose import Array
 
 APART_PX = 16
-"""Step between the columns and rows of a frame that its light is measured on."""
+"""Stride of the columns and rows on which the brightness of a frame is measured."""
 MIDDLE = 128.0
-"""Grey level to which the middle of a stretched image is brought: that of the code's range."""
+"""Grey level of the median of a stretched image: the middle of the range."""
 USABLE = 8
-"""At least one pixel in so many must be neither dark nor saturated for a median of ratios to be used."""
+"""The median of ratios is used if at least one pixel in this many is neither dark nor saturated."""
 
 
 class GainOffset(NamedTuple):
@@ -36,7 +36,7 @@ class ContrastStretch:
 
     @classmethod
     def needed(cls, image: Image, config: PreprocessingConfig) -> "ContrastStretch":
-        """The stretch that an image needs; none where it has enough contrast."""
+        """The stretch that an image needs; the identity if it has enough contrast."""
         low, middle, high = np.percentile(image[::APART_PX, ::APART_PX], (5, 50, 95))
         gain = config.usual_range_grey / max(float(high - low), 1.0)
         return cls(gain, float(middle)) if gain > config.min_gain else cls()
@@ -46,15 +46,15 @@ class ContrastStretch:
         return image if self == ContrastStretch() else np.asarray(cv2.LUT(image, self.table()), dtype=np.uint8)
 
     def table(self) -> NDArray[np.uint8]:
-        """What each grey level (256,) becomes."""
+        """Lookup table (256,) of the stretch."""
         return np.clip(np.round(MIDDLE + self.gain * (np.arange(256.0) - self.middle)), 0, 255).astype(np.uint8)
 
     def differs(self, other: "ContrastStretch", min_gain: float) -> bool:
-        """Whether the gains differ by at least the smallest gain that is applied."""
+        """Whether the gains differ by a factor of at least min_gain."""
         return not 1 / min_gain < self.gain / other.gain < min_gain
 
     def towards(self, other: "ContrastStretch", ratio: Array) -> GainOffset:
-        """Gain and offset that take colours to another stretch of an image brighter by a ratio (channels,)."""
+        """Gain and offset that map colours to another stretch of an image that is brighter by a ratio (channels,)."""
         gain = other.gain * ratio / self.gain
         return GainOffset(gain, MIDDLE + other.gain * (self.middle * ratio - other.middle) - MIDDLE * gain)
 
@@ -62,7 +62,7 @@ class ContrastStretch:
 def brightness_ratio(now: Image, then: Image) -> Array:
     """Median ratio (channels,) of brightness to that of an earlier image; 1 where too few pixels are usable.
 
-    now and then are some rows (h, w) or (h, w, c) of each, h and w the same.
+    now, then: the same rows (h, w) or (h, w, c) of both images.
     """
     a, b = (rows[:, ::APART_PX].reshape(len(rows), -1, rows.shape[2] if rows.ndim == 3 else 1) for rows in (now, then))
     out = np.ones(a.shape[2])

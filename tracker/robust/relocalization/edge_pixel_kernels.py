@@ -1,4 +1,4 @@
-"""Compiled edge pixels: the maxima of a small image's gradient, kept apart by direction."""
+"""Compiled edge detection: gradient maxima of a small image, binned by direction."""
 
 import math
 
@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from uavbench.trajectories.kernels.compiled import compiled
 
 ORIENTATIONS = 8
-"""Edge pixels are kept apart by their direction, in so many bins of half a turn."""
+"""Number of direction bins of edge pixels over half a turn."""
 DIAGONAL = 2.4
-"""Ratio of a gradient's components above which it lies along an axis of the pixels: tan(67.5 degrees)."""
+"""Ratio of a gradient's components above which it counts as axis-aligned: tan(67.5 degrees)."""
 
 
 @compiled("u3 f0")
 def edge_channels(image: NDArray[np.uint8], least: float) -> NDArray[np.uint8]:
     """Maxima of the colour gradient by direction (ORIENTATIONS, h, w): 0 on an edge pixel, 1 elsewhere.
 
-    An edge pixel enters its own bin and the neighbour that it is nearer to.
+    An edge pixel enters its own bin and the nearer adjacent bin.
     """
     h, w = image.shape[0], image.shape[1]
     out = np.empty((ORIENTATIONS, h, w), np.uint8)

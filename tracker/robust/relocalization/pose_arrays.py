@@ -1,4 +1,4 @@
-"""Poses as arrays that kernels take: of a pose, moved, and those of several guesses that differ."""
+"""Poses as arrays for kernels: conversion, products, and removal of duplicates."""
 
 import numpy as np
 
@@ -7,17 +7,17 @@ from uavbench.trajectories.pose import Pose
 
 
 def motion(pose: Pose) -> RigidMotion:
-    """A pose in arrays that kernels take."""
+    """A pose as arrays for kernels."""
     return RigidMotion(np.array(pose.rotation, order="C"), np.array(pose.translation))
 
 
 def product_of(by: RigidMotion, pose: RigidMotion) -> RigidMotion:
-    """A pose moved from the left."""
+    """The product by @ pose."""
     return RigidMotion(by.R @ pose.R, by.R @ pose.t + by.t)
 
 
 def distinct(guesses: list[RigidMotion], range_m: float, part: float) -> list[RigidMotion]:
-    """Guesses without those whose camera is within a part of the range of the one before."""
+    """Guesses without those whose camera centre is within a fraction `part` of the range of the previous guess."""
     kept = guesses[:1]
     for guess in guesses[1:]:
         apart = guess.R.T @ guess.t - kept[-1].R.T @ kept[-1].t

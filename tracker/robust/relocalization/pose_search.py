@@ -1,8 +1,8 @@
-"""Search of the poses around a guess for those whose visible edges agree with the image.
+"""Pose search: poses around a guess whose visible edges match the image.
 
-The camera is moved around the part of the structure that it looks at: to another viewing direction, and from there in
-roll and range; for each such pose all shifts in the image are tried, on a small image whose edge pixels are kept apart
-by direction (oriented chamfer matching: Shotton, Blake & Cipolla 2008).
+The camera is moved around the part of the structure that it looks at, to other viewing directions, rolls and ranges;
+for each such pose all image shifts are tried, on a small image with edge pixels binned by direction (oriented chamfer
+matching: Shotton, Blake & Cipolla 2008).
 """
 
 from itertools import product
@@ -40,25 +40,25 @@ from uavbench.trajectories.pose import Array
 SMALL_WIDTH = 160
 """Width of the small image, px."""
 BESIDE = 1 / 3
-"""Edges are seen beside the image too, up to this part of its width: a shift may bring them in."""
+"""Margin, as a fraction of the image width, in which edges count as visible, since a shift may bring them in."""
 EDGE_POINTS = 140
-"""Points spread over the model's edges, by which a pose is scored."""
+"""Number of points on the model's edges by which a pose is scored."""
 SPACING_PX = 1.0
-"""They lie no nearer to each other: a pixel of the small image."""
+"""Least distance of these points: a pixel of the small image."""
 EDGE_SIGMAS = 4.0
-"""The gradient of an edge pixel over two px exceeds the most noise of a frame by so many standard deviations."""
+"""Least gradient of an edge pixel over two px, in standard deviations of the largest accepted noise."""
 CANDIDATES = 8
-"""Poses kept of each viewing direction and refined of all: a limit of their time."""
+"""Poses kept per viewing direction, and poses refined in total: limits their time."""
 SAMPLING_EVALUATIONS = 300 * EDGE_POINTS
-"""What finding the visible edge points takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
+"""Cost of finding the visible edge points, in evaluations (see `BudgetConfig`). Measured on the same core."""
 GOLDEN = 0.6180339887498949
-"""Multiples of it, modulo 1, are spread evenly however many are taken."""
+"""Golden-ratio constant, whose multiples modulo 1 are evenly distributed for any number of them."""
 Indices = NDArray[np.int64]
 STILL = np.zeros((1, 6))
 
 
 class Candidate(NamedTuple):
-    """A pose with its score, at most 1, the edges that were seen for it, and what its shift has cost of the score."""
+    """A pose with its score, at most 1, the edges visible at it, and the cost of its shift in the score."""
 
     score: float
     pose: RigidMotion
@@ -67,7 +67,7 @@ class Candidate(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Poses that are scored at a time: one viewing direction, turned from the guess's by azimuth and elevation (rad).
+    """Poses that are scored together: one viewing direction, rotated from the guess's by azimuth and elevation (rad).
 
     changes (k, 2) roll (rad) and range (part) from there; shifts (s, 2) in px of the small image.
     """
@@ -79,7 +79,7 @@ class Block(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Reach of a block: in roll (rad), in range (part), in shifts (parts of the image's size); factor on its steps."""
+    """Extent of a block: in roll (rad), range (relative), shifts (fractions of the image size); factor on its steps."""
 
     roll_rad: float
     range_part: float
@@ -88,7 +88,7 @@ class Reach(NamedTuple):
 
 
 class Scored(NamedTuple):
-    """Candidates, best first, the evaluations that they took, and how many poses were scored for them."""
+    """Candidates, best first, the evaluations spent, and the number of poses scored."""
 
     candidates: list[Candidate]
     evaluations: int
@@ -103,18 +103,18 @@ class UndistortionMaps(NamedTuple):
 
 
 def grid(half: float, step: float) -> tuple[float, ...]:
-    """Values from -half to half, no farther apart than step."""
-    n = int(np.ceil(half / step - 1e-9))  # whole steps stay whole, however they were rounded
+    """Evenly spaced values from -half to half, at most `step` apart."""
+    n = int(np.ceil(half / step - 1e-9))  # tolerance for round-off of exact multiples
     return tuple(float(v) for v in np.linspace(-half, half, 2 * n + 1)) if n else (0.0,)
 
 
 def whole(shifts: list[tuple[float, ...]]) -> Indices:
-    """Shifts (s, 2) in whole px."""
+    """Shifts (s, 2) rounded to whole px."""
     return np.round(shifts).astype(np.int64)
 
 
 class PoseSearch:
-    """A structure's edges and the small camera, ready to search images."""
+    """Pose search with a structure's edges and the small camera."""
 
     def __init__(self, edges: EdgeMap, camera: Camera, near: float, config: RobustConfig) -> None:
         self.config, self.edges, self.sigma_cost = config.relocalization.search, edges, config.relocalization.sigma_cost
@@ -129,7 +129,7 @@ class PoseSearch:
 
     @property
     def turn_rad(self) -> float:
-        """Turn beside a pose by which better ones are looked for: half a step of viewing directions.
+        """Rotation from a pose at which better ones are searched: half a step of viewing directions.
 
         Measured on rendered boxes: wrong fits are mostly turned by some 0.1 rad, where their outline is the right one.
         """
@@ -142,7 +142,7 @@ class PoseSearch:
         return np.array([c.step_part] * 4 + [c.truncation_px / self.f[0] / 2] * 2)
 
     def block(self, azimuth_rad: float, elevation_rad: float, reach: Reach) -> Block:
-        """Block of a viewing direction, turned from the guess's."""
+        """Block of a viewing direction, rotated from the guess's."""
         c, longer = self.config, reach.step_factor
         logs = grid(float(np.log1p(reach.range_part)), longer * c.step_part)
         across, down = reach.shift_part * self.size[0], reach.shift_part * self.size[1]
@@ -164,20 +164,20 @@ class PoseSearch:
         return Target(distance, self.sigma_cost / sigma_px**2)
 
     def best_of(self, target: Target, guess: RigidMotion, block: Block, most: int) -> Scored:
-        """The best poses of a block about a guess, of as many as `most` evaluations allow."""
+        """The best poses of a block around a guess, within `most` evaluations."""
         seen = self.seen(guess)
         if not (block.azimuth_rad or block.elevation_rad):
             return self.best_there(target, guess, seen, block, most)
         return self.best_beside(target, Candidate(0.0, guess, seen), block, most)
 
     def best_beside(self, target: Target, candidate: Candidate, block: Block, most: int) -> Scored:
-        """The same from another viewing direction, about the middle of what is seen for a candidate."""
+        """The same from another viewing direction, around the centre of the edges visible for a candidate."""
         guess = self.turned(candidate, block)
         found = self.best_there(target, guess, self.seen(guess), block, most)
         return found._replace(evaluations=found.evaluations + SAMPLING_EVALUATIONS)
 
     def best_there(self, target: Target, pose: RigidMotion, seen: SeenEdges, block: Block, most: int) -> Scored:
-        """The best poses of a block in the viewing direction of a pose that sees these edges."""
+        """The best poses of a block in the viewing direction of a pose at which these edges are visible."""
         if len(seen.points) < MIN_POINTS:
             return Scored([], SAMPLING_EVALUATIONS, len(block.changes))
         sight = pose.R @ seen.focus + pose.t
@@ -198,7 +198,7 @@ class PoseSearch:
         return found._replace(candidates=candidates)
 
     def most_evaluations(self, points: int, shifts: int) -> int:
-        """Most evaluations of one pose: that many edge points projected, and looked up for that many shifts."""
+        """Most evaluations of a pose: projection of the edge points, and lookups for all shifts."""
         return points * (PROJECTION_EVALUATIONS + shifts + REFINEMENTS)
 
     def most_of(self, block: Block) -> int:
@@ -207,7 +207,7 @@ class PoseSearch:
         return len(block.changes) * one + 2 * SAMPLING_EVALUATIONS
 
     def refined(self, target: Target, candidate: Candidate) -> Scored:
-        """A candidate at the nearest maximum of its score."""
+        """A candidate refined to the nearest local maximum of its score."""
         pose, seen = candidate.pose, candidate.seen
         found = refine_pose(seen, pose.R, pose.t, self.steps, self.camera, target)
         pose = turned_about(pose.R, pose.t, pose.R @ seen.focus + pose.t, found.change)
@@ -241,7 +241,7 @@ class PoseSearch:
         return out
 
     def seen(self, pose: RigidMotion) -> SeenEdges:
-        """Points on the edges that are visible at a pose in the image and beside it; any first few lie all over."""
+        """Points on the edges visible at a pose, in the image and its margin; any leading subset covers all of them."""
         points = sample_edges(self.edges, self.view.to(pose.R, pose.t), SPACING_PX, EDGE_POINTS)
         spread_out = np.argsort(np.arange(len(points.points)) * GOLDEN % 1.0)
         places, ends = points.points[spread_out], self.edges.ends[points.keys[spread_out, EDGE]]
@@ -250,7 +250,7 @@ class PoseSearch:
         return SeenEdges(places, along / np.linalg.norm(along, axis=1, keepdims=True), focus)
 
     def turned(self, candidate: Candidate, block: Block) -> RigidMotion:
-        """The pose of a candidate moved about the middle of what it sees, to the viewing direction of a block."""
+        """The pose of a candidate, rotated around the centre of its visible edges to a block's viewing direction."""
         pose, seen = candidate.pose, candidate.seen
         if not len(seen.points):
             return pose
@@ -260,7 +260,7 @@ class PoseSearch:
 
 
 def _wide_view(camera: SmallCamera) -> View:
-    """View of the small camera that sees beside its image, too."""
+    """View of the small camera including the margin around its image."""
     border = np.floor(BESIDE * camera.size_px[0])
     size = camera.size_px + 2 * border
     lens = np.zeros(11)

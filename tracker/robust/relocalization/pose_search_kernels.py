@@ -1,4 +1,4 @@
-"""Compiled pose search: how well do the edges seen from a pose lie on the edge pixels of a small image."""
+"""Compiled pose search: agreement of the edges visible at a pose with the edge pixels of a small image."""
 
 import math
 from typing import NamedTuple
@@ -13,23 +13,24 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 FAR = 255
-"""The distance at which an edge point counts as missed: distances are whole parts of it, and sums of them exact."""
+"""Distance value of a missed edge point; distances are stored as integer fractions of it, so that sums are exact."""
 MIN_POINTS = 12
-"""With fewer points in view nothing is searched: two for each unknown of a pose."""
+"""Least number of points in view for a search: two for each unknown of a pose."""
 PATTERN_LEVELS, PATTERN_SWEEPS = 3, 2
-"""Halvings of the steps of a pattern search, and most sweeps with each."""
+"""Number of step halvings of a pattern search, and most sweeps with each step."""
 PROJECTION_EVALUATIONS = 16
-"""What projecting an edge point takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
+"""Cost of projecting an edge point, in evaluations (see `BudgetConfig`). Measured on the same core."""
 REFINED_PX = np.array([2, 1])
-"""Steps of shifts about the best one, px of the small image."""
+"""Steps of the refinement around the best shift, px of the small image."""
 REFINEMENTS = 9 * len(REFINED_PX)
-"""Shifts that are tried so."""
+"""Number of shifts tried in the refinement."""
 OUTSIDE_SCORE = 0.3
-"""Score of a point that falls outside the image, which tells nothing: about that of a point anywhere in an image.
+"""Score of a point outside the image, about that of a random point in an image, since it is uninformative.
 
-Measured on 15 short flights with losses and wrong first poses: with half and twice of it all poses are the same."""
+Measured on 15 short flights with track losses and wrong initial poses: half and twice this value give equal poses.
+"""
 FARTHEST_PX = 1e4
-"""Points farther beside the image are left out: no shift brings them in, and their places must be whole numbers."""
+"""Largest pixel coordinate; points beyond are dropped: no shift brings them in, and coordinates must fit integers."""
 
 Indices = NDArray[np.int64]
 Distance = NDArray[np.uint8]
@@ -44,8 +45,8 @@ class SmallCamera(NamedTuple):
 
 
 class Target(NamedTuple):
-    """What edges are laid on: distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, at most FAR;
-    the score that a shift costs, per squared px.
+    """Target of the matching: distance (ORIENTATIONS, h, w) to the nearest edge pixel of each direction, at most FAR;
+    cost of a shift in the score, per squared px.
     """
 
     distance: Distance
@@ -61,8 +62,8 @@ class SeenEdges(NamedTuple):
 
 
 class ImagePoints(NamedTuple):
-    """Orientation bin, row and column (n, 3) of edge points in the small image, or beside it; the first `filled` are
-    set.
+    """Orientation bin, row and column (n, 3) of edge points in the small image or its margin; the first `filled` are
+    valid.
     """
 
     places: Indices
@@ -77,7 +78,7 @@ class Agreement(NamedTuple):
 
 
 class RefinedPose(NamedTuple):
-    """Change (6,) of a pose, its score, and the evaluations that it took."""
+    """Change (6,) of a pose, its score, and the evaluations spent."""
 
     change: Array
     score: float
@@ -85,7 +86,7 @@ class RefinedPose(NamedTuple):
 
 
 class PoseScores(NamedTuple):
-    """Score (k,) of each pose with the best shift (k, 2) in px of the small image, and the evaluations that it took."""
+    """Score (k,) of each pose with the best shift (k, 2) in px of the small image, and the evaluations spent."""
 
     scores: Array
     shifts: Indices
@@ -103,8 +104,8 @@ RIGID_MOTION = named_tuple(RigidMotion, "f2! f1!")
 def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
     """Pose (R, t) changed by a (6,).
 
-    The object turns by a[:3] about the focus (3,) in the camera, its range grows by the part a[3], and the image moves
-    by the angles a[4] to the right and a[5] down.
+    The object rotates by a[:3] around the focus (3,) in the camera frame, its range grows by the fraction a[3], and the
+    image shifts by the angles a[4] to the right and a[5] down.
     """
     still, shift = np.zeros(6), np.zeros(6)
     for i in range(3):
@@ -118,7 +119,7 @@ def turned_about(R: Array, t: Array, focus: Array, a: Array) -> RigidMotion:
 
 @compiled("seen f2 f1", inner=True, seen=SEEN_EDGES)
 def focus_in_camera(seen: SeenEdges, R: Array, t: Array) -> Array:
-    """The middle (3,) of the points seen, in a camera at (R, t)."""
+    """The centre (3,) of the visible points, in the frame of a camera at (R, t)."""
     focus = t.copy()
     for i in range(3):
         for j in range(3):
@@ -128,7 +129,7 @@ def focus_in_camera(seen: SeenEdges, R: Array, t: Array) -> Array:
 
 @compiled("seen f2 f1 camera", inner=True, seen=SEEN_EDGES, camera=SMALL_CAMERA)
 def image_points(seen: SeenEdges, R: Array, t: Array, camera: SmallCamera) -> ImagePoints:
-    """Edge points before the camera, in the small image or beside it."""
+    """Edge points in front of the camera, in the small image or its margin."""
     points, direction, f = seen.points, seen.direction, camera.f
     places = np.empty((len(points), 3), np.int64)
     n = 0
@@ -157,9 +158,9 @@ def image_points(seen: SeenEdges, R: Array, t: Array, camera: SmallCamera) -> Im
 
 @compiled("points u3 i0 i0 i0 i0", inner=True, points=IMAGE_POINTS)
 def agreement(points: ImagePoints, distance: Distance, right: int, down: int, outside: int, needed: int) -> Agreement:
-    """Agreement of points with edge pixels, the points shifted in px; given up where it cannot exceed what is needed.
+    """Agreement of points, shifted in px, with edge pixels; aborted when it cannot exceed `needed`.
 
-    A point outside the image counts `outside`.
+    A point outside the image contributes `outside`.
     """
     places, n = points.places, points.filled
     h, w = distance.shape[1], distance.shape[2]
@@ -191,9 +192,8 @@ def score_changes(
     """Scores of a pose with changes (k, 6) as `turned_about` takes them, with the best of shifts (s, 2) in px.
 
     The score is the mean over the edge points of 1 - distance / FAR, with distance (ORIENTATIONS, h, w) to the nearest
-    edge pixel of that direction, less the cost of the shift; a point out of the image counts OUTSIDE_SCORE. The best
-    shift is refined.
-    Changes worse than the best one before by clear_score score nothing.
+    edge pixel of that direction, less the cost of the shift; a point outside the image scores OUTSIDE_SCORE. The best
+    shift is refined. Changes that are worse than the best previous one by clear_score score 0.
     """
     focus, distance = focus_in_camera(seen, pose.R, pose.t), target.distance
     scores, best, evaluations = np.zeros(len(changes)), np.zeros((len(changes), 2), np.int64), 0
@@ -238,7 +238,7 @@ def score_change(
     camera: SmallCamera,
     target: Target,
 ) -> float:
-    """Score of a pose (R, t) with a change (6,), which costs as much as a shift by the same angles."""
+    """Score of a pose (R, t) with a change (6,), whose cost is that of a shift by the same angles."""
     pose = turned_about(R, t, focus_in_camera(seen, R, t), change)
     points = image_points(seen, pose.R, pose.t, camera)
     outside = math.floor(OUTSIDE_SCORE * FAR)
@@ -260,7 +260,7 @@ def refine_pose(
     camera: SmallCamera,
     target: Target,
 ) -> RefinedPose:
-    """The change of a pose that scores best, by a pattern search from `steps` (6,) down (Hooke & Jeeves 1961)."""
+    """The change of a pose with the best score, by a pattern search (Hooke & Jeeves 1961) with initial `steps` (6,)."""
     change, step, tried = np.zeros(6), steps.copy(), 1
     best = score_change(seen, R, t, change, camera, target)
     for _ in range(PATTERN_LEVELS):

@@ -10,15 +10,15 @@ from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.trajectories.pose import Array, Pose
 
 UNKNOWNS = 6
-"""Of a pose: what its squared Mahalanobis distance is on average where the covariance is right."""
+"""Degrees of freedom of a pose, the expectation of its squared Mahalanobis distance."""
 
 
 class Sought(NamedTuple):
-    """What a slice searches.
+    """Input of a slice of the search.
 
-    guesses are poses around which to search, the likeliest one first with its covariance (6, 6); first is a fit that
-    was made already; sure is the support with which a slice ends; prediction_scale is how large squared errors of this
-    run's predictions are, in parts of what their covariances say.
+    guesses: poses around which to search, the most likely first, with its covariance (6, 6); first: a fit that was
+    already made; sure: support at which a slice ends; prediction_scale: squared errors of this run's predictions
+    relative to their covariances.
     """
 
     image: Image
@@ -31,7 +31,7 @@ class Sought(NamedTuple):
 
 
 class Ranking:
-    """The fits of one frame, by support, by what was found, and by their distance from the likeliest guess."""
+    """The fits of one frame, ranked by support, weight of inliers, and distance from the most likely guess."""
 
     def __init__(self, sought: Sought, config: RelocalizationConfig) -> None:
         self.config, self.from_guess = config, sought.guesses[0].inverse()
@@ -45,11 +45,11 @@ class Ranking:
 
     @property
     def advantage(self) -> float:
-        """How much better the best fit is than the one at hand; inf where there was none."""
+        """Advantage of the best fit over the given one; inf without one."""
         return self.score - self.first
 
     def chi2(self, pose: Pose) -> float:
-        """Squared Mahalanobis distance of a pose from the likeliest guess."""
+        """Squared Mahalanobis distance of a pose from the most likely guess."""
         away = (pose @ self.from_guess).log()
         return float(away @ self.information @ away)
 
@@ -63,14 +63,15 @@ class Ranking:
             self.top, self.score = fit, score
 
     def choose(self, fit: Fit) -> None:
-        """Put a fit first that explains the frame better than the best one so far at a place that looks like its."""
+        """Rank a rival first that explains the frame better than the best fit so far."""
         if fit is not self.top:
             self.score = max(self.score, self.first + fit.support - self.top.support)
             self.top = fit
 
     def worth(self, support: float, pose: Pose) -> float:
-        """Support of a fit less what its distance from the prediction costs.
+        """Support of a fit minus the cost of its distance from the prediction.
 
-        The cost is the logarithm of a heavy-tailed prior (Student's), whose width is that of the run's own predictions.
+        The cost is the negative logarithm of a heavy-tailed prior (Student's t), with the width of the run's prediction
+        errors.
         """
         return support - self.config.lead * float(np.log10(1 + self.chi2(pose) / self.usual_chi2))

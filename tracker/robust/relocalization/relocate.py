@@ -1,8 +1,8 @@
 """Relocalization: pose search without a usable prediction, in slices over as many frames as it needs.
 
-A slice scores poses near the guesses anew in its own image, goes on far from them where the slice before stopped, and
-fits the best poses that no slice has fitted yet, until the frame's work is done. What earlier slices found is moved
-along with the prediction.
+A slice scores poses near the guesses in its own image, continues far from them where the previous slice stopped, and
+fits the best poses that were not fitted yet, until the frame's work budget is spent. Candidates of earlier slices are
+moved with the prediction.
 """
 
 from collections.abc import Iterator
@@ -33,30 +33,30 @@ from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
 ROBERTS = 1.0 / 1.1127756842787055 ** np.arange(1, 7)
-"""Steps of the sequence that fills a cube of six dimensions evenly (Roberts 2018)."""
+"""Steps of a quasi-random sequence in six dimensions (Roberts 2018)."""
 FAR_VIEW_RAD, FAR_RANGE_PART, FAR_SHIFT_PART = 0.4, 0.25, 0.3
-"""Reach far from a guess: of azimuth, and of elevation half of it; of the range, in parts of it; of shifts, in parts of
-the image's width. A limit of the time until all places were looked at: those about one guess take up to 60,000,000
-evaluations, as many as 24 frames of the default budget have for them."""
+"""Extent far from a guess: of azimuth, and of elevation half as much; of the relative range; of shifts, as a fraction
+of the image width. Limits the time of a complete search: around one guess it takes up to 60,000,000 evaluations, as
+many as 24 frames of the default budget have for it.
+"""
 FAR_STEP_FACTOR = 2.0
-"""Steps of roll and range are so much longer far from a guess: what they miss the pattern search moves to."""
+"""Factor on the steps of roll and range far from a guess; the pattern search closes the gaps."""
 MOST_FITS = 64
-"""Fits after which a search ends once all places were looked at."""
+"""Number of fits after which a complete search ends."""
 PERTURBATIONS = 24
-"""Poses sampled about the best fit of a search."""
+"""Number of poses sampled around the best fit of a search."""
 DISTANCE_EVALUATIONS = 450_000
-"""What the distances to the edge pixels of an image take, in evaluations (see `BudgetConfig`): 0.9 ms on the same core.
+"""Cost of the distance transforms of an image, in evaluations (see `BudgetConfig`): 0.9 ms on the same core.
 """
 BESIDE_TIMES = 2
-"""Steps by which the viewing direction of the best pose is improved: to the reach of a slow or lost frame's guess."""
+"""Steps in which the viewing direction of the best pose is improved: the extent of a slow or lost frame's guess."""
 
 
 class Relocalized(NamedTuple):
-    """The best supported fit of a slice, and how far the search has come.
+    """The best supported fit of a slice, and the progress of the search.
 
-    advantage: how much better it is than the fit at hand, inf where there was none. near_done: all likely poses were
-    fitted since the search began; all_done: all poses were. leads: it has clearly more support than the fits that ended
-    at other poses.
+    advantage: over the given fit, inf without one. near_done: all likely poses were fitted since the search began;
+    all_done: all poses were. leads: it has clearly more support than the fits that converged to other poses.
     """
 
     fit: Fit
@@ -69,8 +69,8 @@ class Relocalized(NamedTuple):
 class Attempt(NamedTuple):
     """A pose to be fitted.
 
-    sigma: its standard deviation, in parts of the range and in rad; half_px: half length of the search lines; score:
-    its agreement with the edge pixels, 0 where it was not found by that.
+    sigma: its standard deviation, as a fraction of the range and in rad; half_px: half length of the search lines;
+    score: its agreement with the edge pixels, 0 if it is not from the pose search.
     """
 
     pose: RigidMotion
@@ -80,7 +80,7 @@ class Attempt(NamedTuple):
 
 
 class Relocator:
-    """Searches the pose of an image, and keeps the state of the search from frame to frame."""
+    """Pose search of an image; keeps the state of the search between frames."""
 
     def __init__(self, fitter: EdgeFitter, camera: Camera) -> None:
         self.fitter, self.config = fitter, fitter.config.relocalization
@@ -101,7 +101,7 @@ class Relocator:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Restart the search."""
         self.reference: RigidMotion | None = None
         self.best_before: RigidMotion | None = None
         self.kept: list[Candidate] = []
@@ -111,7 +111,7 @@ class Relocator:
 
     @property
     def under_way(self) -> bool:
-        """Whether a search has begun and not ended."""
+        """Whether a search is in progress."""
         return self.reference is not None
 
     def search(self, sought: Sought) -> Relocalized:
@@ -135,7 +135,7 @@ class Relocator:
         return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
 
     def confirm(self, sought: Sought) -> Relocalized:
-        """The fit at hand held against its rivals: the places at which the structure looks as it does there."""
+        """Compare the given fit with its rivals, the poses at which the structure looks alike."""
         self.forget()
         ranking = Ranking(sought, self.config)
         self.rivals.fit(sought, ranking, self.tried)
@@ -144,9 +144,9 @@ class Relocator:
         return found
 
     def fit_in_turn(self, attempts: "Iterator[Attempt]", sought: Sought, ranking: Ranking) -> bool:
-        """Fit poses until one has enough support or the work is done; whether that was before the last one.
+        """Fit poses until one has enough support or the budget is spent; returns whether poses are left.
 
-        As many fits are left for rivals as there were when they were looked for last.
+        Budget is reserved for as many fits of rivals as were made the last time.
         """
         clock = StageClock()
         for attempt in attempts:
@@ -161,22 +161,22 @@ class Relocator:
         return False
 
     def lead(self, fit: Fit) -> float:
-        """How much more support a fit has than those that ended at other poses since the search began."""
+        """Lead in support of a fit over those that converged to other poses since the search began."""
         same = self.tried.within_reach(motion(fit.cam_from_world), self.tried.reached)
         return fit.support - float(self.tried.supports[~same].max(initial=0.0))
 
     def shift_sigma_px(self, sought: Sought) -> float:
-        """Standard deviation of the image's shift at the likeliest guess, px of the small image."""
+        """Standard deviation of the image shift at the most likely guess, px of the small image."""
         moved, turned = sought.covariance[:3, :3].trace() / 3, sought.covariance[3:, 3:].trace() / 3
         return float(np.sqrt(moved / sought.range_m**2 + turned) * self.searcher.f[0])
 
     def is_uncertain(self, sought: Sought) -> bool:
-        """Whether the likeliest guess may be wrong by half a step of viewing directions or more."""
+        """Whether the error of the most likely guess may be half a step of viewing directions or more."""
         sigma_m = float(np.sqrt(sought.covariance[:3, :3].trace() / 3))
         return sigma_m > 0.5 * self.config.search.view_step_rad * sought.range_m
 
     def move_along(self, reference: RigidMotion) -> None:
-        """Move what was found in frames before as the likeliest guess has moved since."""
+        """Move candidates of earlier frames by the motion of the most likely guess since then."""
         before, self.reference = self.reference, reference
         if before is None:
             return
@@ -187,7 +187,7 @@ class Relocator:
         self.best_before = self.best_before and product_of(by, self.best_before)
 
     def score(self, target: Target, guesses: list[RigidMotion], uncertain: bool) -> list[Candidate]:
-        """Poses that agree best with the edge pixels, best first; half of the work is left, and two fits."""
+        """Poses that agree best with the edge pixels, best first; leaves half of the budget, and that of two fits."""
         work, reserve = self.fitter.work, 2 * self.fitter.largest_fit
         until = work.done + min(work.left // 2, work.left - reserve)
 
@@ -223,20 +223,20 @@ class Relocator:
         return sorted(best, key=lambda each: -each.score)
 
     def at_guesses(self, guesses: list[RigidMotion], ranking: Ranking) -> Iterator[Attempt]:
-        """The guesses as poses to fit: a prediction is mostly better than its covariance says."""
+        """The guesses as poses to fit, since a prediction is usually better than its covariance."""
         for guess in guesses:
             yield from self.found(guess, 0.0, ranking)
 
     def found(self, pose: RigidMotion, score: float, ranking: Ranking) -> Iterator[Attempt]:
-        """A pose to fit, and the fit from it once more where it is the best so far."""
+        """A pose to fit, and, if its fit is the best so far, that fit's pose to be fitted again."""
         best = ranking.top
         yield Attempt(pose, self.config.found_sigma, self.config.half_px, score)
         if ranking.top is not best:
             yield Attempt(motion(ranking.top.cam_from_world), self.known_sigma, self.config.refit_half_px)
 
     def attempts(self, candidates: list[Candidate], ranking: Ranking) -> Iterator[Attempt]:
-        """Poses to fit in turn: where the best one of frames before is now; those that agree with the image nearly as
-        well as the best and were not tried; perturbations of the best fit, and all others.
+        """Poses to fit in order: the moved best pose of earlier frames; untried poses that match the image about as
+        well as the best; perturbations of the best fit, and all others.
         """
         config = self.config
         self.tried.seen = candidates[0].seen.points if candidates else self.tried.seen
@@ -259,7 +259,7 @@ class Relocator:
                 yield from self.perturbed(ranking.top)
 
     def perturbed(self, fit: Fit) -> Iterator[Attempt]:
-        """The next perturbation of a fit's pose, another one each time (evolution strategy: Rechenberg 1973)."""
+        """The next perturbation of a fit's pose (evolution strategy: Rechenberg 1973)."""
         self.perturbations += 1
         if fit.residuals is None or not len(fit.residuals.points.points):
             return
@@ -272,13 +272,13 @@ class Relocator:
 
 
 class Turn(NamedTuple):
-    """Turn of a viewing direction from that of a guess."""
+    """Rotation of a viewing direction relative to that of a guess."""
 
     azimuth_rad: float
     elevation_rad: float
 
 
 def views(step: float) -> list[Turn]:
-    """Turns to the viewing directions far from a guess, no more than a step (rad) apart, the nearest ones first."""
+    """Rotations to the viewing directions far from a guess, at most a step (rad) apart, nearest first."""
     turns = map(Turn._make, product(grid(FAR_VIEW_RAD, step), grid(FAR_VIEW_RAD / 2, step)))
     return sorted(turns, key=lambda turn: turn.azimuth_rad**2 + turn.elevation_rad**2)

@@ -1,4 +1,4 @@
-"""Rivals of a fit: the poses at which the structure looks as it does there, fitted and held against it."""
+"""Rivals of a fit: poses at which the structure looks alike, which are fitted and compared with it."""
 
 import numpy as np
 
@@ -16,19 +16,20 @@ from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
 SHARED = 48
-"""Edge points by which shifts of the structure are judged: they are spread over all that is seen."""
+"""Number of edge points by which shifts of the structure are scored, spread over all visible edges."""
 SHARED_EVALUATIONS = 40
-"""What looking up one of them takes, in evaluations (see `BudgetConfig`). Measured on the same core."""
+"""Cost of looking up one of them, in evaluations (see `BudgetConfig`). Measured on the same core."""
 
 RIVALS = 6
-"""Rivals fitted at a time, the likeliest first: four neighbours and two diagonal ones of a window."""
+"""Most rivals fitted at a time, most likely first: four direct and two diagonal neighbours of a window."""
 RIVAL_CHI2 = 25.0
-"""Squared Mahalanobis distance from the prediction within which there are rivals: 99.97 % of a chi-square with six
-degrees of freedom."""
+"""Largest squared Mahalanobis distance of a rival from the prediction: 99.97 % quantile of chi-square with six degrees
+of freedom.
+"""
 
 
 class Rivals:
-    """Finds and fits the rivals of fits, and remembers how many fits they took the last time."""
+    """Finds and fits the rivals of fits; stores how many fits were made the last time."""
 
     def __init__(self, fitter: EdgeFitter, searcher: PoseSearch, config: RelocalizationConfig) -> None:
         self.fitter, self.searcher, self.config = fitter, searcher, config
@@ -36,7 +37,7 @@ class Rivals:
         self.reserved_fits = 0
 
     def fit(self, sought: Sought, ranking: Ranking, tried: TriedPoses) -> bool:
-        """Fit the rivals of the best fit, and those of a rival that is better in its turn; whether there were any."""
+        """Fit the rivals of the best fit, and recursively those of a better rival; returns whether there were any."""
         clock, fits = StageClock(), [ranking.top]
         while rivals := self.of(ranking, tried):
             top = ranking.top
@@ -55,14 +56,14 @@ class Rivals:
         return len(fits) > 1
 
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
-        """Put first the fit of most worth; of those that are worth about as much the one nearest to the prediction."""
+        """Rank the fit of highest worth first; among those of about equal worth, the one nearest to the prediction."""
         worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
         least = max(worth) - self.config.lead_of_rivals
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
         ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
 
     def of(self, ranking: Ranking, tried: TriedPoses) -> list[RigidMotion]:
-        """Poses not fitted yet at which the structure looks as it does at the best fit, the likeliest first."""
+        """Untried poses at which the structure looks as at the best fit, most likely first."""
         fit, config = ranking.top, self.config.similarity
         if not (fit.finite and fit.support >= self.fitter.config.loss.min_support):
             return []
@@ -84,7 +85,7 @@ class Rivals:
         return found
 
     def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
-        """Whether the best fit is worth clearly more than those that ended at other poses since the search began."""
+        """Whether the best fit has clearly more worth than those that converged to other poses in this search."""
         top, reached = ranking.top, tried.reached
         least = ranking.worth(top.support, top.cam_from_world) - self.config.lead_of_rivals
         others = ~tried.within_reach(motion(top.cam_from_world), reached) & (tried.supports > least)

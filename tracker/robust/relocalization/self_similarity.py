@@ -1,8 +1,8 @@
-"""Where a structure looks like itself: the shifts that bring edges onto other edges of it.
+"""Self-similarity of a structure: the shifts that map its edges onto other edges.
 
-Windows, panels and lattice members repeat: one repetition away from the true pose nearly as much is found. The shifts
-are those by which most length of edges falls onto parallel edges of the same length, found once per structure. What a
-shift is worth depends on what is seen: at the end of a row nothing falls onto anything.
+Windows, panels and lattice members repeat, so that a pose that is off by one repetition has nearly as much support as
+the true one. The shifts are those that map most length of edges onto parallel edges of the same length, found once per
+structure. The score of a shift depends on the visible part: at the end of a row nothing maps onto anything.
 """
 
 import numpy as np
@@ -14,20 +14,21 @@ from uavbench.tracker.robust.relocalization.self_similarity_kernels import cell_
 from uavbench.trajectories.pose import Array
 
 MOST_ALIKE = 400
-"""Edges of one length and direction that are compared with each other, the first of many: their pairs take memory."""
+"""Most edges of one length and direction that are compared with each other, since their pairs take memory."""
 SHIFTS = 512
-"""Shifts of a structure onto itself that are known. Measured on rendered bridges: those of a girder's stiffeners, short
-beside its chords, are among the first 300."""
+"""Most shifts of a structure onto itself that are stored. Measured on rendered bridges: those of a girder's stiffeners,
+short compared with its chords, are among the first 300.
+"""
 LENGTH_STEP = 0.01
-"""Edges whose lengths differ by less than about this part are of one length."""
+"""Relative difference of lengths below which edges count as equally long."""
 DIRECTION_STEP = 1 / 16
-"""Edges whose unit directions differ by less than about this are parallel."""
+"""Difference of unit directions below which edges count as parallel."""
 SIDES = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-"""Corners of a cell about a point: a point up to half a cell away lies in a cell that one of them lies in."""
+"""Corners of a cell around a point; their cells contain all points up to half a cell away."""
 
 
 class SelfSimilarity:
-    """The shifts (k, 3) of a structure, in its own unit, and which cells of space its edges pass."""
+    """The shifts (k, 3) of a structure, in its unit, and the cells of space that its edges pass through."""
 
     def __init__(self, edges: EdgeMap, config: SelfSimilarityConfig) -> None:
         self.cell = config.tolerance * float(np.linalg.norm(edges.extent[-1] - edges.extent[0]))
@@ -45,13 +46,13 @@ class SelfSimilarity:
         self.passed = np.unique(cell_keys(sides, directions, self.cell))
 
     def shares(self, points: Array, along: Array) -> Array:
-        """Share (k,) of points (n, 3) on edges of unit directions along (n, 3) that each shift brings onto an edge."""
+        """Fraction (k,) of points (n, 3) on edges of unit directions along (n, 3) that each shift maps onto an edge."""
         if not (len(points) and len(self.shifts)):
             return np.zeros(len(self.shifts))
         return np.asarray(shares_on_edges(self.shifts, points, direction_numbers(along), self.cell, self.passed))
 
     def _repetitions(self, middles: Array, along: Array, lengths: Array) -> Array:
-        """Shifts (k, 3) and their opposites by the length of edges that they bring onto others, most first."""
+        """Shifts (k, 3) and their opposites, by descending length of edges that they map onto others."""
         alike = np.column_stack([np.round(np.log(lengths) / LENGTH_STEP), direction_numbers(along)]).astype(np.int64)
         _, group = np.unique(alike, axis=0, return_inverse=True)
         apart, weight = [np.zeros((0, 3))], [np.zeros(0)]

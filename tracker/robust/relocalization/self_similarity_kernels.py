@@ -1,4 +1,4 @@
-"""Cells of space that edges pass, and the share of points that a shift brings into them."""
+"""Compiled lookup of the cells of space that edges pass through, and the fraction of points that a shift maps there."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 from uavbench.trajectories.kernels.compiled import compiled
 
 FACTOR = np.int64(1_000_003)
-"""A prime: cells and directions that differ have different keys, but for one in some 1e13."""
+"""A prime; keys of different cells and directions collide with a probability of about 1e-13."""
 
 
 @compiled
@@ -28,9 +28,9 @@ def cell_keys(points: Any, directions: Any, cell: float) -> Any:
 
 @compiled("f2 f2 i1 f0 i1")
 def shares_on_edges(shifts: Any, points: Any, directions: Any, cell: float, passed: Any) -> Any:
-    """Share (k,) of points (n, 3) that each shift (k, 3) brings into a cell that an edge of their direction passes.
+    """Fraction (k,) of points (n, 3) that each shift (k, 3) maps into a cell with an edge of their direction.
 
-    passed (m,): keys of those cells, in order.
+    passed (m,): sorted keys of those cells.
     """
     out = np.zeros(len(shifts))
     for k in range(len(shifts)):

@@ -1,4 +1,4 @@
-"""The poses that a search has fitted, so that none is fitted twice and the best one is held against the others."""
+"""The poses that a search has fitted, to avoid repetitions and to compare the best one with the others."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from uavbench.tracker.robust.relocalization.pose_search import Candidate, PoseSe
 from uavbench.trajectories.pose import Array
 
 COMPARED = 12
-"""Edge points by which two poses are compared: they are spread over all that is seen."""
+"""Number of edge points by which two poses are compared, spread over all visible edges."""
 
 
 class PoseStack(NamedTuple):
@@ -21,11 +21,11 @@ class PoseStack(NamedTuple):
     t: Array
 
     def moved(self, by: RigidMotion) -> "PoseStack":
-        """The poses moved from the left."""
+        """The poses multiplied by `by` from the left."""
         return PoseStack(by.R @ self.R, self.t @ by.R.T + by.t)
 
     def added(self, pose: RigidMotion) -> "PoseStack":
-        """The poses with one more."""
+        """The poses with one more appended."""
         return PoseStack(np.concatenate([self.R, pose.R[None]]), np.concatenate([self.t, pose.t[None]]))
 
 
@@ -34,11 +34,11 @@ NONE = PoseStack(np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
 @dataclass
 class TriedPoses:
-    """Poses that were fitted, and those that the fits reached.
+    """Poses that were fitted, and those to which the fits converged.
 
-    scores (k,) of the poses in the images that they were fitted to, 0 for those that were not found by their score;
-    supports (k,) of the fits; rivals: the poses that were fitted as rivals of another; seen (n, 3) edge points by which
-    poses are compared.
+    scores (k,): of the poses in the images to which they were fitted, 0 for those not from the pose search; supports
+    (k,): of the fits; rivals: poses that were fitted as rivals of another; seen (n, 3): edge points by which poses are
+    compared.
     """
 
     searcher: PoseSearch
@@ -53,22 +53,22 @@ class TriedPoses:
         return len(self.scores)
 
     def add(self, fitted: RigidMotion, score: float, reached: RigidMotion, support: float) -> None:
-        """Remember a fit."""
+        """Add a fit."""
         self.fitted, self.reached = self.fitted.added(fitted), self.reached.added(reached)
         self.scores, self.supports = np.append(self.scores, score), np.append(self.supports, support)
 
     def move(self, by: RigidMotion) -> None:
-        """Move all along."""
+        """Multiply all poses by `by` from the left."""
         self.fitted, self.reached = self.fitted.moved(by), self.reached.moved(by)
         self.rivals = self.rivals.moved(by)
 
     def holds(self, candidate: Candidate) -> bool:
-        """Whether a pose within reach of a fit from this one was fitted, in an image that it agreed with as well."""
+        """Whether a pose within reach of a fit from this candidate was fitted, with a similar score."""
         reached = self.within_reach(candidate.pose, self.fitted)
         return bool((reached & (self.scores > candidate.score - self.searcher.config.clear_score)).any())
 
     def within_reach(self, pose: RigidMotion, poses: PoseStack) -> NDArray[np.bool_]:
-        """Whether a fit from each of the poses (k,) reaches a pose: no edge point seen is a step of shifts away."""
+        """Mask (k,) of the poses from which a fit reaches a pose: no edge point moves by a step of shifts or more."""
         points, step = self.seen[:COMPARED], self.searcher.config.truncation_px
         there = self.searcher.pixels(pose.R[None], pose.t[None], points)
         at = self.searcher.pixels(poses.R, poses.t, points)

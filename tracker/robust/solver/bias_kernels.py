@@ -1,8 +1,8 @@
 """Compiled filter of the biases shared across frames: the pose error D of all patches (6), and one offset per edge (1).
 
-With D the patches' pose error as a twist in the world and b the offset of an edge in px, a frame whose pose the patches
-tell finds the control points of that edge at J D + b. So the information matrix is an arrowhead: each offset is
-correlated with D alone, and can be marginalized by itself.
+With D the pose error of the patches as a twist in the world and b the offset of an edge in px, a frame whose pose is
+determined by the patches observes the control points of that edge at J D + b. The information matrix is therefore an
+arrowhead matrix: each offset is correlated with D alone, and can be marginalized separately.
 """
 
 from typing import NamedTuple
@@ -51,7 +51,7 @@ class BiasState(NamedTuple):
 
     @classmethod
     def unknown(cls, edges: int) -> "BiasState":
-        """Unit information on D, and nothing on the offsets of so many edges."""
+        """Unit information on D, and none on the offsets of this many edges."""
         offsets = np.zeros((edges, 6)), np.zeros(edges), np.zeros(edges), np.ones(edges)
         return cls(np.eye(6), np.zeros(6), *offsets)
 
@@ -85,7 +85,7 @@ class Marginal(NamedTuple):
 
 
 class PatchError(NamedTuple):
-    """Twist (6,) of the camera by which the patches err, and the information (6, 6) on D that is left."""
+    """Error of the patches as a twist (6,) of the camera, and the remaining information (6, 6) on D."""
 
     twist: Array
     information: Array
@@ -106,7 +106,7 @@ LOCAL_BIASES = named_tuple(LocalBiases, "f2! f1! f2! f1! f1!")
 
 @compiled("f2 f1")
 def adjoint(R: Array, t: Array) -> Array:
-    """X (6, 6) that makes a twist of the camera of one in the world, for cam_from_world (R, t)."""
+    """Adjoint (6, 6) that maps a twist in the world to one of the camera, for cam_from_world (R, t)."""
     X = np.zeros((6, 6))
     for i in range(3):
         for j in range(3):
@@ -155,7 +155,7 @@ def congruence(X: Array, C: Array) -> Array:
 
 @compiled("f2 f1 f1 f1")
 def explained_by_offsets(cross: Array, information: Array, vector: Array, prior: Array) -> Marginal:
-    """Information and vector on D that the offsets (e,) may explain instead: what marginalizing them takes away."""
+    """Information and vector on D that marginalizing the offsets (e,) removes."""
     A, v = np.zeros((6, 6)), np.zeros(6)
     for e in range(len(information)):
         if information[e] > 0.0:
@@ -169,7 +169,7 @@ def explained_by_offsets(cross: Array, information: Array, vector: Array, prior:
 
 @compiled("state f2 edges f2 f1", state=BIAS_STATE, edges=EDGE_OFFSETS)
 def linearize(state: BiasState, known: Array, edges: EdgeOffsets, R: Array, t: Array) -> LocalBiases:
-    """Biases as the edges in view and all others tell them, at the linearization point (R, t).
+    """Information on the biases from the edges in view and all others, at the linearization point (R, t).
 
     known (6, 6) is the information on D with all offsets marginalized; D's expectation is 0.
     """
@@ -202,9 +202,9 @@ def linearize(state: BiasState, known: Array, edges: EdgeOffsets, R: Array, t: A
 def accumulate(
     state: BiasState, edges: EdgeOffsets, sums: FrameSums, to_patches: Array, R: Array, t: Array, part: float
 ) -> None:
-    """Add a part of a frame's sums over the edges in view to the state, in place.
+    """Add a fraction `part` of a frame's sums over the edges in view to the state, in place.
 
-    to_patches (6,) is the twist from the linearization point (R, t) of the sums to the pose that the patches tell.
+    to_patches (6,): twist from the linearization point (R, t) of the sums to the pose by the patches.
     """
     X = transposed(adjoint(R, t))
     information, rest = congruence(X, sums.edge_information), product(sums.edge_information, to_patches)
@@ -229,7 +229,7 @@ def accumulate(
 
 @compiled("state f2 f1", state=BIAS_STATE)
 def centre(state: BiasState, R: Array, t: Array) -> PatchError:
-    """The patches' error as a twist of the camera at (R, t), taken off the state's vectors in place."""
+    """The patches' error as a twist of the camera at (R, t), which is subtracted from the state's vectors in place."""
     spared = explained_by_offsets(state.cross, state.offset_information, state.offset_vector, state.offset_prior)
     known, used_up, column, D = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 1)), np.empty(6)
     for i in range(6):
@@ -250,9 +250,9 @@ def centre(state: BiasState, R: Array, t: Array) -> PatchError:
 
 @compiled("f2 f2")
 def observability(E: Array, P: Array) -> float:
-    """How well patches of information P (6, 6) observe the pose beside edges of information E (6, 6), 0 to 1.
+    """Observability of the pose by patches of information P (6, 6) relative to edges of information E (6, 6), 0 to 1.
 
-    The mean share that the patches have of the information in each direction of a twist.
+    The mean fraction of the information in each direction of a twist that is due to the patches.
     """
     M, N = np.empty((6, 6)), np.empty((6, 6))
     for i in range(6):
@@ -266,8 +266,8 @@ def observability(E: Array, P: Array) -> float:
 def normalized_innovation(variance_px2: Array, sums: FrameSums, to_fit: Array, covariance: Array) -> Innovation:
     """Squared offsets of a frame's edges (g,) over their variance, summed, and the expectation of that sum.
 
-    to_fit (6,) is the twist from the linearization point of the sums to the fit, whose covariance (6, 6) tells how much
-    of an offset the pose takes up; variance_px2 (g,) is the prior variance of each offset.
+    to_fit (6,): twist from the linearization point of the sums to the fit, whose covariance (6, 6) determines how much
+    of an offset the pose absorbs; variance_px2 (g,): prior variance of each offset.
     """
     S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
     squares, expected = 0.0, 0.0

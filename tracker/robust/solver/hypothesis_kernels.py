@@ -1,4 +1,4 @@
-"""Compiled choice: which motion of the camera do candidates of several edges agree on (Fischler & Bolles 1981)."""
+"""Compiled RANSAC: the camera motion that agrees with candidates of most edges (Fischler & Bolles 1981)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,26 +10,27 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 HYPOTHESES = 64
-"""Hypotheses drawn for a frame: where two of five draws are right, one of them has three right ones with a probability
-of 98.5 % (Fischler & Bolles 1981)."""
+"""Number of hypotheses per frame: with 40 % inliers at least one has three inliers with a probability of 98.5 %
+(Fischler & Bolles 1981).
+"""
 EDGES_DRAWN = 3
-"""Edges of a hypothesis: two candidates on each fix the six unknowns."""
+"""Number of edges of a hypothesis: two candidates on each determine the six unknowns."""
 SIGMAS_TO_OUTLIER = 4.0
-"""Standard deviations of a candidate at which it counts as an outlier."""
+"""Outlier limit in standard deviations of a candidate."""
 SCORED_POINTS = 96
-"""Control points that score a hypothesis, for time: with all of them poses are no better."""
+"""Number of control points that score a hypothesis; limits its time: with all of them poses are no better."""
 DRAWS_PER_EDGE = 4
-"""Columns of the drawn numbers for each edge: control point, other point of its edge, candidate, and one unused."""
+"""Random numbers per edge of a hypothesis: control point, other point of its edge, candidate, and one unused."""
 
 Indices = NDArray[np.int64]
 
 
 @compiled("measured i1 f1 f0 f2! f1!", inner=True, measured=EDGE_MEASUREMENTS)
 def add_drawn(measured: EdgeMeasurements, counts: Indices, draws: Array, outlier_px: float, A: Array, b: Array) -> None:
-    """Add the candidates that `draws` (12,) choose to the normal equations (A, b), in place.
+    """Add the candidates selected by `draws` (12,) to the normal equations (A, b), in place.
 
-    counts (n,) are the candidates of each control point. Edges are drawn by their number of control points: a point
-    first, then its edge.
+    counts (n,): number of candidates of each control point. Edges are drawn with a probability proportional to their
+    number of control points: first a point, then its edge.
     """
     distance, J, first = measured.candidates.distance, measured.lines.jacobian, measured.points.first
     n, k = distance.shape
@@ -63,7 +64,7 @@ def add_drawn(measured: EdgeMeasurements, counts: Indices, draws: Array, outlier
 
 @compiled("measured f1 f2 f0 f0", inner=True, measured=EDGE_MEASUREMENTS)
 def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float, outlier_px: float) -> float:
-    """Cost of a twist x (6,): truncated squared distances of the control points, and of the prior; given up at `most`.
+    """Cost of a twist x (6,): truncated squared distances of the control points, plus the prior; aborted at `most`.
 
     Control points are thinned to about SCORED_POINTS.
     """
@@ -91,11 +92,10 @@ def motion_cost(measured: EdgeMeasurements, x: Array, prior: Array, most: float,
 
 @compiled("measured f2 f2 f0", measured=EDGE_MEASUREMENTS)
 def best_motion(measured: EdgeMeasurements, prior: Array, draws: Array, outlier_px: float) -> Array:
-    """The twist (6,) of the camera that candidates agree on best, of many that are tried.
+    """The camera twist (6,) of least cost among all hypotheses.
 
-    draws (h, 12) are uniform numbers: each hypothesis takes two candidates on each of three edges. prior (6, 6) is the
-    information of the predicted pose. A candidate farther away than outlier_px is an outlier. The first hypothesis is
-    no motion.
+    draws (h, 12): uniform numbers; each hypothesis uses two candidates on each of three edges. prior (6, 6):
+    information of the predicted pose. Candidates beyond outlier_px are outliers. The first hypothesis is no motion.
     """
     distance = measured.candidates.distance
     n, k = distance.shape

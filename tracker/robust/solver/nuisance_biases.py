@@ -1,9 +1,9 @@
 """Biases shared across frames: the pose error of all patches together, and each edge's offset along its normal.
 
-An edge's points lie beside the model's edge because of a worn border, a shadow or an inset, by the same part of a pixel
-in frame after frame. So frames are not independent measurements: each offset is a state, and so is the pose error that
-all patches share. What the patches tell of the camera makes the edges of all frames observe the same few unknowns, and
-different viewpoints separate them.
+The image of an edge is offset from the model's edge by worn borders, shadows or insets, by the same fraction of a pixel
+in successive frames. Frames are therefore not independent measurements: each offset is a state, and so is the pose
+error shared by all patches. Since patches track the camera, the edges of all frames observe the same few unknowns,
+which different viewpoints separate.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ NO_EDGES = EdgeOffsets(np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
 class NuisanceBiases:
-    """State of the filter: information on the patches' pose error and on the offsets of so many edges."""
+    """State of the filter: information on the patches' pose error and on the offsets of all edges."""
 
     def __init__(self, edges: int, config: BiasConfig) -> None:
         self.config = config
@@ -40,7 +40,7 @@ class NuisanceBiases:
         return linearize(self.state, self.known, edges, R, t)
 
     def begin(self, edges: EdgeOffsets, sums: FrameSums, to_fit: Array, prior: Array, pose: Pose) -> None:
-        """Start anew with patches taken at a pose, from the sums of that frame and the information (6, 6) of a prior.
+        """Reset for patches created at a pose, from the sums of that frame and the information (6, 6) of a prior.
 
         to_fit (6,) is the twist from the linearization point of the sums to that pose.
         """
@@ -55,9 +55,9 @@ class NuisanceBiases:
         self.known = state.information - spared.information
 
     def learn(self, edges: EdgeOffsets, sums: FrameSums, to_patches: Array, pose: Pose, dt_s: float) -> Array:
-        """Add a frame's sums, dt_s after the frame before, and return the twist (6,) by which the patches err.
+        """Add a frame's sums, dt_s after the previous frame, and return the patches' error as a twist (6,).
 
-        to_patches (6,) is the twist from the linearization point of the sums to the pose that the patches tell.
+        to_patches (6,): twist from the linearization point of the sums to the pose by the patches.
         """
         R, t, state = pose.rotation, pose.translation, self.state
         new = min(1.0, dt_s / self.config.correlation_s)

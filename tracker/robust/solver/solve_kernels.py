@@ -252,10 +252,10 @@ def refine(
     widths_px: Array,
     config: EstimatorConfig,
 ) -> Estimate:
-    """The pose that brings control points onto their best candidates and patches to where they were observed.
+    """The pose of least robust distances of control points to their candidates and of patches to their matches.
 
-    Gauss-Newton from the view's pose, one iteration for each biweight cutoff of widths_px (k,), residuals weighted by
-    their inverse variances. Where the equations are singular it ends with the step before.
+    Gauss-Newton from the view's pose, one iteration for each biweight cutoff of widths_px (k,), with residuals weighted
+    by their inverse variances. It stops before a step with singular equations.
     """
     n, m, edges = len(measured.weight), len(matches.places), len(measured.points.first) - 1
     R, t = view.R.copy(), view.t.copy()

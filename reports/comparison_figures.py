@@ -3,11 +3,11 @@
 from collections.abc import Sequence as ListOf
 from functools import partial
 
-from uavbench.reports.drawings import Drawing
 from uavbench.reports.figures import comparison as figures_compare
 from uavbench.reports.figures import distributions as figures_statistics
 from uavbench.reports.figures import ranking
 from uavbench.reports.figures.sweeps import sweep, swept
+from uavbench.reports.report_figures import Drawing
 from uavbench.reports.restarts import RestartedRun, error_after_anchors
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.crlb_ratio import SIGMA_PX, error_over_bound

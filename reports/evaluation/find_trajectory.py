@@ -1,4 +1,4 @@
-"""Trajectories from any file or folder that holds one, with the frame that it declares."""
+"""Finds and reads the trajectory of a file, folder or bag, with its format, declared frame and covariances."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +24,7 @@ from uavbench.trajectories.trajectory_files.formats import (
 )
 
 POSE = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
-"""Pose of the tables that uavbench writes: `world_from_body`; beside a `status` it is a tracker's `cam_from_world`."""
+"""Pose columns of uavbench's tables: `world_from_body`, or a tracker's `cam_from_world` in tables with a `status`."""
 IN_FOLDERS = (
     "groundtruth.csv",
     "estimate_world_from_body.tum",
@@ -35,21 +35,22 @@ IN_FOLDERS = (
     "groundtruth.txt",
     "poses.txt",
 )
-"""The trajectory of a folder: of a sequence, a tracker's results, or an export to EuRoC, TUM or KITTI."""
+"""Trajectory files by which a folder is searched: of a sequence, of results, of an export to EuRoC, TUM or KITTI."""
 BAGS = ("bag.mcap", "bag")
-"""The bag of a folder that is an export to MCAP or rosbag2."""
+"""Names of the bag in an export to MCAP or rosbag2."""
 EXPORT = "export.json"
-"""Description of an export, for formats that cannot declare their frames."""
+"""Description of an export; it declares the frame for formats that cannot."""
 LEVELS = 4
-"""Parent folders of a file that are searched for export.json."""
+"""Number of parent folders of a file that are searched for export.json."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """A trajectory with its file, format and declared frame, None where none is declared.
+    """A trajectory with its file and format.
 
-    stamped: whether its stamps are times and not row numbers. frame: of a bag as in `odom_from_body`, ? for a frame
-    that the messages do not name. covariances: those that the file claims of its poses.
+    frame: declared frame such as `world_from_body`, None if the file declares none; for a bag `?` replaces a frame that
+    the messages do not name. stamped: whether the stamps are times and not row numbers. covariances: of the poses, if
+    the file has any.
     """
 
     trajectory: Trajectory
@@ -60,7 +61,7 @@ class Found:
     covariances: PoseCovariances | None = None
 
     def seen_as(self, frame: str, cam_from_body: Pose) -> "Found":
-        """The same motion as poses of another moving frame, body or camera, as `frame` names it."""
+        """The trajectory converted to another moving frame, body or camera; frame: as in `world_from_cam`."""
         if self.frame == frame:
             return self
         right = cam_from_body if frame.endswith("_from_body") else cam_from_body.inverse()
@@ -77,9 +78,7 @@ class Found:
 def find_trajectory(path: Path, format: str | None = None) -> Found:
     """Trajectory of a file, of a topic of a bag (`bag.mcap:/odom`), or of a folder that holds one.
 
-    The format is guessed unless it is given.
-
-    UserError naming the file and what is wrong with it, or that there is no trajectory.
+    The format is detected unless it is given. UserError naming the file when it is invalid or holds no trajectory.
     """
     if format in (None, "bag") and (bag := _bag(path)) is not None:
         poses = read_poses(bag)
@@ -107,10 +106,10 @@ def _of_file(file: Path, format: str | None) -> Found:
 
 
 def mount_of(folder: Path) -> Pose:
-    """`cam_from_body` of a sequence folder, or of a tracker's results; UserError naming the file without it."""
+    """`cam_from_body` of a sequence folder or of a tracker's results; UserError when it is missing or invalid."""
     file = next((folder / name for name in ("sequence.json", "record.json") if (folder / name).is_file()), None)
     if file is None:
-        raise UserError(f"{folder}: holds neither sequence.json nor record.json, which tell how the camera is mounted")
+        raise UserError(f"{folder}: holds neither sequence.json nor record.json, which describe the camera's mounting")
     try:
         return Pose.from_matrix(read_json(file)["cam_from_body"])
     except (KeyError, ValueError, TypeError) as error:
@@ -118,7 +117,7 @@ def mount_of(folder: Path) -> Pose:
 
 
 def _bag(path: Path) -> BagTopic | None:
-    """The bag that a path names, or that is in the folder of an export."""
+    """The bag at a path, or in the folder of an export; None if there is none."""
     exported = [path / name for name in BAGS if path.is_dir() and (path / name).exists()]
     return next((bag for place in (path, *exported) if (bag := bag_topic(place)) is not None), None)
 
@@ -128,16 +127,16 @@ def _in_folder(folder: Path) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise UserError(
-        f"{folder}: this folder holds no trajectory that is known ({', '.join(IN_FOLDERS)}); name the file itself"
+        f"{folder}: this folder holds no trajectory of a known name ({', '.join(IN_FOLDERS)}); name the file itself"
     )
 
 
 def _is_table(path: Path) -> bool:
-    """Whether a file begins with the header of one of uavbench's own tables."""
+    """Whether a file begins with the header of one of uavbench's tables."""
     try:
         return "stamp_ns" in read_header(path, TRAJECTORY)
     except UserError:
-        return False  # the reader of formats tells why
+        return False  # `read_trajectory` raises the error
 
 
 def _of_table(path: Path) -> Found:
@@ -155,7 +154,7 @@ def _of_table(path: Path) -> Found:
             raise UserError(f"{path}: {error}") from None
     ok = [row["status"] == "ok" for row in rows]
     if not any(ok):
-        raise UserError(f"{path}: holds no pose: no frame of it is ok")
+        raise UserError(f"{path}: holds no pose: no frame has the status ok")
     kept = [row for row, good in zip(rows, ok, strict=True) if good]
     try:
         cameras = np.array([[float(row[name]) for name in POSE] for row in kept])
@@ -167,20 +166,20 @@ def _of_table(path: Path) -> Found:
 
 
 def world_from_cameras(stamps_ns: NDArray[np.int64], cameras: Array) -> Trajectory:
-    """Trajectory `world_from_cam` of rows (n, 7) of `cam_from_world`, position first; ValueError for a bad one."""
+    """Trajectory `world_from_cam` of rows (n, 7) of `cam_from_world`, position first; ValueError for an invalid row."""
     given = Trajectory(stamps_ns, cameras[:, :3], cameras[:, 3:])
     back = conjugate(normalized(given.quaternions_wxyz))
     return Trajectory(stamps_ns, -rotate(back, given.positions_m), back)
 
 
 def _claimed(rows: list[dict[str, str]]) -> PoseCovariances | None:
-    """Covariances that a tracker's rows claim of `cam_from_world`, blank where one claims none."""
+    """Covariances of `cam_from_world` in a tracker's rows, blank for rows without one."""
     table = np.array([[float(row[name] or "nan") for name in COLUMNS] for row in rows])
     return PoseCovariances.of_columns(table, "moving")
 
 
 def _with_claims_beside(found: Found) -> Found:
-    """A tracker's results with the covariances of its frames.csv, which stand beside its trajectory."""
+    """A tracker's trajectory with the covariances of the frames.csv beside it."""
     table = found.file.with_name("frames.csv")
     if not (found.file.name.startswith("estimate_") and table.is_file()):
         return found
@@ -193,7 +192,7 @@ def _with_claims_beside(found: Found) -> Found:
 
 
 def _exported_frame(file: Path) -> str | None:
-    """Frame of a file's poses by the export.json of its export."""
+    """Frame of a file's poses as declared in the export.json of its export; None without one."""
     here = file.resolve()
     for folder in here.parents[:LEVELS]:
         if (folder / EXPORT).is_file():
@@ -204,7 +203,7 @@ def _exported_frame(file: Path) -> str | None:
 
 
 def _kitti_stamps(file: Path, count: int) -> np.ndarray | None:
-    """Stamps of the times.txt beside KITTI poses, None where there is none of as many rows."""
+    """Stamps in ns of the times.txt beside KITTI poses; None without that file. UserError when it is invalid."""
     times = file.with_name("times.txt")
     if file.name == "times.txt" or not times.is_file():
         return None
