@@ -86,7 +86,7 @@ def test_links_of_a_folder_are_followed_and_three_of_them_told(folder):
 
 def test_what_can_be_no_name_of_a_file_is_told_and_is_none(folder):
     (line,) = located({"path": "a\0b"}, folder).outside
-    assert line.startswith("path: 'a\\x00b' is no file name: ")
+    assert line.startswith("path: 'a\\x00b' is not a file name: ")
     for name in ("a\0b", "x" * 5000):
         assert not is_file(folder / name)
     assert is_file(folder / "run.py") and not is_file(folder) and not is_file(folder / "none")

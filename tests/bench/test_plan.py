@@ -135,7 +135,7 @@ def test_every_flight_of_a_suite_is_flown_scored_and_filmed_in_its_folder(suite,
 
 def test_a_suite_that_says_nothing_of_a_loop_is_not_flown(tmp_path):
     (tmp_path / "small.toml").write_text(SMALL)
-    with pytest.raises(UserError, match=r"give it a table \[loop\]"):
+    with pytest.raises(UserError, match=r"no table \[loop\]"):
         plan_flights(load_suite(tmp_path / "small.toml"), tmp_path)
 
 

@@ -75,9 +75,9 @@ def test_a_bad_shard_is_a_users_mistake(text):
 def test_two_shards_share_a_folder_the_same_one_twice_does_not(tmp_path):
     whole, folder = suite(tmp_path, 2), tmp_path / "out"
     with suite_folder(folder, whole, Shard(1, 2)), suite_folder(folder, whole, Shard(2, 2)):
-        with pytest.raises(UserError, match="at work"), suite_folder(folder, whole, Shard(1, 2)):
+        with pytest.raises(UserError, match="another uavbench process"), suite_folder(folder, whole, Shard(1, 2)):
             pass
-        with pytest.raises(UserError, match="at work"), suite_folder(folder, whole):
+        with pytest.raises(UserError, match="another uavbench process"), suite_folder(folder, whole):
             pass
     with suite_folder(folder, whole):
         pass

@@ -156,9 +156,9 @@ def refused(result, *words):
 
 def test_an_absent_blender_is_told_as_absent(sequence, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    refused(twin(sequence, "--out", tmp_path / "t"), "absent", "apt-get install blender")
+    refused(twin(sequence, "--out", tmp_path / "t"), "not installed", "apt-get install blender")
     monkeypatch.setenv("UAVBENCH_BLENDER", str(tmp_path / "nowhere"))
-    refused(twin(sequence, "--out", tmp_path / "t"), "absent", "nowhere")
+    refused(twin(sequence, "--out", tmp_path / "t"), "not installed", "nowhere")
     assert not (tmp_path / "t").exists()
 
 
@@ -198,7 +198,7 @@ def test_more_than_every_frame_is_refused(sequence, tmp_path):
 def test_no_other_folder_becomes_a_twin(sequence, tmp_path):
     other = shutil.copytree(sequence, tmp_path / "other")
     before = {path: path.read_bytes() for path in sorted(other.rglob("*")) if path.is_file()}
-    refused(twin(sequence, "--out", other), "no twin")
+    refused(twin(sequence, "--out", other), "not a twin")
     refused(twin(other, "--out", other), "lies in the sequence itself")
     refused(twin(other, "--out", other / "twin"), "lies in the sequence itself")
     assert before == {path: path.read_bytes() for path in sorted(other.rglob("*")) if path.is_file()}
