@@ -6,7 +6,6 @@ import numpy as np
 
 from uavbench.reports.metrics.align import Alignment
 from uavbench.reports.metrics.association import PosePairs
-from uavbench.reports.metrics.quaternions import conjugate, multiply
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -67,5 +66,5 @@ def _from_middle(positions_m: Array) -> Array:
 
 def _angle(q: Array, other: Array) -> float:
     """Median angle in rad between rotations (n, 4)."""
-    w = np.abs(multiply(conjugate(q), other)[:, 0])
+    w = np.abs(np.einsum("ij,ij->i", q, other))  # the real part of conj(q) other
     return float(np.median(2 * np.arccos(np.clip(w, 0.0, 1.0))))
