@@ -14,6 +14,7 @@ import argparse
 import contextlib
 import importlib
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -32,7 +33,9 @@ ROOT = Path(__file__).parents[2]
 LEAST = 0.9
 """Share of the mutants of a group that the tests must kill; accepted ones do not count."""
 TIMES, LEAST_S = 10.0, 60.0
-"""A mutant that takes so many times as long as the unchanged code, and at least so many seconds, hangs: killed."""
+"""A mutant that takes so many times the CPU time of the unchanged code, and at least so many seconds, hangs: killed."""
+WAITED_S = 1800.0
+"""A mutant that has not ended after this many seconds on the clock waits forever: killed."""
 QUICK = "not slow and not ci"
 """The tests that are run, by their markers."""
 LIBRARIES = (
@@ -75,18 +78,19 @@ def own_paths(tree: Path) -> list[str]:
     return [str(tree / "src"), str(tree)]
 
 
-def begin(target: Target, mutant: Mutant | None, tree: Path, limit_s: float) -> Trial:
-    """Start the tests of a target in a fork, over a tree that holds the mutant."""
+def begin(target: Target, mutant: Mutant | None, tree: Path, limit_s: float = resource.RLIM_INFINITY) -> Trial:
+    """Start the tests of a target in a fork, over a tree that holds the mutant; limit_s: of processor time."""
     if mutant is not None:
         (tree / mutant.file).write_text(mutant.source, encoding="utf-8")
     pid = os.fork()
     if not pid:
         status = 1
         try:
+            resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s), int(limit_s)))
             status = _tested(target, tree)
         finally:
             os._exit(status)
-    return Trial(mutant, tree, pid, time.monotonic() + limit_s)
+    return Trial(mutant, tree, pid, time.monotonic() + WAITED_S)
 
 
 def _tested(target: Target, tree: Path) -> int:
@@ -127,17 +131,23 @@ def ended(trial: Trial) -> int | None:
     return 1
 
 
+def _children_s() -> float:
+    """Processor time in s of all children that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def survivors(target: Target, chosen: list[Mutant], trees: list[Path]) -> Iterator[Mutant]:
     """Those of the mutants of a target that its tests let pass; SystemExit when these fail without any."""
     original = (trees[0] / target.file).read_text(encoding="utf-8")
-    started = time.monotonic()
-    whole = begin(target, None, trees[0], 10 * LEAST_S)
+    before_s = _children_s()
+    whole = begin(target, None, trees[0])
     while (status := ended(whole)) is None:
         time.sleep(0.02)
     if status:
         log = (trees[0].parent / f"{trees[0].name}.log").read_text(encoding="utf-8", errors="replace")
         raise SystemExit(f"{target.file}: the tests fail on the unchanged code:\n{log[-3000:]}")
-    limit_s = max(LEAST_S, TIMES * (time.monotonic() - started))
+    limit_s = max(LEAST_S, TIMES * (_children_s() - before_s))
     waiting, free, running = list(reversed(chosen)), list(trees), list[Trial]()
     try:
         while waiting or running:
