@@ -1,9 +1,9 @@
-"""`uavbench.figures`: the figures of a report, drawn on a matplotlib Axes or Figure of yours.
+"""`uavbench.figures`: the figures of a report, drawn on a given matplotlib Axes or Figure.
 
-A figure of one panel takes `axes`, one of several panels `figure`, a Figure or SubFigure, best one with
-`layout="constrained"`. Where none is given, a new one of pyplot is made. What was drawn on is returned. `runs` are what
-`uavbench.load_runs` gives, of all sequences unless it says otherwise. Fonts and sizes are those of your matplotlib;
-within `style()` they are the report's.
+A figure of one panel takes `axes`, one of several panels `figure`, a Figure or SubFigure, preferably with
+`layout="constrained"`; by default a new pyplot figure is created. The Axes or Figure is returned. `runs` are those of
+`uavbench.load_runs`, of all sequences unless stated otherwise. Fonts and sizes follow matplotlib's rcParams; within
+`style()` they are those of the report.
 
 >>> import matplotlib.pyplot as plt
 >>> from uavbench import figures, load_runs

@@ -4,7 +4,7 @@ index.html                   the summary, and for each sequence figures and over
 figures/*.pdf *.png *.csv    figures and the numbers behind them
 figures/overlay_*.webp       the model at each tracker's estimate on the images, moving
 tables/summary.*             Markdown, CSV, LaTeX
-scores.json, report.json     all scores; the hash of what made this report
+scores.json, report.json     all scores; the content hash of the report
 """
 
 import json
@@ -83,7 +83,7 @@ def write_recorded_report(
 ) -> Path:
     """Write the report over runs on recordings; the path of its index.html.
 
-    absent: trackers that are not on this machine, and why. UserError when there is no entry.
+    absent: trackers that are not installed, and why. UserError when there is no entry.
     """
     if not entries:
         raise UserError("a report needs at least one scored run")

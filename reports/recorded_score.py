@@ -1,7 +1,7 @@
-"""Scores of runs on recordings of real images: without ground truth no error can be known, and none is shown.
+"""Scores of runs on recordings of real images, whose errors are unknown without ground truth.
 
-Known of a run are the frames with a pose, their times, and the share of the model's visible edges that coincide with an
-image edge. The last distinguishes a lost tracker from one that follows; it is no measure of accuracy.
+A score holds the frames with a pose, their times, and the share of the model's visible edges that coincide with an
+image edge. The last tells a lost tracker from one that follows the structure; it does not measure accuracy.
 """
 
 import json
@@ -33,7 +33,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, Pose
 
 MEETS_PX = 2.0
-"""Distance in px within which an image edge counts as met by a model edge."""
+"""Distance in px within which a model edge coincides with an image edge."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,13 +1,13 @@
 """The report over scored runs: figures, tables, overlays and pages in one folder.
 
 index.html                   the summary, failures first, and the figures
-pages/SEQUENCE.html          frame by frame, with its images beside it
+pages/SEQUENCE.html          a sequence frame by frame, with its images
 figures/*.pdf *.png *.csv    figures and the numbers behind them
 figures/overlay_*.webp       the model on the images, moving
 tables/summary.* details.*   Markdown, CSV, LaTeX
 
 The figures that compare trackers are always drawn, and of a few sequences a page with an overlay, the flight, the
-errors and the paths; the rest is drawn when it is asked for (`figures="all"`).
+errors and the paths; the rest is drawn on request (`figures="all"`).
 
 scores.json                  all scores; byte for byte the same on every run of the same suite
 scores.csv                   the same as a tidy table, a row for each run

@@ -18,7 +18,7 @@ WEIGHT = 8
 class Drawing:
     """A figure that can be drawn: file name without its suffix, title, caption, and what writes its files to a stem.
 
-    always: it is drawn by default; late: it is drawn after the others, because its data come from work beside them.
+    always: it is drawn by default; late: it is drawn after the others, because its data are computed in parallel.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """Report of runs that are restarted from true poses: how often and how soon they fail.
 
 Conventions: with resets, a frame beyond 5 cm or 5 deg, or without a pose, is a failure and the next starts from the
-ground truth; with anchors, every run starts from the ground truth every 5 s, whatever happened before.
+ground truth; with anchors, every run restarts from the ground truth every 5 s, regardless of failures.
 """
 
 from collections.abc import Mapping
@@ -88,7 +88,7 @@ def open_restarts(folders: ListOf[Path], sequences: ListOf[Sequence]) -> list[Re
 
 
 def with_restarts(frame: "DataFrame", runs: ListOf[RestartedRun]) -> "DataFrame":
-    """The frame of the free runs' scores with the numbers of COLUMNS beside them, NaN where a protocol was not run."""
+    """DataFrame of the free runs' scores with the numbers of COLUMNS appended, NaN where a protocol was not run."""
     from pandas import DataFrame
 
     of_run: dict[tuple[str, float, str, int], dict[str, float | None]] = {}

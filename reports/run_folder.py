@@ -21,7 +21,7 @@ def load_scores(folder: str | Path) -> "DataFrame":
     folder: what `uavbench run --out` or `uavbench score --out` wrote. Columns: sequence, flight (without its seed),
     tracker, rate_hz, seed, status, then every number of the scores under the path of its key, its unit last:
     `tracking_success`, `ate_none_translation_rmse_m`, `rpe_1s_rotation_median_deg`, `latency_total_p95_ms`. NaN where
-    a run has none. Last `error`, the first that was met. UserError when the folder holds no scores.
+    a run has none. The last column, `error`, is the first error of the run. UserError when the folder has no scores.
 
     >>> scores = load_scores(folder)
     >>> scores.groupby("tracker").tracking_success.mean().to_dict()
@@ -38,7 +38,7 @@ def load_runs(folder: str | Path) -> "list[ScoredRun]":
     """The runs of a finished run on rendered sequences, for `uavbench.figures` and errors frame by frame.
 
     Each has `.name` (`lsd@15hz`), `.sequence`, `.results`, `.score`, and `.frames()`: a DataFrame of its errors.
-    UserError when the folder holds no scores, or scores of other results.
+    UserError when the folder has no scores, or scores of other results.
 
     >>> run = load_runs(folder)[0]
     >>> run.name, list(run.frames())[:3]

@@ -86,7 +86,7 @@ def _what_is_there_uncollected() -> Iterator[None]:
     A figure has thousands of objects in reference cycles, which trigger full collections over everything imported: a
     tenth of the time of a report.
     """
-    if gc.get_freeze_count():  # someone else's
+    if gc.get_freeze_count():  # frozen by the calling program
         yield
         return
     gc.freeze()
@@ -127,7 +127,7 @@ def save_figure(
 ) -> list[Path]:
     """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns.
 
-    sealed: as `new_file` has it, for a figure that stands alone.
+    sealed: as in `new_file`, for a figure outside a report.
     """
     numbers = stem.with_name(stem.name + ".csv")
     if sealed:
@@ -147,7 +147,7 @@ def save_figure(
 
 
 def refuse_foreign_figure(stem: Path, suffixes: Sequence[str]) -> None:
-    """UserError when a file of a sealed figure, or of its numbers, is there and not as uavbench wrote it."""
+    """UserError when a file of a sealed figure, or of its numbers, exists and is not an unmodified file of uavbench."""
     numbers = stem.with_name(stem.name + ".csv")
     figures = [stem.with_name(stem.name + suffix) for suffix in suffixes]
     for path in figures:
@@ -191,7 +191,7 @@ LABEL_OF_THREE, LABEL_OF_TWO = 18, 32
 
 
 def panel_letter(axes: Axes, letter: str) -> None:
-    """Write (a), (b) ... above an axes, at its left; nothing for no letter."""
+    """Write (a), (b) ... above an axes, at its left; nothing for an empty letter."""
     if letter:
         axes.set_title(f"({letter})", loc="left", fontweight="bold", fontsize=8)
 

@@ -53,7 +53,7 @@ def generate(
 ) -> None:
     """Write the sequence `folder` atomically; on_frame(frames done, total) reports progress.
 
-    UserError when the flight fails, the structure is out of the first view, no GL context can be made, the disk is
+    UserError when the flight fails, the first image does not show the structure, no GL context can be made, the disk is
     full, or the folder holds anything other than a sequence.
     """
     refuse_foreign(folder, "manifest.json")

@@ -32,7 +32,7 @@ VIDEOS = {
 
 
 def load_image(path: Path, flags: int = cv2.IMREAD_COLOR, *, inside: Path | None = None) -> NDArray[np.uint8]:
-    """Image of a file as OpenCV decodes it; UserError naming the file when it is missing, no image or too large."""
+    """Image of a file as OpenCV decodes it; UserError naming the file when it is missing, invalid or too large."""
     return decoded(path, reading.read_bytes(path, IMAGE, inside=inside), flags)
 
 
@@ -55,9 +55,9 @@ def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[in
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data), formats=kinds) as image:
                 width, height = image.size
-    except Image.DecompressionBombError:  # Pillow's own limit lies a little above ours
+    except Image.DecompressionBombError:  # Pillow's own limit is slightly above ours
         raise UserError(f"{path}: {_too_many('too many')}") from None
-    except Exception:  # a header can be broken in as many ways as Pillow has decoders
+    except Exception:  # Pillow's decoders may raise anything for a damaged header
         raise UserError(f"{path}: not a readable image ({', '.join(kinds)}); render or copy it again") from None
     check_pixels(path, width, height)
     return width, height
@@ -70,7 +70,7 @@ def check_pixels(path: Path, width: int, height: int) -> None:
 
 
 def open_video(path: Path) -> cv2.VideoCapture:
-    """Video of a file; UserError naming the file when it is none, or its images are too large."""
+    """Video of a file; UserError naming the file when it is not a video, or its images are too large."""
     with reading.opened(path, VIDEO) as handle:
         head = handle.read(16)
     if not any(head[at : at + len(word)] == word for at, word in VIDEOS.values()):

@@ -106,7 +106,7 @@ def _built(spec: SequenceSpec) -> BuiltStructure:
 
 @lru_cache(maxsize=1)
 def _of_parameters(structure: Any, seed: int) -> BuiltStructure:
-    """The structure of these parameters: the flights and the videos of a sequence follow one another and share it."""
+    """The structure of these parameters, cached because flight and rendering of a sequence both need it."""
     built: BuiltStructure = structure.build(stream(seed, "structure"))
     return built
 

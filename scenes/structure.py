@@ -71,7 +71,7 @@ class Structure:
     ) -> "Structure":
         """Structure of a triangle mesh: (n, 3) metres, (m, 3) counter-clockwise from outside.
 
-        Edges within a planar face are no crease edges; collinear pieces of an edge are joined. Edges shorter than
+        Edges within a planar face are not crease edges; collinear pieces of an edge are joined. Edges shorter than
         min_edge_m are left out.
         """
         vertices, triangles = _weld(vertices, triangles)
@@ -115,7 +115,7 @@ def _triangle_normals(vertices: Array, triangles: Indices) -> tuple[Array, Array
 
 
 def _triangle_edges(triangles: Indices) -> tuple[Indices, Indices]:
-    """Undirected vertex pairs (k, 2) and the triangles (k, 2) beside them, -1 where there is none.
+    """Undirected vertex pairs (k, 2) and the triangles (k, 2) adjacent to them, -1 where there is none.
 
     Of a non-manifold edge, shared by more than two triangles, each further pair of triangles has its own row.
     """

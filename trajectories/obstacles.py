@@ -1,4 +1,4 @@
-"""The obstacle mesh that a flight inspects without touching it, and the floor at z = 0."""
+"""The mesh of the inspected structure, which the vehicle must not touch, and the floor at z = 0."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ from uavbench.trajectories.pose import Array, read_only
 Indices = NDArray[np.int64]
 
 UP_A_LITTLE_ASKEW = np.array([0.0127, 0.0291, 1.0])
-"""Ray direction that is parallel to no edge or face of an axis-aligned mesh."""
+"""Ray direction that is not parallel to any edge or face of an axis-aligned mesh."""
 
 
 @dataclass(frozen=True, eq=False)

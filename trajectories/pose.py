@@ -83,7 +83,7 @@ def rotation_from_quaternion(q: Array) -> Array:
 def rotation_log(R: Array) -> Array:
     """Rotation vectors (..., 3) in rad, norm in [0, pi], of rotation matrices (..., 3, 3).
 
-    Computed by the quaternion and atan2, with full precision near 0 and near pi.
+    Computed via the quaternion and atan2, with full precision near 0 and near pi.
     """
     q = quaternion_from_rotation(R)
     v = q[..., 1:]

@@ -6,7 +6,7 @@ import hmac
 import numpy as np
 
 OPEN_SEED_BITS = 63
-"""Bits of the seeds that a suite's file may name; a longer seed is the secret of a challenge."""
+"""Maximum bits of a seed in a suite file; a longer seed is the secret of a challenge."""
 
 
 def stream(seed: int, *names: str | int) -> np.random.Generator:

@@ -62,7 +62,7 @@ def hypot(x: ArrayLike, y: ArrayLike) -> Array:
 
 
 def power(x: ArrayLike, exponent: ArrayLike) -> Array:
-    """X to the power of exponent, elementwise."""
+    """Power x^exponent, elementwise."""
     return _of_two(POW, x, exponent)
 
 

@@ -89,7 +89,7 @@ class Flown:
         return dict(self.results.record)
 
     def save(self, folder: Path) -> None:
-        """Write the folder, whole or not at all."""
+        """Write the folder atomically."""
         with new_folder(folder, MARKER) as new:
             self.results.write(new, self.groundtruth)
             rows = zip(self.path.stamps_ns.tolist(), self.path.values.tolist(), strict=True)
@@ -103,7 +103,7 @@ class Flown:
 
     @classmethod
     def load(cls, folder: Path) -> "Flown":
-        """Read a folder that `save` wrote; UserError naming the file that is missing or wrong."""
+        """Read a folder that `save` wrote; UserError naming the file that is missing or invalid."""
         results = Results.load(folder)
         if "flight" not in results.record:
             raise UserError(f"{folder / MARKER}: is of no flight; fly again")

@@ -1,6 +1,6 @@
 """Pictures of a tracker's features: segments, model edges on detected edges, overlays.
 
-Everything is drawn on the undistorted image, on which trackers work.
+Everything is drawn on the undistorted image, which trackers process.
 """
 
 from dataclasses import dataclass

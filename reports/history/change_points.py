@@ -3,7 +3,7 @@
 ruptures proposes the commits at which the level steps (Truong, Oudre & Vayatis 2020; PELT of Killick et al. 2012). A
 step is kept only when the test over flights supports it (`evidence`); the least significant is removed first, and the
 others are tested again. Where a line fits as well as a step, and within each remaining segment, the slope over the
-commits is tested in the same way: a drift. A commit that repeats a result to the digit is no evidence.
+commits is tested in the same way: a drift. A commit that repeats a result to the digit is not counted as evidence.
 """
 
 import math
@@ -22,7 +22,7 @@ at most one of 100 series of 40 commits raises a false alarm, also with outliers
 PENALTY = 1.0
 """Penalty of a proposed step, in units of noise^2 log n: half that of BIC, because the test over flights follows."""
 SETTLED = 4
-"""Fewest commits of a new level where commits differ by chance: a single bad commit is no step."""
+"""Fewest commits of a new level where commits differ by chance: a single bad commit is not a step."""
 LEAST_COMMITS = 4
 """Fewest commits from which noise can be estimated and changes are tested."""
 

@@ -102,7 +102,7 @@ class History:
 def read_history(path: Path) -> History:
     """The history in a file.
 
-    UserError naming file and key when it is missing, no history, broken, too long, or has a commit twice.
+    UserError naming file and key when it is missing, not a history, invalid, too long, or lists a commit twice.
     """
     advice = "take back the file of an earlier run, or start another"
     try:
@@ -128,7 +128,7 @@ def read_history(path: Path) -> History:
 
 
 def write_history(path: Path, history: History) -> None:
-    """Write a history, whole or not at all; UserError when `path` exists and is not a history."""
+    """Write a history atomically; UserError when `path` exists and is not a history."""
     ours = [path] if path.is_file() and read_history(path) else []
     head = {"format": FORMAT, **asdict(history)}
     lines = [json.dumps(entry, allow_nan=False) for entry in head.pop("commits")]

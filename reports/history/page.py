@@ -31,9 +31,9 @@ MARKER = "changes.json"
 
 @in_parts(MARKER)
 def write_trends(folder: Path, history: History, found: list[Trend]) -> Path:
-    """Write the folder of a history and its trends, whole or not at all; the path of its index.html."""
+    """Write the folder of a history and its trends atomically; returns the path of its index.html."""
     (folder / "figures").mkdir(parents=True)
-    with house_style(), rc_context({"text.parse_math": False}):  # names of trackers are no formulas
+    with house_style(), rc_context({"text.parse_math": False}):  # names of trackers are not formulas
         drawn = [
             on_page(folder, save_trend(trend, folder / "figures" / f"{k:02d}-{_slug(trend.series.name)}"),
                     trend.series.name, _caption(trend))

@@ -15,7 +15,7 @@ from uavbench.trajectories.pose import Array
 
 AT_MOST = 0.19
 """Winsorization limit of one flight's deviation from the commit's median, in logs: twice a change of 10 %, as in the
-gate; a single outlier can neither hide nor feign a change of all flights."""
+gate; a single outlier can neither hide nor imitate a change of all flights."""
 LEAST_ERROR = 1e-12
 """Resolution in the unit of the metric: smaller values count as equal, as in the gate."""
 STEADY = 0.5

@@ -103,7 +103,7 @@ def _parsed(spec: str) -> tuple[str, str]:
     name, sign, pattern = (part.strip() for part in spec.partition("="))
     if not (name and sign and pattern):
         raise UserError(f"--group {spec}: write NAME=PATTERN, such as --group ORB='orb/run*.tum'")
-    return name, str(Path(pattern.replace("[^", "[!")).expanduser())  # as shells have it, and glob has not
+    return name, str(Path(pattern.replace("[^", "[!")).expanduser())  # negation as in shells, unlike glob
 
 
 def _matching(pattern: str, estimates: Iterable[Path]) -> list[tuple[Path, str]]:

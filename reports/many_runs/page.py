@@ -50,14 +50,14 @@ UNSHOWN = ("runs", "RPE position sd", "RPE rotation sd")
 
 @in_parts(MARKER)
 def write_many(folder: Path, results: ManyResults) -> Path:
-    """Write the folder of many runs, whole or not at all; the path of its index.html."""
+    """Write the folder of many runs atomically; returns the path of its index.html."""
     many = results.many
     (folder / "figures").mkdir(parents=True)
     write_tables(results.table, folder / "tables" / "summary")
     write_csv(folder / "tables" / "runs.csv", RUN_COLUMNS, results.run_rows())
     if results.tested:
         write_csv(folder / "tables" / "tests.csv", TEST_COLUMNS, _tests(results))
-    with house_style(), rc_context({"text.parse_math": False}):  # names of files and trackers are no formulas
+    with house_style(), rc_context({"text.parse_math": False}):  # names of files and trackers are not formulas
         drawn = [
             on_page(folder, draw(folder / "figures" / name), title, caption)
             for name, title, caption, draw in _drawings(results)

@@ -1,8 +1,8 @@
 """Alignment of an estimate to a reference: est -> ref.
 
 Conventions: an aligned position is scale * R p + t; an aligned rotation is R times the estimated one. The default
-of this project is no alignment: localization is absolute, in the structure's frame. On a straight line an alignment
-goes as far as positions determine it (`straight_line`).
+of this project is no alignment: localization is absolute, in the structure's frame. On a straight line only the part of
+the alignment that positions determine is estimated (`straight_line`).
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Alignment = Literal["none", "se3", "sim3", "scale", "yaw", "origin", "origin-sca
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """Transform of an estimate: scale, rotation (3, 3), translation (3,) in metres, what of it is undetermined."""
+    """Transform of an estimate: scale, rotation (3, 3), translation (3,) in metres, and its undetermined part."""
 
     scale: float
     rotation: Array
@@ -44,7 +44,7 @@ def alignment(pairs: PosePairs, kind: Alignment, first_n: int | None = None) -> 
     """Transform that brings the estimate to the reference, found from the first n pairs (None: all).
 
     `scale`: only the scale of sim3. `yaw`: rotation about z and translation. `origin`: the first poses coincide.
-    UserError when the positions determine no part of the rotation: they stand still.
+    UserError when the rotation is undetermined because the positions do not move.
     """
     if first_n is not None and first_n < 1:
         raise UserError(f"first_n = {first_n}: alignment needs at least one pair")

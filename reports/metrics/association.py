@@ -52,7 +52,7 @@ class PosePairs:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Rows (n,) of reference and estimate that belong together."""
+    """Corresponding rows (n,) of reference and estimate."""
 
     reference: Indices
     estimate: Indices
@@ -76,11 +76,11 @@ def match(
     max_difference_s: float = DEFAULT_MAX_DIFFERENCE_S,
     offset_s: float = 0.0,
 ) -> Matches:
-    """Rows of two trajectories that belong together; UserError when no stamps are near enough to each other.
+    """Corresponding rows of two trajectories; UserError when no stamps are near enough to each other.
 
     `one-to-one`: globally nearest first, each pose used once, ties to the earlier. `evo` and `evo-interpolated`: each
-    pose of the shorter trajectory (the estimate when equal) takes the nearest stamp of the longer, which may be taken
-    many times.
+    pose of the shorter trajectory (the estimate when equal) is matched to the nearest stamp of the longer, which may be
+    used many times.
     """
     if not (max_difference_s >= 0 and np.isfinite(offset_s)):
         raise UserError(f"max_difference_s = {max_difference_s}, offset_s = {offset_s}: must be finite, the first >= 0")
@@ -123,7 +123,7 @@ def paired(
 
 
 class RowPairs(NamedTuple):
-    """Rows (k,) of the reference, and those of the estimate that belong to them."""
+    """Rows (k,) of the reference, and the corresponding rows of the estimate."""
 
     reference: Indices
     estimate: Indices
@@ -150,7 +150,7 @@ def nearest_to_shorter(
 def one_to_one(reference_s: Array, estimate_s: Array, max_difference_s: float) -> RowPairs:
     """Rows of reference and estimate, greedily by (difference, reference row, estimate row), each used once.
 
-    Pairs that are nearest to each other, without a tie, are taken at once; the few that remain go through a heap.
+    Mutually nearest pairs without a tie are matched first; the few that remain go through a heap.
     """
     a_of, b_of = np.arange(len(reference_s)), np.arange(len(estimate_s))
     done_a, done_b = [], []
@@ -196,7 +196,7 @@ def _strictly_nearest(a: Array, b: Array) -> Nearest:
 
 
 def _greedy(a: Array, b: Array, limit: float) -> RowPairs:
-    """Greedy nearest-first matching: the nearest pair that is left always stands side by side in the merged order."""
+    """Greedy nearest-first matching: the nearest remaining pair is always adjacent in the merged order."""
     n, m = len(a), len(b)
     if not (n and m):
         return RowPairs(np.empty(0, np.int64), np.empty(0, np.int64))

@@ -33,7 +33,7 @@ Poses = tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSpace:
-    """Errors in the structure's space and of its edges in the image, over the frames that have a pose; None without.
+    """Errors in the structure's space and of its edges in the image, over the frames with a pose; None without any.
 
     symmetries: how many rotations map the structure onto itself, the identity included.
     """
@@ -97,8 +97,8 @@ def mspd(points: Array, ground_truth: Poses, estimate: Poses, symmetries: ListOf
 def edge_reprojection(structure: Structure, camera: Camera, ground_truth: Poses, estimate: Poses) -> Array:
     """Mean distance (n,) in px between points of the edges, projected at both poses.
 
-    Points count that lie in the image at the true pose, on edges beside a face that is visible there; NaN when none
-    does. At most the image's diagonal per point.
+    Only points that are in the image at the true pose and on an edge of a visible face are used; NaN without any. At
+    most the image's diagonal per point.
     """
     ends = structure.edge_segments
     w = np.linspace(0, 1, POINTS_PER_EDGE)[None, :, None]
@@ -127,7 +127,7 @@ def diagonal_px(camera: Camera) -> float:
 def box_symmetries(structure: Structure) -> tuple[Pose, ...]:
     """Rotations about the middle of its bounds that map the vertices onto themselves, the identity first.
 
-    Tried are the 24 rotations of a cube; a box of three different sides has 4 of them, a cube all.
+    The 24 rotations of a cube are tried; a box of three different sides has 4 of them, a cube all.
     """
     points = structure.vertices
     low, high = structure.bounds

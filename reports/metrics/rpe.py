@@ -111,7 +111,7 @@ def relative_errors(pairs: PosePairs, i: Indices, j: Indices, relation: RpeRelat
     """Errors (k,) of the pairs i -> j.
 
     The point distances compare straight-line distances: in m, and in percent of the true one
-    (pairs in which the ground truth stands still have none and are left out).
+    (pairs in which the ground truth does not move have none and are left out).
     """
     if relation in ("point_distance_m", "point_distance_percent"):
         true = norm(pairs.reference_m[j] - pairs.reference_m[i])

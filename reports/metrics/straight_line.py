@@ -37,7 +37,7 @@ def line_fit(p: Array, q: Array) -> LineFit | None:
     if not min(straight) < STRAIGHT:
         return None
     U, _, Vt = np.linalg.svd(p_centred.T @ q_centred)
-    u, v = U[:, 0], Vt[0]  # the directions that least squares lays on each other
+    u, v = U[:, 0], Vt[0]  # the directions that least squares maps onto each other
     R, plane = smallest_rotation(v, u), _across(u)
     if not _undetermined(min(straight), p_centred @ plane.T, q_centred @ R.T @ plane.T):
         return None
@@ -67,7 +67,7 @@ def vertical_fit(p: Array, q: Array) -> LineFit | None:
 def smallest_rotation(source: Array, target: Array) -> Array:
     """Rotation (3, 3) by the smallest angle that takes one unit vector (3,) to another."""
     cosine = float(source @ target)
-    if cosine < DEGENERATE - 1:  # half a turn, about any axis across
+    if cosine < DEGENERATE - 1:  # half a turn about any orthogonal axis
         axis = _across(source)[0]
         return np.asarray(2 * np.outer(axis, axis) - np.eye(3))
     x, y, z = np.cross(source, target)

@@ -48,6 +48,6 @@ class ErrorSummary:
 
     @classmethod
     def from_json(cls, values: dict[str, float | int | None]) -> "ErrorSummary":
-        """What `to_json` gave."""
+        """The summary that `to_json` returned as a JSON object."""
         numbers = {k: float("nan") if v is None else float(v) for k, v in values.items() if k != "n"}
         return cls(**numbers, n=int(values["n"] or 0))

@@ -1,7 +1,7 @@
-"""Protocols beside the free run: reset on failure, anchored restarts, replay in real time.
+"""Protocols other than the free run: reset on failure, anchored restarts, replay in real time.
 
-Conventions: a protocol runs the same tracker on the same frames as the free run, with results of the same form. Frames
-right after a reset are burn-in: they follow a given pose, so they are excluded from accuracy.
+Conventions: a protocol runs the same tracker on the same frames as the free run, with results in the same format.
+Frames right after a reset are burn-in: they follow a given pose, so they are excluded from accuracy.
 """
 
 from collections.abc import Sequence as ListOf
@@ -46,7 +46,7 @@ class Restarted:
 
     @classmethod
     def load(cls, folder: Path) -> "Restarted":
-        """Read what was saved of `results`; UserError when it was no run under such a protocol."""
+        """Read what was saved of `results`; UserError when it was not a run under such a protocol."""
         results, _ = sound(Results.load(folder))
         flags = []
         for name in FLAGS:

@@ -96,7 +96,7 @@ def open_runs(entries: ListOf[ReportEntry]) -> list[ScoredRun]:
     """Runs of a report's entries; each sequence is loaded once, each tracker has one colour.
 
     A run with a missing results folder, or with a reason in `why`, is scored as one without any pose. UserError naming
-    a file that is missing or wrong, or a score that was not computed from these results.
+    a file that is missing or invalid, or a score that was not computed from these results.
     """
     sequences: dict[Path, Sequence] = {}
     labels: dict[str, int] = {}

@@ -91,7 +91,7 @@ class Score:
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> "Score":
-        """The score of an object that `to_json` returned; UserError naming the first wrong key."""
+        """The score of an object that `to_json` returned; UserError naming the first invalid key."""
         known = {name: value[name] for name in cls.__dataclass_fields__ if name in value}
         try:
             return _ADAPTER.validate_python(known)
@@ -106,7 +106,7 @@ class Score:
 
     @classmethod
     def load(cls, path: Path) -> "Score":
-        """Read `score.json`; UserError naming the file when it is missing or no score."""
+        """Read `score.json`; UserError naming the file when it is missing or not a score."""
         try:
             return cls.from_json(read_json(path))
         except UserError as error:

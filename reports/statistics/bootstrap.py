@@ -246,7 +246,7 @@ def ranks(values: Mapping[str, Array], confidence: float = CONFIDENCE) -> Ranks:
     n, k = table.shape
     if n < 2 or k < 2:
         raise UserError(f"ranks need at least two trackers and two runs each, got {k} and {n}")
-    from scipy.stats import friedmanchisquare, rankdata, studentized_range  # takes a second, for this alone
+    from scipy.stats import friedmanchisquare, rankdata, studentized_range  # lazy: it takes a second
 
     row_ranks = np.array([rankdata(row) for row in table])
     enough = len(np.unique(table, axis=0)) >= least_units()

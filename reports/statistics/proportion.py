@@ -19,7 +19,7 @@ class Proportion:
         """Proportion with its Wilson interval; the interval is [0, 1] without a trial."""
         if n == 0:
             return cls(successes=0, n=0, low=0.0, high=1.0)
-        from scipy.stats import binomtest  # takes a second, and most reports have no shares
+        from scipy.stats import binomtest  # lazy: takes a second, and most reports have no shares
 
         found = binomtest(successes, n).proportion_ci(confidence, method="wilson")
         return cls(successes=successes, n=n, low=float(found.low), high=float(found.high))

@@ -24,7 +24,7 @@ that is mostly lost are not comparable."""
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A mean with its interval (None for a single run), over the `known` of `runs` runs that have a value.
+    """A mean with its interval (None for a single run), over the `known` ones of `runs` runs that have a value.
 
     best: no other row of the same rate shows a better value; significant: it is better than each of them at the 5 %
     level.

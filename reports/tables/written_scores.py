@@ -14,12 +14,12 @@ KEY = ("label", "rate_hz", "seed", "sequence")
 
 
 def table_of(folder: Path) -> Table:
-    """The table of a report's folder with all columns; UserError naming a file that is missing or wrong."""
+    """The table of a report's folder with all columns; UserError naming a file that is missing or invalid."""
     return summary_table(score_frame(score.to_json() for score in read_scores(folder)), (*COLUMNS, *DETAILS))
 
 
 def read_scores(folder: Path) -> list[Score]:
-    """Scores of `scores.json` with the times of `latency.json`; UserError naming a file that is missing or wrong."""
+    """Scores of `scores.json` with the times of `latency.json`; UserError naming a file that is missing or invalid."""
     accuracy, times = read_json(folder / "scores.json"), read_json(folder / "latency.json")
     try:
         timed = {json.dumps([row[key] for key in KEY]): row for row in times["latency"]}

@@ -61,5 +61,5 @@ def consistency_of(values: Array, variances: Array) -> Consistency | None:
 
 def _median_sigma(variances: Array) -> float:
     """Median over rows (m, 3) of the root of their sum; negative sums, impossible for a covariance, count as 0."""
-    with np.errstate(over="ignore"):  # of numbers near the largest
+    with np.errstate(over="ignore"):  # sums of numbers near the largest
         return float(np.median(np.sqrt(np.maximum(variances.sum(axis=1), 0.0))))

@@ -1,6 +1,6 @@
 """The body as provided to trackers: the camera mount, the sensors, and their samples.
 
-Everything that a tracker receives of a sequence beside images, camera, structure and initial pose comes from here,
+Everything that a tracker receives of a sequence besides images, camera, structure and initial pose comes from here,
 by a whitelist: of a sensor's file the columns that its class names in `measured`, of its parameters those in a data
 sheet or calibration. True values in the same files, such as the biases of an IMU, are never passed on.
 """

@@ -3,12 +3,12 @@
 The irradiance of pixel i is y_i = f_i(xi) + n_i, with n_i independent, normal, and of variance s_i^2 by the sensor's
 photon-transfer curve and quantization. For the twist xi of `cam_from_world_true = exp(xi) cam_from_world` an
 unbiased estimate from this image alone has a covariance of at least (J^T S^-1 J)^-1, J = df/dxi (Kay 1993, eq. 3.31
-without the term of the variance's own change). J is taken by central differences of noise-free renders, along six
-independent directions in which the image moves equally far: along the axes of the twist, aliasing would pass for
+without the term for the change of the variance). J is computed by central differences of noise-free renders, along six
+independent directions in which the image moves equally far: along the axes of the twist, aliasing would be taken for
 information on directions that hardly move the image, such as a rotation that compensates a translation.
 
-Only pixels that show the structure or its outline count, since the rest of the world is not in the model. The
-appearance of the structure counts as known: an edge-based tracker stays above the bound, and one that uses several
+Only pixels that show the structure or its outline are used, since the rest of the world is not in the model. The
+appearance of the structure is assumed known: an edge-based tracker stays above the bound, and one that uses several
 frames may go below it. Effects of the link are left out, and so is aliasing: J is that of the irradiance of a pixel,
 from renders at FINER times the resolution where there is no lens blur.
 
@@ -37,7 +37,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array, Pose
 
 FINER = 2
-"""Rendered pixels along a pixel's side; coarser sampling would alias edges, which would pass for information."""
+"""Rendered pixels along a pixel's side; coarser sampling would alias edges, which would be taken for information."""
 STEP_PX = 0.15
 """Step of the central differences: rms image motion of the structure, px. It understates a step edge by 1/10."""
 MOST_PX = 10.0

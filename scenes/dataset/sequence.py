@@ -3,11 +3,11 @@
     sequence.json   name, seed, rate, mount, content hash, versions
     camera.toml     the calibrated camera
     model.obj       the structure as designed, one group per planar face
-    edges.csv       its true edges: vertices and the faces beside them
+    edges.csv       its true edges: vertices and the adjacent faces
     frames.csv      frame, stamp_ns, file
     groundtruth.csv       world_from_body and its rates at each frame; a recording of real images has none
     frames/*.png    the images
-    cameras/NAME/   of each camera beside the main one: camera.toml, frames.csv, groundtruth.csv, frames/*.png
+    cameras/NAME/   of each camera besides the main one: camera.toml, frames.csv, groundtruth.csv, frames/*.png
     crlb.csv        Cramer-Rao bound of the camera's pose, of every n-th frame where the config asks for it
     flight.csv      the whole flight: motion, motors and wind, 100 times a second
     imu.csv ...     the readings of each body sensor, by its name
@@ -66,7 +66,7 @@ class Sequence:
 
     @classmethod
     def load(cls, folder: Path) -> "Sequence":
-        """Open a sequence folder; UserError naming the file that is missing or wrong."""
+        """Open a sequence folder; UserError naming the file that is missing or invalid."""
         info = read_json(folder / "sequence.json")
         check_info(folder / "sequence.json", info)
         files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
@@ -142,7 +142,7 @@ class Sequence:
         return self.info[key]
 
     def _pose(self, key: str) -> Pose:
-        """Pose of a key of `sequence.json`; UserError where it is missing or no pose."""
+        """Pose of a key of `sequence.json`; UserError where it is missing or not a pose."""
         try:
             return Pose.from_matrix(self._said(key))
         except (ValueError, TypeError, OverflowError) as error:
@@ -233,7 +233,7 @@ class Frame:
 
     @property
     def mask(self) -> NDArray[np.uint8] | None:
-        """Instances (h, w): 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 all else, or None."""
+        """Instances (h, w): 1 structure, 2 plants, 3 people, 4 birds, 10 and up lookalikes, 0 else; None: no masks."""
         path = self._file("mask", "png")
         return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
 
@@ -245,19 +245,19 @@ class Frame:
 
     @property
     def flow_px(self) -> Array | None:
-        """Optical flow (h, w, 2) to the next frame, NaN where it is not known; None where there is none."""
+        """Optical flow (h, w, 2) in px to the next frame, NaN where unknown; None if the sequence has none."""
         path = self._file("flow", "png")
         return None if path is None else read_flow(path, self.sequence.folder)
 
     @property
     def occlusion(self) -> NDArray[np.uint8] | None:
-        """Of each pixel's surface point (h, w), in the next frame: 0 seen, 1 hidden, 2 out of the image, 3 unknown."""
+        """Surface point of each pixel (h, w) in the next frame: 0 visible, 1 occluded, 2 out of view, 3 unknown."""
         path = self._file("occlusion", "png")
         return None if path is None else load_image(path, IMREAD_UNCHANGED, inside=self.sequence.folder)
 
     @property
     def normals(self) -> Array | None:
-        """Unit normals (h, w, 3) of the surface in the camera's frame, NaN where there is none; None without."""
+        """Unit normals (h, w, 3) of the surface in the camera's frame, NaN without a surface; None: no normals."""
         path = self._file("normals", "png")
         return None if path is None else read_normals(path, self.sequence.folder)
 
@@ -272,7 +272,7 @@ def open_sequence(folder: str | Path) -> Sequence:
     A `Sequence` has `.camera`, `.structure`, `.stamps_ns` (n,), `.cam_from_body` and `.ground_truth`, the true
     `world_from_body` of all frames; each `Frame` has `.image` (h, w, 3) BGR, `.stamp_ns`, `.cam_from_world`,
     `.world_from_body`, `.depth_m` (h, w), `.mask` (h, w), `.edges` (n, 7). UserError naming the file that is missing
-    or wrong.
+    or invalid.
 
     >>> sequence = open_sequence(folder / "sequences" / "drawn-s0")
     >>> [frame.image.shape == (240, 320, 3) for frame in sequence][:2], len(sequence.ground_truth) == len(sequence)

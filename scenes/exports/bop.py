@@ -110,11 +110,11 @@ def _ply_mm(vertices: Array, triangles: np.ndarray) -> str:
 
 
 def _write_images(shown: Shown, frame: int, scene: Path) -> dict[str, Any]:
-    """Write masks and depth of a frame; its entry of scene_gt_info.json, without what the sequence does not know."""
+    """Write masks and depth of a frame; its entry of scene_gt_info.json, without keys of missing annotations."""
     visible, depth = shown.mask(frame), shown.depth(frame)
     h, w = shown.camera.height, shown.camera.width
     whole = silhouette(shown.sequence, frame, shown.camera)
-    inner = whole[(slice(h, 2 * h), slice(w, 2 * w))]  # a view: what is set there is set on the canvas
+    inner = whole[(slice(h, 2 * h), slice(w, 2 * w))]  # a view into the canvas
     if visible is not None:
         inner |= visible  # the rendered border may extend a fraction of a pixel further
     _write_mask(scene / "mask" / f"{frame:06d}_000000.png", inner)

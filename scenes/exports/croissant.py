@@ -1,6 +1,6 @@
 """croissant.json: an export described for dataset search and for reviewers (MLCommons Croissant 1.0 with its RAI 1.0).
 
-Who publishes an export adds what uavbench cannot know: licence, creator, URL and date.
+The publisher of an export adds what uavbench cannot know: licence, creator, URL and date.
 """
 
 import json

@@ -99,7 +99,7 @@ def yaml_number(value: float) -> str:
 def imus_of(sequence: Sequence) -> dict[str, dict[str, Any]]:
     """Parameters of each IMU of a sequence, by the name of its file.
 
-    They are empty for a file of readings that the sequence's record does not name.
+    They are empty for a file of readings that sequence.json does not list.
     """
     sensors = dict(tables_of(sequence))
     folder = sequence.body_folder

@@ -56,7 +56,7 @@ def _tokens(data: Any, start: int, stop: int, tokens: Any, counts: Any) -> int:
     number, i = 0, start
     while i < stop:
         value = data[i]
-        # one branch instead of three, each of which noise would often mispredict
+        # one branch instead of three, each of which would often be mispredicted for noisy images
         is_run = 0 < i < stop - 2 and (value ^ data[i - 1]) | (value ^ data[i + 1]) | (value ^ data[i + 2]) == 0
         if is_run:
             end, furthest = i + SHORTEST, min(stop, i + LONGEST)

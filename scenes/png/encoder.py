@@ -14,7 +14,7 @@ from uavbench.scenes.png.deflate import deflate, room_words
 from uavbench.scenes.png.filters import AVERAGE, UP, filter_rows
 
 ENCODING = "uavbench 1"
-"""Version of the encoding; raise it with every change of the bytes that the same pixels give."""
+"""Version of the encoding; increment it with every change that alters the bytes for the same pixels."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 ZLIB_HEADER = b"\x78\x01"
 """Deflate with a window of 32 KiB, fastest compression level (RFC 1950)."""

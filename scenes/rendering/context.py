@@ -60,7 +60,7 @@ def version() -> str:
 
 def _make(kind: str) -> Any:
     os.environ["PYOPENGL_PLATFORM"] = kind
-    os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe's threads occupy cores without a speed-up
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # llvmpipe's threads occupy cores without any speed-up
     if not hasattr(np, "infty"):
         setattr(np, "infty", np.inf)  # noqa: B010  (an assignment is what ruff rewrites)
     _without_viewer()

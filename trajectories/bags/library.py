@@ -12,7 +12,7 @@ DISTRIBUTION = "ROS2_HUMBLE"
 
 
 def rosbags(module: str) -> Any:
-    """A module of rosbags; UserError with the install command where it is missing."""
+    """A module of rosbags; UserError with the install command when rosbags is not installed."""
     try:
         return importlib.import_module(f"rosbags.{module}")
     except ImportError:
@@ -28,10 +28,10 @@ def typestore() -> Any:
 
 @cache
 def reader() -> Any:
-    """The reader class of rosbags, hardened: MCAP chunks are decompressed up to their declared size, files never.
+    """The reader class of rosbags with limits: MCAP chunks are decompressed up to their declared size, files never.
 
     rosbags itself decompresses a whole chunk before it compares sizes, and a compressed file to disk before it is
-    checked; and it expands YAML aliases, with which a small text can grow without bound.
+    checked; and it expands YAML aliases, with which a small file can expand without bound.
     """
     storage, folder, metadata = (rosbags(f"rosbag2.{name}") for name in ("storage_mcap", "reader", "metadata"))
     storage.DECOMPRESSORS.update({"": _stored, "zstd": _zstd, "lz4": _lz4})

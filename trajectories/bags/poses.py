@@ -38,7 +38,7 @@ UNSAID = "?"
 class BagPoses:
     """Trajectory of a topic and its frames, such as `world_from_body`; ? where the messages name none.
 
-    covariances: those that the messages claim, None where they claim none.
+    covariances: those given in the messages, None if there are none.
     """
 
     trajectory: Trajectory
@@ -51,7 +51,7 @@ class BagPoses:
 class _Rows:
     """Stamps and poses (position, quaternion w x y z) of one frame in another, as recorded.
 
-    covariances: 36 numbers of each pose, none where its type has none.
+    covariances: 36 values per pose, empty if the message type has none.
     """
 
     parent: str
@@ -62,7 +62,7 @@ class _Rows:
 
 
 def read_poses(source: BagTopic) -> BagPoses:
-    """Trajectory of a topic of a bag; where no topic is named, of the only one with poses.
+    """Trajectory of a topic of a bag; if no topic is named, of the only one with poses.
 
     Stamps are those of the message headers, sorted. UserError naming the invalid bag, topic or message.
     """
@@ -212,7 +212,7 @@ def _faults(stamps: np.ndarray, positions: Array, quaternions: Array) -> Iterato
 
 
 def _pose(message: Any) -> Any:
-    """The pose of a message, without the covariance that may be around it."""
+    """The pose of a message, without its covariance if it has one."""
     return getattr(message.pose, "pose", message.pose)
 
 

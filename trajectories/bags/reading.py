@@ -65,7 +65,7 @@ class Bag:
                 number += 1
         except UserError:
             raise
-        except Exception as error:  # a message can be broken in as many ways as there are fields
+        except Exception as error:  # deserializing a damaged message may raise anything
             raise UserError(f"{self.path}: message {number} of {topic} is damaged: {_why(error)}") from None
 
     def _check_size(self, topic: str, number: int, size: int) -> None:
@@ -133,7 +133,7 @@ def opened_bag(path: Path) -> Iterator[Bag]:
         bag.open()
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
-    except Exception as error:  # broken indices raise what unpacking them raises
+    except Exception as error:  # reading a damaged index may raise anything
         raise UserError(
             f"{path}: not a readable bag: {_why(error)}; if its recording was cut short, `ros2 bag reindex` or `mcap "
             "recover` may mend it"
@@ -176,7 +176,7 @@ def _check_files(path: Path) -> None:
         return
     with opened(path / METADATA, BAG_METADATA, inside=path):
         pass
-    for file in path.iterdir():  # of any name: the metadata list those of the bag
+    for file in path.iterdir():  # files of any name, because the metadata may list any
         if file.is_symlink() or not file.is_dir():
             _check_storage(file, path)
 

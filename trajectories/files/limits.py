@@ -1,6 +1,6 @@
 """Size limits on untrusted files, in one place, each with its unit and reason.
 
-They are far above what real data need, and are checked before memory is spent.
+They are far above what real data need, and are checked before memory is allocated.
 """
 
 from dataclasses import dataclass
@@ -32,9 +32,9 @@ IMAGE = FileLimit("image", 512 * MB, "scale the image down")
 VIDEO = FileLimit("video", 65_536 * MB, "cut the video into shorter ones")
 """Read image by image: an hour of 4K."""
 BAG = FileLimit("bag", 65_536 * MB, "cut the bag into shorter ones")
-"""Read message by message, as a video; `ros2 bag record` splits at a size that its user gives."""
+"""Read message by message, as a video; `ros2 bag record` splits at a size set by its user."""
 ANY = FileLimit("file", 1_048_576 * MB, "is it the file that was meant?")
-"""Files of which only a digest is taken."""
+"""Files that are only hashed."""
 
 MOST_PIXELS = 160_000_000
 """Pixels of one image, or of all textures of a model: the largest aerial cameras have 151 million."""
@@ -43,7 +43,7 @@ BAG_METADATA = FileLimit("bag's metadata file", 1 * MB, "is it the file that was
 MOST_CHUNK_BYTES = 1024 * MB
 """Decompressed size of simultaneous chunks of an MCAP file: writers close a chunk after 1 to 16 MB."""
 MOST_MESSAGE_BYTES = 16 * MB
-"""A message other than an image: 200,000 transforms, or the point cloud of one lidar turn."""
+"""A message other than an image: 200,000 transforms, or the point cloud of one lidar revolution."""
 MOST_POSES = 8_000_000
 """Poses of one trajectory: eleven hours at 200 Hz, half a gigabyte as arrays."""
 MOST_ROWS = 2_000_000

@@ -61,7 +61,7 @@ def read_bytes(path: Path, limit: FileLimit, *, inside: Path | None = None, hint
 
 
 def read_text(path: Path, limit: FileLimit = SETTINGS, *, inside: Path | None = None, hint: str = "") -> str:
-    """Content of a UTF-8 file, line ends as in Unix; UserError as `opened`, or when it is no text."""
+    """Content of a UTF-8 file, with Unix line ends; UserError as `opened`, or when it is not text."""
     try:
         text = read_bytes(path, limit, inside=inside, hint=hint).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -70,7 +70,7 @@ def read_text(path: Path, limit: FileLimit = SETTINGS, *, inside: Path | None = 
 
 
 def read_header(path: Path, limit: FileLimit, *, inside: Path | None = None) -> list[str]:
-    """Names in the first line of a CSV file; UserError as `opened`, or when it is no text."""
+    """Names in the first line of a CSV file; UserError as `opened`, or when it is not text."""
     with opened(path, limit, inside=inside) as handle:
         try:
             return handle.readline(LONGEST_LINE).decode("utf-8-sig").strip().split(",")
@@ -79,7 +79,7 @@ def read_header(path: Path, limit: FileLimit, *, inside: Path | None = None) -> 
 
 
 def read_toml(path: Path, *, inside: Path | None = None, hint: str = "") -> dict[str, Any]:
-    """Table of a TOML file; UserError as `read_text`, or when it is not TOML or nested too deep."""
+    """Table of a TOML file; UserError as `read_text`, or when it is not TOML or nested too deeply."""
     text = read_text(path, SETTINGS, inside=inside, hint=hint)
     try:
         return toml_table(text)
@@ -88,7 +88,7 @@ def read_toml(path: Path, *, inside: Path | None = None, hint: str = "") -> dict
 
 
 def read_json(path: Path, *, limit: FileLimit = JSON, inside: Path | None = None, hint: str = "") -> dict[str, Any]:
-    """Object of a JSON file; UserError as `read_text`, or when it is not JSON, nested too deep, or no object."""
+    """Object of a JSON file; UserError as `read_text`, or when it is not JSON, nested too deeply, or not an object."""
     text = read_text(path, limit, inside=inside, hint=hint)
     try:
         value = json_value(text)
@@ -100,7 +100,7 @@ def read_json(path: Path, *, limit: FileLimit = JSON, inside: Path | None = None
 
 
 def toml_table(text: str) -> dict[str, Any]:
-    """Table of TOML text; ValueError when it is invalid or nested too deep."""
+    """Table of TOML text; ValueError when it is invalid or nested too deeply."""
     if DOTTED.search(text):  # tomllib is quadratic in the depth
         raise ValueError(_TOO_DEEP)
     try:
@@ -112,7 +112,7 @@ def toml_table(text: str) -> dict[str, Any]:
 
 
 def json_value(text: str | bytes) -> Any:
-    """Value of JSON text; ValueError when it is invalid or nested too deep."""
+    """Value of JSON text; ValueError when it is invalid or nested too deeply."""
     try:
         value = json.loads(text)
     except RecursionError:
@@ -125,7 +125,7 @@ _TOO_DEEP = f"it is nested deeper than {MOST_NESTING} levels"
 
 
 def _shallow(value: Any) -> None:
-    """ValueError when a value is nested too deep for recursive processing."""
+    """ValueError when a value is nested too deeply for recursive processing."""
     level = [value]
     for _ in range(MOST_NESTING):
         level = [

@@ -20,7 +20,7 @@ COMMENTS = {
 }
 """Opening and closing of a comment, by file suffix."""
 TABLE = ".csv"
-"""Suffix of tables, which other readers may want without comments: sealed like `.txt`, on request only."""
+"""Suffix of tables, which other programs may expect without comments: sealed like `.txt`, on request only."""
 IEND = bytes.fromhex("0000000049454e44ae426082")
 """The last chunk of every PNG file."""
 TAIL_BYTES = 300
@@ -35,7 +35,7 @@ def seal_table(path: Path) -> None:
 
 
 def seal(path: Path, beside: Path | None = None) -> None:
-    """Append a seal to a file, and to a file beside it; formats without comments are left unchanged."""
+    """Append a seal to a file, which also covers the content of `beside`; formats without comments stay unchanged."""
     data = path.read_bytes()
     about = b"" if beside is None else _beside(beside)
     if path.suffix == ".json" and data.endswith(b"\n}\n"):
@@ -52,7 +52,7 @@ def seal(path: Path, beside: Path | None = None) -> None:
 
 
 def is_sealed(path: Path) -> bool:
-    """Whether this is a regular file, no link, with a valid seal; of a file without one only the end is read."""
+    """Whether this is a regular file, not a link, with a valid seal; of a file without one only the end is read."""
     try:
         if path.is_symlink() or not path.is_file():
             return False

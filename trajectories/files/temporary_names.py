@@ -1,8 +1,8 @@
 """Temporary names with an owner, and the removal of leftovers of killed processes.
 
-Before `.NAME-uavbench-TOKEN` there is `.NAME-uavbench-TOKEN.owner`: a dangling symbolic link whose text names the
-token and the process. Links are created atomically, so whatever carries a token belongs to its owner; the link is
-removed last. Only names with the token of a dead process are ever removed.
+`.NAME-uavbench-TOKEN.owner` is created before `.NAME-uavbench-TOKEN`: a dangling symbolic link whose target names the
+token and the process. Links are created atomically, so every name with a token belongs to the process in its link; the
+link is removed last. Only names with the token of a dead process are ever removed.
 """
 
 import contextlib
@@ -22,15 +22,15 @@ from pathlib import Path
 OWNER = re.compile(r"\..*-uavbench-([0-9a-f]{32})\.owner", re.DOTALL)
 TEMPORARY = re.compile(r"\..*-uavbench-[0-9a-f]{32}(\..*)?", re.DOTALL)
 LONGEST = 40
-"""Characters of a name that its temporary name repeats: with all around them under the 255 bytes of a file name."""
+"""Characters of a name that its temporary name repeats, so that the whole stays below 255 bytes."""
 
 LONGEST_OWNER = 200
-"""Characters of an owner's text, at most."""
+"""Maximum length of the target of an owner link, in characters."""
 
 
 @dataclass(frozen=True)
 class Temporary:
-    """Temporary names beside a path that belong to this process: for the new content, and for what it replaces."""
+    """Temporary names next to a path that belong to this process: for the new content, and for what it replaces."""
 
     made: Path
     replaced: Path
@@ -38,7 +38,7 @@ class Temporary:
 
 @contextmanager
 def temporary(path: Path) -> Iterator[Temporary]:
-    """Temporary names beside `path`, removed on exit."""
+    """Temporary names next to `path`, removed on exit."""
     token = secrets.token_hex(16)
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
     owner = path.with_name(f"{stem}.owner")
@@ -134,7 +134,7 @@ def _remove(path: Path) -> bool:
 
 
 def _make_writable(remove: object, name: str, error: object) -> None:
-    """Retry a removal with write permission; what another process has removed meanwhile is no error."""
+    """Retry a removal with write permission; a file that another process has removed meanwhile is not an error."""
     with contextlib.suppress(OSError):
         Path(name).parent.chmod(0o700)
         if Path(name).is_dir() and not Path(name).is_symlink():

@@ -29,10 +29,10 @@ _unfinished: set[Path] = set()
 
 @contextmanager
 def new_file(path: Path, *, sealed: bool = False, beside: Path | None = None) -> Iterator[Path]:
-    """Temporary path beside `path`; renamed to it on success, removed on any error.
+    """Temporary path next to `path`; renamed to it on success, removed on any error.
 
-    sealed: append a seal, with which the file may be overwritten later, as may `beside`, which carries none. UserError
-    when `path` exists and was not written by uavbench.
+    sealed: append a seal, so that the file may be overwritten later, and so may `beside`, which has no seal of its own.
+    UserError when `path` exists and was not written by uavbench.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if not _unfinished.isdisjoint(path.parents):
@@ -58,7 +58,7 @@ def new_file(path: Path, *, sealed: bool = False, beside: Path | None = None) ->
 
 @contextmanager
 def new_folder(path: Path, marker: str = "") -> Iterator[Path]:
-    """Temporary folder beside `path`; replaces `path` on success, removed on any error.
+    """Temporary folder next to `path`; replaces `path` on success, removed on any error.
 
     marker: JSON file of the folder that lists its files; without one an existing folder is never replaced. UserError
     when `path` holds a file that uavbench did not write, or that was edited since.
@@ -235,7 +235,7 @@ def _place(new: Path, folder: Path, marker: str) -> None:
 
 
 def _refuse_foreign_place(folder: Path, name: str) -> None:
-    """UserError when a file `name` cannot be put into `folder`: one of ours or nothing may stand there."""
+    """UserError when a file `name` cannot be put into `folder`: which must be unused or an unmodified file of ours."""
     for above in (folder / name).parents:
         if above == folder:
             break

@@ -1,8 +1,8 @@
 """Compact notation for the argument types of kernels.
 
 One word for each argument: its element (f float64, s float32, i int64, u uint8, w uint64, b bool) and its number of
-dimensions, 0 for a number. An array is contiguous and only read; `!` after it says that it is written in place, `~`
-that it may be strided. A tuple of arguments stands in parentheses, a named tuple is a word of its own, and `|`
+dimensions, 0 for a scalar. An array is contiguous and only read; `!` after it means that it is written in place, `~`
+that it may be strided. A tuple of arguments is in parentheses, a named tuple is a word of its own, and `|`
 separates forms that a kernel is compiled for: ``"f2! i1 f0 (f1 f2)"``.
 """
 
@@ -25,15 +25,15 @@ WORD = re.compile(r"(?P<element>[fsiuwb])(?P<dimensions>\d)(?P<marks>[!~]*)")
 
 
 def argument_types(text: str, tuples: Mapping[str, Any]) -> tuple[tuple[Any, ...], ...]:
-    """Numba's types of each form of arguments that a text names; ValueError where a word is none.
+    """Numba's types of each form of arguments in a text; ValueError for an invalid word.
 
-    tuples are the named tuples among them, as `named_tuple` makes them.
+    tuples: the named tuples among them, as returned by `named_tuple`.
     """
     return tuple(_form(form, tuples) for form in text.split("|"))
 
 
 def named_tuple(cls: type, text: str, **tuples: Any) -> Any:
-    """Numba's type of a named tuple, by the types of its fields, with the named tuples among them."""
+    """Numba's type of a named tuple, from the types of its fields, with the named tuples among them."""
     ((*fields,),) = argument_types(text, tuples)
     return types.BaseTuple.from_types(fields, cls)
 

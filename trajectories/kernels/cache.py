@@ -43,7 +43,7 @@ NOT_IN_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 _imported: dict[Path, tuple[int, ...]] = {}
 """Source files of imported modules, with their stamps at import."""
 _noted: set[str | None] = set()
-"""Files of the modules that have been noted in it or passed over."""
+"""Files of the modules that have been noted there or skipped."""
 
 
 class KernelCache(NullCache):
@@ -74,7 +74,7 @@ class KernelCache(NullCache):
             runtime.initialize(target_context)  # a refresh takes 0.25 s more
             kept_for, kept = pickle.loads(found)  # noqa: S301, ours
             return kept.restored(target_context) if kept_for == sig else None
-        except Exception:  # unpickling a broken file may raise anything
+        except Exception:  # unpickling a damaged file may raise anything
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -108,7 +108,7 @@ def cache_of(function: Callable[..., Any], inner: bool = False) -> NullCache:
 
 
 def identity(function: Callable[..., Any], inner: bool) -> int | None:
-    """A number of a kernel, other for another source, the same in all processes; None where nothing can be kept."""
+    """Number of a kernel that changes with its source and is equal in all processes; None if it cannot be cached."""
     folder = None if function.__closure__ else folder_of_module(function.__module__)
     return None if folder is None else 2 * int(folder.name, 16) + inner
 
@@ -139,7 +139,7 @@ def folder_of_module(module: str) -> Path | None:
 
 
 def sources_of(modules: Iterable[str]) -> frozenset[Path]:
-    """Source files of modules and of all that they import, as `made_of` finds them, using cached imports."""
+    """Source files of modules and of all that they import, as in `made_of`, using cached imports."""
     with remembered(folder_of):
         return made_of(modules).files
 

@@ -22,7 +22,7 @@ KERNELS: list["Kernel"] = []
 
 
 class Kernel(CPUDispatcher):
-    """A kernel that is compiled for its declared argument types only, whatever the first call passes."""
+    """A kernel that is compiled for its declared argument types only, regardless of the first call."""
 
     targetctx: Any
     _cache: Any
@@ -34,7 +34,7 @@ class Kernel(CPUDispatcher):
         self._cache = cache_of(function, inner)
 
     def compile(self, sig: Any) -> Any:
-        """Machine code for the declared types, whatever those of a call are; cached on disk."""
+        """Machine code for the declared types, regardless of those of a call; cached on disk."""
         if not self.load():
             for kernel in callees(self):
                 kernel.compile(None)
@@ -47,7 +47,7 @@ class Kernel(CPUDispatcher):
         return code.entry_point
 
     def load(self) -> bool:
-        """Whether the kernel and those that it calls are available: loaded from the cache now, or compiled before."""
+        """Load from the cache; whether the kernel and those that it calls are available now."""
         if self.overloads:
             return True
         for kernel in callees(self):
@@ -79,12 +79,12 @@ class Kernel(CPUDispatcher):
         """Called by numba for a call with types that were not compiled."""
         kernel = self.for_python
         kernel.compile(None)
-        return kernel  # is called with the same arguments, which now fit or are refused
+        return kernel  # numba calls it with the same arguments, which now match or are rejected
 
 
 @cache
 def callees(kernel: Any) -> tuple[Kernel, ...]:
-    """Kernels with declared arguments that a kernel calls, by itself or by way of others."""
+    """Kernels with declared arguments that a kernel calls, directly or indirectly."""
     function = kernel.py_func
     named = (function.__globals__.get(name) for name in function.__code__.co_names)
     called = (value for value in named if isinstance(value, CPUDispatcher) and value is not kernel)

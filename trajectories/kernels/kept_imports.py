@@ -16,14 +16,14 @@ MOST_KEPT = 5000
 """Most source files with cached imports, over a megabyte; the sources of all trackers are 300."""
 
 BROKEN = (OSError, ValueError, TypeError, AttributeError, RecursionError)
-"""Exceptions of reading a missing or damaged file."""
+"""Exceptions raised when reading a missing or damaged file."""
 
 
 @contextlib.contextmanager
 def remembered(place: Callable[[str], Path | None]) -> Iterator[None]:
     """Context with the cached imports of all processes, which stores the imports parsed within it.
 
-    place gives the folder of a key, None where nothing can be kept. The imports are known by the content of a file.
+    place returns the folder of a key, None if nothing can be cached. Imports are keyed by the content of a file.
     """
     folder = place(_key())
     if folder is not None:
@@ -36,7 +36,7 @@ def remembered(place: Callable[[str], Path | None]) -> Iterator[None]:
 
 @cache
 def _key() -> str:
-    """Hash of how imports are read: of that source file and of Python."""
+    """Hash of the import parser: of its source file and of Python."""
     how = source_files.content_of(Path(source_files.__file__)) + platform.python_version().encode()
     return hashlib.sha256(how).hexdigest()[:32]
 
@@ -58,4 +58,4 @@ def _keep(path: Path) -> None:
     newest = list(source_files.known_imports.items())[-MOST_KEPT:]
     with contextlib.suppress(OSError), temporary(path) as own:
         own.made.write_text(json.dumps(dict(newest)), encoding="utf-8")
-        own.made.replace(path)  # in a folder of ours; whichever process is last, its imports are true
+        own.made.replace(path)  # in a folder of ours; whichever process is last, its imports are correct

@@ -26,7 +26,7 @@ class KernelCode(JITCodeLibrary):
         """Symbols that it calls, itself or in the libraries linked into it."""
 
     def add_linking_library(self, library: Any) -> None:
-        """Link a library in, with all that it calls."""
+        """Link a library and everything that it calls."""
         cast(Any, super()).add_linking_library(library)
         if isinstance(library, KernelCode):
             self.called |= library.called | library.symbols
@@ -67,7 +67,7 @@ class CachedKernel(NamedTuple):
 
     @classmethod
     def of(cls, result: Any) -> "CachedKernel":
-        """What to cache of numba's result of a compilation."""
+        """The part of numba's compilation result that is cached."""
         code, description = result.library, result.fndesc
         code._ensure_finalized()
         names = description.llvm_func_name, description.llvm_cpython_wrapper_name

@@ -1,6 +1,6 @@
 """numba's compilation pipeline, with types resolved once and machine code generated once.
 
-Own code, for numba resolves the types of `a + b` anew at every occurrence, and compiles a callee into each caller.
+Own code, because numba resolves the types of `a + b` again at every occurrence, and compiles a callee into each caller.
 """
 
 from typing import Any, cast
@@ -14,7 +14,7 @@ from uavbench.trajectories.kernels.cache import identity
 from uavbench.trajectories.kernels.machine_code import CodeApart, CodeLinkedIn, KernelCode, NoEntry
 
 INLINED_BYTES = 400
-"""Longest Python bytecode of a kernel that is linked into its callers. LLVM inlines up to 225 units of its cost, some
+"""Longest Python bytecode of a kernel that is linked into its callers. LLVM inlines up to a cost of 225, some
 50 instructions (its option `inline-threshold`); 400 bytes make several hundred."""
 
 
@@ -130,7 +130,7 @@ def large(function: Any) -> bool:
 
 
 class KernelCompiler(CompilerBase):
-    """numba's passes, but for type inference and lowering."""
+    """numba's passes, except for type inference and lowering."""
 
     lowering: type = KernelLowering
 

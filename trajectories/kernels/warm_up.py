@@ -27,7 +27,7 @@ from uavbench.trajectories.kernels.compiled import KERNELS, Kernel
 NUMBER = np.dtype(np.uint16)
 """Binary format of a number in the queue."""
 LOCK = ".compiling"
-"""Lock file beside the kernels that serializes the processes of one user."""
+"""Lock file next to the kernels that serializes the processes of one user."""
 PR_SET_PDEATHSIG = 1
 """Option of prctl (linux/prctl.h)."""
 
@@ -171,7 +171,7 @@ def _no_collection() -> Iterator[None]:
 def main(parent: int, names: list[str]) -> None:
     """Compile those of the kernels, each named `module:function`, that are taken from the queue on standard input.
 
-    Ends when its parent process ends, for whatever reason.
+    Exits when its parent process ends for any reason.
     """
     _end_with(parent)
     modules = list(dict.fromkeys(name.partition(":")[0] for name in names))
@@ -184,7 +184,7 @@ def main(parent: int, names: list[str]) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Make the kernel kill this process when its parent ends; exit if the parent has already ended."""
+    """Make the operating system kill this process when its parent ends; exit if the parent has already ended."""
     with contextlib.suppress(OSError, AttributeError):  # prctl exists on Linux only
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:

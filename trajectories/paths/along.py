@@ -21,9 +21,9 @@ from uavbench.trajectories.paths.timing import timed_rows
 from uavbench.trajectories.pose import Array
 
 YAW_RATE_RAD_S = np.radians(45.0)
-"""Yaw rate of a planned path at rest."""
+"""Maximum yaw rate of a planned path."""
 MOST_LANES = 10_000
-"""Most lanes of one facade: a kilometre at 10 cm."""
+"""Maximum number of lanes on one facade: 1 km at a spacing of 10 cm."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class FacadeRaster:
 
 @dataclass(frozen=True)
 class GirderFollow:
-    """Path along one side of a long structure and back, facing it with the heading turned look_ahead_deg forwards.
+    """Path along one side of a long structure and back, facing it, with the heading turned look_ahead_deg forwards.
 
     The structure runs along the bearing along_deg; the vehicle keeps distance_m from its side at height_m and flies
     overrun_m beyond its ends (negative: stops short of them). stretch_m restricts the path to a part: from and to, in
@@ -119,7 +119,7 @@ class GirderFollow:
     usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
-        """Plan of the path in both directions; UserError when overrun_m or stretch_m leaves none."""
+        """Plan of the path in both directions; UserError when overrun_m or stretch_m leaves no path."""
         frame = Frame.of(obstacles, self.along_deg)
         start, end = _run(frame, self.overrun_m, self.stretch_m)
         left = self.side == "left"
@@ -152,7 +152,7 @@ class UndersidePass:
     usual_speed_m_s: ClassVar[float] = 0.8
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
-        """Plan of the lanes in alternating directions; UserError when overrun_m or stretch_m leaves none."""
+        """Plan of the lanes in alternating directions; UserError when overrun_m or stretch_m leaves no path."""
         if not self.offsets_m:
             raise UserError("offsets_m names no lane")
         frame = Frame.of(obstacles, self.along_deg)

@@ -28,7 +28,7 @@ class Recorded:
     """A recorded trajectory (tum, euroc or kitti) whose poses are reproduced exactly; no vehicle is simulated.
 
     Between the recorded poses the motion is a cubic spline of position and of rotation (twice continuously
-    differentiable, so inertial measurements have no steps). `frame` says whether the file has poses of the vehicle's
+    differentiable, so inertial measurements have no steps). `frame` tells whether the file has poses of the vehicle's
     body or of the camera. Stamps are relative to the first one of the file.
     """
 
@@ -65,7 +65,7 @@ class Recorded:
 
 
 def resampled(given: Trajectory) -> Array:
-    """Record (n, 30) of a trajectory at the steps from its first stamp to its last; with motors off."""
+    """Record (n, 30) of a trajectory at the control steps from its first stamp to its last, with motors off."""
     from scipy.interpolate import CubicSpline  # lazy: slow to import and rarely needed
     from scipy.spatial.transform import Rotation, RotationSpline
 

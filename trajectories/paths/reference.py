@@ -89,7 +89,7 @@ def planned(positions_m: Array, yaws_rad: Array) -> Planned:
 def fill_rates(table: Array, jerk: Array, yaw_rate: Array) -> None:
     """Fill body rates 10:13 and the rate of the specific thrust 16 of reference rows (n, 17) from their accelerations.
 
-    jerk (n, 3), yaw_rate (n,). A quadrotor is flat in position and yaw (Mellinger & Kumar 2011, section III).
+    jerk (n, 3), yaw_rate (n,). Position and yaw are flat outputs of a quadrotor (Mellinger & Kumar 2011, section III).
     """
     for k in range(table.shape[0]):
         force = (table[k, 6], table[k, 7], table[k, 8] + GRAVITY_M_S2)

@@ -55,7 +55,7 @@ class Lidar2d(LaserRanging):
 
     @property
     def azimuths_rad(self) -> Array:
-        """Azimuths (n,) of the steps of one turn."""
+        """Azimuths (n,) of the steps of one scan, rad."""
         steps = int(self.field_deg / self.step_deg + 1e-9)
         steps += self.field_deg < 360.0  # a full turn has no last step, which would repeat the first
         return np.asarray(np.radians(-self.field_deg / 2 + self.step_deg * np.arange(max(steps, 1))))

@@ -80,7 +80,7 @@ def named(sensors: tuple[SensorSpec, ...]) -> dict[str, SensorSpec]:
 def write_flight(
     flight: Flight, sensors: tuple[SensorSpec, ...], obstacles: "ObstacleMesh", seed: int, folder: Path
 ) -> list[str]:
-    """Write `flight.csv` and one file per sensor into a folder; the names of the files of readings, `flight.csv` first.
+    """Write `flight.csv` and one file per sensor into a folder; returns the names of these files, `flight.csv` first.
 
     A `binary` sensor has NAME.npy for its measurements and NAME_truth.npy for the ground truth.
     """

@@ -67,7 +67,7 @@ def crash_step(record: Array, vehicle: Quadrotor, obstacles: ObstacleMesh) -> in
 
 
 def check_camera(positions_m: Array, quaternions_wxyz: Array, mount: Mount, obstacles: ObstacleMesh) -> None:
-    """UserError when the camera's centre is inside the structure or under the floor, by the rows of a flight."""
+    """UserError when the camera's centre is inside the structure or under the floor at any row of a flight."""
     offset = mount.cam_from_body.inverse().translation
     turned = exact.product(rotation_from_quaternion(quaternions_wxyz[::STRIDE]), offset)
     centres = positions_m[::STRIDE] + turned

@@ -44,7 +44,7 @@ class FlightSummary:
         return {key: round(value, 6) if isinstance(value, float) else value for key, value in asdict(self).items()}
 
     def shortfall(self) -> str:
-        """Requests that the flight does not reach, in words; "" when it reaches all."""
+        """Requested values that the flight does not reach, as text; "" if it reaches all."""
         asked, planned = self.speed_asked_m_s, self.speed_planned_m_s
         if asked is None or planned is None or planned >= REACHED * asked:
             return ""

@@ -1,8 +1,8 @@
-"""Pose covariances claimed by a file, and the errors that they refer to.
+"""Pose covariances given in a file, and the errors that they refer to.
 
-`moving`: of the twist xi with world_from_x_true = world_from_x exp(xi), in the axes of what moves; uavbench's own form,
-of `cam_from_world_true = exp(xi) cam_from_world`, is the same but for the sign of xi. `fixed`: of the error of the
-position and of the rotation vector of R_true R^T, both in the axes of the world, as ROS has it (REP 103).
+`moving`: of the twist xi with world_from_x_true = world_from_x exp(xi), in the axes of the moving frame; uavbench's own
+convention, `cam_from_world_true = exp(xi) cam_from_world`, differs only in the sign of xi. `fixed`: of the position
+error and the rotation vector of R_true R^T, both in world axes, as in ROS (REP 103).
 """
 
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from uavbench.trajectories.trajectory import Trajectory
 Axes = Literal["moving", "fixed"]
 UPPER = np.triu_indices(6)
 COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
-"""A covariance in a table: its upper triangle by rows."""
+"""A covariance as columns of a table: its upper triangle by rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCovariances:
-    """Covariances (n, 6, 6) of poses, translation (m) before rotation (rad); NaN where none is claimed."""
+    """Covariances (n, 6, 6) of poses, translation (m) before rotation (rad); NaN where none is given."""
 
     values: Array
     axes: Axes
 
     @classmethod
     def of_columns(cls, numbers: Array, axes: Axes) -> "PoseCovariances | None":
-        """Covariances of rows (n, 21), the upper triangle by rows, or (n, 36); None where no row claims one.
+        """Covariances of rows (n, 21), the upper triangle by rows, or (n, 36); None if no row has one.
 
-        All zeros are unknown, and so is a -1 in the first place, as in ROS.
+        All zeros, or -1 in the first element, mean unknown, as in ROS.
         """
         if numbers.shape[1] == 36:
             values = np.array(numbers.reshape(-1, 6, 6))
@@ -58,7 +58,7 @@ class PoseCovariances:
         return PoseCovariances(J @ self.values @ np.swapaxes(J, 1, 2), self.axes)
 
     def aligned(self, scale: float, rotation: Array) -> "PoseCovariances":
-        """Covariances of poses that a similarity with this scale and rotation (3, 3) has moved."""
+        """Covariances of the poses after a similarity transform with this scale and rotation (3, 3)."""
         J = np.diag([scale] * 3 + [1.0] * 3)
         if self.axes == "fixed":
             J[:3, :3], J[3:, 3:] = scale * rotation, rotation
@@ -67,7 +67,7 @@ class PoseCovariances:
 
 @dataclass(frozen=True, eq=False)
 class CovariantTrajectory:
-    """A trajectory, and the covariances of its poses where its file claims some."""
+    """A trajectory, and the covariances of its poses if its file has any."""
 
     trajectory: Trajectory
     covariances: PoseCovariances | None = None

@@ -1,10 +1,10 @@
 """Trajectory files: TUM, EuRoC and KITTI, with numbers that round-trip exactly.
 
-tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark); after them may come a covariance
+tum     `t tx ty tz qx qy qz qw`, seconds, space-separated (TUM RGB-D benchmark), with an optional covariance behind
 euroc   `ns,px,py,pz,qw,qx,qy,qz,...`, comma-separated with a # header (EuRoC ASL ground truth)
 kitti   12 numbers a row, the upper 3 x 4 of the pose matrix; no stamps (KITTI odometry)
 
-The frames are declared by a comment `# frame: world_from_body` at the top of a file, or by such words in its name.
+The frames are declared by a comment `# frame: world_from_body` at the top of a file, or by the same words in its name.
 """
 
 import re
@@ -34,7 +34,7 @@ from uavbench.trajectories.trajectory_files.number_lines import (
 KITTI_RATE_HZ = 10.0
 """Rate of the KITTI odometry sequences."""
 LEAST_NS_STEP = 1000
-"""Stamps that are whole numbers at least so far apart are nanoseconds, never seconds."""
+"""Integer stamps at least this far apart are read as nanoseconds, not seconds."""
 TUM_VALUES = 8
 COVARIANT_TUM_VALUES = (TUM_VALUES + 21, TUM_VALUES + 36)
 """Values per line whose pose is followed by its covariance: the upper triangle by rows, or the full matrix."""
@@ -61,10 +61,10 @@ def read_trajectory(path: Path, format: str | None = None) -> TrajectoryFile:
 
 
 def guess_format(path: Path) -> str:
-    """Name of the format that a file's first lines of numbers look like; UserError when they look like none.
+    """Name of the format that a file's first lines of numbers match; UserError when they match none.
 
-    Eight numbers or more are euroc where the first one counts nanoseconds: a whole number that grows by
-    LEAST_NS_STEP and more, or has twelve digits and more.
+    Eight numbers or more are euroc if the first one counts nanoseconds: an integer that grows by at least
+    LEAST_NS_STEP, or has at least twelve digits.
     """
     (number, line), *second = first_lines(path, 2)
     cells = cells_of(line)
@@ -83,7 +83,7 @@ def guess_format(path: Path) -> str:
 def declared_frame(path: Path) -> str | None:
     """Frame that a trajectory file declares, such as `world_from_body`, in its first comments or its name.
 
-    None where it declares none; UserError where comment and name differ.
+    None if it declares none; UserError when comment and name differ.
     """
     said = FRAME_COMMENT.findall(comments(path))
     named = FRAME_NAME.findall(path.name)
@@ -99,7 +99,7 @@ def read_tum(path: Path) -> Trajectory:
 
 
 def read_covariant_tum(path: Path) -> CovariantTrajectory:
-    """The same with the covariances that may stand behind the poses, in the axes of the world, position first."""
+    """The same with the covariances that may follow the poses, in world axes, position first."""
     width = len(cells_of(first_lines(path, 1)[0][1]))
     lines = read_lines(path, Layout(width if width in COVARIANT_TUM_VALUES else TUM_VALUES, unit_ns=10**9))
     trajectory = _trajectory(path, lines, lines.values[:, 1:4], lines.values[:, [7, 4, 5, 6]])
@@ -132,7 +132,7 @@ def read_kitti(path: Path, rate_hz: float = KITTI_RATE_HZ) -> Trajectory:
 def write_tum(trajectory: Trajectory, path: Path, frame: str = "") -> None:
     """Write a TUM file: seconds with nine decimals, so that the stamps read back exactly.
 
-    `frame` is what the poses are, such as `world_from_body`; comments say so, which readers of the format skip.
+    frame: what the poses map, such as `world_from_body`; written as a comment, which readers of the format skip.
     """
     head = f"# frame: {frame}\n# timestamp_s tx_m ty_m tz_m qx qy qz qw\n" if frame else ""
     rows = zip(
@@ -159,7 +159,7 @@ def write_euroc(trajectory: Trajectory, path: Path, motion: Array | None = None)
 
 
 def write_kitti(trajectory: Trajectory, path: Path) -> None:
-    """Write a KITTI file; the format has no place for the stamps."""
+    """Write a KITTI file; the format has no stamps."""
     rows = np.concatenate([trajectory.rotations, trajectory.positions_m[:, :, None]], axis=2).reshape(-1, 12)
     write_text(path, "".join(f"{_join(' ', row)}\n" for row in rows.tolist()))
 

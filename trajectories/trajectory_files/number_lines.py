@@ -23,7 +23,7 @@ from uavbench.trajectories.files.reading import opened
 from uavbench.trajectories.pose import Array
 
 FIRST_BYTES, BLOCK_BYTES = 1 << 16, 1 << 23
-"""Comments at the head of a file make its first block a slow one, so it is small; the others fit into a cache."""
+"""Comments at the top of a file make its first block slow to parse, so it is small; the others fit into a cache."""
 PLAIN = b"0123456789+-.eE \t,\n"
 """Bytes that a plain block consists of."""
 GZIP = b"\x1f\x8b"
@@ -34,7 +34,7 @@ STAMP_CHARACTERS = 24
 
 @dataclass(frozen=True)
 class Layout:
-    """Number of values on a line; with `more`, further ones may follow and are ignored.
+    """Number of values on a line; with `more`, further values may follow and are ignored.
 
     The first value is a time stamp in units of unit_ns (1 or 10^9) nanoseconds; unit_ns 0: there is no stamp.
     """
@@ -132,7 +132,7 @@ def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def _plain(block: bytes, number: int, layout: Layout) -> NumberLines | None:
-    """The lines of a block that is plain from its first to its last, None where one of them is not."""
+    """The lines of a block if all of them are plain, otherwise None."""
     if block.translate(None, PLAIN) or not block.endswith(b"\n"):
         return None
     stamps = _plain_stamps(np.frombuffer(block, dtype=np.uint8), layout.decimals) if layout.unit_ns else None
@@ -206,7 +206,7 @@ def _careful(path: Path, block: bytes, number: int, layout: Layout) -> NumberLin
 
 
 def _filled(path: Path, block: bytes, number: int) -> Iterator[tuple[int, str]]:
-    """Numbered lines of a block that are neither blank nor a comment; UserError for one that is no text or too long."""
+    """Numbered lines of a block that are neither blank nor a comment; UserError if one is too long or not text."""
     try:
         text = block.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -13,7 +13,7 @@ from uavbench.trajectories.files.reading import read_text, toml_table
 from uavbench.trajectories.vehicle.airframes import PRESETS, Crazyflie, with_camera
 
 GROWING = ("replicate", "composite", "flexcomp", "flex", "skin", "hfield", "texture", "extension", "plugin", "size")
-"""MJCF elements that expand beyond their text, or load code."""
+"""MJCF elements that expand to more than their text, or load code."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class AirframeFile:
 
 
 def read_airframe(path: Path, mount: Mount) -> str:
-    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the key at fault."""
+    """MJCF of the airframe of a TOML or MJCF file; UserError naming the file, and the invalid key."""
     from uavbench.trajectories.vehicle.quadrotor import Quadrotor  # MuJoCo
 
     text = read_text(path)
@@ -59,7 +59,7 @@ def _from_xml(text: str, mount: Mount) -> str:
 
 
 def _refuse_growth(root: ElementTree.Element) -> None:
-    """UserError for elements that expand a model beyond its text, and for nesting too deep to be parsed safely."""
+    """UserError for elements that expand to more than their text, and for nesting too deep to be parsed safely."""
     level = [root]
     for _ in range(MOST_NESTING):
         for node in level:

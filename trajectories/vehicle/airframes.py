@@ -80,7 +80,7 @@ class CrazyflieGym(Crazyflie):
     """Crazyflie 2.x in X layout as in gym-pybullet-drones (cf2x.urdf; Panerati et al. 2021).
 
     Mass, inertia, arm, torque per thrust (7.94e-12 / 3.16e-10), thrust per squared speed (3.16e-10 N/rpm^2) and the
-    thrust to weight ratio 2.25; motor lag and drag are Foerster's, for it gives none of that form.
+    thrust to weight ratio 2.25; motor lag and drag are Foerster's, since it gives none in that form.
     """
 
     inertia_kg_m2: tuple[Positive, Positive, Positive] = (1.40e-5, 1.40e-5, 2.17e-5)
@@ -94,8 +94,8 @@ class CrazyflieGym(Crazyflie):
 class CrazyflieRotorPy(Crazyflie):
     """Crazyflie 2.x as in RotorPy (crazyflie_params.py; Folk, Paulos & Kumar 2023).
 
-    Thrust 2.3e-8 N s^2 up to 2500 rad/s, moment 7.8e-10 N m s^2, so 0.0339 m. Its Izz of 2.89e-5 is more than
-    Ixx + Iyy, which no body has; here it is that sum, 1 % less.
+    Thrust 2.3e-8 N s^2 up to 2500 rad/s, moment 7.8e-10 N m s^2, so 0.0339 m. Its Izz of 2.89e-5 exceeds Ixx + Iyy,
+    which is physically impossible; here Izz is that sum, 1 % less.
     """
 
     mass_kg: Positive = 0.030
@@ -137,7 +137,7 @@ class Iris(Crazyflie):
     """3DR Iris, 1.5 kg, as in PX4's Gazebo simulation (sitl_gazebo, iris.sdf; the motor model is RotorS', Furrer 2016).
 
     Thrust 5.84e-6 N s^2 up to 1100 rad/s, moment 0.06 m, rotor drag 1.75e-4 kg; the motor lag is the slower of the
-    two that it gives (speeding up: 0.0125 s). The back rotors stand 4 cm closer together than the front ones.
+    two that it gives (speeding up: 0.0125 s). The back rotors are 4 cm closer together than the front ones.
     """
 
     mass_kg: Positive = 1.5

@@ -1,7 +1,7 @@
 """The simulated quadrotor: a MuJoCo model, and its parameters for control and aerodynamics.
 
 Only MuJoCo's physics is used, never its renderer: with MUJOCO_GL=egl in the environment its import loads OpenGL
-and crashes beside the renderer of the images, so the variable is set to `disable` for that import.
+and crashes together with the image renderer, so the variable is set to `disable` for that import.
 """
 
 import os
@@ -60,7 +60,7 @@ class Quadrotor:
 
     @classmethod
     def from_mjcf(cls, xml: str) -> "Quadrotor":
-        """Vehicle of an MJCF text; UserError naming what it lacks."""
+        """Vehicle of an MJCF text; UserError naming what is missing or invalid."""
         model = compile_mjcf(xml)
         if not (model.nbody == 2 and model.nq == 7 and model.nu == 4):
             raise UserError("an airframe's MJCF must be one body on one free joint with four actuators")

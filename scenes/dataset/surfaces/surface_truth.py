@@ -96,7 +96,7 @@ class SurfaceTruth:
             best[asked[nearer]], rows[asked[nearer]] = share[nearer], other[nearer]
         met = np.isfinite(best)
         depths[met] = best[met]
-        beside = there & ~met  # rays close to a border end on the facet of the rendered pixel
+        beside = there & ~met  # rays close to a border are assigned to the facet of the rendered pixel
         depths[beside] = planes.along(rows[beside], eye, self._centre_rays[beside] @ world_from_cam.rotation.T)
         return SurfaceView(time_ns, pose, seen, rows, planes, depths)
 
@@ -113,7 +113,7 @@ class SurfaceTruth:
         """Flow (h, w, 2) in px from one view to a later one, NaN where it is not known; and occlusion (h, w)."""
         moved = self._moved(view, later)
         camera, h, w = self._source.camera, self._source.camera.height, self._source.camera.width
-        before_camera = moved[:, 2] > 1e-6 * np.linalg.norm(moved, axis=1)  # NaN compares as not
+        before_camera = moved[:, 2] > 1e-6 * np.linalg.norm(moved, axis=1)  # false for NaN
         pixels = np.full((len(moved), 2), np.nan)
         pixels[before_camera] = camera.project(moved[before_camera])
         known = before_camera & self._met_again(moved, pixels)

@@ -22,7 +22,7 @@ WARM_UP_S = 4.0
 DECISION_S = (0.25, 0.50)
 """Time between two decisions of the pilot: humans correct intermittently, 2 to 4 times a second (Craik 1947)."""
 NOTICED = np.array([0.03, 0.0, 0.02, np.radians(2.5)])
-"""Dead band of the pilot: errors of range (m), sideways (none), height (m) and heading (rad) that stay uncorrected."""
+"""Dead band of the pilot: uncorrected errors of range (m), sideways (none), height (m) and heading (rad)."""
 EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
 """Gain of the pilot: commanded speed per error, 1/s."""
 CLUMSINESS = 0.10
@@ -37,7 +37,7 @@ class HandPilot:
     the flight circles at about speed_m_s from the bearing start_deg (seen from the structure, counter-clockwise from
     x). The height is limited such that the whole structure stays within view_half_angle_deg above and below the
     camera's axis. reaction_s is the pilot's delay. wander_m and wander_deg are the standard deviations of the vehicle's
-    position and heading hold, as by a flow deck.
+    position and heading hold, as with a flow deck.
     """
 
     duration_s: Annotated[float, Gt(0)] = 40.0
@@ -53,7 +53,7 @@ class HandPilot:
     pad: Gamepad = field(default_factory=Gamepad)
 
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Guidance:
-        """The pilot, ready to fly; UserError when the structure cannot be kept in view at this range."""
+        """Guidance by the pilot; UserError when the structure cannot be kept in view at this range."""
         return Pilot(self, Stage.of(self, obstacles, mount), rng)
 
 
@@ -106,7 +106,7 @@ class Stage:
         return lowest, min(self.height_m[1], self.low_m + near * self.slope_down)
 
     def place(self, closeness: float, loftiness: float) -> tuple[float, float]:
-        """Distance and height (m) of two preferences in 0..1, such that all of the structure is in view."""
+        """Distance and height (m) for two preferences in 0..1, such that the whole structure is in view."""
         nearest, furthest = self.range_m
         for distance in np.linspace(nearest, furthest, 41):  # The nearest distance at which all of it is in view.
             lowest, highest = self.heights(float(distance))
