@@ -27,7 +27,7 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
     fastest_hz = fast[0].score.rate_hz
     made = [
         Drawing("accuracy", "Error and coverage",
-                "ATE (RMSE, no alignment) over the frames with a pose, beside the share of frames that have one and "
+                "ATE (RMSE, no alignment) over the frames with a pose, next to the share of frames that have one and "
                 "that are within 5 cm and 5\N{DEGREE SIGN} (dotted): every run, and the mean over runs. An error means "
                 "little without its coverage.",
                 partial(figures_compare.accuracy_and_coverage, runs)),
@@ -37,15 +37,15 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
         Drawing("latency", "Accuracy against latency",
                 "Median time of a frame with a line to the 95th percentile; hollow at the lower rates.",
                 partial(figures_compare.accuracy_against_latency, runs)),
-        Drawing("attributes", f"Why they fail, {fastest_hz:g} Hz",
-                "Success in the quarters of the frames by what the renderer knows of them.",
+        Drawing("attributes", f"Success by attribute, {fastest_hz:g} Hz",
+                "Success by quartile of each attribute that is known from the renderer.",
                 lambda stem: figures_statistics.by_attribute(breakdowns(fast), colours, stem), late=True),
     ]  # fmt: skip
     for rate in sorted({run.score.rate_hz for run in runs}, reverse=True):
         made += rank([run for run in runs if run.score.rate_hz == rate], colours, rate, always=rate == fastest_hz)
     made.append(bound(fast, colours))
     if any(run.score.consistency is not None for run in runs):
-        caption = "Squared error over the claimed covariance; above the band it claims too much."
+        caption = "Squared error over the claimed covariance; above the band the tracker is overconfident."
         made.append(Drawing("nees", "NEES", caption, partial(figures_statistics.nees_over_time, runs)))
     return made
 
@@ -60,11 +60,11 @@ def bound(fast: ListOf[ScoredRun], colours: dict[str, int]) -> Drawing:
     """The errors at the highest rate over the Cramer-Rao bound of their frames, on the first sequence."""
     sequence = fast[0].sequence
     caption = (
-        "Position error over the Cramer-Rao bound of the image's noise, of every frame that has one; 1 is as good as "
-        "one frame allows a tracker that knows how the structure looks."
+        "Position error over the Cramer-Rao bound of the image's noise, of every frame that has one; 1 is the optimum "
+        "from one frame for a tracker that knows the appearance of the structure."
         if sequence.pose_bounds
         else f"Position error of each frame over the Cramer-Rao bound of its edges, {SIGMA_PX} px of noise on each "
-        "control point assumed; 1 is as good as one frame's edges allow."
+        "control point assumed; 1 is the optimum from the edges of one frame."
     )
     followed = {run.name: run.errors for run in fast if run.sequence is sequence}
     return Drawing(
@@ -82,8 +82,8 @@ def compare_restarts(runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun]) -
     if not any(run.protocol == "anchors" for run in restarted):
         return []
     caption = (
-        "Every run starts from the true pose every 5 s: what became of it since, over all sequences; lower rates are "
-        "thin, with a mark at each frame."
+        "Every run restarts from the true pose every 5 s; error since then, over all sequences; lower rates are thin, "
+        "with a mark at each frame."
     )
     colours = {run.name: run.colour for run in runs}
     return [Drawing("anchors", "Error after an anchor", caption, partial(error_after_anchors, restarted, colours))]
@@ -96,7 +96,7 @@ def compare_along(runs: ListOf[ScoredRun]) -> list[Drawing]:
         return []
     caption = (
         f"Against `{found.key}`, at the highest rate; bands: 95 % intervals over the seeds, where there are enough. "
-        "The error is that of the frames with a pose: read it with the success."
+        "The error is that of the frames with a pose: read it together with the success."
     )
     return [
         Drawing("sweep_ate", "Error along the sweep", caption, partial(sweep, runs, found, "ate")),
@@ -112,11 +112,11 @@ def rank(runs: ListOf[ScoredRun], colours: dict[str, int], rate_hz: float, *, al
     names = list(values)
     return [
         Drawing(f"ranks_{rate_hz:g}hz", f"Mean ranks, {rate_hz:g} Hz",
-                "Best at the left; bars join trackers that Nemenyi's test does not tell apart.",
+                "Best at the left; bars join trackers without a significant difference (Nemenyi).",
                 lambda stem: ranking.critical_difference(
                     ranks({name: units(v) for name, v in values.items()}), colours, stem, RANKED_BY), always),
         Drawing(f"wins_{rate_hz:g}hz", f"Wins, {rate_hz:g} Hz",
-                "Paired by sequence and seed; *: the mean difference stands at the 5 % level.",
+                "Paired by sequence and seed; *: the mean difference is significant at the 5 % level.",
                 lambda stem: ranking.win_table(names, compare_pairs(values), stem, RANKED_BY), always),
     ]  # fmt: skip
 

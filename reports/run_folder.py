@@ -66,5 +66,5 @@ def _who(score: Mapping[str, Any]) -> tuple[Any, ...]:
 def _score_files(folder: Path) -> list[Path]:
     files = sorted(folder.glob(SCORES))
     if not files:
-        raise UserError(f"{folder}: holds no scores ({SCORES}); `uavbench score SUITE --out {folder}` makes them")
+        raise UserError(f"{folder}: has no scores ({SCORES}); create them with `uavbench score SUITE --out {folder}`")
     return files

@@ -60,7 +60,7 @@ def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, 
         shape = (image.shape[1], image.shape[0])
         if size not in (None, shape):
             raise UserError(
-                f"{name}: is {shape[0]} x {shape[1]} px, the pictures before {size}; calibrate one camera at a time"
+                f"{name}: is {shape[0]} x {shape[1]} px, the previous pictures {size}; calibrate one camera at a time"
             )
         size = shape
         found = find_corners(image, board)
@@ -70,7 +70,7 @@ def calibrate(sources: Sequence[Path], board: tuple[int, int], square_m: float, 
     if size is None or len(corners) < FEWEST_VIEWS:
         raise UserError(
             f"only {len(corners)} of {len(used) + len(unused)} pictures show the whole board of {board[0]}x{board[1]} "
-            f"inner corners, {FEWEST_VIEWS} or more are needed; is --board right, and is all of it in view and sharp?"
+            f"inner corners, {FEWEST_VIEWS} or more are needed; check --board, and that the board is in view and sharp"
         )
     return _solve(np.array(corners), size, board, square_m, model, tuple(used), tuple(unused))
 
@@ -144,7 +144,7 @@ def _solve(
     try:
         camera = Camera(size[0], size[1], fx, fy, cx, cy, model, coefficients)
     except ValueError as error:
-        raise UserError(f"the calibration does not converge ({error}); show the board from more sides") from None
+        raise UserError(f"the calibration does not converge ({error}); show the board from more directions") from None
     errors = []
     for view, r, t in zip(corners, rotations, shifts, strict=True):
         R = np.asarray(cv2.Rodrigues(np.asarray(r))[0], dtype=np.float64)
@@ -158,7 +158,7 @@ def _pictures(sources: Sequence[Path]) -> Iterator[tuple[str, NDArray[np.uint8]]
         if source.is_dir():
             files = sorted(p for p in source.rglob("*") if p.suffix.lower() in IMAGE_KINDS)
             if not files:
-                raise UserError(f"{source}: holds no pictures ({', '.join(IMAGE_KINDS)})")
+                raise UserError(f"{source}: has no pictures ({', '.join(IMAGE_KINDS)})")
             step = max(1, len(files) // MOST_VIEWS)
             yield from ((str(p), _read(p)) for p in files[::step])
         elif source.suffix.lower() in IMAGE_KINDS:

@@ -59,7 +59,7 @@ class Camera:
         counts = DISTORTION_COEFFICIENTS.get(self.distortion_model)
         if counts is None:
             raise ValueError(
-                f"distortion_model {self.distortion_model!r} is none of {', '.join(DISTORTION_COEFFICIENTS)}"
+                f"distortion_model {self.distortion_model!r} is not one of {', '.join(DISTORTION_COEFFICIENTS)}"
             )
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
         if len(self.distortion) not in counts or not np.isfinite(self.distortion).all():

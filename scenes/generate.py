@@ -119,8 +119,8 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
         x, y, z = centres[row]
         raise UserError(
             f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
-            f"{y:.2f}, {z:.2f}) m: the ground there reaches to {z + under[row] - LEAST_ABOVE_GROUND_M:.2f} m; move the "
-            "path, or leave environment.site.embankments out"
+            f"{y:.2f}, {z:.2f}) m: the ground there is at {z + under[row] - LEAST_ABOVE_GROUND_M:.2f} m; move the "
+            "path, or remove environment.site.embankments"
         )
 
 
@@ -189,7 +189,7 @@ def check_first_view(spec: SequenceSpec, source: CameraSimulator, time_ns: int =
     if share < LEAST_SHARE_IN_VIEW:
         raise UserError(
             f"sequence {spec.name}: frame 0: the structure fills {100 * share:.2f} % of the image, less than "
-            f"{100 * LEAST_SHARE_IN_VIEW:g} %; begin nearer to it, or turn the mount or the path towards it"
+            f"{100 * LEAST_SHARE_IN_VIEW:g} %; begin closer to it, or turn the mount or the path towards it"
         )
 
 

@@ -146,7 +146,7 @@ class SequenceSpec:
         for i, name in enumerate(names):
             if not CAMERA_NAME.fullmatch(name):
                 raise UserError(
-                    f"cameras[{i}].name {name!r}: give a small letter, then small letters, digits and _, 40 at most"
+                    f"cameras[{i}].name {name!r}: use lower-case letters, digits and _, a letter first, 40 at most"
                 )
             if name == MAIN or name in names[:i]:
                 other = "the main camera" if name == MAIN else f"cameras[{names.index(name)}]"

@@ -133,7 +133,7 @@ def test_the_table_of_a_tracker_is_read_as_its_file_is(folder):
         (np.zeros((0, 8)), "the estimate: has the shape"),
         (np.zeros((3, 8)), "the estimate: row 0: quaternion"),
         (np.where(np.arange(8) == 0, np.nan, curve()), "the estimate: row 0: nan is not a time"),
-        (curve()[::-1], "the estimate: row 1: stamp does not come after"),
+        (curve()[::-1], "the estimate: row 1: stamp is not later than"),
         (pd.DataFrame(curve()), "the estimate: a DataFrame of poses has the columns stamp_ns"),
         ("nowhere.tum", "nowhere.tum"),
         (None, "the estimate: has the shape"),
@@ -170,7 +170,7 @@ def test_scores_are_a_tidy_table(folder):
         assert row.rpe_1s_rotation_median_deg == kept.rpe["1 s"].rotation_deg.median
         assert row.tracking_success == kept.tracking.success
     assert {"ate_none_translation_sse_m2", "ate_none_translation_n"} <= set(table)
-    with pytest.raises(ub.UserError, match="holds no scores"):
+    with pytest.raises(ub.UserError, match="has no scores"):
         ub.load_scores(folder / "sequences")
 
 

@@ -96,7 +96,7 @@ def checked(result: Any) -> TrackResult:
     try:
         stage_ms = {str(name): float(ms) for name, ms in result.stage_ms.items()}
     except (AttributeError, TypeError, ValueError):
-        raise ResultError("[bad-result] stage_ms is no mapping of names to milliseconds") from None
+        raise ResultError("[bad-result] stage_ms is not a mapping of names to milliseconds") from None
     counts = {name: getattr(result, name) for name in COUNTS}
     for name, count in counts.items():
         if count is not None and not isinstance(count, Integral):
@@ -114,7 +114,7 @@ def _no_covariance(covariance: Any) -> str:
     if not isinstance(covariance, np.ndarray) or covariance.shape != (6, 6):
         return f"is {_named(covariance)}, not an array (6, 6)"
     if not (issubclass(covariance.dtype.type, Real) and np.isfinite(covariance).all()):
-        return "holds what is no finite number"
+        return "holds a number that is not finite"
     values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
     if not values[0] >= LEAST_EIGENVALUE * abs(values[-1]):
         return f"has the eigenvalue {values[0]:.3g}; none may be negative"

@@ -57,7 +57,7 @@ class CameraClock:
         if not len(times):
             raise UserError(
                 f"no frame is exposed in the {last / 1e9:g} s of the flight: its timeshift_cam_imu_s or offset_s is "
-                "longer; lower it, or fly longer"
+                "longer than that; lower it, or fly longer"
             )
         return Exposures(times_ns=times, stamps_ns=times - self.shift_ns)
 
@@ -65,8 +65,8 @@ class CameraClock:
         stamps = flight.stamps_ns
         if len(stamps) > 1 and rate_hz * int(stamps[1] - stamps[0]) > 1e9:
             raise UserError(
-                f"rate_hz {rate_hz:g}: the flight has {1e9 / int(stamps[1] - stamps[0]):g} steps a second; ask for no "
-                "more frames than that"
+                f"rate_hz {rate_hz:g}: the flight has {1e9 / int(stamps[1] - stamps[0]):g} steps a second; choose a "
+                "rate of at most that"
             )
         if not self.even and self.jitter_ms == 0.0:
             return stamps[flight.frame_rows(rate_hz)]

@@ -48,5 +48,5 @@ def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
 def disk_error_message(error: OSError) -> str:
     """Message for a disk error: the file, the cause, the remedy."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    advice = "free space, or name another place" if full else "name another place"
+    advice = "free space, or choose another location" if full else "choose another location"
     return f"{error.filename or 'the disk'}: {error.strerror or error}; {advice}"

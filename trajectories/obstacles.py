@@ -38,7 +38,7 @@ class ObstacleMesh:
         if len(triangles) == 0 or not np.isfinite(vertices).all():
             raise ValueError("a mesh needs at least one triangle and finite vertices")
         if triangles.min() < 0 or triangles.max() >= len(vertices):
-            raise ValueError(f"a triangle names a vertex outside 0..{len(vertices) - 1}")
+            raise ValueError(f"a triangle refers to a vertex outside 0..{len(vertices) - 1}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "triangles", triangles)
         object.__setattr__(self, "tree", build_tree(vertices[triangles]))

@@ -84,7 +84,7 @@ def inverse(A: Array) -> Array:
     for k in range(n):
         best = k + int(np.argmax(np.abs(table[k:, k])))
         if table[best, k] == 0:
-            raise ValueError("a singular matrix has no inverse")
+            raise ValueError("the matrix is singular")
         table[[k, best]] = table[[best, k]]
         table[k] /= table[k, k]
         for i in range(n):

@@ -43,7 +43,7 @@ class Trajectory:
         for name, bad in (
             ("position is not finite", ~np.isfinite(self.positions_m).all(axis=1)),
             ("quaternion is not finite or not of unit norm (1e-3)", ~(np.abs(np.linalg.norm(q, axis=1) - 1) < 1e-3)),
-            ("stamp does not come after the one before", np.concatenate([[False], stamps[1:] <= stamps[:-1]])),
+            ("stamp is not later than the previous one", np.concatenate([[False], stamps[1:] <= stamps[:-1]])),
         ):
             if bad.any():
                 raise ValueError(f"row {int(np.argmax(bad))}: {name}")

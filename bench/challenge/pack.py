@@ -72,7 +72,7 @@ def pack(suite_name: str, where: Packing) -> int:
 def _rendered(suite: Suite) -> list[SequenceSpec]:
     """The sequences of a suite; UserError for recordings, which have no ground truth, and for closed-loop suites."""
     if suite.loops:
-        raise UserError(f"suite {suite.name} is flown in closed loop: a package holds images that are there already")
+        raise UserError(f"suite {suite.name} is flown in closed loop: a package needs images rendered beforehand")
     specs = [spec for spec in suite.sequences if isinstance(spec, SequenceSpec)]
     if len(specs) < len(suite.sequences):
         raise UserError(f"suite {suite.name} has recorded images, which have no ground truth to score against")

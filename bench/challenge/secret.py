@@ -45,11 +45,10 @@ def read_or_make(path: Path) -> Secret:
     given = read_toml(path).get("secret")
     if not (isinstance(given, str) and re.fullmatch("[0-9a-f]{64}", given)):
         raise UserError(
-            f'{path}: expected secret = "...", 64 hexadecimal digits (256 bits); name a file that is not there yet, '
-            "and it is made"
+            f'{path}: expected secret = "...", 64 hexadecimal digits (256 bits); choose a new file, and it is made'
         )
     if max(Counter(given).values()) > MOST_OF_ONE_DIGIT:
-        raise UserError(f"{path}: this secret can be guessed; name a file that is not there yet, and one is made")
+        raise UserError(f"{path}: this secret can be guessed; choose a new file, and a secret is created")
     return Secret(bytes.fromhex(given))
 
 

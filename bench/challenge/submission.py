@@ -75,7 +75,7 @@ def find_submission(folder: Path, sequences: Collection[str]) -> Submission:
     single = _files(folder, "", sequences, faults, also={ABOUT, *runs})
     if runs and single:
         raise UserError(
-            f"{folder}: has files beside its runs ({next(iter(single.values())).name}); put them into a run"
+            f"{folder}: has files next to its runs ({next(iter(single.values())).name}); put them into a run"
         )
     found = found or {"run-1": single}
     if not any(found.values()):

@@ -53,7 +53,7 @@ def figures_option(command: Any) -> Any:
 @click.argument("suite")
 @suite_options
 @figures_option
-@click.option("--video", is_flag=True, help="A video of each flight: the camera's view beside that from outside.")
+@click.option("--video", is_flag=True, help="A video of each flight: the camera's view next to an external one.")
 def fly_command(suite: str, **options: Any) -> None:
     """Fly SUITE in closed loop: the vehicle flies on the poses of each tracker."""
     sys.exit(bring_up_to("fly", suite, **options))

@@ -105,7 +105,7 @@ def statements(sides: Mapping[str, Side], file: Path) -> Iterator[str]:
     for name, side in sides.items():
         commit, top = side.version.commit, side.version.top
         if file.is_relative_to(top) and side.suite == file and side.version.folder != top:
-            yield f"{name} {commit} has no {file.relative_to(top)}: its trackers are those of the file as it stands"
+            yield f"{name} {commit} has no {file.relative_to(top)}: its trackers are those of the working tree"
     linked = sorted({name for side in sides.values() for name in side.version.linked})
     if linked:
         more = f" and {len(linked) - MOST_TOLD} more" if len(linked) > MOST_TOLD else ""

@@ -74,7 +74,7 @@ class Measured:
         return cls(
             coverage=score.tracking.coverage,
             errors={metric: _size(value(score)) for metric, (_, value) in ERRORS.items()},
-            crash=(score.errors or ("no word of why",))[0] if score.status == "crashed" else "",
+            crash=(score.errors or ("no reason given",))[0] if score.status == "crashed" else "",
             frames=str(score.record.get("sequence", {}).get("content_hash", "")),
             images=str(score.record.get("sequence", {}).get("images", "")),
             how={part: score.record.get(part) for part in HOW},

@@ -223,8 +223,8 @@ class Trial:
 @click.option(
     "--reruns", type=click.IntRange(2), default=6, show_default=True, help="Runs of each tracker on each sequence."
 )
-@click.option("--worse", multiple=True, metavar="LABEL.PARAMETER=VALUE", help="A setting that should be told apart.")
-@click.option("--new-noise", default=0.0, show_default=True, help="Camera noise added anew, in grey levels.")
+@click.option("--worse", multiple=True, metavar="LABEL.PARAMETER=VALUE", help="A setting that the gate should detect.")
+@click.option("--new-noise", default=0.0, show_default=True, help="Additional camera noise, in grey levels.")
 @click.option("--comparisons", default=1000, show_default=True, help="For each change.")
 @click.option("--margin", default=0.01, show_default=True)
 @click.option("--jobs", default=2, show_default=True)

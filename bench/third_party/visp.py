@@ -79,7 +79,7 @@ def _install() -> Path:
             subprocess.run(command.split(), check=False, env={**os.environ, "DEBIAN_FRONTEND": "noninteractive"})
     headers = _headers()
     if headers is None:
-        raise UserError(f"visp: its headers are not there; on Debian or Ubuntu type: sudo {line}")
+        raise UserError(f"visp: its headers are missing; on Debian or Ubuntu type: sudo {line}")
     return headers
 
 

@@ -74,7 +74,7 @@ def _accuracy(results: Results, sequence: Sequence) -> Iterator[str]:
 
 
 def _mistaken(results: Results, sequence: Sequence) -> str:
-    """The simplest convention by which inaccurate poses become accurate; "" if they are accurate, or by none."""
+    """The simplest convention that makes inaccurate poses accurate; "" if none does, or none is needed."""
     pairs = _pairs(results, sequence)
     if not pairs or _is_close(*_median_error(pairs, AS_IT_IS, sequence)):
         return ""

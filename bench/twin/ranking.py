@@ -43,7 +43,7 @@ def table(trackers: Mapping[str, Tracker], sequence: Sequence, twin: Sequence) -
     """Lines in Markdown: ATE RMSE (mm), coverage (%) and rank on both sequences; absent trackers with the reason."""
     found = list(on_both(trackers, sequence, twin))
     ranks = [_ranks({each.label: each.drawn for each in found}), _ranks({each.label: each.traced for each in found})]
-    yield "| tracker | drawn: ATE, mm | coverage, % | rank | traced: ATE, mm | coverage, % | rank |"
+    yield "| tracker | rasterized: ATE, mm | coverage, % | rank | traced: ATE, mm | coverage, % | rank |"
     yield "|---|---:|---:|---:|---:|---:|---:|"
     for each in found:
         cells = [

@@ -106,7 +106,7 @@ class Flown:
         """Read a folder that `save` wrote; UserError naming the file that is missing or invalid."""
         results = Results.load(folder)
         if "flight" not in results.record:
-            raise UserError(f"{folder / MARKER}: is of no flight; fly again")
+            raise UserError(f"{folder / MARKER}: is not the record of a flight; fly again")
         table = read_table(folder / "path.csv", COLUMNS)
         try:
             stamps = np.array([int(row["stamp_ns"]) for row in table], dtype=np.int64)

@@ -136,7 +136,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD)["loop"] for run in runs}
     if found := swept_loops(tables):
         caption = f"Against {found.key} of the loop: success with its 95 % interval, and the mean and the range of the "
-        caption += "rms path error, over the flown part of each flight; read it with the success."
+        caption += "rms path error, over the flown part of each flight; read it together with the success."
         made.append(Drawing("along", "Along the loops", caption, partial(along_loops, scores, found)))
     worst = {id(worst_of([run for run in runs if run.score.run == name])) for name in by_run(scores)}
     for run in sorted(runs, key=lambda run: run.score.success):
@@ -144,7 +144,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
         how = "Success" if score.success else f"No success: {score.why or 'it left its corridor'}"
         caption = (
             f"{how}. True, estimated and planned path; (a) errors of path, estimate and tracker, (b) normalized "
-            "innovation of each pose, hollow: refused, (c) when the tracker had a pose, red: none, and GNSS a fix."
+            "innovation of each pose, hollow: rejected, (c) when the tracker had a pose, red: none, and GNSS a fix."
         )
         draw = partial(_draw_flight, run.path)
         made.append(Drawing(f"flights/{run.slug}", f"{score.sequence}, {score.run}", caption, draw, id(run) in worst))

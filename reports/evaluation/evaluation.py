@@ -59,7 +59,7 @@ def _shown(found: Consistency | None) -> str:
     mean = "none" if found.mean is None else f"{found.mean:.4g}"
     singular = f", {found.singular} singular" if found.singular else ""
     return (
-        f"mean {mean} ({DEGREES_OF_FREEDOM} is honest, 95 % {found.low:.3g} .. {found.high:.3g} if errors are "
+        f"mean {mean} ({DEGREES_OF_FREEDOM} expected, 95 % {found.low:.3g} .. {found.high:.3g} if errors are "
         f"independent), {100 * found.inside:.1f} % inside, n {found.n}{singular}"
     )
 

@@ -1,4 +1,4 @@
-"""Figures that compare trackers: error beside coverage, success curves, accuracy against latency."""
+"""Figures that compare trackers: error and coverage, success curves, accuracy against latency."""
 
 from collections.abc import Sequence as ListOf
 from functools import partial

@@ -60,7 +60,7 @@ def nees_over_time(runs: ListOf[ScoredRun], stem: Path) -> list[Path]:
 def draw_nees_over_time(runs: ListOf[ScoredRun], panel: Axes) -> Drawn:
     """NEES over time of every run that claims covariances, with the central 95 % of chi-square (6 dof)."""
     low, high = (chi_square_quantile(p, DEGREES_OF_FREEDOM) for p in (0.025, 0.975))
-    panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of an honest tracker")
+    panel.axhspan(low, high, color="#E8E8E8", lw=0, label="95 % of a consistent tracker")
     panel.axhline(DEGREES_OF_FREEDOM, color=GROUND_TRUTH, lw=0.7, ls=":")
     rows: list[list[Any]] = []
     fastest_hz = max((run.score.rate_hz for run in runs), default=0.0)
@@ -143,4 +143,4 @@ def draw_sweep(
 
 def _median(values: Array) -> str:
     middle = float(np.median(values))
-    return f"median {middle:.1f}" if np.isfinite(middle) else "half is lost"
+    return f"median {middle:.1f}" if np.isfinite(middle) else "over half lost"

@@ -20,7 +20,7 @@ def critical_difference(found: Ranks, colours: Mapping[str, int], stem: Path, wh
 
 
 def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str, panel: Axes) -> Drawn:
-    """Critical-difference diagram (Demsar 2006): mean ranks, best at the left; bars join trackers not told apart.
+    """Critical-difference diagram (Demsar 2006): mean ranks, best at the left; bars join equivalent trackers.
 
     colours: index of a colour by tracker; what: the ranked metric.
     """

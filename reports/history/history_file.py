@@ -104,7 +104,7 @@ def read_history(path: Path) -> History:
 
     UserError naming file and key when it is missing, not a history, invalid, too long, or lists a commit twice.
     """
-    advice = "take back the file of an earlier run, or start another"
+    advice = "restore the file of an earlier run, or start a new one"
     try:
         body = read_json(path, limit=JSON)
     except UserError as error:
@@ -116,14 +116,14 @@ def read_history(path: Path) -> History:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
-        raise UserError(f"{path}: this history is broken at `{place}`: {first['msg']}; {advice}") from None
+        raise UserError(f"{path}: this history is invalid at `{place}`: {first['msg']}; {advice}") from None
     if len(history.commits) > MOST_COMMITS:
         raise UserError(
-            f"{path}: has {len(history.commits):,} commits, at most {MOST_COMMITS:,} are read; start another"
+            f"{path}: has {len(history.commits):,} commits, at most {MOST_COMMITS:,} are read; start a new one"
         )
     counts = Counter(entry.commit for entry in history.commits)
     if twice := next((name for name, count in counts.items() if count > 1), ""):
-        raise UserError(f"{path}: this history has commit {twice} twice; {advice}")
+        raise UserError(f"{path}: this history lists commit {twice} twice; {advice}")
     return history
 
 

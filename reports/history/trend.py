@@ -73,5 +73,5 @@ def _place(names: list[str], since: str) -> int:
     found = [k for k, name in enumerate(names) if name.startswith(since)]
     if len(found) != 1:
         many = "no commit" if not found else "more than one commit"
-        raise UserError(f"--since {since}: the history has {many} whose hash begins so")
+        raise UserError(f"--since {since}: the history has {many} whose hash begins with it")
     return found[0]

@@ -72,7 +72,7 @@ def _refuse_mixed(scores: ListOf[SubmissionScore]) -> None:
     challenges = dict.fromkeys(score.challenge for score in scores)
     if len(challenges) > 1:
         raise UserError(
-            f"the submissions are to {len(challenges)} challenges ({', '.join(challenges)}); rank each apart"
+            f"the submissions are to {len(challenges)} challenges ({', '.join(challenges)}); rank each separately"
         )
 
 

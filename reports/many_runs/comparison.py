@@ -66,8 +66,8 @@ def _one_truth(values: Mapping[str, Array]) -> dict[str, list[Array]]:
 
 EXTRA = (
     Column(head="coverage", key="coverage", scale=100, unit="%", best="max", decimals=1),
-    Column(head="NEES", key="nees", unit="6 is honest", best="", decimals=2),
-    Column(head="NEES, aligned", key="nees_aligned", unit="6 is honest", best="", decimals=2),
+    Column(head="NEES", key="nees", unit="expected 6", best="", decimals=2),
+    Column(head="NEES, aligned", key="nees_aligned", unit="expected 6", best="", decimals=2),
 )
 
 

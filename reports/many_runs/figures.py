@@ -128,7 +128,7 @@ def draw_nees(many: ManyRuns, panel: Axes) -> Drawn:
     name_trackers(panel, list(groups))
     panel.set_ylabel("mean NEES of a run")
     said = "hollow: as claimed, filled: after alignment" if aligned else "as claimed, without alignment"
-    panel.set_title(f"{said}; dotted: {DEGREES_OF_FREEDOM}, honest", fontsize=7.5)
+    panel.set_title(f"{said}; dotted: {DEGREES_OF_FREEDOM}, expected", fontsize=7.5)
     return Drawn(columns=["tracker", "run", "what", "mean_nees"], rows=rows, legend=None)
 
 

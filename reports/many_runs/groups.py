@@ -51,7 +51,7 @@ def grouped(estimates: ListOf[Path], groups: ListOf[str]) -> list[Run]:
         for path, part in found:
             place = _place(path)
             if owner.setdefault(place, name) != name:
-                raise UserError(f"{path}: is in the groups {owner[place]} and {name}; a run is of one tracker")
+                raise UserError(f"{path}: is in the groups {owner[place]} and {name}; a run belongs to one tracker")
             if all(_place(known) != place for known, _ in members.get(name, ())):
                 members.setdefault(name, []).append((path, part))
     left = [path for path in estimates if _place(path) not in owner]
@@ -90,8 +90,8 @@ def pairing(names: Mapping[str, ListOf[str]]) -> Pairing:
     if len(counts) == 1:
         (count,) = counts
         rows = {group: list(range(count)) for group in names}
-        return Pairing(rows, f"{counted(count)}, paired in the order given, for their names differ")
-    return Pairing({}, "no paired test: the runs of the trackers have neither names nor a number in common")
+        return Pairing(rows, f"{counted(count)}, paired in the order given, since their names differ")
+    return Pairing({}, "no paired test: the runs of the trackers differ in names and in number")
 
 
 def counted(runs: int) -> str:

@@ -40,8 +40,8 @@ RUNS = (
     Column(head="ATE rotation", key="ate_rotation_deg", unit="deg", best="min", decimals=4),
     Column(head="RPE position", key="rpe_position_cm", unit="cm", best="min", decimals=4),
     Column(head="RPE rotation", key="rpe_rotation_deg", unit="deg", best="min", decimals=4),
-    Column(head="NEES", key="nees", unit="6 is honest", best="", decimals=2),
-    Column(head="NEES, aligned", key="nees_aligned", unit="6 is honest", best="", decimals=2),
+    Column(head="NEES", key="nees", unit="expected 6", best="", decimals=2),
+    Column(head="NEES, aligned", key="nees_aligned", unit="expected 6", best="", decimals=2),
 )
 """Columns of the page's table of runs."""
 UNSHOWN = ("runs", "RPE position sd", "RPE rotation sd")
@@ -90,21 +90,21 @@ def _drawings(results: ManyResults) -> list[tuple[str, str, str, Callable[[Path]
     if any(np.isfinite(extra(run, "nees")) for run in many.runs):
         made.append(
             ("nees", "NEES",
-             "Mean over the poses of a run of the squared error over the claimed covariance, which turns and scales "
+             "Mean over the poses of a run of the squared error over the claimed covariance, which is transformed "
              "with the alignment.", partial(figures.nees, many))
         )  # fmt: skip
     tests = results.tested.get("ate_position")
     if tests:
         names, paired = list(many.groups), many.paired("ate_position")
         made.append(
-            ("wins", "Wins", "On the paired runs; *: the mean difference stands at the 5 % level.",
+            ("wins", "Wins", "On the paired runs; *: the mean difference is significant at the 5 % level.",
              partial(ranking.win_table, names, tests, what=RANKED_BY))
         )  # fmt: skip
         if many.pairs.n > 1:
             colours = {name: k for k, name in enumerate(names)}
             made.append(
                 ("ranks", "Mean ranks",
-                 "Best at the left; bars join trackers that Nemenyi's test does not tell apart.",
+                 "Best at the left; bars join trackers without a significant difference (Nemenyi).",
                  partial(ranking.critical_difference, ranks(paired), colours, what=RANKED_BY))
             )  # fmt: skip
     return made

@@ -93,7 +93,7 @@ def umeyama(p: Array, q: Array, *, with_scale: bool) -> Similarity:
     U, d, Vt = np.linalg.svd(p_centred.T @ q_centred / len(p))
     if not (d[1] > DEGENERATE * d[0] and moves(p, p_centred) and moves(q, q_centred)):
         raise UserError(
-            f"alignment is undefined: the {len(p)} matched positions of the reference or the estimate stand still "
+            f"alignment is undefined: the {len(p)} matched positions of the reference or the estimate do not move "
             "or lie on one line; use --align none, origin or yaw, or a longer trajectory"
         )
     S = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])

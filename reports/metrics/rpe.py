@@ -170,7 +170,7 @@ def _turned_between(q: Array, delta: float, tolerance: float) -> RowPairs:
         j = np.flatnonzero((turned >= delta - tolerance) & (turned <= delta + tolerance)) + i + 1
         count += len(j)
         if count > MAX_PAIRS:
-            raise UserError(f"more than {MAX_PAIRS} pairs turn by this angle; take consecutive pairs")
+            raise UserError(f"more than {MAX_PAIRS} pairs rotate by this angle; use consecutive pairs")
         starts.append(np.full(len(j), i))
         ends.append(j)
     empty = [np.empty(0, np.int64)]

@@ -45,7 +45,7 @@ def line_fit(p: Array, q: Array) -> LineFit | None:
     return LineFit(
         R,
         f"straight line: the matched positions of the {' and the '.join(which)} lie on one, which leaves the rotation "
-        "about it undetermined; the smallest rotation that lays one line on the other was taken",
+        "about it undetermined; the smallest rotation that maps one line to the other was used",
     )
 
 
@@ -60,7 +60,7 @@ def vertical_fit(p: Array, q: Array) -> LineFit | None:
         return None
     return LineFit(
         np.eye(3),
-        "straight line: the matched positions move up and down, which leaves the yaw undetermined; none was taken",
+        "straight line: the matched positions move up and down, which leaves the yaw undetermined; none was applied",
     )
 
 

@@ -144,7 +144,7 @@ def _themes(tables: ListOf[Table], runs: ListOf[ScoredRun]) -> list[dict[str, An
     ]
 
 
-PROTOCOLS = "With true poses on the way"
+PROTOCOLS = "Restarts from true poses"
 
 
 def write_sequence_page(

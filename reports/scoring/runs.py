@@ -123,7 +123,7 @@ def _belongs(found: Score, sequence: Sequence, results: Results, path: Path) -> 
             continue
         before = found.record.get(key)
         if before != now:
-            raise UserError(f"{path}: its record says {key} = {before!r}, but here it is {now!r}; score again")
+            raise UserError(f"{path}: its record has {key} = {before!r}, not {now!r} as here; score again")
 
 
 def missing_results(sequence: Sequence, folder: Path, why: str = "") -> Results:
@@ -133,7 +133,7 @@ def missing_results(sequence: Sequence, folder: Path, why: str = "") -> Results:
         rate_hz = float(rate.removesuffix("hz"))
     except ValueError:
         raise UserError(
-            f"{folder}: no such results, and its name does not tell tracker and rate (LABEL@RATEhz)"
+            f"{folder}: no such results, and its name does not give tracker and rate (LABEL@RATEhz)"
         ) from None
     record = {
         "tracker": {"kind": label, "parameters": {}},

@@ -88,7 +88,7 @@ DETAILS: tuple[Column, ...] = (
         decimals=2,
         short="longest fail.",
     ),
-    Column(head="NEES", key="consistency_mean", unit="6 is honest", best="", decimals=1),
+    Column(head="NEES", key="consistency_mean", unit="expected 6", best="", decimals=1),
     Column(
         head="claimed sigma",
         key="consistency_sharpness_m",

@@ -123,7 +123,7 @@ def _caption(groups: Mapping[str, "DataFrame"], rows: ListOf[tuple[str, tuple[Ce
             text += f"FAILED: {run} {first['status']} in {len(bad)} of {len(group)} runs{why}. "
     text += (
         "Errors are RMSE over the frames that have a pose: read them with coverage. "
-        "A run that never fails has its whole duration as its first failure. "
+        "The time to first failure of a run without one is its duration. "
     )
     n = max(len(group) for group in groups.values())
     if n == 1:

@@ -14,7 +14,7 @@ def disk_errors(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise UserError(
-            f"{folder}: cannot be written: {error.strerror or error}; free space or name another folder"
+            f"{folder}: cannot be written: {error.strerror or error}; free space or choose another folder"
         ) from None
 
 
@@ -25,5 +25,5 @@ def inside(folder: Path, name: str) -> Path:
     except (OSError, ValueError, RuntimeError) as error:
         raise UserError(f"{folder}: {name!r} is not a file name: {error}") from None
     if not path.is_relative_to(folder.resolve()):
-        raise UserError(f"{folder}: its file {name!r} leads out of the folder; do not trust this dataset")
+        raise UserError(f"{folder}: its file {name!r} points outside the folder; do not trust this dataset")
     return path

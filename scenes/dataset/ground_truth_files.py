@@ -59,7 +59,7 @@ def read_row_poses(folder: Path, frames: int, height: int) -> Array:
     try:
         found = np.lib.format.open_memmap(path, mode="r")
     except (ValueError, SyntaxError, TypeError, OverflowError) as error:
-        raise UserError(f"{path}: no array of poses: {error}; render the sequence again") from None
+        raise UserError(f"{path}: not an array of poses: {error}; render the sequence again") from None
     expected = (frames, height, 7)
     if found.shape != expected or found.dtype != np.float64:
         raise UserError(f"{path}: is {found.shape} {found.dtype}, not {expected} float64; render the sequence again")

@@ -43,7 +43,7 @@ def load_structure(folder: Path) -> Structure:
                     triangles.append([int(a) - 1, int(b) - 1, int(c) - 1])
                     triangle_face.append(face)
                 case _:
-                    raise UserError(f"{path}: line {number} is not one that a sequence's model has")
+                    raise UserError(f"{path}: line {number} is not valid in the model of a sequence")
     except ValueError as error:
         raise UserError(f"{path}: line {number}: {error}") from None
     edges = read_integers(folder / "edges.csv", ["vertex_0", "vertex_1", "face_0", "face_1"])
@@ -51,9 +51,9 @@ def load_structure(folder: Path) -> Structure:
     if not (triangles and np.isfinite(points).all() and min(triangle_face) >= 0):
         raise UserError(f"{path}: needs finite vertices, and triangles in groups `g`")
     if not all(0 <= corner < len(points) for triangle in triangles for corner in triangle):
-        raise UserError(f"{path}: a triangle names a vertex that is not there")
+        raise UserError(f"{path}: a triangle refers to a missing vertex")
     if not ((edges >= [0, 0, -1, -1]) & (edges < [len(points), len(points), face + 1, face + 1])).all():
-        raise UserError(f"{folder / 'edges.csv'}: an edge names a vertex or a face that is not there")
+        raise UserError(f"{folder / 'edges.csv'}: an edge refers to a missing vertex or face")
     corners, owner = np.array(triangles, dtype=np.int64), np.array(triangle_face)
     p, q, r = (points[corners[:, k]] for k in range(3))
     normals = np.zeros((face + 1, 3))

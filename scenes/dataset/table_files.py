@@ -149,12 +149,12 @@ def read_records(path: Path) -> NDArray[np.void]:
         shape, _, kind = np.lib.format.read_array_header_1_0(stream)
         names = kind.names or ()
         if names[:1] != ("stamp_ns",) or len(shape) != 1:
-            raise ValueError("no list of records that begin with stamp_ns")
+            raise ValueError("not an array of records that begin with stamp_ns")
         if kind != np.dtype([("stamp_ns", "<i8"), *((name, "<f8") for name in names[1:])]):
             raise ValueError("its columns are not float64")
         data = stream.getbuffer()[stream.tell() :]
         if len(data) != shape[0] * kind.itemsize:
-            raise ValueError("it is cut off, or longer than it says")
+            raise ValueError("its size does not match its header")
         return np.frombuffer(data, dtype=kind)
     except (ValueError, SyntaxError, TypeError, OverflowError) as error:
-        raise UserError(f"{path}: no array of readings: {error}; render the sequence again") from None
+        raise UserError(f"{path}: not an array of readings: {error}; render the sequence again") from None

@@ -78,7 +78,7 @@ def compare(folder: Path, again: Path) -> Verdict:
     at least TOLERANCE_SHARE of the pixels. Ground truth and sensors must be byte-identical.
     """
     first, second = _manifest(folder), _manifest(again)
-    problems = [f"{name}: is in one of the two only" for name in sorted(set(first) ^ set(second))]
+    problems = [f"{name}: is in only one of the two folders" for name in sorted(set(first) ^ set(second))]
     images: list[str] = []
     for name in sorted(set(first) & set(second)):
         if first[name] == second[name]:
@@ -87,9 +87,9 @@ def compare(folder: Path, again: Path) -> Verdict:
             images.append(name)
         elif name == "sequence.json":
             if _without_machine(folder) != _without_machine(again):
-                problems.append("sequence.json: differs by more than the machine")
+                problems.append("sequence.json: differs in more than the machine's description")
         else:
-            problems.append(f"{name}: differs; ground truth and sensors must be the same to the byte")
+            problems.append(f"{name}: differs; ground truth and sensors must be byte-identical")
     for name in images:
         share = _share_within(folder / name, again / name)
         if not share >= TOLERANCE_SHARE:
@@ -102,7 +102,7 @@ def compare(folder: Path, again: Path) -> Verdict:
 def _manifest(folder: Path) -> dict[str, str]:
     named = read_json(folder / "manifest.json").get("sha256")
     if not isinstance(named, dict):
-        raise UserError(f"{folder / 'manifest.json'}: holds no hashes; render the sequence again")
+        raise UserError(f"{folder / 'manifest.json'}: has no hashes; render the sequence again")
     return {str(name): str(digest) for name, digest in named.items()}
 
 

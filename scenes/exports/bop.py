@@ -67,7 +67,7 @@ def export_bop(shown: Shown, folder: Path, on_frame: Callable[[int, int], None])
 FILES = {
     "models/": "the structure, object 1, millimetres; models_info.json: its bounds and diameter",
     "test/000001/rgb": "images by number",
-    "test/000001/depth": f"depth along the optical axis, {DEPTH_SCALE:g} mm a unit; 0: none, or further than 65.5 m",
+    "test/000001/depth": f"depth along the optical axis, {DEPTH_SCALE:g} mm per unit; 0: none, or further than 65.5 m",
     "test/000001/mask": "silhouette of the model without occlusion, 255",
     "test/000001/mask_visib": "visible part of the structure, 255",
     "test/000001/scene_camera.json": "intrinsics and camera from world, millimetres, by image",
@@ -79,7 +79,7 @@ FILES = {
 
 
 def _limits(annotations: tuple[str, ...]) -> tuple[str, ...]:
-    lines = ["Stamps: images have numbers and no times."]
+    lines = ["Stamps: images are numbered and have no time stamps."]
     if "mask" not in annotations:
         lines.append(
             'Visible part: the sequence was rendered without annotations = ["mask"], so there is no mask_visib/, and '

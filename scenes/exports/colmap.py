@@ -66,9 +66,9 @@ def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
         "images/": "images by number",
         "sparse/0/cameras.txt": "the camera, number 1: model, width, height and its parameters, px",
         "sparse/0/images.txt": "camera from world at each image, w first, and the points that it shows: x y point, px",
-        "sparse/0/points3D.txt": "points on the model's surface: place, colour, error 0, and (image, place in its row)",
+        "sparse/0/points3D.txt": "points on the model's surface: position, colour, error 0, and (image, index there)",
     }
-    limits = ["Stamps: images have numbers and no times."]
+    limits = ["Stamps: images are numbered and have no time stamps."]
     if several:
         files["sparse/0/cameras.txt"] = "the cameras: " + ", ".join(
             f"{k} `{n}`" for k, n in enumerate(cameras, start=1)

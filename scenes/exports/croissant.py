@@ -77,7 +77,7 @@ SIMULATED = {
         "poses are those of the simulation, without measurement error."
     ),
     "rai:dataCollectionType": ["Simulations"],
-    "rai:dataAnnotationProtocol": "Poses, depth and masks are written by the renderer; nobody annotates by hand.",
+    "rai:dataAnnotationProtocol": "Poses, depth and masks are written by the renderer, without manual annotation.",
     "rai:dataBiases": (
         "One structure, environment and flight, as chosen in `config` of the sequence; materials, light and sensors "
         "are models. Errors on rendered images do not predict errors on real ones."
@@ -86,8 +86,8 @@ SIMULATED = {
         "Comparison of trackers that localize a camera against a known model. Not for claims about a real vehicle or "
         "site, nor for training models that recognize people."
     ),
-    "rai:personalSensitiveInformation": "None: people in the scene, where there are any, are drawn figures.",
-    "rai:dataSocialImpact": "Localization serves inspection; it would serve surveillance by drones as well.",
+    "rai:personalSensitiveInformation": "None: people in the scene, where there are any, are synthetic figures.",
+    "rai:dataSocialImpact": "Localization serves inspection; the same methods could serve surveillance by drones.",
 }
 RECORDED = {
     "rai:dataCollection": "Real images, provided by their author and copied by uavbench.",
@@ -112,9 +112,9 @@ def write_croissant(sequence: Sequence, folder: Path, held: Held, not_held: Iter
         "distribution": distribution,
         "recordSet": [_images(each) for each in sets],
         **(RECORDED if sequence.recorded else SIMULATED),
-        "rai:dataLimitations": list(not_held) or ["None beyond those of the sequence: the format holds all of it."],
+        "rai:dataLimitations": list(not_held) or ["None beyond those of the sequence, all of which is exported."],
         "rai:dataReleaseMaintenancePlan": (
-            "The config and seed in the sequence make it anew; see the reproducibility page of uavbench."
+            "The config and seed in the sequence reproduce it; see the reproducibility page of uavbench."
         ),
     }
     write_text(folder / CROISSANT, json.dumps(about, indent=1) + "\n")

@@ -59,16 +59,16 @@ def export_euroc(shown: Shown, folder: Path, on_frame: Callable[[int, int], None
     poses, biases = "mav0/state_groundtruth_estimate0/data.csv", ", biases of imu0" if imus else ""
     files = {
         "mav0/cam0": "images by stamp; sensor.yaml: body from camera, intrinsics, distortion",
-        poses: f"body in the world, its velocity there{biases}; 100 rows a second and one at each image",
+        poses: f"body in the world, its velocity there{biases}; at 100 Hz and at each image",
     }
-    files |= {f"mav0/cam{k}": f"the same of camera `{name}`" for k, name in enumerate(cameras) if k}
+    files |= {f"mav0/cam{k}": f"the same for camera `{name}`" for k, name in enumerate(cameras) if k}
     files |= {f"mav0/imu{k}": f"rates and specific forces of `{name}`" for k, name in enumerate(imus)}
     limits = [f"Parameters: `{name}` is not described in sequence.json." for name, imu in imus.items() if not imu]
-    limits += [f"Biases: those of imu{k} (`{name}`) are not held." for k, name in enumerate(imus) if k]
+    limits += [f"Biases: those of imu{k} (`{name}`) are not included." for k, name in enumerate(imus) if k]
     if any(any(imu.get("offset_m", ())) for imu in imus.values()):
         limits.append(
-            "Body: an IMU sits beside the body's origin (see its T_BS); a tool that takes the IMU as the body must "
-            "move the ground truth by it."
+            "Body: an IMU is not at the body's origin (see its T_BS); for a tool that takes the IMU as the body, "
+            "transform the ground truth by T_BS."
         )
     return Held(
         files=files,

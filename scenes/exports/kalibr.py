@@ -29,15 +29,15 @@ def export_kalibr(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
     body_from_first = None if first is None else body_from_imu(sequence.body_folder / first[0], first[1])
     write_text(folder / CHAIN, camera_chain(shown, body_from_first))
     files = {
-        CHAIN: "intrinsics, distortion, T_cn_cnm1, T_cam_imu of imu0, timeshift_cam_imu (t_imu = t_cam + it), topics"
+        CHAIN: "intrinsics, distortion, T_cn_cnm1, T_cam_imu of imu0, timeshift_cam_imu (t_imu = t_cam + shift), topics"
     }
     for k, (name, imu) in enumerate(imus.items()):
         write_text(folder / f"imu{k}.yaml", _imu_yaml(name, imu))
         files[f"imu{k}.yaml"] = f"noise densities, random walks and rate of `{name}`"
     for frame in range(len(sequence)):
         on_frame(frame + 1, len(sequence))
-    limits = ["Images, poses and readings are not held: these files are the calibration that goes with them."]
-    limits += [f"Place: that of imu{k} (`{name}`) on the body is not held." for k, name in enumerate(imus) if k]
+    limits = ["Images, poses and readings are not included: these files are their calibration."]
+    limits += [f"Mount: that of imu{k} (`{name}`) on the body is not included." for k, name in enumerate(imus) if k]
     limits += [f"Parameters: `{name}` is not described in sequence.json." for name, imu in imus.items() if not imu]
     return Held(
         files=files, frames={}, limits=tuple(limits), cameras=tuple(sequence.cameras), time_shift=first is not None

@@ -52,7 +52,7 @@ def export_transforms(shown: Shown, folder: Path, on_frame: Callable[[int, int],
         files["masks/"] = "255 where the structure is visible, 0 elsewhere, which is ignored in training"
     if _write_depths(shown, folder / "depths"):
         annotations.append("depth")
-        files["depths/"] = f"depth along the optical axis, {UNITS_PER_M:g} units a metre; 0: none, or beyond 65.5 m"
+        files["depths/"] = f"depth along the optical axis, {UNITS_PER_M:g} units per metre; 0: none, or beyond 65.5 m"
     for kind, key in (("mask", "mask_path"), ("depth", "depth_file_path")):
         if kind in annotations:
             for each in frames:

@@ -54,42 +54,42 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
     lines = list(held.limits)
     lenses = {"": sequence.camera} | {f" of `{name}`": sequence.cameras[name].camera for name in held.cameras}
     lines += [
-        f"Lens: the images{of} are undistorted ({lens.distortion_model} {list(lens.distortion)}); black is what the "
-        "lens did not see, and sharpness and noise changed."
+        f"Lens: the images{of} are undistorted ({lens.distortion_model} {list(lens.distortion)}); pixels outside the "
+        "lens's field of view are black, and sharpness and noise differ."
         for of, lens in lenses.items()
         if undistorted and lens.distortion_model != "none"
     ]
     for name, sensor in sensors_of(sequence).items():
         if name not in held.sensors:
-            lines.append(f"Sensor readings: `{name}` ({sensor.get('kind', 'own')}) is not held.")
+            lines.append(f"Sensor readings: `{name}` ({sensor.get('kind', 'own')}) is not included.")
     lines += [
-        f"Cameras: `{name}` is not held; this form has one camera, and `--camera {name}` exports that one."
+        f"Cameras: `{name}` is not included; this format has one camera, and `--camera {name}` exports that one."
         for name in sequence.cameras
         if name not in held.cameras
     ]
     shift_ns = sequence.timeshift_cam_imu_ns
     if shift_ns and not held.time_shift:
         lines.append(
-            f"Clock: t_imu = t_cam + {shift_ns / 1e9:g} s; images keep the stamps of their own clock, and the form "
-            "has no place for the offset."
+            f"Clock: t_imu = t_cam + {shift_ns / 1e9:g} s; images keep the stamps of their own clock, and the format "
+            "cannot represent the offset."
         )
     delay_ns = float(info.get("row_delay_ns", 0.0))
     if delay_ns:
         lines.append(
             f"Rolling shutter: rows are exposed {delay_ns:.0f} ns apart; stamps and poses are those of the middle row, "
-            "and the pose of each row (`row_poses.npy`) is not held."
+            "and the pose of each row (`row_poses.npy`) is not included."
         )
     lines += _link(sequence)
     for name in ("depth", "mask", "edges", "flow", "occlusion", "normals"):
         if name not in held.annotations and (sequence.folder / name).is_dir():
-            lines.append(f"Truth of each frame: `{name}/` is not held.")
+            lines.append(f"Annotations: `{name}/` is not included.")
     if (sequence.folder / "crlb.csv").is_file():
-        lines.append("Bounds: the Cramer-Rao bounds of `crlb.csv` are not held.")
+        lines.append("Bounds: the Cramer-Rao bounds of `crlb.csv` are not included.")
     if (sequence.body_folder / "flight.csv").is_file():
         rates = "" if held.angular_rates else "angular rates, "
-        lines.append(f"Flight: accelerations, {rates}thrusts and wind of `flight.csv` are not held.")
+        lines.append(f"Flight: accelerations, {rates}thrusts and wind of `flight.csv` are not included.")
     if any((info.get("deviation") or {}).values()):
-        lines.append("Model: the images show the structure as it was built; the model is the one that was designed.")
+        lines.append("Model: the images show the structure as built; the model is the structure as designed.")
     return lines
 
 
@@ -106,16 +106,16 @@ def write_notes(sequence: Sequence, format: str, folder: Path, held: Held, undis
     }
     write_text(folder / "export.json", json.dumps(about, indent=1) + "\n")
     lines = [
-        f"# {sequence.name} in the form of {format}",
+        f"# {sequence.name} in the format {format}",
         "",
         "Exported by uavbench. Metres and seconds unless a line says otherwise; the world is the structure's frame, z "
         f"up; body x forward, y left, z up; {held.camera_axes}. The stamp of an image is the middle of its exposure.",
         "",
-        "## What is here",
+        "## Included",
         "",
         *(f"- `{name}`: {about}" for name, about in held.files.items()),
         "",
-        "## What is not here",
+        "## Not included",
         "",
         *(f"- {line}" for line in missing),
     ]
@@ -133,9 +133,9 @@ def _link(sequence: Sequence) -> list[str]:
         stamps = sequence.stamps_ns
         lost = round(float(stamps[-1] - stamps[0]) / period_ns) + 1 - len(stamps) if len(stamps) else 0
         lines.append(
-            f"Link: {lost} frames were lost, so stamps have gaps; a repeated frame shows the image before under a "
+            f"Link: {lost} frames were lost, so stamps have gaps; a repeated frame shows the image before with a "
             f"new stamp (probability {effects['drops'].get('repeated', 0)}), and nothing marks it."
         )
     if "analog-link" in effects:
-        lines.append("Link: scan lines are shifted by the analog link; no file says by how much.")
+        lines.append("Link: scan lines are shifted by the analog link, by amounts that are not recorded.")
     return lines

@@ -58,14 +58,14 @@ def export(
     if format not in EXPORTS:
         raise unknown_name("export format", format, list(EXPORTS))
     if folder.is_dir() and any(folder.iterdir()):
-        raise UserError(f"{folder}: is not empty; name a new folder to export to")
+        raise UserError(f"{folder}: is not empty; choose a new folder to export to")
     write = _with_settings(format, settings)
     others = sequence.cameras.values() if EXPORTS[format].several else ()
     for camera in (sequence.camera, *(other.camera for other in others)):
         if not undistort and not EXPORTS[format].holds_lens(camera):
             raise UserError(
-                f"{sequence.folder}: a camera of it has the distortion {camera.distortion_model} "
-                f"{list(camera.distortion)}, for which the form {format} has no place; give --undistort to export "
+                f"{sequence.folder}: one of its cameras has the distortion {camera.distortion_model} "
+                f"{list(camera.distortion)}, which the format {format} cannot represent; add --undistort to export "
                 "undistorted images"
             )
     with disk_errors(folder), new_folder(folder) as new:
@@ -73,7 +73,7 @@ def export(
             held = write(Shown(sequence, undistort), new, on_frame or (lambda done, total: None))
             not_held = write_notes(sequence, format, new, held, undistort)
         except (ValueError, TypeError, OverflowError) as error:  # invalid numbers, missing poses, unordered stamps
-            raise UserError(f"{sequence.folder}: holds what cannot be exported: {error}; render it again") from error
+            raise UserError(f"{sequence.folder}: has data that cannot be exported: {error}; render it again") from error
         write_croissant(sequence, new, held, not_held)
         return not_held
 
@@ -85,7 +85,7 @@ def _with_settings(format: str, settings: dict[str, Any]) -> Write:
         return replace(write, **settings)
     if settings:
         bags = [name for name, each in EXPORTS.items() if isinstance(each.write, BagExport)]
-        raise UserError(f"{' and '.join(settings)} are for bags ({', '.join(bags)}); the form {format} has none")
+        raise UserError(f"{' and '.join(settings)} are for bags ({', '.join(bags)}); the format {format} has none")
     return write
 
 
@@ -121,7 +121,7 @@ def export_tum(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     }
     limits: list[str] = []
     if measured:
-        files["depth/, depth.txt"] = "depth along the optical axis, 5000 units a metre; 0: no measurement"
+        files["depth/, depth.txt"] = "depth along the optical axis, 5000 units per metre; 0: no measurement"
         limits.append(
             f"Depth: 16 bits end at {LARGEST / TUM_UNITS_PER_M:.3f} m; {100 * far / measured:.1f} % of the measured "
             "pixels are further away and are 0, no measurement."
@@ -154,7 +154,7 @@ def export_kitti(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     limits = (
         "Poses: they are in the world, the structure's frame; the first one is not the identity, as it is in KITTI's "
         "own files.",
-        "Cameras: there is one; P0 to P3 of `calib.txt` are all it, and there is no baseline and no laser scanner.",
+        "Cameras: there is one; P0 to P3 of `calib.txt` are equal, and there is no baseline and no laser scanner.",
     )
     return Held(files=files, frames={"poses.txt": "world_from_cam"}, limits=limits)
 
@@ -178,8 +178,8 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
     how = "undistorted" if shown.undistorted else "distorted as they are"
     files = {"video.mp4": f"the images, {how}", "overlay.mp4": "the same with the model's visible edges"}
     limits = (
-        f"Stamps: a video has one rate, {rate:g} frames a second; where frames were lost it runs ahead.",
-        "Poses and camera are not held; the compression of the video is lossy.",
+        f"Stamps: a video has one rate, {rate:g} Hz; after lost frames it runs ahead.",
+        "Poses and camera are not included; the compression of the video is lossy.",
     )
     return Held(files=files, frames={}, limits=limits)
 

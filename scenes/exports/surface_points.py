@@ -105,11 +105,11 @@ class PointCloud:
         """Limitations of the points, a sentence each."""
         lines = [
             f"Points: {len(self.rows)} of {len(self.surface.points_m)} drawn on the designed model's surface, those "
-            "that a frame shows, each where it projects to; they are no features that were found in the images."
+            "visible in a frame, at their exact projections; they are not features detected in the images."
         ]
         if not (shown.sequence.folder / "mask").is_dir():
             lines.append(
-                'Visibility: the sequence was rendered without annotations = ["mask"], so that a point counts as seen '
-                "behind trees, people and whatever else is not the structure; and there are no masks."
+                'Visibility: the sequence was rendered without annotations = ["mask"], so that points behind trees, '
+                "people and other objects count as visible; and there are no masks."
             )
         return lines

@@ -71,7 +71,7 @@ def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | Non
             raise UserError(f"{path}: line {number}: {error}") from None
         file = path.parent / found[1]
         if not _beside(file, above):
-            raise UserError(f"{path}: line {number}: {found[1]} loads itself, or lies outside the model's folder")
+            raise UserError(f"{path}: line {number}: {found[1]} loads itself, or is outside the model's folder")
         out += _files(file, above, model_from_file @ file_from_loaded)
         _check_loads(path, number, len(above), out)
     return [*out, Piece(path, own, model_from_file)]
@@ -243,7 +243,7 @@ def _count(path: Path, number: int, what: str, values: list[str]) -> int:
         if not 0 <= count <= MOST_ROWS:
             raise ValueError(f"{count:,} is not within 0 .. {MOST_ROWS:,}")
     except (ValueError, IndexError, OverflowError) as error:
-        raise UserError(f"{path}: line {number}: how many {what} there are is a whole number: {error}") from None
+        raise UserError(f"{path}: line {number}: the number of {what} must be a whole number: {error}") from None
     return count
 
 
@@ -260,7 +260,7 @@ def _chained(pieces: list[list[int]]) -> list[int]:
     out = [a, b]
     for piece in pieces[1:-1]:
         if out[-1] not in piece:
-            raise ValueError("its lines do not follow each other")
+            raise ValueError("its lines are not connected")
         out.append(piece[0] if piece[1] == out[-1] else piece[1])
     return out
 

@@ -16,7 +16,7 @@ def cylinder(start: Array, end: Array, radius: float) -> Loaded:
     """Closed cylinder about the axis from start (3,) to end (3,), metres; ValueError for zero length or radius."""
     along = end - start
     if not (radius > 0 and np.linalg.norm(along) > 0):
-        raise ValueError("a cylinder without length or radius")
+        raise ValueError("a cylinder needs a positive length and radius")
     across = np.eye(3)[np.argmin(np.abs(along))]
     u = np.cross(along, across)
     v = np.cross(along, u)
@@ -38,7 +38,7 @@ def disc(radius: float, centre: Array, one: Array, two: Array) -> Loaded:
     u, v = one - centre, two - centre
     normal = np.cross(u, v)
     if not (radius > 0 and np.linalg.norm(normal) > 1e-9 * np.linalg.norm(u) * np.linalg.norm(v)):
-        raise ValueError("a circle without radius, or its points on a line")
+        raise ValueError("a circle needs a positive radius, and points that are not on a line")
     axes = np.array([u / np.linalg.norm(u), np.cross(normal, u) / np.linalg.norm(np.cross(normal, u))])
     k = np.arange(1, SIDES - 1)
     return Loaded(centre + radius * CIRCLE @ axes, np.column_stack([np.zeros_like(k), k, k + 1]))

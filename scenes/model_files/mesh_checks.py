@@ -47,7 +47,7 @@ def check(path: Path, vertices: Array, triangles: np.ndarray, *, allow_open: boo
             "face opposite ways; close it in your modelling program, or accept it with allow_open = true"
         )
     if volume < 0 and not borders:
-        raise UserError(f"{path}: the mesh is inside out (its faces look inwards); set flip = true or turn its normals")
+        raise UserError(f"{path}: the mesh is inside out (its faces look inwards); set flip = true or flip its normals")
 
 
 class Closedness(NamedTuple):
@@ -86,7 +86,7 @@ def check_file(path: Path, data: bytes) -> None:
         if not _beside(path, name):
             raise UserError(f"{path}: refers to {name}, which is not in the folder of the model; put it there")
         if not (path.parent / name).is_file():
-            raise UserError(f"{path}: refers to {name}, which is not there; put it beside the model or export it again")
+            raise UserError(f"{path}: refers to {name}, which is missing; put it next to the model or export it again")
 
 
 def _beside(path: Path, name: str) -> bool:

@@ -95,8 +95,8 @@ def read(path: Path) -> list[Loaded]:
         with opened(path, MODEL):  # IfcOpenShell opens it by path
             return read_ifc(path)
     if kind not in TRIMESH_KINDS:
-        raise UserError(f"{path}: cannot read models of type {kind or 'without ending'}; "
-                        f"known are {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
+        raise UserError(f"{path}: cannot read models of type {kind or 'without suffix'}; "
+                        f"supported: {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip
     data = read_bytes(path, MODEL)
     check_file(path, data)
     import trimesh
@@ -122,7 +122,7 @@ def read(path: Path) -> list[Loaded]:
             triangles += len(mesh.faces)
             check_count(path, triangles)
             if np.shape(mesh.vertices)[1:] != (3,) or int(np.max(mesh.faces)) >= len(mesh.vertices):
-                raise UserError(f"{path}: a face of {name} names a vertex that is not there; export the model again")
+                raise UserError(f"{path}: a face of {name} refers to a missing vertex; export the model again")
             piece = Loaded(
                 np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64), name=str(name)
             )
@@ -140,7 +140,7 @@ def _pixels(path: Path, visual: Any, drawn: dict[int, int]) -> int:
     for image in (getattr(material, "baseColorTexture", None), getattr(material, "image", None)):
         if image is not None:
             if image.format not in TEXTURES:
-                raise UserError(f"{path}: a texture of type {image.format} is not read, only {', '.join(TEXTURES)}")
+                raise UserError(f"{path}: unsupported texture type {image.format}, only {', '.join(TEXTURES)}")
             drawn[id(image)] = image.width * image.height
     return sum(drawn.values())
 

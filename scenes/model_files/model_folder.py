@@ -33,7 +33,7 @@ class ModelFolder(Resolver):
                 size_px(path, data, TEXTURES)
             return data
         except UserError as error:
-            self.refused.append(f"refers to {name.strip()}: {error}; put it beside the model or export it again")
+            self.refused.append(f"refers to {name.strip()}: {error}; put it next to the model or export it again")
             raise
 
     def _is_there(self, name: str) -> bool:

@@ -125,7 +125,7 @@ class _OSMesaPlatform:
         make.restype = ctypes.c_ubyte
         make.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_int]
         if not make(self._context, self._buffer, self.UNSIGNED_BYTE, 16, 16):
-            raise GLUnavailableError(f"OSMesa refuses its own context; reinstall it with: {PACKAGES}")
+            raise GLUnavailableError(f"OSMesa cannot activate its context; reinstall it with: {PACKAGES}")
 
     def supports_framebuffers(self) -> bool:
         return True
@@ -177,7 +177,7 @@ def _probe_egl() -> str | None:
         return f"EGL_DEVICE_ID={index}, but there are {count.value} devices"
     display = pointer(get_display(0x313F, devices[index], None))  # EGL_PLATFORM_DEVICE_EXT
     if not egl.eglInitialize(display, None, None):
-        return "the EGL device does not start"
+        return "the EGL device cannot be initialized"
     config, found = pointer(), integer()
     wanted = (integer * 7)(0x3033, 1, 0x3040, 8, 0x3025, 24, 0x3038)  # pbuffer, OpenGL, 24 bits of depth
     if not egl.eglChooseConfig(display, wanted, ctypes.byref(config), 1, ctypes.byref(found)) or not found.value:

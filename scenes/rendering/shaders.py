@@ -118,7 +118,7 @@ void main() {
     float away = length(to_eye);
     to_eye /= away;
     vec3 way = reflect(-to_eye, n);
-    vec4 far = view_projection * vec4(way.xy, -way.z, 0.0);  // where in the mirror what is far that way lies
+    vec4 far = view_projection * vec4(way.xy, -way.z, 0.0);  // mirror position of a point at infinity
     vec2 here = gl_FragCoord.xy / size, there = far.xy / far.w * 0.5 + 0.5;
     vec3 seen = texture(mirror, mix(here, there, NEARER)).rgb;
     float facing_us = clamp(dot(n, to_eye), 0.0, 1.0);

@@ -281,7 +281,7 @@ def test_bags_that_cannot_be_read_say_why(bag, tum, tmp_path):
     (tmp_path / "old.bag").write_bytes(b"#ROSBAG V2.0\n")
     assert "rosbags-convert" in refused("evaluate", tmp_path / "old.bag", tum)
     (tmp_path / "small.mcap.zst").write_bytes(b"")
-    assert "unpack it first" in refused("evaluate", tmp_path / "small.mcap.zst", tum)
+    assert "run `zstd -d` on it first" in refused("evaluate", tmp_path / "small.mcap.zst", tum)
     (tmp_path / "bad.db3").write_bytes(b"SQLite format 3\0" + bytes(100))
     assert "not a readable bag" in refused("evaluate", tmp_path / "bad.db3", tum)
 
@@ -297,7 +297,7 @@ def test_a_bag_whose_files_lie_elsewhere_is_refused(bag, tum, tmp_path):
     shutil.copytree(bag, tmp_path / "bag")
     (tmp_path / "bag" / "bag.mcap").unlink()
     (tmp_path / "bag" / "bag.mcap").symlink_to(bag / "bag.mcap")
-    assert "leads out of the folder" in refused("evaluate", f"{tmp_path / 'bag'}:/odom", tum)
+    assert "points outside the folder" in refused("evaluate", f"{tmp_path / 'bag'}:/odom", tum)
 
 
 def test_a_chunk_is_not_inflated_beyond_what_it_claims(tmp_path, tum):
@@ -424,7 +424,7 @@ def test_a_tracker_runs_on_the_images_of_a_bag(tmp_path, real):
         (lambda s: raw(s, "bgr8", PICTURE[:20]), "the camera 64 x 48 px"),
         (lambda s: raw(s, "rgba8", PICTURE), "are no 64 x 48 px of rgba8"),
         (lambda s: packed(s, "h264", b"\0\0\1\x67"), "format 'h264'"),
-        (lambda s: raw(5, "bgr8", PICTURE), "does not come after the one before"),
+        (lambda s: raw(5, "bgr8", PICTURE), "is not later than the previous one"),
     ],
 )
 def test_images_that_cannot_be_read_say_why(tmp_path, real, make_message, told):

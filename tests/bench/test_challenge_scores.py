@@ -184,7 +184,7 @@ def test_the_median_of_up_to_five_runs_counts(challenge, submitted, tmp_path):
     (team / "run-6").rmdir()
     assert score_submission(challenge / "kept", team).score_of("run-2") == 0.0, "an empty run counts as failed"
     (team / f"{NAMES[0]}.csv").write_text("")
-    with pytest.raises(UserError, match="has files beside its runs"):
+    with pytest.raises(UserError, match="has files next to its runs"):
         score_submission(challenge / "kept", team)
 
 

@@ -54,7 +54,7 @@ def test_the_dry_run_tells_how_much_each_sequence_is(suite, tmp_path):
     megabytes = {name: float(rows[name][5]) for name in ("timed", "hasty", "pilot")}
     assert megabytes["timed"] == pytest.approx(451 * 640 * 480 * 1.2e-6, rel=0.1)
     assert rows["all"][2:4] == ["12", str(3 * (451 + 61 + int(rows["hasty"][2])))]
-    assert "hasty: path orbit: at most 0.56 m/s where 1.5 m/s were asked for" in done.output
+    assert "hasty: path orbit: at most 0.56 of the requested 1.5 m/s" in done.output
     assert "never: path orbit: duration_s 2: 7.85 m from rest to rest take" in done.output
     assert not (tmp_path / "out").exists()
 
@@ -78,4 +78,4 @@ def test_a_render_tells_what_was_not_reached(tmp_path):
         (tmp_path / name).write_text(json.dumps({"name": name, "flight": flight}))
     (tmp_path / "recording").write_text(json.dumps({"name": "recording"}))
     (line,) = shortfalls(tmp_path / name for name in ("slow", "fine", "recording"))
-    assert line.startswith("slow: path orbit: at most 0.88 m/s where 1.5 m/s were asked for, 14.7 s, its first 3.0 s")
+    assert line.startswith("slow: path orbit: at most 0.88 of the requested 1.5 m/s, 14.7 s, its first 3.0 s")

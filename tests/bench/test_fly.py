@@ -57,7 +57,7 @@ def test_flights_end_in_a_table_scores_and_figures(done):
     named = re.findall(r'(?:src|href)="([^"#]+)"', page)
     assert len({name for name in named if name.endswith(".png")}) == 3
     assert all((out / name).is_file() for name in named)
-    assert "Every flight came to its end" in page
+    assert "Every flight was completed" in page
     assert "| hold@15hz | truth@15hz | 1 | 0 | 0 |" in (out / "tables" / "pairs.md").read_text()
 
 

@@ -231,7 +231,7 @@ def test_a_score_is_measured_with_all_that_must_agree():
     bare = Measured.of(replace(score, record={}))
     assert (bare.frames, bare.images, bare.crash) == ("", "", "")
     crashed = replace(score, status="crashed", errors=())
-    assert Measured.of(crashed).crash == "no word of why"
+    assert Measured.of(crashed).crash == "no reason given"
     assert Measured.of(replace(crashed, errors=("first", "second"))).crash == "first"
     assert Measured.of(replace(score, errors=("first",))).crash == ""
     assert Measured.of(make_score("s0", 0, 0.0)).errors["ATE"] == 0.0

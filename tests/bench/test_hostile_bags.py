@@ -71,7 +71,7 @@ def test_a_storage_of_any_name_that_is_a_link_is_refused(database, tum, tmp_path
     text = (folder / "metadata.yaml").read_text()
     (folder / "metadata.yaml").write_text(text.replace("bag.db3", "readings"))
     (folder / "readings").symlink_to(tmp_path / "secret")
-    assert "leads out of the folder" in refused("evaluate", folder, tum)
+    assert "points outside the folder" in refused("evaluate", folder, tum)
 
 
 def test_a_compressed_file_is_not_unpacked(tmp_path, tum, monkeypatch):  # noqa: F811
@@ -157,7 +157,7 @@ def chunked(count, *, twice, together):
     ("how", "told"),
     [
         ({"twice": True, "together": True}, "lists a chunk twice"),
-        ({"twice": False, "together": True}, "chunks of one time claim more than"),
+        ({"twice": False, "together": True}, "simultaneous chunks declare more than"),
     ],
 )
 def test_chunks_that_fill_the_memory_together_are_refused(tmp_path, tum, how, told):  # noqa: F811

@@ -291,7 +291,7 @@ def test_no_file_from_elsewhere_gets_into_a_twin(black, sequence, tmp_path, how)
         case "other":
             np.save(path, np.zeros((3, 2)))
         case "text":
-            path.write_text("no array")
+            path.write_text("not an array")
         case "archive":
             with path.open("wb") as file:
                 np.savez(file, np.zeros(3))

@@ -170,7 +170,7 @@ def test_a_dataset_that_names_a_file_outside_of_itself_is_refused(tmp_path, name
     frames = (folder / "frames.csv").read_text()
     assert inside(folder, "frames/0.png") == folder.resolve() / "frames/0.png"
     (folder / "frames.csv").write_text(frames.replace(Sequence.load(TRIAL).files[0], name))
-    with pytest.raises(UserError, match="leads out of the folder"):
+    with pytest.raises(UserError, match="points outside the folder"):
         export(Sequence.load(folder), "tum", tmp_path / "out")
 
 
@@ -274,7 +274,7 @@ def test_no_file_of_results_is_read_that_is_not_its_own(tmp_path, name, target):
         (run / each).write_text("{}")
     (run / name).unlink(missing_ok=True)
     (run / name).symlink_to(target)
-    with pytest.raises(UserError, match=r"leads out of the folder|not a regular file|missing columns|differ from"):
+    with pytest.raises(UserError, match=r"points outside the folder|not a regular file|missing columns|differ from"):
         Results.load(run) if name != "score.json" else Score.load(run / name)
 
 
@@ -345,7 +345,7 @@ def test_no_reference_of_a_model_leads_out_of_its_folder(folders, name, kind, te
     opened = []
     real = os.open
     monkeypatch.setattr(os, "open", lambda path, *flags: opened.append(os.fspath(path)) or real(path, *flags))
-    with pytest.raises(UserError, match=r"not in the folder of the model|leads out of the folder"):
+    with pytest.raises(UserError, match=r"not in the folder of the model|points outside the folder"):
         read_mesh(folder / f"model.{kind}")
     (folder / f"model.{kind}").write_text(PLY.format(name="own.png"))
     assert all(str(folder) in path for path in opened)

@@ -221,5 +221,5 @@ def test_other_units_and_orders_are_told(tmp_path: Path, wrong: dict, told: list
 
 def test_a_compressed_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.tum.gz").write_bytes(gzip.compress(written(tmp_path / "a.tum", circle()).read_bytes()))
-    with pytest.raises(UserError, match=r"a\.tum\.gz: is compressed by gzip; unpack it with `gunzip`"):
+    with pytest.raises(UserError, match=r"a\.tum\.gz: is compressed by gzip; decompress it with `gunzip`"):
         evaluate_files(tmp_path / "a.tum", tmp_path / "a.tum.gz")

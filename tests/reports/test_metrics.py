@@ -363,7 +363,7 @@ PLANE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [2, 1, 0]])
     ],
 )
 def test_positions_on_a_line_or_in_one_place_fix_no_rotation(p: Array, q: Array) -> None:
-    with pytest.raises(UserError, match=f"the {len(p)} matched positions .* stand still or lie on one line"):
+    with pytest.raises(UserError, match=f"the {len(p)} matched positions .* do not move or lie on one line"):
         umeyama(p, q, with_scale=False)
 
 

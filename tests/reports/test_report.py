@@ -157,7 +157,7 @@ def test_a_score_with_another_record_is_refused(
     stored["record"][key] = value
     path = tmp_path / "score.json"
     path.write_text(json.dumps(stored))
-    with pytest.raises(UserError, match=rf"score\.json: its record says {key}"):
+    with pytest.raises(UserError, match=rf"score\.json: its record has {key} = "):
         write_report(tmp_path, ReportInputs("x", [ReportEntry(entries[0].sequence, entries[0].results, path)]))
 
 

@@ -81,7 +81,7 @@ def test_alignment_of_a_pose_that_stands_still_is_undefined_and_says_so(sequence
     found = score(sequence, track(sequence, "hold", RATE_HZ))
     assert found.ate["none"].translation_m.rmse > 0.1
     assert found.ate["se3"].translation_m is None
-    assert "stand still" in found.ate["se3"].undefined
+    assert "do not move" in found.ate["se3"].undefined
 
 
 def test_one_hertz_expects_one_frame_a_second(sequence: Sequence) -> None:

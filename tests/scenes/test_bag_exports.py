@@ -253,7 +253,7 @@ def check_fixes(plain, found, origin):
 
 def test_fixes_lie_on_earth_where_the_datum_says(plain, messages, bag, tmp_path):
     check_fixes(plain, messages["/gnss/fix"], (40.8, 0.0, 0.0))
-    assert "origin lies at latitude, longitude and height 40.8,0.0,0.0" in notes(bag)
+    assert "origin is at latitude, longitude and height 40.8,0.0,0.0" in notes(bag)
     export(Sequence.load(plain), "mcap", tmp_path / "out", datum=Datum.parse("-33.9,151.2,40"), images="raw")
     moved = of_mcap(tmp_path / "out" / "bag.mcap")
     check_fixes(plain, moved["/gnss/fix"], (-33.9, 151.2, 40.0))
@@ -262,7 +262,7 @@ def test_fixes_lie_on_earth_where_the_datum_says(plain, messages, bag, tmp_path)
 
 @pytest.mark.parametrize("stamp", [-1, 2**31 * 10**9])
 def test_a_stamp_that_a_header_cannot_hold_is_refused(stamp):
-    with pytest.raises(UserError, match=f"the stamp {stamp} ns does not fit"):
+    with pytest.raises(UserError, match=f"the stamp {stamp} ns is outside the range"):
         header(stamp, "world")
 
 

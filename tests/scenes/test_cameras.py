@@ -333,7 +333,7 @@ hold = {{ kind = "hold" }}
         ('cameras = [{ name = "right" }, { name = "left" }, { name = "right" }]', 15.0,
          r"sequences.box: cameras\[2\].name 'right': cameras\[0\] has this name already"),
         ('cameras = [{ name = "camera" }]', 15.0, r"cameras\[0\].name 'camera': the main camera has this name already"),
-        ('cameras = [{ name = "../up" }]', 15.0, r"cameras\[0\].name '../up': give a small letter"),
+        ('cameras = [{ name = "../up" }]', 15.0, r"cameras\[0\].name '../up': use lower-case letters"),
         ('cameras = [{ mount = { pitch_deg = 3.0 } }]', 15.0, r"sequences.box.cameras\[0\].name: this key is missing"),
         ('cameras = [{ name = "a", offset_s = -0.1 }]', 15.0, r"cameras\[0\].offset_s: .*greater than or equal to 0"),
         ("clock = { shift_s = 0.1 }", 15.0, r"sequences.box.clock.shift_s: unknown key"),
@@ -391,8 +391,8 @@ def test_another_camera_alone_is_exported_with_the_sensors_of_the_body(
 ) -> None:
     lines = export(shifted.cameras["right"], format, tmp_path / "right")
     whole = export(shifted, format, tmp_path / "whole")
-    about = [line for line in whole if line.startswith(("Sensor", "Flight", "Place", "Body"))]
-    assert [line for line in lines if line.startswith(("Sensor", "Flight", "Place", "Body"))] == about
+    about = [line for line in whole if line.startswith(("Sensor", "Flight", "Mount", "Body"))]
+    assert [line for line in lines if line.startswith(("Sensor", "Flight", "Mount", "Body"))] == about
     for name in ("mav0/imu0/data.csv", "mav0/imu0/sensor.yaml", "imu0.yaml"):
         assert (tmp_path / "right" / name).is_file() == (tmp_path / "whole" / name).is_file()
         if (tmp_path / "right" / name).is_file():
@@ -410,8 +410,8 @@ def test_another_camera_alone_is_exported_with_the_sensors_of_the_body(
 def test_undistorted_images_of_every_camera_are_told(three: Sequence, tmp_path: Path) -> None:
     lines = export(three, "kalibr", tmp_path / "out", undistort=True)
     assert [line for line in lines if line.startswith("Lens")] == [
-        "Lens: the images of `late` are undistorted (radtan [-0.1, 0.01, 0.001, 0.0]); black is what the lens did not "
-        "see, and sharpness and noise changed."
+        "Lens: the images of `late` are undistorted (radtan [-0.1, 0.01, 0.001, 0.0]); pixels outside the lens's field "
+        "of view are black, and sharpness and noise differ."
     ]
 
 

@@ -141,7 +141,7 @@ def test_a_placed_cylinder_keeps_its_shape(tmp_path):
         ('V1\nload("a.cao", 0 0 1)\n', "line 2: expected load"),
         (ROUND_CAO.format(circles="1\n0.5 1 2"), "a circle a radius and three points"),
         (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 9 0.5"), "a cylinder takes two existing points"),
-        (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 0 0.5"), "a cylinder without length"),
+        (ROUND_CAO.format(circles="0").replace("0 1 0.5", "0 0 0.5"), "a cylinder needs a positive length"),
     ],
 )
 def test_a_wrong_model_is_told(text, message, tmp_path):

@@ -43,20 +43,20 @@ def told(sequence: Sequence, folder: Path, format: str = "tum", **info: object) 
 
 def test_each_limit_is_told_where_it_is_there_and_only_there(made: Sequence, tmp_path: Path) -> None:
     plain = told(made, tmp_path)
-    assert "Flight: accelerations, angular rates, thrusts and wind of `flight.csv` are not held." in plain
+    assert "Flight: accelerations, angular rates, thrusts and wind of `flight.csv` are not included." in plain
     for info, sentence in (
         ({"timeshift_cam_imu_ns": 3_000_000}, "Clock: t_imu = t_cam + 0.003 s"),
         ({"row_delay_ns": 1234.0}, "Rolling shutter: rows are exposed 1234 ns apart"),
-        ({"deviation": {"scale": 0.0, "bend_m": 0.1}}, "Model: the images show the structure as it was built"),
+        ({"deviation": {"scale": 0.0, "bend_m": 0.1}}, "Model: the images show the structure as built"),
         ({"config": {"effects": [{"kind": "analog-link"}]}}, "Link: scan lines are shifted by the analog link"),
         (
             {"config": {"effects": [{"kind": "drops", "repeated": 0.25}]}, "rate_hz": 60.0},
-            "Link: 3 frames were lost, so stamps have gaps; a repeated frame shows the image before under a new stamp "
+            "Link: 3 frames were lost, so stamps have gaps; a repeated frame shows the image before with a new stamp "
             "(probability 0.25)",
         ),
         (
             {"config": {"effects": [{"kind": "drops"}]}, "rate_hz": 15.0},
-            "Link: 0 frames were lost, so stamps have gaps; a repeated frame shows the image before under a new stamp "
+            "Link: 0 frames were lost, so stamps have gaps; a repeated frame shows the image before with a new stamp "
             "(probability 0)",
         ),
     ):  # fmt: skip
@@ -68,8 +68,8 @@ def test_each_limit_is_told_where_it_is_there_and_only_there(made: Sequence, tmp
 
 def test_sensors_that_are_none_are_refused(made: Sequence, tmp_path: Path) -> None:
     said = told(made, tmp_path, sensors={"imu.csv": {"kind": "imu"}})
-    assert "Sensor readings: `imu.csv` (imu) is not held." in said
-    assert "Sensor readings: `imu.csv` (own) is not held." in told(made, tmp_path, sensors={"imu.csv": {}})
+    assert "Sensor readings: `imu.csv` (imu) is not included." in said
+    assert "Sensor readings: `imu.csv` (own) is not included." in told(made, tmp_path, sensors={"imu.csv": {}})
     for bad in ([], {"imu.csv": 3}, {"../imu.csv": {}}):
         with pytest.raises(UserError):
             told(made, tmp_path, sensors=bad)
@@ -77,7 +77,7 @@ def test_sensors_that_are_none_are_refused(made: Sequence, tmp_path: Path) -> No
 
 def test_what_cannot_be_exported_is_named_and_nothing_is_left(made: Sequence, tmp_path: Path) -> None:
     broken = replace(made, info={**made.info, "row_delay_ns": "soon"})
-    with pytest.raises(UserError, match=r"holds what cannot be exported: .*; render it again"):
+    with pytest.raises(UserError, match=r"has data that cannot be exported: .*; render it again"):
         export(broken, "tum", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -230,7 +230,7 @@ def test_euroc_tells_what_it_does_not_hold(plain, tmp_path):
     assert sorted(path.name for path in (out / "mav0").iterdir()) == [
         "cam0", "imu0", "imu1", "state_groundtruth_estimate0",
     ]  # fmt: skip
-    for word in ("`baro.csv` (baro)", "`depth/`", "`mask/`", "imu1 (`imu.csv`)", "beside the body's origin"):
+    for word in ("`baro.csv` (baro)", "`depth/`", "`mask/`", "imu1 (`imu.csv`)", "not at the body's origin"):
         assert word in notes(out)
         assert word in (out / "README.md").read_text()
 
@@ -372,7 +372,7 @@ def test_what_hides_the_structure_leaves_its_silhouette_in_bop(plain, tmp_path):
 
 @pytest.mark.parametrize("format", ["tum", "kitti", "bop"])
 def test_a_lens_is_refused_or_taken_out(lens, tmp_path, format):
-    with pytest.raises(UserError, match=rf"for which the form {format} has no place; give --undistort"):
+    with pytest.raises(UserError, match=rf"which the format {format} cannot represent; add --undistort"):
         exported(lens, format, tmp_path)
     assert not (tmp_path / format).exists()
     out = exported(lens, format, tmp_path, undistort=True)
@@ -412,7 +412,7 @@ def test_euroc_holds_a_lens_of_four_coefficients(lens, tmp_path, model, coeffici
     (tmp_path / "camera.toml").write_text(re.sub(r"distortion = .*", f"distortion = {coefficients}", text))
     object.__setattr__(sequence, "camera", type(sequence.camera).load(tmp_path / "camera.toml"))
     if not held:
-        with pytest.raises(UserError, match="has no place"):
+        with pytest.raises(UserError, match="cannot represent"):
             export(sequence, "euroc", tmp_path / "out")
         return
     export(sequence, "euroc", tmp_path / "out")

@@ -98,7 +98,7 @@ def test_between_two_rows_the_camera_moves_with_constant_twist() -> None:
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "cat.jpg").write_text("meow")
-    with pytest.raises(UserError, match=r"photos: holds something else"):
+    with pytest.raises(UserError, match=r"photos: contains .*, which uavbench did not write"):
         generate(SPEC, tmp_path / "photos", content_hash="abc")
     assert (tmp_path / "photos" / "cat.jpg").read_text() == "meow"
 

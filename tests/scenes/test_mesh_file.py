@@ -184,7 +184,7 @@ def test_a_missing_texture_is_named(tmp_path: Path) -> None:
     house().export(tmp_path / "a.obj")
     text = (tmp_path / "a.obj").read_text()
     (tmp_path / "a.obj").write_text("mtllib a.mtl\n" + text)
-    with pytest.raises(UserError, match=r"a.obj: refers to a.mtl, which is not there"):
+    with pytest.raises(UserError, match=r"a.obj: refers to a.mtl, which is missing"):
         built(tmp_path / "a.obj")
     (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd brick.png\n")
     with pytest.raises(UserError, match=r"a.obj: refers to brick.png"):
@@ -212,7 +212,7 @@ def outside_image(scene: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (outside_image, r"a.glb: refers to old wall.png, which is not there"),
+        (outside_image, r"a.glb: refers to old wall.png, which is missing"),
         (
             lambda scene: scene.update(extensionsRequired=["KHR_draco_mesh_compression"]),
             "compressed with KHR_draco_mesh_compression; export it without compression",
@@ -230,7 +230,7 @@ def test_a_glb_that_cannot_be_drawn_is_told(
 
 def test_an_unknown_type_and_a_missing_file_are_told(tmp_path: Path) -> None:
     (tmp_path / "a.dwg").write_text("x")
-    with pytest.raises(UserError, match=r"cannot read models of type .dwg; known are .obj"):
+    with pytest.raises(UserError, match=r"cannot read models of type .dwg; supported: .obj"):
         built(tmp_path / "a.dwg")
     with pytest.raises(UserError, match="no such file"):
         built(tmp_path / "none.obj")

@@ -230,7 +230,7 @@ def test_a_camera_that_flies_into_an_embankment_is_refused() -> None:
     (camera,) = cameras_of(spec)
     check_site(spec, camera, None, flown)
     check_site(spec, camera, site_of(Site(beneath="river")), flown)
-    with pytest.raises(UserError, match=r"sequence earth: camera camera: t = .* the ground there reaches to 2\.\d\d m"):
+    with pytest.raises(UserError, match=r"sequence earth: camera camera: t = .* the ground there is at 2\.\d\d m"):
         check_site(spec, camera, site_of(Site(embankments=True)), flown)
 
 

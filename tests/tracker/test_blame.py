@@ -102,7 +102,7 @@ def errors(tracker, sequence):
             "from dataclasses import replace; return replace(ok, covariance=-np.eye(6))",
             "[bad-result] the covariance has",
         ),
-        ("from dataclasses import replace; return replace(ok, stage_ms=3)", "[bad-result] stage_ms is no mapping"),
+        ("from dataclasses import replace; return replace(ok, stage_ms=3)", "[bad-result] stage_ms is not a mapping"),
         ("from dataclasses import replace; return replace(ok, inliers=2.5)", "[bad-result] inliers is float"),
     ],
 )

@@ -65,7 +65,7 @@ def test_a_file_says_its_frame_by_comment_or_name(tmp_path: Path) -> None:
     assert said == ["world_from_cam", "world_from_body", None]
     assert len(read_tum(tmp_path / "a.tum")) == 20
     assert len(file_interface.read_tum_trajectory_file(str(tmp_path / "a.tum")).timestamps) == 20
-    with pytest.raises(UserError, match="says that it holds world_from_cam and world_from_body"):
+    with pytest.raises(UserError, match="declares world_from_cam and world_from_body"):
         declared_frame(tmp_path / "d_world_from_body.tum")
 
 
@@ -114,7 +114,7 @@ def test_evo_reads_what_we_write_and_we_read_what_it_writes(tmp_path: Path) -> N
     [
         ("", "holds no pose"),
         ("1 0 0 0 0 0 1\n", "line 1 has 7 values"),
-        ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 2: its time stamp does not come after"),
+        ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "line 2: its time stamp is not later than"),
         ("#x\n1 0 0 nan 0 0 0 1\n", "line 2: its position is not finite"),
         ("1 0 0 0 0 0 0 2\n", "line 1: its quaternion is not of unit norm"),
         ("1 0 0 0 0 0 0 x\n", "line 1: could not convert"),

@@ -167,7 +167,7 @@ def test_what_a_path_does_not_reach_is_told() -> None:
     table = Orbit(speed_m_s=1.5).plan(BOX, Mount(), np.random.default_rng(0)).table
     assert planned.duration_s == pytest.approx((len(table) - 1) * STEP_S)
     assert planned.speed_planned_m_s == pytest.approx(np.linalg.norm(table[:, 3:6], axis=1).max())
-    assert "path orbit: at most 0.56 m/s where 1.5 m/s were asked for, 18" in planned.shortfall()
+    assert "path orbit: at most 0.56 of the requested 1.5 m/s, 18" in planned.shortfall()
     assert planned_summary(FlightSpec(path=Orbit(speed_m_s=0.3)), Mount(), BOX, 0).shortfall() == ""
     flight = fly(spec, Mount(), BOX, 0)
     flown = flown_summary(spec, Mount(), BOX, 0, flight)
@@ -263,7 +263,7 @@ def test_a_recorded_trajectory_is_flown_as_given(tmp_path: Path) -> None:
     pose = (mount.cam_from_body @ seen.pose(50).inverse()).inverse()
     np.testing.assert_allclose(pose.matrix, given.pose(1).matrix, atol=1e-12)
     write_tum(given, tmp_path / "said.tum", "world_from_cam")
-    with pytest.raises(UserError, match=r"said\.tum: says that it holds world_from_cam, and frame = 'body'"):
+    with pytest.raises(UserError, match=r"said\.tum: declares world_from_cam, but frame = 'body'"):
         fly(FlightSpec(path=Recorded(str(tmp_path / "said.tum"))), Mount(), BOX, 0)
     gap = given.select(np.delete(np.arange(40), slice(10, 25)))
     write_tum(gap, tmp_path / "gap.tum")

@@ -209,7 +209,7 @@ def test_an_array_that_is_none_is_refused(tmp_path: Path) -> None:
     }.items():  # fmt: skip
         (tmp_path / f"{name}.npy").write_bytes(data)
     for name in ("cut", "longer", "text", "empty", "huge", "plain", "objects"):
-        with pytest.raises(UserError, match=rf"{name}.npy: no array of readings"):
+        with pytest.raises(UserError, match=rf"{name}.npy: not an array of readings"):
             read_records(tmp_path / f"{name}.npy")
 
 
@@ -254,7 +254,7 @@ def test_turns_that_end_with_the_flight_count() -> None:
     for seconds, turns in ((0.02, 1), (0.038, 1), (0.04, 2)):
         table = sensor.measure(standing(seconds), BOX, np.random.default_rng(0))
         assert len(table.stamps_ns) == 3 * turns
-    with pytest.raises(UserError, match="rate_hz 50: the flight ends before the first turn does"):
+    with pytest.raises(UserError, match="rate_hz 50: the flight ends before the first scan does"):
         sensor.measure(standing(0.0), BOX, np.random.default_rng(0))
     begun = replace(standing(0.02), stamps_ns=standing(0.02).stamps_ns + 10**9)
     assert sensor.measure(begun, BOX, np.random.default_rng(0)).stamps_ns.tolist() == [

@@ -29,7 +29,7 @@ def test_a_regular_file_is_read_and_links_within_its_folder_are_followed(folder)
 def test_what_lies_outside_is_refused(folder, target):
     (folder / "sub").symlink_to(folder.parent)
     (folder / "link").symlink_to(target)
-    with pytest.raises(UserError, match="link: leads out of the folder"):
+    with pytest.raises(UserError, match="link: points outside the folder"):
         read_bytes(folder / "link", SETTINGS, inside=folder)
 
 

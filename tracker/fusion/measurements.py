@@ -203,7 +203,7 @@ class OpticalFlow:
 def finite(name: str, values: Array) -> None:
     """Raise ValueError when a measurement contains a value that is not finite."""
     if not np.isfinite(values).all():
-        raise ValueError(f"{name} is not finite: a measurement without a value is no measurement")
+        raise ValueError(f"{name} is not finite; leave out measurements without a value")
 
 
 def checked(covariance: Array, n: int) -> Array:

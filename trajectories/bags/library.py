@@ -57,7 +57,7 @@ def _plain_yaml() -> Any:
     class Tree(composer.Composer):  # type: ignore[misc,name-defined]
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.parser.check_event(yaml.events.AliasEvent):
-                raise ValueError("its YAML has an alias, which metadata of a bag do not contain")
+                raise ValueError("its YAML has an alias, which bag metadata never contain")
             return super().compose_node(parent, index)
 
     class Plain(yaml.YAML):  # type: ignore[misc,name-defined]

@@ -83,7 +83,7 @@ def _only(bag: Bag) -> str:
     found = bag.of_types(POSES)
     if len(found) == 1:
         return found[0]
-    many = f"holds {len(found)} topics with poses, {', '.join(found)}" if found else "holds no topic with poses"
+    many = f"has {len(found)} topics with poses, {', '.join(found)}" if found else "has no topic with poses"
     raise UserError(
         f"{bag.path}: {many}; name one as {bag.path}:/topic, or {bag.path}:/tf:world.base_link; " + bag.listed()
     )
@@ -100,7 +100,7 @@ def _of_topic(bag: Bag, topic: str) -> _Rows:
         ends = ends or now
         if now != ends:
             raise UserError(
-                f"{bag.path}: message {number} of {topic} is of {_pair(*now)}, those before of {_pair(*ends)}; a "
+                f"{bag.path}: message {number} of {topic} is of {_pair(*now)}, earlier ones of {_pair(*ends)}; a "
                 "trajectory has one frame"
             )
         stamps.append(stamp_ns(message.header))
@@ -123,15 +123,15 @@ def _through_tree(bag: Bag, source: BagTopic, parent: str, child: str) -> Trajec
     here = child
     while here != parent:
         if here not in tree or len(chain) > len(tree):
-            raise UserError(f"{bag.path}: {topic} leads from {child!r} to no {parent!r} above it; {known}")
+            raise UserError(f"{bag.path}: {parent!r} is not an ancestor of {child!r} in {topic}; {known}")
         chain.insert(0, tree[here])
         here = tree[here].parent
     moving = [k for k, rows in enumerate(chain) if len(rows.stamps_ns) > 1]
     if len(moving) != 1:
-        names = " and ".join(f"{chain[k].parent}.{chain[k].child}" for k in moving) or "nothing"
+        names = " and ".join(f"{chain[k].parent}.{chain[k].child}" for k in moving) or "none"
         raise UserError(
-            f"{bag.path}: between {parent!r} and {child!r} moves {names}; name two frames with one transform between "
-            f"them that moves; {known}"
+            f"{bag.path}: changing transforms between {parent!r} and {child!r}: {names}; name two frames with exactly "
+            f"one between them; {known}"
         )
     parts = [_trajectory(source, rows) for rows in chain]
     moved = parts[moving[0]]
@@ -156,7 +156,7 @@ def _tree(bag: Bag, topic: str) -> dict[str, _Rows]:
             parent, child = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
             rows = tree.setdefault(child, _Rows(parent, child, [], []))
             if rows.parent != parent:
-                raise UserError(f"{bag.path}: {child!r} is placed in {rows.parent!r} and in {parent!r} by {topic}")
+                raise UserError(f"{bag.path}: {child!r} has two parents in {topic}, {rows.parent!r} and {parent!r}")
             if name == static:
                 rows.stamps_ns.clear()  # the latest one applies
                 rows.poses.clear()

@@ -81,11 +81,11 @@ class Bag:
         if found.type not in types:
             fitting = ", ".join(self.of_types(types)) or "none"
             raise UserError(
-                f"{self.path}: {topic} holds {found.type or 'messages of several types'}, not {' or '.join(types)}; "
+                f"{self.path}: {topic} has {found.type or 'messages of several types'}, not {' or '.join(types)}; "
                 f"topics of such types: {fitting}; {self.listed()}"
             )
         if not found.messages:
-            raise UserError(f"{self.path}: {topic} holds no messages; {self.listed()}")
+            raise UserError(f"{self.path}: {topic} has no messages; {self.listed()}")
 
     def listed(self) -> str:
         """Topics of the bag as text, for errors."""
@@ -136,7 +136,7 @@ def opened_bag(path: Path) -> Iterator[Bag]:
     except Exception as error:  # reading a damaged index may raise anything
         raise UserError(
             f"{path}: not a readable bag: {_why(error)}; if its recording was cut short, `ros2 bag reindex` or `mcap "
-            "recover` may mend it"
+            "recover` may repair it"
         ) from None
     try:
         check_chunks(path, bag)
@@ -154,13 +154,13 @@ def _topics(path: Path, bag: Any) -> dict[str, Topic]:
     if bag.compression_mode:
         raise UserError(
             f"{path}: its messages or files are compressed ({bag.compression_format} by {bag.compression_mode}), which "
-            "is not read; write it anew without: `ros2 bag convert`, or as .mcap, whose own compression is read"
+            "is not supported; use `ros2 bag convert` to remove it, or .mcap with its own compression"
         )
     for each in bag.connections:
         if each.ext.serialization_format != "cdr":
             raise UserError(
-                f"{path}: {each.topic} holds messages in the form of {each.ext.serialization_format!r}, and only CDR, "
-                "that of ROS 2, is read"
+                f"{path}: {each.topic} is serialized as {each.ext.serialization_format!r}; only CDR, the format of "
+                "ROS 2, is supported"
             )
     return {name: Topic(topic.msgtype or "", topic.msgcount) for name, topic in bag.topics.items()}
 
@@ -168,9 +168,9 @@ def _topics(path: Path, bag: Any) -> dict[str, Topic]:
 def _check_files(path: Path) -> None:
     """Raise UserError unless every file of a bag is a regular file in its folder and not too large."""
     if path.suffix == ".bag":
-        raise UserError(f"{path}: is a bag of ROS 1; convert it: rosbags-convert --src {path} --dst {path.stem}")
+        raise UserError(f"{path}: is a ROS 1 bag; convert it: rosbags-convert --src {path} --dst {path.stem}")
     if path.suffix in COMPRESSED:
-        raise UserError(f"{path}: is compressed as a whole, which is not read; unpack it first, as with `zstd -d`")
+        raise UserError(f"{path}: is compressed as a whole, which is not supported; run `zstd -d` on it first")
     if not path.is_dir():
         _check_storage(path)
         return

@@ -13,7 +13,7 @@ SQLITE = b"SQLite format 3\0"
 """Magic bytes of an SQLite database."""
 OF_A_URI = "?#%"
 """Characters that rosbags does not escape when it puts a file name into a URI."""
-UNTRUSTED = "which recordings do not have; do not trust it"
+UNTRUSTED = "which recordings do not have; do not trust this file"
 
 
 def check_database(path: Path) -> None:
@@ -45,6 +45,6 @@ def check_chunks(path: Path, bag: Any) -> None:
             held += change
             if held > MOST_CHUNK_BYTES:
                 raise UserError(
-                    f"{path}: its chunks of one time claim more than {MOST_CHUNK_BYTES:,} bytes together; write it "
-                    "anew in the order of time"
+                    f"{path}: its simultaneous chunks declare more than {MOST_CHUNK_BYTES:,} bytes in total; rewrite "
+                    "it in time order"
                 )

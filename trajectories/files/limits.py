@@ -17,28 +17,28 @@ class FileLimit:
     remedy: str
 
 
-SETTINGS = FileLimit("settings file", 4 * MB, "is it the file that was meant?")
+SETTINGS = FileLimit("settings file", 4 * MB, "is it the right file?")
 """Suites, trackers, cameras, initial poses, airframes, baselines: the longest of ours has 0.1 MB."""
 JSON = FileLimit("JSON file", 256 * MB, "score fewer runs in one suite")
 """Scores of 1,000 runs are about 20 MB."""
-TABLE = FileLimit("table", 256 * MB, "cut the flight into shorter ones")
+TABLE = FileLimit("table", 256 * MB, "split the flight into shorter ones")
 """Two hours of a 200 Hz IMU are 200 MB."""
-TRAJECTORY = FileLimit("trajectory", 1024 * MB, "cut the trajectory into shorter ones")
+TRAJECTORY = FileLimit("trajectory", 1024 * MB, "split the trajectory into shorter ones")
 """MOST_POSES at 128 bytes each."""
 MODEL = FileLimit("model", 512 * MB, "simplify the model to its planar faces")
 """MOST_TRIANGLES (uavbench.scenes.model_files.mesh_checks) as text, 250 bytes each."""
 IMAGE = FileLimit("image", 512 * MB, "scale the image down")
 """MOST_PIXELS uncompressed, 3 bytes each."""
-VIDEO = FileLimit("video", 65_536 * MB, "cut the video into shorter ones")
+VIDEO = FileLimit("video", 65_536 * MB, "split the video into shorter ones")
 """Read image by image: an hour of 4K."""
-BAG = FileLimit("bag", 65_536 * MB, "cut the bag into shorter ones")
+BAG = FileLimit("bag", 65_536 * MB, "split the bag into shorter ones")
 """Read message by message, as a video; `ros2 bag record` splits at a size set by its user."""
-ANY = FileLimit("file", 1_048_576 * MB, "is it the file that was meant?")
+ANY = FileLimit("file", 1_048_576 * MB, "is it the right file?")
 """Files that are only hashed."""
 
 MOST_PIXELS = 160_000_000
 """Pixels of one image, or of all textures of a model: the largest aerial cameras have 151 million."""
-BAG_METADATA = FileLimit("bag's metadata file", 1 * MB, "is it the file that was meant?")
+BAG_METADATA = FileLimit("bag's metadata file", 1 * MB, "is it the right file?")
 """A hundred topics in a thousand files are 300 kB, and YAML is read slowly."""
 MOST_CHUNK_BYTES = 1024 * MB
 """Decompressed size of simultaneous chunks of an MCAP file: writers close a chunk after 1 to 16 MB."""

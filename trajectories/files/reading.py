@@ -26,7 +26,7 @@ def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: st
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):  # checked first, because opening some devices has side effects
-            raise UserError(f"{path}: is not a regular file (but a folder, a pipe or a device)")
+            raise UserError(f"{path}: is not a regular file (it is a folder, a pipe or a device)")
         if inside is not None and not path.resolve().is_relative_to(inside.resolve()):
             raise _outside(path, inside)
         handle = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
@@ -37,7 +37,7 @@ def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: st
     try:
         found = os.fstat(handle.fileno())  # of the open file, since the path may have been replaced meanwhile
         if not stat.S_ISREG(found.st_mode):
-            raise UserError(f"{path}: is not a regular file (but a pipe or a device)")
+            raise UserError(f"{path}: is not a regular file (it is a pipe or a device)")
         if inside is not None and not _place(handle.fileno(), path).is_relative_to(inside.resolve()):
             raise _outside(path, inside)
         if found.st_size > limit.most_bytes:
@@ -149,7 +149,7 @@ def _place(number: int, path: Path) -> Path:
 
 
 def _outside(path: Path, inside: Path) -> UserError:
-    return UserError(f"{path}: leads out of the folder {inside}; do not trust its content")
+    return UserError(f"{path}: points outside the folder {inside}; do not trust its content")
 
 
 def _too_large(path: Path, limit: FileLimit, size: int) -> UserError:

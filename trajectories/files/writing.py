@@ -132,8 +132,8 @@ def refuse_foreign(folder: Path, marker: str) -> None:
     _refuse_no_folder(folder)
     for name in foreign(folder, marker):
         raise UserError(
-            f"{folder}: holds something else than uavbench wrote there: {name}; move it, or name an empty or a new "
-            "folder"
+            f"{folder}: contains {name}, which uavbench did not write or which was edited since; move it, or choose an "
+            "empty or new folder"
         )
 
 
@@ -161,7 +161,7 @@ def refuse_foreign_file(path: Path) -> None:
     if not _is_regular(path):
         raise UserError(f"{path}: is a folder, a link or a device; name a file to write to")
     if not _is_ours(path):
-        raise UserError(f"{path}: is there already and not as uavbench wrote it; move it, or name another file")
+        raise UserError(f"{path}: exists and is not an unmodified file of uavbench; move it, or choose another name")
 
 
 @contextmanager
@@ -240,7 +240,7 @@ def _refuse_foreign_place(folder: Path, name: str) -> None:
         if above == folder:
             break
         if os.path.lexists(above) and not above.is_dir():
-            raise UserError(f"{above}: is there already and is not a folder; move it")
+            raise UserError(f"{above}: exists and is not a folder; move it")
     refuse_foreign_file(folder / name)
 
 

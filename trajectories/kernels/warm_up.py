@@ -119,7 +119,7 @@ def _alone() -> Iterator[None]:
                 try:
                     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
-                    print("another process compiles kernels; waiting for it", file=sys.stderr, flush=True)
+                    print("another process is compiling kernels; waiting for it", file=sys.stderr, flush=True)
                     fcntl.flock(handle, fcntl.LOCK_EX)
         yield
 

@@ -84,7 +84,7 @@ class FacadeRaster:
         between = (top - self.from_height_m) / self.lane_spacing_m
         if between > MOST_LANES:
             raise UserError(
-                f"lane_spacing_m {self.lane_spacing_m:g}: would be {between:.3g} lanes, at most {MOST_LANES:,}"
+                f"lane_spacing_m {self.lane_spacing_m:g}: gives {between:.3g} lanes, at most {MOST_LANES:,} are planned"
             )
         lanes = np.linspace(self.from_height_m, top, int(np.ceil(between)) + 1)
         ahead = frame.ahead[1] + self.distance_m
@@ -154,7 +154,7 @@ class UndersidePass:
     def plan(self, obstacles: ObstacleMesh, mount: Mount, rng: np.random.Generator) -> Planned:
         """Plan of the lanes in alternating directions; UserError when overrun_m or stretch_m leaves no path."""
         if not self.offsets_m:
-            raise UserError("offsets_m names no lane")
+            raise UserError("offsets_m is empty; give the offset of at least one lane")
         frame = Frame.of(obstacles, self.along_deg)
         start, end = _run(frame, self.overrun_m, self.stretch_m)
         middle = (frame.aside[0] + frame.aside[1]) / 2
@@ -186,12 +186,12 @@ def _run(frame: Frame, overrun_m: float, stretch_m: tuple[float, float] | None) 
     if stretch_m is not None:
         middle = (frame.ahead[0] + frame.ahead[1]) / 2
         if stretch_m[0] >= stretch_m[1]:
-            raise UserError(f"stretch_m {stretch_m} must rise")
+            raise UserError(f"stretch_m {stretch_m} must be increasing")
         return middle + stretch_m[0], middle + stretch_m[1]
     start, end = frame.ahead[0] - overrun_m, frame.ahead[1] + overrun_m
     if start >= end:
         raise UserError(
-            f"overrun_m {overrun_m} leaves no way along a structure {frame.ahead[1] - frame.ahead[0]:.2f} m long"
+            f"overrun_m {overrun_m} leaves no path along a structure {frame.ahead[1] - frame.ahead[0]:.2f} m long"
         )
     return start, end
 

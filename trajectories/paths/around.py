@@ -35,7 +35,7 @@ def facing(positions: Array, target: Array) -> Array:
     """Unwrapped yaws (n,) in rad that face a target (2,) from positions (n, 3), metres; UserError straight above it."""
     to = target - positions[:, :2]
     if np.linalg.norm(to, axis=1).min() < 1e-3:
-        raise UserError("the path passes straight above what it looks at, where no heading does; move it aside")
+        raise UserError("the path passes directly above its target, where the heading is undefined; move it sideways")
     return np.unwrap(exact.arctan2(to[:, 1], to[:, 0]))
 
 

@@ -44,7 +44,7 @@ class Recorded:
             {"body": "world_from_body", "camera": "world_from_cam"}[self.frame],
         )
         if said in ("world_from_body", "world_from_cam") and said != meant:
-            raise UserError(f"{self.file}: says that it holds {said}, and frame = {self.frame!r} takes {meant}")
+            raise UserError(f"{self.file}: declares {said}, but frame = {self.frame!r} needs {meant}")
         gaps = np.diff(given.stamps_ns)
         if len(given) < 4:
             raise UserError(f"{self.file}: needs at least four poses, has {len(given)}")
@@ -52,7 +52,7 @@ class Recorded:
             row = int(np.argmax(gaps))
             raise UserError(
                 f"{self.file}: {gaps[row] / 1e9:.3f} s without a pose after pose {row}; at most {LONGEST_GAP_S} s are "
-                "bridged"
+                "interpolated"
             )
         check_flight_time(float(given.stamps_ns[-1] - given.stamps_ns[0]) / 1e9)
         return Replay(resampled(self._of_body(given, mount)))

@@ -87,7 +87,7 @@ class Lidar2d(LaserRanging):
         period = Fraction(10**9) / Fraction(str(self.rate_hz))
         turns = int(Fraction(last - first) / period)
         if turns == 0:
-            raise UserError(f"rate_hz {self.rate_hz:g}: the flight ends before the first turn does; raise rate_hz")
+            raise UserError(f"rate_hz {self.rate_hz:g}: the flight ends before the first scan does; raise rate_hz")
         azimuths = self.azimuths_rad
         begins = np.array([first + round(k * period) for k in range(turns)], dtype=np.int64)
         late = np.rint(np.arange(len(azimuths)) * float(period) * self.step_deg / 360.0).astype(np.int64)

@@ -38,7 +38,7 @@ def check_plan(
         raise UserError(
             f"{_at(plan.table[worst, 0:3], worst)}: unreachable speed: {speed:.2f} m/s there, with its acceleration "
             f"and the mean wind, needs {needed[worst]:.3g} N of thrust, but {available:.3g} N is {THRUST_SHARE:.0%} of "
-            "what the vehicle has; ask for a lower speed, acceleration or wind"
+            "what the vehicle has; lower the speed, acceleration or wind"
         )
 
 
@@ -86,15 +86,15 @@ def check_saturation(record: Array, vehicle: Quadrotor, share: float) -> None:
     full = ((commands >= vehicle.max_thrust_n) | (commands <= vehicle.min_thrust_n)).any(axis=1).mean()
     if not full <= share:
         raise UserError(
-            f"motors saturated {full:.1%} of the time, more than saturation_share = {share}: the vehicle cannot do "
-            "this; ask for a lower speed, acceleration or wind"
+            f"motors saturated {full:.1%} of the time, more than saturation_share = {share}: the vehicle cannot fly "
+            "this; lower the speed, acceleration or wind"
         )
 
 
 def crash_error(record: Array, step: int, obstacles: ObstacleMesh) -> UserError:
     """Error for a flight that crashed at a row of its record."""
     if not np.isfinite(record[step]).all():
-        return UserError(f"t = {step * STEP_S:.2f} s: the vehicle lost control; ask for a lower speed or wind")
+        return UserError(f"t = {step * STEP_S:.2f} s: the vehicle lost control; lower the speed or wind")
     place = record[step, RECORD["positions_m"]]
     return UserError(f"{_at(place, step)}: crash into {_obstacle(place, obstacles)}; plan the path further away")
 

@@ -50,8 +50,8 @@ class FlightSummary:
             return ""
         still = f", its first {self.nearly_still_s:.1f} s nearly still" if self.nearly_still_s else ""
         return (
-            f"path {self.path}: at most {planned:.2f} m/s where {asked:g} m/s were asked for, {self.duration_s:.1f} s"
-            f"{still}; acceleration_m_s2 limits it, or the way is short: raise it, or give duration_s"
+            f"path {self.path}: at most {planned:.2f} of the requested {asked:g} m/s, {self.duration_s:.1f} s"
+            f"{still}; limited by acceleration_m_s2 or a short path: raise acceleration_m_s2, or give duration_s"
         )
 
 

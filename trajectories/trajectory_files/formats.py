@@ -89,7 +89,7 @@ def declared_frame(path: Path) -> str | None:
     named = FRAME_NAME.findall(path.name)
     found = list(dict.fromkeys([*said, *named]))
     if len(found) > 1:
-        raise UserError(f"{path}: says that it holds {' and '.join(found)}; correct its `# frame:` or its name")
+        raise UserError(f"{path}: declares {' and '.join(found)}; correct its `# frame:` or its name")
     return found[0] if found else None
 
 
@@ -195,13 +195,13 @@ def _trajectory(path: Path, lines: NumberLines, positions: Array, quaternions: A
         ),
         ("its quaternion is not of unit norm (1e-3)", ~(np.abs(norms - 1) < 1e-3)),
         (
-            "its time stamp does not come after the one before; sort the file",
+            "its time stamp is not later than the previous one; sort the file",
             np.concatenate([[False], stamps[1:] <= stamps[:-1]]),
         ),
     ):
         if bad.any():
             raise UserError(f"{path}: line {lines.numbers[int(np.argmax(bad))]}: {what}")
-    raise AssertionError("a trajectory is refused for one of these reasons")
+    raise AssertionError("a trajectory is rejected for one of these reasons")
 
 
 def _join(separator: str, row: list[float]) -> str:

@@ -122,7 +122,7 @@ def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
             if not block:
                 return
             if number == 1 and block.startswith(GZIP):
-                raise UserError(f"{path}: is compressed by gzip; unpack it with `gunzip`, or name the file in it")
+                raise UserError(f"{path}: is compressed by gzip; decompress it with `gunzip`")
             block = block.removeprefix(b"\xef\xbb\xbf" if number == 1 else b"").replace(b"\r\n", b"\n")
             ends = block.count(b"\n") + block.count(b"\r")
             if not whole:

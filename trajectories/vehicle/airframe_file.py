@@ -53,7 +53,7 @@ def _from_xml(text: str, mount: Mount) -> str:
         for key in node.attrib:
             if key.startswith("file"):  # <include file=...>, meshes, textures, height fields
                 raise UserError(
-                    f"<{node.tag} {key}=...> names another file; an airframe is one file and needs no meshes"
+                    f"<{node.tag} {key}=...> refers to another file; an airframe is a single file without meshes"
                 )
     return with_camera(root, mount)
 
@@ -64,7 +64,7 @@ def _refuse_growth(root: ElementTree.Element) -> None:
     for _ in range(MOST_NESTING):
         for node in level:
             if node.tag in GROWING or (node.tag == "numeric" and "size" in node.attrib):
-                raise UserError(f"<{node.tag}>: an airframe is one body of plain shapes, no larger than its file says")
+                raise UserError(f"<{node.tag}>: not allowed; an airframe is a single body of primitive shapes")
         level = [child for node in level for child in node]
     if level:
         raise UserError(f"it is nested deeper than {MOST_NESTING} levels")

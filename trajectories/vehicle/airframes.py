@@ -54,7 +54,7 @@ class Crazyflie:
 
         def put(tag: str, name: str, **values: object) -> None:
             node = root.find(f".//{tag}[@name='{name}']" if name else f".//{tag}")
-            assert node is not None, f"quadrotor.xml lacks {tag} {name}"
+            assert node is not None, f"quadrotor.xml has no {tag} {name}"
             node.attrib.update({key: _text(value) for key, value in values.items()})
 
         put("inertial", "", mass=self.mass_kg, diaginertia=self.inertia_kg_m2)

@@ -52,7 +52,7 @@ class BagExport:
             _write(topics, folder / "bag", self.storage, self._about(shown), lambda n: on_frame(n, len(shown.sequence)))
         except sqlite3.Error as error:
             raise UserError(
-                f"{folder.parent}: SQLite cannot write the bag: {error}; free space, or name another place"
+                f"{folder.parent}: SQLite cannot write the bag: {error}; free space, or choose another location"
             ) from None
         if self.storage == "mcap":
             (folder / "bag" / "bag.mcap").rename(folder / "bag.mcap")
@@ -61,7 +61,7 @@ class BagExport:
         name = FILES[self.storage]
         files = {name: "ROS 2 messages: " + "; ".join(f"`{each.name}` {each.type}, {each.about}" for each in topics)}
         if self.storage == "sqlite3":
-            files["bag/metadata.yaml"] = "topics and times, as `ros2 bag` has them"
+            files["bag/metadata.yaml"] = "topics and times, in the format of `ros2 bag`"
         return Held(
             files=files,
             frames={} if shown.sequence.recorded else {name: "world_from_body"},
@@ -155,30 +155,30 @@ class Content:
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
         yield Channel("/tf_static", "tf2_msgs/TFMessage", "poses of the sensors on `base_link`", still)
         yield Channel("/tf", "tf2_msgs/TFMessage", "ground truth: `base_link` in `world`", messages.transforms(state))
-        about = "ground truth: pose in `world`, twist in `base_link`; 100 a second and one at each image"
+        about = "ground truth: pose in `world`, twist in `base_link`; at 100 Hz and at each image"
         yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
 
     def limits(self) -> Iterator[str]:
         """Sentences on what the messages cannot represent, or represent with a different meaning."""
         yield (
-            "Stamps: they count from the beginning of the record, as in the sequence, and not from 1970; messages were "
-            "recorded when their headers say."
+            "Stamps: they count from the beginning of the record, as in the sequence, and not from 1970; the time of "
+            "recording of a message is its header's stamp."
         )
         if self.shown.sequence.recorded:
             yield "Ground truth: a recording has none, and no mount is known: there is no /odom, /tf and /tf_static."
         else:
-            yield "Covariances: those of /odom are zero, for it is the truth."
+            yield "Covariances: those of /odom are zero, since it is ground truth."
         for name, imu in self.imus.items():
             if not imu:
                 yield f"Parameters: `{name}` is not described in sequence.json; its covariances are zero, unknown."
-            yield f"Biases: the true biases of `{name}`, and its random walks, are not held."
+            yield f"Biases: the true biases of `{name}`, and its random walks, are not included."
         for name, gnss in self.receivers.items():
             yield (
-                f"Earth: a world has no place on it; for `{name}` its origin lies at latitude, longitude and height "
+                f"Datum: the world is a local frame; for `{name}` its origin is at latitude, longitude and height "
                 f"{self.place(gnss)} (WGS 84, --datum), its y axis {gnss.get('north_deg', 0.0):g} degrees "
                 f"counter-clockwise from north. The sky is that over {gnss.get('latitude_deg', 0.0):g} degrees north."
             )
-            yield f"Fixes: velocities and numbers of satellites of `{name}` are not held; its variances are PDOP's."
+            yield f"Fixes: velocities and satellite numbers of `{name}` are not included; variances follow from PDOP."
 
 
 def optical_frame(camera: str) -> str:

@@ -55,7 +55,7 @@ def message(kind: str, **fields: Any) -> Any:
 def header(stamp_ns: int, frame: str) -> Any:
     """Header of a message; UserError for a time outside its range."""
     if not 0 <= stamp_ns < LAST_NS:
-        raise UserError(f"the stamp {stamp_ns} ns does not fit into a message of ROS, which counts from 0 to 2^31 s")
+        raise UserError(f"the stamp {stamp_ns} ns is outside the range of a ROS time stamp, 0 to 2^31 s")
     time = message("builtin_interfaces/Time", sec=stamp_ns // NS, nanosec=stamp_ns % NS)
     return message("std_msgs/Header", stamp=time, frame_id=frame)
 

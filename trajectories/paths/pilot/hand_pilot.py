@@ -87,8 +87,8 @@ class Stage:
         )
         if not reach < path.range_m[0] <= path.range_m[1] or not 0 < path.height_m[0] <= path.height_m[1]:
             raise UserError(
-                f"range_m {path.range_m} must rise and begin beyond the structure's corners "
-                f"({reach:.2f} m from its centre), height_m {path.height_m} must rise from above 0"
+                f"range_m {path.range_m} must be increasing and begin beyond the structure's corners "
+                f"({reach:.2f} m from its centre), height_m {path.height_m} must be increasing from above 0"
             )
         lowest, highest = stage.heights(path.range_m[1])
         if not lowest <= highest:
