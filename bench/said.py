@@ -6,5 +6,5 @@ from uavbench.trajectories.errors import plain
 
 
 def say(what: object = "", *, err: bool = False, nl: bool = True) -> None:
-    """Print a text or a path on standard output, or on standard error, its control characters written out."""
+    """Print a text or a path on standard output, or on standard error, with control characters escaped."""
     click.echo(plain(str(what)), err=err, nl=nl)

@@ -18,7 +18,7 @@ class Steps:
         self._lock = Lock()
 
     def __call__(self, weight: int = 1) -> None:
-        """Add done work; CancelledError after `stop`."""
+        """Add completed work; CancelledError after `stop`."""
         if self._stopped:
             raise CancelledError
         with self._lock:

@@ -87,7 +87,7 @@ def write_report(
 ) -> Path:
     """Write a report into `folder`, with the figures of the page or all of them; the path of its index.html.
 
-    UserError when there is no entry, or files of one are missing or do not belong together.
+    UserError when there is no entry, or the files of an entry are missing or inconsistent.
     """
     if not inputs.entries:
         raise UserError("a report needs at least one scored run")

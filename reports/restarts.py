@@ -74,7 +74,7 @@ class RestartedRun:
 
 
 def open_restarts(folders: ListOf[Path], sequences: ListOf[Sequence]) -> list[RestartedRun]:
-    """Runs of these folders on these sequences; UserError when they do not belong together."""
+    """Restarted runs from folders of results; UserError for results of another version of a sequence."""
     by_name = {sequence.name: sequence for sequence in sequences}
     runs = []
     for folder in folders:

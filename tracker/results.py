@@ -89,7 +89,7 @@ class Results:
         return "world_from_cam" if np.array_equal(self.cam_from_body.matrix, np.eye(4)) else "world_from_body"
 
     def save(self, folder: Path, groundtruth: Trajectory | None = None) -> None:
-        """Write the folder, completely or not at all; groundtruth: in the frame of `estimate`."""
+        """Write the folder atomically; groundtruth: in the frame of `estimate`."""
         with new_folder(folder, MARKER) as new:
             self.write(new, groundtruth)
 

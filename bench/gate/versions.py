@@ -72,7 +72,7 @@ class Version:
 class Placed:
     """A tracker's table with its files replaced by those of a version.
 
-    missing: tracked files of the working tree that the version lacks; own: whether any of its files is tracked.
+    missing: tracked files of the working tree that are not in the version; own: whether any of its files is tracked.
     """
 
     table: dict[str, Any]

@@ -20,7 +20,7 @@ RUN_PATH = re.compile(rb"\0((?:/|\$ORIGIN|\$\{ORIGIN\})[\x20-\x7e]{0,4095})(?=\0
 
 
 def named_anywhere(text: str) -> Iterator[Path]:
-    """User files that a script names by their whole paths, or as programs on PATH."""
+    """User files that a script names by absolute paths, or as programs on PATH."""
     yield from whole_paths(text)
     found = (shutil.which(word) for word in {*WORD.findall(text)} if "/" not in word)
     yield from (Path(at).absolute() for at in found if at and not of_system(Path(at)))

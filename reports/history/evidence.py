@@ -89,7 +89,7 @@ def _of_noise(series: Series, contrast: Array, cuts: list[int]) -> Variance:
 
 
 def _others(series: Series, contrast: Array, cuts: list[int], apart: Array) -> Iterator[Variance]:
-    """Variance by the noise of the level, if commits differ; and by the spread over flights, if there are enough."""
+    """Variances from the noise of the level, if commits differ, and from the spread over flights, if enough."""
     norm, weights = float(contrast @ contrast), series.weights
     if series.noisy:
         steps = np.delete(np.diff(series.level), [cut - 1 for cut in cuts])

@@ -235,9 +235,7 @@ def test_what_the_base_lacks_and_what_is_not_in_git_is_told(foreign, tmp_path_fa
     with version("HEAD") as base:
         with at_work(base, foreign / "suites/new.toml", ["stream"]) as side:
             assert side.tables["stream"]["command"][1] == str(base.folder / "programs/stream.py")
-            assert next(iter(statements({"base": side}, foreign / "suites/new.toml"))).endswith(
-                "those of the working tree"
-            )
+            assert next(iter(statements({"base": side}, foreign / "suites/new.toml"))).endswith("of the working tree")
         with at_work(base, elsewhere, ["stream", "folder"]) as side:
             assert side.tables["stream"]["command"][1] == str(base.folder / "programs/stream.py")
             told = list(statements({"base": side}, elsewhere))

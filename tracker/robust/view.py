@@ -29,7 +29,7 @@ class View(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera, structure: Structure) -> "View":
-        """View of a structure by a camera at the identity."""
+        """View of a structure by a camera at the identity pose."""
         return cls(
             np.eye(3),
             np.zeros(3),

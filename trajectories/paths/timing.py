@@ -18,7 +18,9 @@ LONGEST_FLIGHT_S = 10_000.0
 def check_flight_time(seconds: float) -> None:
     """UserError for a flight that is too long, before memory is allocated for its steps."""
     if not seconds <= LONGEST_FLIGHT_S:
-        raise UserError(f"the flight would take {seconds:.4g} s; the limit is {LONGEST_FLIGHT_S:,.0f} s; split it")
+        raise UserError(
+            f"the flight would take {seconds:.4g} s; at most {LONGEST_FLIGHT_S:,.0f} s are allowed; split it"
+        )
 
 
 class TimedPath(Protocol):

@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 
 
 class Patches(NamedTuple):
-    """Patches, a row for each.
+    """Patches of the structure's surface, one row per patch.
 
     middles (n, 3) centres; axes (n, 2, 3) step of one texel along either axis in units of the model; texels
     (n, SIDE, SIDE) grey values of mean 0 and norm 1; face (n,) of each patch; hits (n,) number of frames in which it

@@ -177,7 +177,7 @@ class PoseSearch:
         return found._replace(evaluations=found.evaluations + SAMPLING_EVALUATIONS)
 
     def best_there(self, target: Target, pose: RigidMotion, seen: SeenEdges, block: Block, most: int) -> Scored:
-        """The best poses of a block in the viewing direction of a pose at which these edges are visible."""
+        """The best poses of a block, displaced along the line of sight of a pose at which these edges are visible."""
         if len(seen.points) < MIN_POINTS:
             return Scored([], SAMPLING_EVALUATIONS, len(block.changes))
         sight = pose.R @ seen.focus + pose.t
