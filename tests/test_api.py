@@ -85,7 +85,7 @@ def test_importing_it_loads_nothing_heavy(tmp_path):
 
 def test_evaluating_loads_no_tracker_no_renderer_and_no_simulator(tmp_path):
     names = loaded(EVALUATED, tmp_path)
-    assert "uavbench.reports.evaluation.compare" in names
+    assert "uavbench.reports.evaluation.api" in names
     assert not names & {"mujoco", "OpenGL", "pyrender", "matplotlib", "trimesh", "pydantic"}
     trackers = {name for name in names if name.startswith("uavbench.tracker.")}
     assert trackers <= {"uavbench.tracker.versions"}

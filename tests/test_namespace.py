@@ -79,7 +79,7 @@ def test_the_api_and_a_spawned_worker_work_among_foreign_names(installed, hostil
     )
     width, *modules, version = run(installed, "work.py", folder=hostile).split()
     assert width == "64"
-    assert modules == ["uavbench.tracker.robust.tracker", "uavbench.reports.evaluation.compare"]
+    assert modules == ["uavbench.tracker.robust.tracker", "uavbench.reports.evaluation.api"]
     assert version == run(installed, "-c", INSTALLED_VERSION, folder=hostile).strip()
 
 

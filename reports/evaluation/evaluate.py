@@ -8,8 +8,8 @@ from typing import Any, Unpack
 from uavbench.reports.evaluation.evaluation import Evaluation, evaluate
 from uavbench.reports.evaluation.find_trajectory import Found
 from uavbench.reports.evaluation.frames import in_one_frame
-from uavbench.reports.evaluation.given import Given, found_in, name_of
 from uavbench.reports.evaluation.options import OWN_MODE, EvaluateOptions, Options, chosen_options
+from uavbench.reports.evaluation.trajectory_input import Given, found_in, name_of
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.trajectory import Trajectory
 

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uavbench.reports.evaluation.doubts import doubts
 from uavbench.reports.evaluation.options import Options
+from uavbench.reports.evaluation.plausibility import doubts
 from uavbench.reports.json_values import json_values
 from uavbench.reports.metrics.align import Similarity, alignment
 from uavbench.reports.metrics.ape import error_table, pose_error_sizes

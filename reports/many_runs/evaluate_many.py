@@ -13,8 +13,8 @@ from uavbench.reports.evaluation.evaluate import Side, evaluate_found
 from uavbench.reports.evaluation.evaluation import ClaimedNees, Evaluation
 from uavbench.reports.evaluation.find_trajectory import Found
 from uavbench.reports.evaluation.frames import in_one_frame
-from uavbench.reports.evaluation.given import found_in
 from uavbench.reports.evaluation.options import EvaluateOptions, chosen_options
+from uavbench.reports.evaluation.trajectory_input import found_in
 from uavbench.reports.many_runs.curves import Axis, distance_axis, time_axis
 from uavbench.reports.many_runs.groups import Pairing, Run, pairing
 from uavbench.reports.metrics.align import Alignment

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from uavbench.bench.runner.render_suite import render
     from uavbench.reports import figures_on_axes as figures
-    from uavbench.reports.evaluation.compare import evaluate
+    from uavbench.reports.evaluation.api import evaluate
     from uavbench.reports.run_folder import load_runs, load_scores
     from uavbench.scenes.camera import Camera
     from uavbench.scenes.dataset.sequence import Frame, Sequence, open_sequence
@@ -54,7 +54,7 @@ HOMES = {
     "Structure": "scenes.structure",
     "Trajectory": "trajectories.trajectory",
     "UserError": "trajectories.errors",
-    "evaluate": "reports.evaluation.compare",
+    "evaluate": "reports.evaluation.api",
     "figures": "reports.figures_on_axes",
     "load_runs": "reports.run_folder",
     "load_scores": "reports.run_folder",

@@ -4,8 +4,8 @@ from typing import Unpack
 
 from uavbench.reports.evaluation.evaluate import evaluate_files
 from uavbench.reports.evaluation.evaluation import Evaluation
-from uavbench.reports.evaluation.given import Given
 from uavbench.reports.evaluation.options import EvaluateOptions
+from uavbench.reports.evaluation.trajectory_input import Given
 
 
 def evaluate(reference: Given, estimate: Given, **options: Unpack[EvaluateOptions]) -> Evaluation:
