@@ -35,7 +35,7 @@ class Side:
     server: Talk
 
     def track(self, label: str, ask: dict[str, Any]) -> dict[str, Any]:
-        """The server's answer to a request to run a tracker; UserError when it has ended or does not support the request."""
+        """The server's answer to a request to run a tracker; UserError when it has ended or cannot do this."""
         commit = self.version.commit
         asked = {**ask, "label": label, "suite": str(self.suite), "tracker": self.tables[label]}
         if self.version.folder != self.version.top:

@@ -96,7 +96,7 @@ class Scored(NamedTuple):
 
 
 class UndistortionMaps(NamedTuple):
-    """For each pixel of an undistorted image (h, w) the x and y of it in the distorted one."""
+    """Coordinates x and y (h, w) in the distorted image of each pixel of the undistorted one."""
 
     x: NDArray[np.float32]
     y: NDArray[np.float32]
