@@ -5,6 +5,7 @@ import subprocess
 import sys
 import sysconfig
 import venv
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -28,9 +29,10 @@ def run(*command, folder, **environment):
 
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory):
-    """The wheel, and the source archive, of this tree."""
+    """The wheel, and the source archive, of this tree; setuptools has nothing to warn of."""
     folder = tmp_path_factory.mktemp("dist")
-    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, ROOT, folder=folder)
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, ROOT]
+    run(*command, folder=folder, PYTHONWARNINGS="error::UserWarning")
     (wheel,), (sdist,) = folder.glob("*.whl"), folder.glob("*.tar.gz")
     return {"wheel": [wheel], "sdist": [sdist], "editable": ["-e", ROOT]}
 
@@ -94,6 +96,15 @@ def test_nothing_else_is_installed_at_top_level(installed):
     for name in NAMES:
         missing = f"import importlib.util as u; print(u.find_spec('{name}'))"
         assert run(installed, "-c", missing, folder=installed.parent).strip() == "None"
+
+
+def test_the_wheel_has_every_file_of_the_packages(archives):
+    with zipfile.ZipFile(*archives["wheel"]) as wheel:
+        packed = {name for name in wheel.namelist() if ".dist-info/" not in name}
+    source = ROOT / "src"
+    files = {path for path in source.glob("uavbench/*") if path.is_file()}
+    files |= {path for name in NAMES for path in (source / "uavbench" / name).rglob("*") if path.is_file()}
+    assert packed == {str(path.relative_to(source)) for path in files if "__pycache__" not in path.parts}
 
 
 def test_type_checkers_see_its_types(installed):

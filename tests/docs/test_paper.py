@@ -47,27 +47,45 @@ def test_the_container_installs_what_run_needs_and_copies_no_results():
     assert {".venv", "out", ".git"} <= set(ignored)
 
 
-ON_CONDA = {"opencv-python-headless": "py-opencv", "mujoco": "mujoco-python", "matplotlib": "matplotlib-base"}
+CONDA = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+RECIPE = yaml.safe_load(CONDA)
+ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
-def test_the_conda_recipe_asks_for_what_the_package_asks_for_and_runs_the_demo():
-    recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
-    about = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    project, overrides = about["project"], about["tool"]["uv"]["override-dependencies"]
-    asked = dict(re.split(r"(?=[<>=])", text, maxsplit=1) for text in project["dependencies"])
-    wanted = {f"{ON_CONDA.get(name, name)} {bound}" for name, bound in asked.items()}
-    wanted |= {text.lower().replace("==", " >=") for text in overrides}
-    run = set(recipe["requirements"]["run"])
-    (python,) = run - wanted
-    assert wanted < run
+def test_the_conda_recipe_asks_for_what_the_package_asks_for():
+    on_pypi = dict(re.findall(r"^    - (\S+) \S+  # (\S+)$", CONDA, re.MULTILINE))
+    run, host = set(RECIPE["requirements"]["run"]), RECIPE["requirements"]["host"]
+    asked = {on_pypi.get(name, name) + bound for name, bound in map(str.split, run)}
+    wanted = set(ABOUT["project"]["dependencies"])
+    wanted |= {text.lower().replace("==", ">=") for text in ABOUT["tool"]["uv"]["override-dependencies"]}
+    (python,) = asked - wanted
+    assert wanted < asked and len(asked) == len(run)
     script = (ROOT / "run").read_text(encoding="utf-8")
     least, below = re.search(r"not \((\d, \d+)\) <= sys.version_info < \((\d, \d+)\)", script).groups()
-    assert python == f"python >={least},<{below}".replace(", ", ".")
-    assert project["requires-python"] == f">={least}".replace(", ", ".")
-    assert recipe["package"] == {"name": project["name"], "version": uavbench.__version__}
-    (entry,) = recipe["build"]["python"]["entry_points"]
-    assert entry == f"uavbench = {project['scripts']['uavbench']}"
+    assert python == f"python>={least},<{below}".replace(", ", ".")
+    assert ABOUT["project"]["requires-python"] == f">={least}".replace(", ", ".")
+    assert {text.replace(" ", "") for text in host} == {python, "pip", *ABOUT["build-system"]["requires"]}
+
+
+def test_the_conda_recipe_is_of_this_package_and_runs_the_demo():
+    project = ABOUT["project"]
+    assert RECIPE["package"] == {"name": project["name"], "version": uavbench.__version__}
+    (entry,) = RECIPE["build"]["python"]["entry_points"]
+    assert {entry} == {f"{name} = {function}" for name, function in project["scripts"].items()}
+    script = (ROOT / "run").read_text(encoding="utf-8")
     (demo,) = re.findall(r'exec "\$venv/bin/uavbench" (run \S+ --out) "\$root/(\S+)"', script)
-    assert f"uavbench {demo[0]} {demo[1]}" in recipe["tests"][0]["script"]
-    assert recipe["about"]["license"] == project["license"]
-    assert (ROOT / "conda" / recipe["source"]["path"] / recipe["about"]["license_file"]).is_file()
+    assert f"uavbench {demo[0]} {demo[1]}" in RECIPE["tests"][-1]["script"]
+    assert RECIPE["about"]["summary"] == project["description"]
+    assert RECIPE["about"]["license"] == project["license"]
+    assert [RECIPE["about"]["license_file"]] == project["license-files"]
+
+
+def test_the_conda_recipe_copies_what_the_wheel_is_made_of_and_expects_all_of_it():
+    links = [path for path in (ROOT / "src" / "uavbench").iterdir() if path.is_symlink()]
+    files = {"pyproject.toml", ABOUT["project"]["readme"], *ABOUT["project"]["license-files"]}
+    assert (ROOT / "conda" / RECIPE["source"]["path"]).resolve() == ROOT.resolve()
+    assert set(RECIPE["source"]["filter"]) == files | {"src/**"} | {f"{link.resolve().name}/**" for link in links}
+    contents = RECIPE["tests"][0]["package_contents"]
+    (kinds,) = ABOUT["tool"]["setuptools"]["package-data"].values()
+    ours = {f"uavbench-{uavbench.__version__}.dist-info/**", "uavbench/**", *(f"uavbench/{kind}" for kind in kinds)}
+    assert contents["strict"] and set(contents["site_packages"]) == ours
