@@ -199,7 +199,7 @@ def test_poses_of_different_frames_are_refused(bag, tum):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ("", "holds 4 topics with poses, /cam, /odom, /pose, /vio"),
+        ("", "has 4 topics with poses, /cam, /odom, /pose, /vio"),
         (":/nowhere", "has no topic '/nowhere'; the bag's topics: /cam (nav_msgs/msg/Odometry, 40)"),
         (":/tf:world.base_link", "has no topic '/tf'"),
     ],
@@ -237,8 +237,8 @@ def test_a_path_through_the_tree_is_the_product_of_its_transforms(tmp_path, tum)
     assert found["ate"]["translation_m"]["max"] < 1e-12 and found["ate"]["rotation_deg"]["max"] < 1e-10
     for given, told in (
         ("/tf", "name two frames of /tf"),
-        ("/tf:odom.cam9", "leads from 'cam9' to no 'odom'"),
-        ("/tf:base_link.cam0", "moves nothing"),
+        ("/tf:odom.cam9", "'odom' is not an ancestor of 'cam9'"),
+        ("/tf:base_link.cam0", "changing transforms between"),
     ):
         assert told in refused("evaluate", tum, f"{folder}:{given}")
     assert "base_link.cam0" in refused("evaluate", tum, f"{folder}:/tf:odom.cam9")
@@ -424,7 +424,7 @@ def test_a_tracker_runs_on_the_images_of_a_bag(tmp_path, real):
         (lambda s: raw(s, "bgr8", PICTURE[:20]), "the camera 64 x 48 px"),
         (lambda s: raw(s, "rgba8", PICTURE), "are no 64 x 48 px of rgba8"),
         (lambda s: packed(s, "h264", b"\0\0\1\x67"), "format 'h264'"),
-        (lambda s: raw(5, "bgr8", PICTURE), "is not later than the previous one"),
+        (lambda s: raw(5, "bgr8", PICTURE), "does not come after the one before"),
     ],
 )
 def test_images_that_cannot_be_read_say_why(tmp_path, real, make_message, told):

@@ -140,7 +140,7 @@ def test_a_broken_history_is_named_and_left_as_it_is(repository, broken):
     file.write_bytes(made[broken] if isinstance(broken, str) else broken)
     before = file.read_bytes()
     result = record()
-    assert result.exit_code == 2 and "history.json: " in result.output and "start another" in result.output
+    assert result.exit_code == 2 and "history.json: " in result.output and "start a new one" in result.output
     assert "Traceback" not in result.output and file.read_bytes() == before
 
 

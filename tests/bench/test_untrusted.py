@@ -154,7 +154,7 @@ def test_an_airframe_that_names_another_file_is_refused(tmp_path, element):
     path.write_text(text)
     read_airframe(path, Mount())
     path.write_text(text.replace("<worldbody>", f"{element}<worldbody>"))
-    with pytest.raises(UserError, match=r"file=\.\.\.> names another file"):
+    with pytest.raises(UserError, match=r"file=\.\.\.> refers to another file"):
         read_airframe(path, Mount())
 
 

@@ -349,7 +349,7 @@ def test_the_same_sequence_is_the_same_bytes(plain, tmp_path):
 
 
 def test_settings_of_bags_are_refused_elsewhere(plain, tmp_path):
-    with pytest.raises(UserError, match=r"images are for bags \(mcap, rosbag2\); the form tum has none"):
+    with pytest.raises(UserError, match=r"images are for bags \(mcap, rosbag2\); the format tum has none"):
         export(Sequence.load(plain), "tum", tmp_path / "tum", images="raw")
 
 

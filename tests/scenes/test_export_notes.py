@@ -83,7 +83,7 @@ def test_what_cannot_be_exported_is_named_and_nothing_is_left(made: Sequence, tm
 
 
 def test_only_bags_have_settings(made: Sequence, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"images and datum are for bags \(mcap, rosbag2\); the form kitti has none"):
+    with pytest.raises(UserError, match=r"images and datum are for bags \(mcap, rosbag2\); the format kitti has none"):
         export(made, "kitti", tmp_path / "out", images="raw", datum=None)
 
 
