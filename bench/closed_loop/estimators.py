@@ -187,9 +187,10 @@ class Filtered:
     def state_at(self, stamp_ns: int) -> Believed:
         """The filter's state at a time."""
         state, rates = self._filter.nominal(stamp_ns)
-        quaternion = np.empty(4)
-        self._to_quaternion(quaternion, state[6:15])
-        return Believed(np.concatenate([state[0:3], quaternion]), np.concatenate([state[3:6], rates]))
+        qpos, qvel = np.empty(7), np.empty(6)
+        qpos[0:3], qvel[0:3], qvel[3:6] = state[0:3], state[3:6], rates
+        self._to_quaternion(qpos[3:7], state[6:15])
+        return Believed(qpos, qvel)
 
     def covariance(self, stamp_ns: int) -> Array:
         """The filter's covariance at a time in ns."""

@@ -48,7 +48,7 @@ class LiveSensor:
         """Readings that are due at a row of a flight's record."""
         if row * STEP_NS < self._next_ns:
             return []
-        end = int(np.searchsorted(self.stamps, row * STEP_NS, side="right"))
+        end = int(self.stamps.searchsorted(row * STEP_NS, side="right"))
         before = int(self.stamps[max(self._done - 1, 0)]) // STEP_NS
         new = self.stamps[self._done : end]
         values = self._reader.read(part(record, before, row), new)[:, : self.width]

@@ -432,6 +432,18 @@ def test_the_state_between_samples_lies_between_them():
         np.testing.assert_allclose(found, world_from_body(t).translation, atol=1e-3)
 
 
+def test_the_state_without_its_covariance_is_the_same_to_the_bit():
+    run = fly(began(), 1.0)
+    for t in (0.501, 0.777, 1.0, 1.003, 1.2):
+        state, rates = run.nominal(ns(t))
+        whole = run.estimate(ns(t))
+        assert state[:3].tobytes() == whole.world_from_body.translation.tobytes()
+        assert state[3:6].tobytes() == whole.velocity_m_s.tobytes()
+        assert state[6:15].tobytes() == whole.world_from_body.rotation.tobytes()
+        assert state[15:21].tobytes() == np.concatenate([whole.accel_bias_m_s2, whole.gyro_bias_rad_s]).tobytes()
+        assert rates.tobytes() == whole.angular_velocity_rad_s.tobytes()
+
+
 def test_propagation_agrees_with_gtsams_preintegration():
     gtsam = pytest.importorskip("gtsam", reason="gtsam is the oracle here, a development dependency")
     rng = np.random.default_rng(2)

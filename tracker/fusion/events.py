@@ -14,8 +14,7 @@ class Key(NamedTuple):
     arrival: int
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
+class Sample(NamedTuple):
     """One IMU reading: body rate (3,) in rad/s, specific force (3,) in m/s^2."""
 
     gyro: Array
@@ -37,8 +36,7 @@ class Verdict:
     why: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Checkpoint:
+class Checkpoint(NamedTuple):
     """State of the filter right after an event, from which later events can be replayed."""
 
     stamp_ns: int
@@ -61,6 +59,13 @@ class PredictedCamera(NamedTuple):
 
     cam_from_world: Pose
     covariance: Array
+
+
+class Since(NamedTuple):
+    """Last event before a stamp, and the IMU reading at the stamp, None before the first sample."""
+
+    before: Checkpoint
+    sample: Sample | None
 
 
 class Carried(NamedTuple):

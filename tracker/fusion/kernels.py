@@ -55,18 +55,34 @@ class Belief(NamedTuple):
     P: Array
 
 
-@compiled("f1 f2 f1 f1 f0 f1")
-def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> Belief:
-    """State and covariance after dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2.
+class Increments(NamedTuple):
+    """Motion in the body over dt of constant readings.
 
-    The nominal state (eq. 259) is integrated in closed form for constant rate and specific force in the body; the
-    error's transition (eq. 269, 270) and noise (eq. 262 to 265, with the densities of continuous time) follow from it.
+    force (3,) in m/s^2 and angle phi (3,) in rad without biases; rotation E (3, 3), integrals G1, G2 (3, 3) of the
+    rotation, and velocity a1 = G1 force and displacement a2 = G2 force (3,) per dt and dt^2.
     """
-    R = np.ascontiguousarray(state[6:15]).reshape(3, 3)
+
+    force: Array
+    phi: Array
+    E: Array
+    G1: Array
+    G2: Array
+    a1: Array
+    a2: Array
+
+
+@compiled("f1 f1 f1 f0", inner=True)
+def increments(state: Array, gyro: Array, accel: Array, dt: float) -> Increments:
+    """Motion in the body over dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2."""
     force, phi = accel - state[15:18], (gyro - state[18:21]) * dt
     E, G1, G2 = so3_exp(phi), so3_left_jacobian(phi), second_integral(phi)
-    a1, a2 = turned(G1, force), turned(G2, force)
-    RG1, RG2 = product(R, G1), product(R, G2)
+    return Increments(force, phi, E, G1, G2, turned(G1, force), turned(G2, force))
+
+
+@compiled("f1 f2 f1 f1 f0 f1", inner=True)
+def moved(state: Array, E: Array, a1: Array, a2: Array, dt: float, densities: Array) -> Array:
+    """Nominal state (27,) after the increments E, a1, a2 of dt seconds (eq. 259)."""
+    R = np.ascontiguousarray(state[6:15]).reshape(3, 3)
     out = state.copy()
     ra1, ra2 = turned(R, a1), turned(R, a2)
     for i in range(3):
@@ -86,6 +102,28 @@ def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, dens
     decay = math.exp(-dt / densities[6])
     for i in range(21, 27):
         out[i] = state[i] * decay
+    return out
+
+
+@compiled("f1 f1 f1 f0 f1")
+def propagate_nominal(state: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> Array:
+    """Nominal state (27,) of `propagate` to the same bits, at a fraction of its cost."""
+    step = increments(state, gyro, accel, dt)
+    return moved(state, step.E, step.a1, step.a2, dt, densities)
+
+
+@compiled("f1 f2 f1 f1 f0 f1")
+def propagate(state: Array, P: Array, gyro: Array, accel: Array, dt: float, densities: Array) -> Belief:
+    """State and covariance after dt seconds of constant readings, gyro (3,) rad/s and accel (3,) m/s^2.
+
+    The nominal state (eq. 259) is integrated in closed form for constant rate and specific force in the body; the
+    error's transition (eq. 269, 270) and noise (eq. 262 to 265, with the densities of continuous time) follow from it.
+    """
+    force, phi, E, G1, G2, a1, a2 = increments(state, gyro, accel, dt)
+    out = moved(state, E, a1, a2, dt, densities)
+    R = np.ascontiguousarray(state[6:15]).reshape(3, 3)
+    RG1, RG2 = product(R, G1), product(R, G2)
+    decay = math.exp(-dt / densities[6])
 
     # Rows of the transition that differ from the identity: position, velocity, attitude, on 15 columns.
     F = np.zeros((9, 15))

@@ -1,12 +1,12 @@
 """The vehicle's filter: IMU samples and measurements in any order, each applied at its own stamp, even when delayed."""
 
-from bisect import bisect_left, insort
+from bisect import bisect_left
 
 import numpy as np
 from scipy.special import chdtri
 
-from uavbench.tracker.fusion.events import Carried, Checkpoint, Key, Nominal, PredictedCamera, Sample, Verdict
-from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, update
+from uavbench.tracker.fusion.events import Carried, Checkpoint, Key, Nominal, PredictedCamera, Sample, Since, Verdict
+from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, propagate_nominal, update
 from uavbench.tracker.fusion.measurements import CameraPose, Measurement
 from uavbench.tracker.fusion.state import ERROR, Estimate, FusionConfig
 from uavbench.tracker.protocol import TrackResult
@@ -95,9 +95,14 @@ class VehicleFilter:
         Intended for a controller, which runs at its own rate. ValueError as `estimate`, and before the first IMU
         sample.
         """
-        state, _, sample = self._at(stamp_ns)
+        before, sample = self._since(stamp_ns)
         if sample is None:
             raise ValueError(f"no IMU sample yet: no angular velocity is known at {stamp_ns}")
+        state = before.state
+        dt = (stamp_ns - before.stamp_ns) * 1e-9
+        if dt > 0:
+            mean = _mean(before.sample, sample)
+            state = propagate_nominal(state, mean.gyro, mean.accel, dt, self._densities)
         return Nominal(state, sample.gyro - state[18:21])
 
     def covariance(self, stamp_ns: int) -> Array:
@@ -127,7 +132,7 @@ class VehicleFilter:
         place = bisect_left(self._keys, key)
         if key.rank == IMU_RANK and place < len(self._keys) and self._keys[place] == key:
             return  # the same sample twice
-        insort(self._keys, key)
+        self._keys.insert(place, key)
         self._events.insert(place, event)
         if key.rank == IMU_RANK:  # measurements after the previous sample used another interpolation
             while place and self._keys[place - 1].rank != IMU_RANK:
@@ -175,9 +180,8 @@ class VehicleFilter:
         dt = (stamp_ns - before.stamp_ns) * 1e-9
         if dt <= 0:
             return Carried(before.state, before.P, reading)
-        first = reading if before.sample is None else before.sample
-        gyro, accel = 0.5 * (first.gyro + reading.gyro), 0.5 * (first.accel + reading.accel)
-        state, P = propagate(before.state, before.P, gyro, accel, dt, self._densities)
+        mean = _mean(before.sample, reading)
+        state, P = propagate(before.state, before.P, mean.gyro, mean.accel, dt, self._densities)
         return Carried(state, P, reading)
 
     def _measured(self, event: Measurement, at: Checkpoint) -> Checkpoint:
@@ -213,24 +217,27 @@ class VehicleFilter:
 
     def _at(self, stamp_ns: int) -> Carried:
         """State, covariance and reading at a stamp."""
+        before, sample = self._since(stamp_ns)
+        return Carried(before.state, before.P, None) if sample is None else self._carried(before, stamp_ns, sample)
+
+    def _since(self, stamp_ns: int) -> Since:
+        """Event and reading from which the state at a stamp follows; ValueError as `estimate`."""
         last = self._last
         if stamp_ns >= last.stamp_ns:
-            if last.sample is None:
-                if stamp_ns > last.stamp_ns:
-                    raise ValueError(f"no IMU sample yet: nothing is known at {stamp_ns}")
-                return Carried(last.state, last.P, None)
-            return self._carried(last, stamp_ns, last.sample)
+            if last.sample is None and stamp_ns > last.stamp_ns:
+                raise ValueError(f"no IMU sample yet: nothing is known at {stamp_ns}")
+            return Since(last, last.sample)
         place = bisect_left(self._keys, Key(stamp_ns + 1, IMU_RANK, 0)) - 1
         before = self._done[place] if place >= 0 else self._base
         if stamp_ns < self._base.stamp_ns:
             raise ValueError(f"{stamp_ns} is older than the history of {self.config.history_s} s")
         after = next(c for c in self._done[place + 1 :] if c.sample is not None)
         if before.sample is None or after.sample is None:
-            return self._carried(before, stamp_ns, after.sample or Sample(np.zeros(3), np.zeros(3)))
+            return Since(before, after.sample or Sample(np.zeros(3), np.zeros(3)))
         share = (stamp_ns - before.stamp_ns) / max(after.stamp_ns - before.stamp_ns, 1)
         gyro = before.sample.gyro + share * (after.sample.gyro - before.sample.gyro)
         reading = Sample(gyro, before.sample.accel + share * (after.sample.accel - before.sample.accel))
-        return self._carried(before, stamp_ns, reading)
+        return Since(before, reading)
 
     def _forget(self) -> None:
         """Drop events older than the history."""
@@ -240,3 +247,10 @@ class VehicleFilter:
             self._past += [c.verdict for c in self._done[:drop] if c.verdict is not None]
             self._base = self._done[drop - 1]
             del self._keys[:drop], self._events[:drop], self._done[:drop]
+
+
+def _mean(first: Sample | None, last: Sample) -> Sample:
+    """Mean of the readings at both ends of an interval; that at its end where there is none before."""
+    if first is None or first is last:
+        return last
+    return Sample(0.5 * (first.gyro + last.gyro), 0.5 * (first.accel + last.accel))

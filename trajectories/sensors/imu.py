@@ -1,5 +1,6 @@
 """Inertial measurement units with the noise model of Kalibr and EuRoC."""
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple
 
@@ -8,7 +9,9 @@ from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.pose import Array, rotation_from_quaternion
+from uavbench.trajectories.geometry.vectors import add, cross, rotate, rotation, subtract, transpose, vector
+from uavbench.trajectories.kernels.compiled import compiled
+from uavbench.trajectories.pose import Array
 from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps, sampled
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
@@ -65,11 +68,11 @@ class Imu:
         return np.column_stack([gyro, accel, *biases])
 
     def _readings(self, flight: Flight, stamps_ns: NDArray[np.int64], noise: Array) -> Array:
-        rates, forces = inertial_ground_truth(flight, np.array(self.offset_m))
-        biases = noise[:, 6:12]
-        readings = sampled(flight, np.hstack([rates, forces]), stamps_ns) + biases + noise[:, 0:6]
-        limits = np.repeat([self.gyro_range_rad_s, self.accel_range_m_s2], 3)
-        return np.hstack([np.clip(readings, -limits, limits), biases])
+        limits = np.array([self.gyro_range_rad_s] * 3 + [self.accel_range_m_s2] * 3)
+        out = noise[:, [6, 7, 8, 9, 10, 11, 6, 7, 8, 9, 10, 11]]
+        readings = sampled(flight, _ideal(flight, np.array(self.offset_m)), stamps_ns) + out[:, 0:6] + noise[:, 0:6]
+        out[:, 0:6] = np.minimum(np.maximum(readings, -limits), limits)
+        return out
 
 
 _NAMES = (("w", "rad_s"), ("a", "m_s2"), ("gyro_bias_", "rad_s"), ("accel_bias_", "m_s2"))
@@ -100,11 +103,37 @@ def inertial_ground_truth(flight: Flight, offset_m: Array) -> InertialGroundTrut
 
     f = R' (a - g) + alpha x r + omega x (omega x r).
     """
-    R = rotation_from_quaternion(flight.quaternions_wxyz)
-    omega, alpha = flight.angular_velocities_rad_s, flight.angular_accelerations_rad_s2
-    gravity = np.array([0.0, 0.0, -GRAVITY_M_S2])
-    force = np.einsum("nji,nj->ni", R, flight.accelerations_m_s2 - gravity)
-    if not offset_m.any():
-        return InertialGroundTruth(omega, force)
-    force = force + np.cross(alpha, offset_m) + np.cross(omega, np.cross(omega, offset_m))
-    return InertialGroundTruth(omega, force)
+    both = _ideal(flight, offset_m)
+    return InertialGroundTruth(both[:, 0:3], both[:, 3:6])
+
+
+def _ideal(flight: Flight, offset_m: Array) -> Array:
+    """Body rates and specific forces (n, 6) of `inertial_ground_truth`."""
+    out = np.empty((len(flight), 6))
+    _fill_ideal(
+        flight.quaternions_wxyz,
+        flight.angular_velocities_rad_s,
+        flight.angular_accelerations_rad_s2,
+        flight.accelerations_m_s2,
+        np.ascontiguousarray(offset_m, dtype=np.float64),
+        out,
+    )
+    return out
+
+
+@compiled("f2~ f2~ f2~ f2~ f1 f2!")
+def _fill_ideal(
+    quaternions: Array, omegas: Array, alphas: Array, accelerations: Array, offset: Array, out: Array
+) -> None:
+    """Fill `_ideal` row by row: the few rows of a reading in flight cost no more than their arithmetic."""
+    r = vector(offset)
+    is_off = r[0] != 0.0 or r[1] != 0.0 or r[2] != 0.0
+    for n in range(len(out)):
+        q, omega = quaternions[n], vector(omegas[n])
+        norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        axes = transpose(rotation(q / norm))
+        force = rotate(axes, subtract(vector(accelerations[n]), (0.0, 0.0, -GRAVITY_M_S2)))
+        if is_off:
+            force = add(add(force, cross(vector(alphas[n]), r)), cross(omega, cross(omega, r)))
+        for k in range(3):
+            out[n, k], out[n, 3 + k] = omega[k], force[k]

@@ -1,0 +1,162 @@
+"""Cost of a flight in closed loop beside that of its frames, and of the filter; processor time of one process.
+
+`pytest bench/speed/test_speed_closed_loop.py --benchmark-only`
+"""
+
+from dataclasses import dataclass, replace
+from time import process_time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uavbench.bench.closed_loop.checks import check_loop
+from uavbench.bench.closed_loop.eye import WayFlown, eye
+from uavbench.bench.closed_loop.flight_notes import Notes
+from uavbench.bench.closed_loop.fly import Loop
+from uavbench.bench.closed_loop.open_loop import OpenLoop
+from uavbench.bench.closed_loop.spec import Pilot
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.config.suite_files import suite_file
+from uavbench.scenes.camera import Camera
+from uavbench.scenes.rendering.camera_simulator import CameraSimulator
+from uavbench.scenes.rendering.radiance import Radiance, encode
+from uavbench.scenes.scene import build_scene
+from uavbench.scenes.spec import SequenceSpec
+from uavbench.scenes.structure import Structure
+from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, update
+from uavbench.tracker.fusion.measurements import CameraPose
+from uavbench.tracker.fusion.state import Estimate, FusionConfig
+from uavbench.tracker.protocol import Image, Run, Tracker, TrackResult
+from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.simulation.flight import begin
+
+FLIGHT_S = 15.0
+"""Duration of the flights: those of the suites cost several times as much in every round."""
+
+
+class Watch:
+    """Processor time spent on the frames of a flight, and on measuring it."""
+
+    def __init__(self) -> None:
+        self.frames_s = self.measuring_s = 0.0
+
+    def around(self, source: CameraSimulator) -> CameraSimulator:
+        """The camera, its images timed; each is encoded once more than in flight, to time that too."""
+
+        def image(stamp_ns: int) -> Radiance | None:
+            start = process_time()
+            light = source.image(stamp_ns)
+            drawn = process_time()
+            if light is not None:
+                encode(light)
+            encoded = process_time()
+            self.frames_s += encoded - start
+            self.measuring_s += encoded - drawn
+            return light
+
+        return replace(source, image=image)
+
+
+@dataclass(frozen=True)
+class Timed:
+    """A tracker whose frames are timed."""
+
+    tracker: Tracker
+    watch: Watch
+
+    def start(self, structure: Structure, camera: Camera, cam_from_world: Pose, rng: np.random.Generator) -> Run:
+        """Start a run."""
+        return TimedRun(self.tracker.start(structure, camera, cam_from_world, rng), self.watch)
+
+
+class TimedRun:
+    """A run of `Timed`."""
+
+    def __init__(self, run: Any, watch: Watch) -> None:
+        self._run, self._watch = run, watch
+        if hasattr(run, "predict"):
+            self.predict = run.predict
+
+    def track(self, image: Image, stamp_ns: int) -> TrackResult:
+        """The run's result."""
+        start = process_time()
+        result: TrackResult = self._run.track(image, stamp_ns)
+        self._watch.frames_s += process_time() - start
+        return result
+
+
+def flown(spec: SequenceSpec, pilot: Pilot) -> float:
+    """Processor time of a flight, by that of rendering and tracking its frames; building the scene counts for neither.
+
+    Both are taken of the same flight, frame by frame, so that other work on the machine weighs on both alike.
+    """
+    watch = Watch()
+    scene = build_scene(spec)
+    started = process_time()
+    notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
+    simulation = begin(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    simulation.warm_up()
+    simulated = process_time() - started
+    with eye(spec, scene, WayFlown(simulation)) as source:
+        timed = replace(pilot, tracker=Timed(pilot.tracker, watch))
+        loop = Loop(spec, timed, scene, simulation, watch.around(source), check_loop(pilot.loop, spec), notes)
+        started = process_time()
+        while notes.ending is None and not simulation.is_over:
+            loop.step()
+        simulated += process_time() - started
+    assert notes.ending is None, notes.ending
+    return (simulated - watch.measuring_s) / watch.frames_s
+
+
+def test_a_flight_against_its_frames(benchmark: Any) -> None:
+    """`robust` on the first flight of `fly-box`, shortened; the median of the rounds is held against the goal."""
+    suite = load_suite(suite_file("fly-box"))
+    spec = suite.sequences[0]
+    path: Any = replace(spec.flight.path, duration_s=FLIGHT_S)  # type: ignore[type-var]
+    spec = replace(spec, flight=replace(spec.flight, path=path))
+    (loop,) = suite.loops.values()
+    pilot = Pilot(label="robust", tracker=suite.trackers["robust"], rate_hz=spec.rate_hz, loop=loop)
+    flown(spec, pilot)
+    times: list[float] = []
+    benchmark.pedantic(lambda: times.append(flown(spec, pilot)), rounds=5)
+    benchmark.extra_info["times_its_frames"] = float(np.median(times))
+
+
+@pytest.fixture(scope="module")
+def config() -> FusionConfig:
+    """The filter's defaults."""
+    return FusionConfig()
+
+
+def begun() -> Estimate:
+    """A state at rest."""
+    return Estimate.at_rest(0, Pose(np.eye(3), np.array([1.0, 2.0, 3.0])), position_m=0.01, attitude_rad=0.01)
+
+
+def covariance_of(estimate: Estimate) -> Array:
+    """Covariance (21, 21) of the filter's error at its start."""
+    P = np.eye(21)
+    P[:15, :15] = estimate.covariance
+    return P
+
+
+def test_a_propagation_of_the_filter(benchmark: Any, config: FusionConfig) -> None:
+    """State and covariance over one interval of an IMU of 200 Hz."""
+    start = begun()
+    gyro, accel = np.array([0.1, -0.2, 0.3]), np.array([0.1, 0.2, 9.8])
+    benchmark(propagate, start.pack(), covariance_of(start), gyro, accel, 0.005, config.densities)
+
+
+def test_an_update_of_the_filter(benchmark: Any, config: FusionConfig) -> None:
+    """A camera pose: its innovation, the test at the gate, and the update."""
+    start = begun()
+    state, P = start.pack(), covariance_of(start)
+    pose = CameraPose.claimed(0, start.world_from_body.inverse(), 1e-4 * np.eye(6), Pose.identity(), config)
+
+    def updated() -> None:
+        found = pose.innovation(state, np.zeros(3))
+        normalized_innovation(P, found.residual, found.H, found.noise)
+        update(state, P, found.residual, found.H, found.noise)
+
+    benchmark(updated)
