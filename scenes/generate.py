@@ -108,7 +108,7 @@ def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, f
 
 
 def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, flight: Flight) -> None:
-    """UserError when a camera comes closer than LEAST_ABOVE_GROUND_M to the ground of a site."""
+    """UserError when a camera comes closer than LEAST_ABOVE_GROUND_M to the ground of a site, or behind a neighbour."""
     if site is None:
         return
     offset_m = camera.mount.cam_from_body.inverse().translation
@@ -121,6 +121,14 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
             f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
             f"{y:.2f}, {z:.2f}) m: the ground there is at {z + under[row] - LEAST_ABOVE_GROUND_M:.2f} m; move the "
             "path, or remove environment.site.embankments"
+        )
+    if (hidden := site.is_hidden(centres)).any():
+        row = int(np.argmax(hidden))
+        x, y, z = centres[row]
+        raise UserError(
+            f"sequence {spec.name}: camera {camera.name}: t = {flight.stamps_ns[row] * 1e-9:.2f} s, at ({x:.2f}, "
+            f"{y:.2f}, {z:.2f}) m: a neighbouring building stands there or before the structure; keep the path nearer, "
+            "or raise environment.site.neighbours_from_m"
         )
 
 

@@ -9,8 +9,24 @@ from numpy.typing import NDArray
 from uavbench.scenes.structure import Indices, Structure
 from uavbench.trajectories.pose import Array, Pose
 
+Streams = Callable[..., np.random.Generator]
+"""The random stream of the given names: see `random_streams.stream`."""
+
 Texture = NDArray[np.uint8]
 """Image RGB or RGBA (h, w, 3 or 4), row 0 at v = 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Water on the ground, as a texture (h, w, 3) that repeats every tile_m metres in the world's x and y.
+
+    Red is the share of damp ground, green that of standing water, which mirrors the scene on ground at z = 0 if any
+    stands.
+    """
+
+    texture: Texture
+    tile_m: float
+    stands: bool = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -22,8 +38,10 @@ class Part:
     0..1, with an alpha mask as its fourth channel; tint (n, 4), per vertex, a factor on the albedo and the visible
     fraction of the lamp; roughness 0.04..1; two_sided for leaves and cloth; lightmap requests baked light in a texture
     of its own (for a parallelogram of two triangles); ripples makes the part level water that mirrors the scene, with
-    slopes (R along x, G along y, zero at 128, RIPPLE_SLOPE per unit); instance is its value in the instance mask
-    (0: obstacles, 1: the structure); name identifies the piece of the structure.
+    slopes (R along x, G along y, zero at 128, RIPPLE_SLOPE per unit); distant parts cast shadows through a map of their
+    own, which leaves that of the others as fine as it is; film wets the part; soil, at soil_uv (n, 2), is a texture of
+    factors on the albedo; instance is its value in the instance mask (0: obstacles, 1:
+    the structure); name identifies the piece of the structure.
     """
 
     vertices: Array
@@ -35,8 +53,12 @@ class Part:
     roughness: float = 0.8
     two_sided: bool = False
     casts_shadow: bool = True
+    distant: bool = False
     lightmap: bool = False
     ripples: Texture | None = None
+    film: Film | None = None
+    soil: Texture | None = None
+    soil_uv: Array | None = None
     name: str = ""
     instance: int = 0
 
@@ -88,12 +110,24 @@ class BuiltStructure:
     road: Roadway | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class CloudShadow:
+    """Light of the lamp that passes the clouds: red of a texture (h, w, 3), 255 for all of it.
+
+    The texture repeats every tile_m metres in the plane across the lamp's direction, and moves at wind_m_s (x, y, z).
+    """
+
+    texture: Texture
+    tile_m: float
+    wind_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class Light:
     """Light of a scene, linear RGB: one distant lamp (the sun) that casts shadows, and hemispherical ambient light.
 
     to_lamp is the direction towards the lamp; shadow_map renders its shadows (otherwise they are baked into the tints);
-    softness_m is the width of the penumbra; haze_per_m the extinction coefficient of the haze.
+    softness_m is the width of the penumbra; haze_per_m the extinction coefficient of the haze; clouds dim the lamp.
     """
 
     to_lamp: tuple[float, float, float]
@@ -104,6 +138,12 @@ class Light:
     softness_m: float = 0.01
     haze_per_m: float = 0.0
     haze_color: tuple[float, float, float] = (0.7, 0.8, 0.9)
+    clouds: CloudShadow | None = None
+
+
+def nowhere(points: Array) -> NDArray[np.bool_]:
+    """Mask (n,) of points (n, 2 or 3) that accepts none."""
+    return np.zeros(len(points), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +152,8 @@ class BuiltSite:
 
     parts are drawn in addition to the environment's; structure replaces the parts of the structure; height maps points
     (n, 2) to the height of the ground, is_free to whether clutter may stand there; shades: the ground too occludes
-    ambient light.
+    ambient light; is_hidden tells of viewpoints (n, 3) whether a neighbouring building contains them or hides the
+    structure from them; clouds cast shadows on all of the scene.
     """
 
     parts: tuple[Part, ...]
@@ -120,6 +161,8 @@ class BuiltSite:
     height: Callable[[Array], Array]
     is_free: Callable[[Array], NDArray[np.bool_]]
     shades: bool = False
+    is_hidden: Callable[[Array], NDArray[np.bool_]] = nowhere
+    clouds: CloudShadow | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,14 +171,14 @@ class BuiltEnvironment:
 
     The panorama is square-root coded. Its columns run from azimuth -180 to 180 degrees (world x is 0), its rows from
     the zenith down. Without textures each part of the structure has the mean colour of its texture. site shapes the
-    ground to the structure, None for level ground.
+    ground to the structure, None for level ground; its second argument is the generator of each stream that it names.
     """
 
     parts: tuple[Part, ...]
     light: Light
     sky: Texture | None = None
     textures: bool = True
-    site: Callable[[BuiltStructure, np.random.Generator], BuiltSite] | None = None
+    site: Callable[[BuiltStructure, Streams], BuiltSite] | None = None
 
 
 @dataclass(frozen=True, eq=False)

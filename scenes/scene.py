@@ -1,7 +1,7 @@
 """A scene built from a spec: structure, environment and clutter, lit and ready to render."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import chain
 from typing import Any
 
@@ -62,10 +62,11 @@ def build_scene(spec: SequenceSpec) -> Scene:
     plainly = not environment.textures
     if plainly:
         built = replace(built, parts=tuple(map(plain, built.parts)))
-    site = None if environment.site is None else environment.site(built, stream(spec.seed, "site"))
+    site = None if environment.site is None else environment.site(built, partial(stream, spec.seed, "site"))
     if site is not None:
         built = replace(built, parts=site.structure)
-        environment = replace(environment, parts=(*site.parts, *environment.parts))
+        sunlight = replace(environment.light, clouds=site.clouds)
+        environment = replace(environment, parts=(*site.parts, *environment.parts), light=sunlight)
     clutter = [_placed(c, bounds, stream(spec.seed, "clutter", i), site) for i, c in enumerate(spec.clutter)]
     solid = (*built.parts, *chain.from_iterable(c.parts for c in clutter))
     hiding = [p for p in solid if not p.cutout]

@@ -17,11 +17,15 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A tileable texture that covers tile_m metres (along u, along v), and the roughness of the surface (0..1)."""
+    """A tileable texture that covers tile_m metres (along u, along v), and the roughness of the surface (0..1).
+
+    No water stands on a surface that soaks it up.
+    """
 
     texture: Texture
     tile_m: tuple[float, float]
     roughness: float = 0.85
+    soaks: bool = False
 
 
 def concrete(rng: np.random.Generator, color: Color = (168.0, 164.0, 156.0), boards: bool = True) -> Material:
@@ -123,7 +127,7 @@ def grass(rng: np.random.Generator) -> Material:
     bare = np.clip((noise.fractal((n, n), 225, rng, octaves=6, gain=0.7) - 1.9) * 1.5, 0, 1)
     image = noise.blend(image, noise.paint((132, 110, 84), 1 + 0.12 * tufts), bare)
     flowers = np.clip(noise.tiling((n, n), 1.9, rng) - 3.6, 0, 0.5) * 2
-    return Material(noise.finish(noise.blend(image, (226, 220, 170), flowers)), (8.0, 8.0), 1.0)
+    return Material(noise.finish(noise.blend(image, (226, 220, 170), flowers)), (8.0, 8.0), 1.0, soaks=True)
 
 
 def gravel(rng: np.random.Generator) -> Material:

@@ -80,13 +80,14 @@ def merged(parts: Iterable[Part]) -> tuple[Part, ...]:
     alike: dict[tuple[object, ...], list[Part]] = {}
     for part in parts:
         key = (id(part.texture), part.roughness, part.two_sided, part.casts_shadow, part.instance, id(part.ripples))
+        further = (part.distant, id(part.film), id(part.soil))
         given = (part.uv is None, part.normals is None, part.tint is None)
-        alike.setdefault((*key, *given, id(part) if part.lightmap else 0), []).append(part)
+        alike.setdefault((*key, *further, *given, id(part) if part.lightmap else 0), []).append(part)
     return tuple(merge(group) for group in alike.values())
 
 
 def merge(parts: Iterable[Part]) -> Part:
-    """Concatenation of parts that share texture and material; each of uv, normals and tint is set in all or none."""
+    """Concatenation of parts that share texture and material; each vertex attribute is set in all or none."""
     several = list(parts)
     vertices, triangles = joined(TriangleMesh(p.vertices, p.triangles) for p in several)
 
@@ -101,4 +102,5 @@ def merge(parts: Iterable[Part]) -> Part:
         uv=stacked("uv"),
         normals=stacked("normals"),
         tint=stacked("tint"),
+        soil_uv=stacked("soil_uv"),
     )

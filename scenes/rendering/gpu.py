@@ -67,8 +67,17 @@ class Mesh:
 
         self._gl, self.part, self.texture, self.lit = GL, part, texture, lit
         positions, normals, uv, tint, indices = _corners(part)
+        soil_uv = part.soil_uv
+        if part.soil_uv is not None and part.normals is None:
+            soil_uv = part.soil_uv[part.triangles.reshape(-1)]
         self.primitive = Primitive(
-            positions=positions, normals=normals, texcoord_0=uv, color_0=tint, indices=indices, mode=GL.GL_TRIANGLES
+            positions=positions,
+            normals=normals,
+            texcoord_0=uv,
+            texcoord_1=soil_uv,  # moves the tint from location 3 to 4
+            color_0=tint,
+            indices=indices,
+            mode=GL.GL_TRIANGLES,
         )
         self.primitive._add_to_context()
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from uavbench.scenes.renderables import Part
 from uavbench.scenes.rendering.gpu import Target
 from uavbench.trajectories.pose import Array
 
@@ -40,14 +41,18 @@ class Mirror:
         GL.glEnable(GL.GL_CLIP_DISTANCE0)
 
     def end(self) -> None:
-        """Restore the state and bind the mirrored image to the third texture unit."""
+        """Restore the state."""
         GL = self._gl
         GL.glFrontFace(GL.GL_CCW)
         GL.glDisable(GL.GL_CLIP_DISTANCE0)
-        GL.glActiveTexture(GL.GL_TEXTURE2)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self.target.texture)
-        GL.glActiveTexture(GL.GL_TEXTURE0)
 
     def delete(self) -> None:
         """Release the GPU resources."""
         self.target.delete()
+
+
+def mirror_level_m(part: Part) -> float | None:
+    """Level of the mirror that a part shows, metres: that of its water, 0 for standing water on the ground."""
+    if part.ripples is not None:
+        return float(part.vertices[0, 2])
+    return 0.0 if part.film is not None and part.film.stands else None

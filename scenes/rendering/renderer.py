@@ -22,13 +22,16 @@ from uavbench.scenes.rendering import shaders
 from uavbench.scenes.rendering.camera_simulator import Geometry
 from uavbench.scenes.rendering.facets import NONE, DrawnPart, Facets
 from uavbench.scenes.rendering.gpu import Mesh, Program, Target, upload
-from uavbench.scenes.rendering.mirror import Mirror
-from uavbench.scenes.rendering.shadows import ShadowMap, split_by_lamp
+from uavbench.scenes.rendering.lighting import Lighting
+from uavbench.scenes.rendering.mirror import Mirror, mirror_level_m
+from uavbench.scenes.rendering.shadows import split_by_lamp
 from uavbench.trajectories.pose import Array, Pose
 
 GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 SAMPLES = 4
 NEAR_M, FAR_M = 0.05, 2000.0
+MIRROR_UNIT, FILM_UNIT, SOIL_UNIT = 2, 5, 6
+"""Texture units of a mirrored image, wet ground and dirt; `lighting` has further ones, unit 0 is the surface's."""
 WHITE: Texture = np.full((1, 1, 3), 255, dtype=np.uint8)
 
 
@@ -59,31 +62,19 @@ class Renderer:
         boxes = [(p.vertices.min(axis=0), p.vertices.max(axis=0)) for p in parts]
         self._boxes = np.array(boxes).reshape(-1, 2, 3)
         self._sky = None if sky is None else self._texture(sky, mipmap=False)
-        self._light = light
         self._samples = Target(GL, width, height, SAMPLES, GL.GL_RGBA8)
         self._plain = Target(GL, width, height, 0, GL.GL_RGBA8)
         self._floats = Target(GL, width, height, 0, GL.GL_RG32F)
         self._no_vertices = GL.glGenVertexArrays(1)
-        haze, shadow = ["HAZE"] * (light.haze_per_m > 0), ["SHADOW_MAP"] * light.shadow_map
-        self._surface = {
-            True: self._programs(shaders.SURFACE, "LAMP", *shadow, *haze),
-            False: self._programs(shaders.SURFACE, *haze),
-        }
-        levels = [float(mesh.part.vertices[0, 2]) for mesh, _ in self._meshes if mesh.part.ripples is not None]
-        self._mirror = Mirror(GL, width, height, levels[0]) if levels else None
-        if self._mirror is not None:
-            self._mirrored = {
-                True: self._programs(shaders.SURFACE, "LAMP", "MIRRORED", *shadow, *haze),
-                False: self._programs(shaders.SURFACE, "MIRRORED", *haze),
-            }
-            self._water = self._programs(shaders.WATER, *haze)
-        self._geometry = self._programs(shaders.GEOMETRY)
         self._depth = self._programs(shaders.DEPTH)
+        self._light = Lighting(GL, light, [mesh for mesh, mover in self._meshes if mover is None], self._depth)
+        levels = sorted({level for mesh, _ in self._meshes if (level := mirror_level_m(mesh.part)) is not None})
+        self._mirrors = {level: Mirror(GL, width, height, level) for level in levels}
+        self._lit = {look: self._programs(*look) for look in sorted(self._looks(bool(levels)))}
+        self._geometry = self._programs(shaders.GEOMETRY)
         self._sky_program = Program(GL, shaders.SKY_VERTEX, shaders.SKY)
         self._resolve = Program(GL, shaders.WHOLE_IMAGE, shaders.RESOLVE)
-        still = [mesh for mesh, mover in self._meshes if mover is None]
-        self._shadow = ShadowMap(GL, light, still, self._depth) if light.shadow_map else None
-        for program in self._lit_programs():
+        for program in chain.from_iterable(self._lit.values()):
             self._set_light(program)
 
     def __enter__(self) -> Self:
@@ -97,14 +88,14 @@ class Renderer:
         GL = self._gl
         view_projection = _projection(camera) @ GL_FROM_CV @ cam_from_world.matrix
         eye = cam_from_world.inverse().translation
-        if (mirror := self._mirror) is not None:
+        for mirror in self._mirrors.values():
             self._begin(mirror.target, (mirror.width, mirror.height))
             mirror.begin()
-            self._draw(self._mirrored, view_projection @ mirror.turned_over, mirror.eye(eye), time_s)
+            self._draw(view_projection @ mirror.turned_over, mirror.eye(eye), time_s, mirror)
             mirror.end()
         self._begin(self._samples)
         GL.glEnable(GL.GL_MULTISAMPLE)
-        self._draw(self._surface, view_projection, eye, time_s)
+        self._draw(view_projection, eye, time_s)
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._plain.id)
         GL.glDisable(GL.GL_DEPTH_TEST)
         self._resolve.use()
@@ -114,27 +105,24 @@ class Renderer:
         self._read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, image)
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
 
-    def _draw(
-        self, surface: dict[bool, tuple[Program, Program]], view_projection: Array, eye: Array, time_s: float
-    ) -> None:
-        """Draw all meshes with these programs, then the sky; water has its own program and is not mirrored."""
+    def _draw(self, view_projection: Array, eye: Array, time_s: float, into: Mirror | None = None) -> None:
+        """Draw all meshes, then the sky, into a mirror or the image; water is not mirrored."""
         GL = self._gl
-        programs = [*surface[True], *surface[False]]
-        if self._mirror is not None and surface is self._surface:
-            programs.append(self._water[0])
-        for program in programs:
+        drawn = [look for look in self._lit if ("MIRRORED" in look) == (into is not None)]
+        for program in chain.from_iterable(self._lit[look] for look in drawn):
             program.use()
+            if into is not None:
+                program.number("water_level", into.level_m)
             program.matrix("view_projection", view_projection)
             program.vector("eye", eye)
-        if self._shadow is not None:
-            GL.glActiveTexture(GL.GL_TEXTURE1)
-            GL.glBindTexture(GL.GL_TEXTURE_2D, self._shadow.texture)
-            GL.glActiveTexture(GL.GL_TEXTURE0)
+            self._light.move(program, time_s)
+        self._light.bind()
         for mesh, mover in self._meshes:
-            if mesh.part.ripples is not None and surface is not self._surface:
+            if mesh.part.ripples is not None and into is not None:
                 continue
-            program = surface[mesh.lit][mesh.cutout] if mesh.part.ripples is None else self._water[0]
+            program = self._lit[self._look(mesh, into is not None)][mesh.cutout]
             program.use()
+            self._bind(mesh.part, program, into is not None)
             program.matrix("model", np.eye(4) if mover is None else mover.world_from_part(time_s).matrix)
             program.number("roughness", mesh.part.roughness)
             mesh.draw()
@@ -217,13 +205,13 @@ class Renderer:
             mesh.primitive.delete()
         for target in (self._samples, self._plain, self._floats):
             target.delete()
-        for extra in (self._shadow, self._mirror):
-            if extra is not None:
-                extra.delete()
+        self._light.delete()
+        for mirror in self._mirrors.values():
+            mirror.delete()
         if self._textures:
             GL.glDeleteTextures(list(self._textures.values()))
         GL.glDeleteVertexArrays(1, [self._no_vertices])
-        pairs = [tuple(self._lit_programs()), self._geometry, self._depth, (self._sky_program, self._resolve)]
+        pairs = [*self._lit.values(), self._geometry, self._depth, (self._sky_program, self._resolve)]
         if "_facet_programs" in self.__dict__:
             pairs.append(self._facet_programs)
         for program in chain.from_iterable(pairs):
@@ -249,31 +237,47 @@ class Renderer:
         solid = Program(self._gl, vertex, shaders.with_switches(fragment, *switches))
         return solid, Program(self._gl, vertex, shaders.with_switches(fragment, *switches, "CUTOUT"))
 
-    def _lit_programs(self) -> list[Program]:
-        """All programs with light uniforms."""
-        sets = [self._surface] if self._mirror is None else [self._surface, self._mirrored]
-        water = [] if self._mirror is None else [*self._water]
-        return [*chain.from_iterable(chain.from_iterable(each.values()) for each in sets), *water]
+    def _looks(self, mirrored: bool) -> set[tuple[str, ...]]:
+        """Fragment shader and switches of every lit program that the meshes need."""
+        meshes = [mesh for mesh, _ in self._meshes]
+        looks = {self._look(mesh, False) for mesh in meshes}
+        return looks | {self._look(mesh, True) for mesh in meshes if mirrored and mesh.part.ripples is None}
+
+    def _look(self, mesh: Mesh, mirrored: bool) -> tuple[str, ...]:
+        part, light = mesh.part, self._light
+        if part.ripples is not None:
+            return (shaders.WATER, *light.haze, *light.clouds)
+        switches = [*(("LAMP", *light.switches) if mesh.lit else light.haze)]
+        switches += ["SOIL"] * (part.soil is not None) + ["FILM"] * (part.film is not None)
+        switches += ["STANDING"] * (mirror_level_m(part) is not None and not mirrored) + ["MIRRORED"] * mirrored
+        return (shaders.SURFACE, *switches)
+
+    def _bind(self, part: Part, program: Program, mirrored: bool) -> None:
+        """Bind the textures of a part besides its surface."""
+        level, film = mirror_level_m(part), part.film
+        if level is not None and not mirrored:
+            self._bind_to(MIRROR_UNIT, self._mirrors[level].target.texture)
+        if film is not None:
+            self._bind_to(FILM_UNIT, self._texture(film.texture))
+            program.number("film_per_m", 1 / film.tile_m)
+        if part.soil is not None:
+            self._bind_to(SOIL_UNIT, self._texture(part.soil))
+        self._gl.glActiveTexture(self._gl.GL_TEXTURE0)
+
+    def _bind_to(self, unit: int, texture: int) -> None:
+        self._gl.glActiveTexture(self._gl.GL_TEXTURE0 + unit)
+        self._gl.glBindTexture(self._gl.GL_TEXTURE_2D, texture)
 
     def _set_light(self, program: Program) -> None:
-        light = self._light
-        program.use()
-        if self._mirror is not None:
-            program.integer("mirror", 2)
-            program.number("water_level", self._mirror.level_m)
-            program.pair("size", (float(self.width), float(self.height)))
-        program.integer("surface", 0)
-        program.integer("shadow_map", 1)
-        program.vector("to_lamp", np.array(light.to_lamp) / np.linalg.norm(light.to_lamp))
-        for name in ("lamp", "above", "below", "haze_color"):
-            program.vector(name, np.array(getattr(light, name)))
-        program.number("haze", light.haze_per_m)
-        if self._shadow is not None:
-            program.matrix("shadow_from_world", self._shadow.matrix)
-            program.number("shadow_texel", self._shadow.texel_m)
-            program.number("shadow_spread", self._shadow.spread)
+        self._light.set(program)
+        program.pair("size", (float(self.width), float(self.height)))
+        for name, unit in (("surface", 0), ("mirror", MIRROR_UNIT), ("film", FILM_UNIT), ("soil", SOIL_UNIT)):
+            program.integer(name, unit)
 
     def _mesh(self, part: Part, lit: bool) -> Mesh:
+        for image in (part.film.texture if part.film is not None else None, part.soil):
+            if image is not None:
+                self._texture(image)  # uploads it
         return Mesh(self._gl, part, self._texture(part.texture if part.ripples is None else part.ripples), lit)
 
     def _texture(self, source: Texture | None, mipmap: bool = True) -> int:

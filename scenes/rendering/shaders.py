@@ -4,12 +4,20 @@ Shading is linear; images are square-root coded, so that 8 bits suffice. The res
 flips rows to start from the top, and swaps channels to BGR, so that the read-back needs no further conversion.
 """
 
+import math
+
 VERTEX = """#version 330 core
 SWITCHES
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 uv;
+#ifdef SOIL
+layout(location = 3) in vec2 soil_uv;
+layout(location = 4) in vec4 tint;
+out vec2 on_soil;
+#else
 layout(location = 3) in vec4 tint;
+#endif
 uniform mat4 model, view_projection;
 out vec3 at, facing;
 out vec4 shade;
@@ -20,6 +28,11 @@ uniform mat4 shadow_from_world;
 uniform vec3 to_lamp;
 uniform float shadow_texel;
 #endif
+#ifdef FAR_SHADOW_MAP
+out vec3 in_far_map;
+uniform mat4 far_from_world;
+uniform float far_texel;
+#endif
 #ifdef MIRRORED
 uniform float water_level;
 #endif
@@ -29,15 +42,31 @@ void main() {
     facing = mat3(model) * normal;
     shade = tint;
     st = uv;
+#ifdef SOIL
+    on_soil = soil_uv;
+#endif
 #ifdef SHADOW_MAP
     vec3 off = normalize(facing) * sign(dot(facing, to_lamp)) * 3.0 * shadow_texel;  // to the side that the lamp sees
     in_shadow_map = (shadow_from_world * vec4(at + off, 1.0)).xyz * 0.5 + 0.5;
+#endif
+#ifdef FAR_SHADOW_MAP
+    in_far_map = (far_from_world * vec4(at + off * far_texel / shadow_texel, 1.0)).xyz * 0.5 + 0.5;
 #endif
     gl_Position = view_projection * world;
 #ifdef MIRRORED
     gl_ClipDistance[0] = world.z - water_level;
 #endif
 }
+"""
+
+CLOUD_SHADOW = """#ifdef CLOUDS
+uniform sampler2D clouds;
+uniform vec3 cloud_u, cloud_v;
+uniform vec2 cloud_shift;
+float passes_clouds(vec3 p) { return texture(clouds, vec2(dot(p, cloud_u), dot(p, cloud_v)) + cloud_shift).r; }
+#else
+float passes_clouds(vec3 p) { return 1.0; }
+#endif
 """
 
 SURFACE = """#version 330 core
@@ -55,21 +84,56 @@ uniform sampler2DShadow shadow_map;
 uniform float shadow_spread;
 #endif
 
+#ifdef FAR_SHADOW_MAP
+in vec3 in_far_map;
+uniform sampler2DShadow far_map;
+uniform float far_spread;
+#endif
+
+CLOUD_SHADOW
 #ifdef SHADOW_MAP
-float lit() {
-    vec3 q = in_shadow_map;
+float passes(sampler2DShadow map, vec3 q, float spread) {
     if (any(lessThan(q, vec3(0.0))) || any(greaterThan(q, vec3(1.0)))) return 1.0;
-    vec2 s = vec2(shadow_spread, 0.4 * shadow_spread);
-    return 0.5 * (texture(shadow_map, vec3(q.xy + s, q.z)) + texture(shadow_map, vec3(q.xy - s, q.z)));
+    vec2 s = vec2(spread, 0.4 * spread);
+    return 0.5 * (texture(map, vec3(q.xy + s, q.z)) + texture(map, vec3(q.xy - s, q.z)));
+}
+float lit() {
+    float share = passes(shadow_map, in_shadow_map, shadow_spread);
+#ifdef FAR_SHADOW_MAP
+    share *= passes(far_map, in_far_map, far_spread);
+#endif
+    return share * passes_clouds(at);
 }
 #else
 float lit() { return 1.0; }
+#endif
+
+#ifdef FILM
+uniform sampler2D film;
+uniform float film_per_m;
+#endif
+#ifdef STANDING
+uniform sampler2D mirror;
+uniform vec2 size;
+#endif
+#ifdef SOIL
+in vec2 on_soil;
+uniform sampler2D soil;
 #endif
 
 void main() {
     vec4 texel = texture(surface, st);
 #ifdef CUTOUT
     if (texel.a < 0.5) discard;
+#endif
+    vec3 albedo = texel.rgb * texel.rgb;
+#ifdef FILM
+    vec2 water = texture(film, at.xy * film_per_m).rg;
+    vec3 wet = albedo * (WET_GAIN / (1.0 - WET_INNER * albedo));  // Lekner & Dorf 1988
+    albedo = mix(albedo, wet, water.r);
+#endif
+#ifdef SOIL
+    albedo *= texture(soil, on_soil).rgb;
 #endif
     vec3 n = normalize(facing);
     vec3 to_eye = eye - at;
@@ -78,7 +142,7 @@ void main() {
     if (!gl_FrontFacing) n = -n;
     float aside = 0.25 * dot(n.xy, to_lamp.xy) + 0.10 * dot(n.xy, vec2(-to_lamp.y, to_lamp.x));
     vec3 light = mix(below, above, 0.5 + 0.5 * n.z) * (1.0 + aside);  // the sky is brighter about the lamp
-    vec3 seen = texel.rgb * texel.rgb * shade.rgb;
+    vec3 seen = albedo * shade.rgb;
 #ifdef LAMP
     float slope = dot(n, to_lamp);
     if (slope > 0.0) {
@@ -92,6 +156,14 @@ void main() {
     }
 #else
     seen *= light;
+#endif
+#ifdef STANDING
+    float stands = abs(at.z) < 0.05 ? water.g : 0.0;
+    if (stands > 0.0) {
+        vec3 over = texture(mirror, gl_FragCoord.xy / size).rgb;
+        float mirrored = 0.02 + 0.98 * pow(1.0 - clamp(to_eye.z, 0.0, 1.0), 5.0);  // Schlick 1994, of an index of 1.33
+        seen = mix(seen, over * over, stands * mirrored);
+    }
 #endif
 #ifdef HAZE
     seen = mix(haze_color, seen, exp(-haze * away));
@@ -111,6 +183,7 @@ uniform mat4 view_projection;
 uniform vec3 eye, to_lamp, lamp, above, below, haze_color;
 uniform float roughness, haze;
 uniform vec2 size;
+CLOUD_SHADOW
 void main() {
     vec2 slope = (texture(surface, st).rg * 255.0 - 128.0) * RIPPLE_SLOPE;
     vec3 n = normalize(vec3(-slope, 1.0));
@@ -126,8 +199,10 @@ void main() {
     float h = max(dot(n, normalize(to_lamp + to_eye)), 0.0);
     float width = roughness * roughness * roughness * roughness;
     float d = h * h * (width - 1.0) + 1.0;
-    vec3 glint = min(lamp * shade.a * mirrored * 0.25 * width / (d * d), vec3(4.0));
-    vec3 light = mix(shade.rgb * (above + lamp * max(to_lamp.z, 0.0) * shade.a), seen * seen, mirrored) + glint;
+    float passed = passes_clouds(at);
+    vec3 glint = min(lamp * passed * shade.a * mirrored * 0.25 * width / (d * d), vec3(4.0));
+    vec3 body = shade.rgb * (above + lamp * max(to_lamp.z, 0.0) * shade.a * passed);
+    vec3 light = mix(body, seen * seen, mirrored) + glint;
 #ifdef HAZE
     light = mix(haze_color, light, exp(-haze * away));
 #endif
@@ -220,11 +295,32 @@ void main() {
 
 RIPPLE_SLOPE = 0.004
 """Slope per unit of a ripple texture: 8 bits cover +-0.5."""
+WATER_INDEX = 1.33
+
+
+def diffuse_reflectance(index: float) -> float:
+    """Reflectance of a smooth surface of a refractive index for isotropic light (Lekner & Dorf 1988)."""
+    n2, n4 = index**2, index**4
+    return (
+        (3 * n2 + 2 * index + 1) / (3 * (index + 1) ** 2)
+        - 2 * index * n2 * (n2 + 2 * index - 1) / ((n2 + 1) * (n4 - 1))
+        + n2 * (n2 + 1) / (n2 - 1) ** 2 * math.log(index)
+        - n2 * (n2 - 1) ** 2 / (n2 + 1) ** 3 * math.log(index * (index + 1) / (index - 1))
+    )
+
+
+WET_INNER = 1 - (1 - diffuse_reflectance(WATER_INDEX)) / WATER_INDEX**2
+"""Share of the light from rough ground that its film of water reflects back down (Lekner & Dorf 1988)."""
+WET_GAIN = (1 - ((WATER_INDEX - 1) / (WATER_INDEX + 1)) ** 2) * (1 - WET_INNER)
+"""Light that enters the film at normal incidence times the share that leaves it: wet albedo is
+WET_GAIN * dry / (1 - WET_INNER * dry)."""
 NEARER = 0.6
 """Fraction of the reflection's shift by ripples that applies to infinity: most of what a river mirrors is near."""
 
 
 def with_switches(source: str, *switches: str) -> str:
     """The source with these preprocessor macros defined."""
+    source = source.replace("CLOUD_SHADOW", CLOUD_SHADOW)
+    source = source.replace("WET_GAIN", f"{WET_GAIN:.6f}").replace("WET_INNER", f"{WET_INNER:.6f}")
     source = source.replace("RIPPLE_SLOPE", str(RIPPLE_SLOPE)).replace("NEARER", str(NEARER))
     return source.replace("SWITCHES", "\n".join(f"#define {name}" for name in switches))

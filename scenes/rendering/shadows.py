@@ -36,12 +36,20 @@ def split_by_lamp(part: Part, light: Light) -> list[HalfPart]:
 
 
 class ShadowMap:
-    """Depth map of the static, shadow-casting parts from the view of the lamp, rendered once."""
+    """Depth map of the static, shadow-casting parts from the view of the lamp, rendered once.
 
-    def __init__(self, GL: Any, light: Light, meshes: list[Mesh], programs: tuple[Program, Program]) -> None:
+    to_ground: it reaches to the shadows' far ends on z = 0, which lie deeper than the parts when the lamp is low.
+    """
+
+    def __init__(
+        self, GL: Any, light: Light, meshes: list[Mesh], programs: tuple[Program, Program], to_ground: bool = False
+    ) -> None:
         self._gl = GL
         casting = [mesh for mesh in meshes if mesh.part.casts_shadow]
         points = np.concatenate([mesh.part.vertices for mesh in casting]) if casting else np.zeros((1, 3))
+        if to_ground:
+            way = np.array(light.to_lamp)
+            points = np.concatenate([points, points - points[:, 2:] / way[2] * way])
         self.matrix, half = _lamp_view(points, np.array(light.to_lamp))
         self.texel_m = float(2 * max(half[:2]) / SHADOW_SIZE)
         self.spread = float(np.clip(light.softness_m * SHADOW_SIZE / (2 * max(half[:2])), 0.7, 1.2)) / SHADOW_SIZE
@@ -78,12 +86,17 @@ class ShadowMap:
         self._gl.glDeleteFramebuffers(1, [self._target])
 
 
-def _lamp_view(points: Array, to_lamp: Array) -> tuple[Array, Array]:
-    """Orthographic `clip_from_world` (4, 4) of a distant lamp covering all points, and half extents (3,) in metres."""
+def lamp_axes(to_lamp: Array) -> Array:
+    """Orthonormal axes (3, 3) as rows: level and upwards in the plane across the lamp's direction, and towards it."""
     forward = -to_lamp / np.linalg.norm(to_lamp)
     side = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.99 else [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)
-    axes = np.array([side, np.cross(side, forward), -forward])
+    return np.array([side, np.cross(side, forward), -forward])
+
+
+def _lamp_view(points: Array, to_lamp: Array) -> tuple[Array, Array]:
+    """Orthographic `clip_from_world` (4, 4) of a distant lamp covering all points, and half extents (3,) in metres."""
+    axes = lamp_axes(to_lamp)
     local = points @ axes.T
     low, high = local.min(axis=0), local.max(axis=0)
     half = (high - low) / 2 * 1.02 + 0.01

@@ -1,13 +1,13 @@
 """Roads with markings, meshed as adjacent strips of asphalt and paint."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.meshes import grid, merge
-from uavbench.scenes.renderables import Part, Texture
+from uavbench.scenes.renderables import Part, Roadway, Texture
 from uavbench.trajectories.pose import Array
 
 LINE_M = 0.15
@@ -86,3 +86,32 @@ class Carriageway:
                 )
             )
         return merge(parts)
+
+
+def paint() -> Texture:
+    """The texture of worn white markings."""
+    return np.full((1, 1, 3), round(255 * PAINT_ALBEDO**0.5), dtype=np.uint8)
+
+
+def marked(parts: tuple[Part, ...], road: Roadway, asphalt: Material) -> tuple[Part, ...]:
+    """The structure with the upper face of its road, as built, replaced by one with markings."""
+    out: list[Part] = []
+    for part in parts:
+        if part.name != "road" or part.normals is None:
+            out.append(part)
+            continue
+        top = (part.normals[part.triangles][:, :, 2] > 0.9).all(axis=1)
+        seen = part.vertices[part.triangles[top]].reshape(-1, 3)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        lane = Carriageway(
+            start_m=float(low[0]),
+            end_m=float(high[0]),
+            half_m=float(high[1] - low[1]) / 2,
+            level_m=float(high[2]),
+            instance=part.instance,
+            name=part.name,
+        )
+        shift = np.array([0.0, (low[1] + high[1]) / 2, 0.0])
+        out.append(replace(part, triangles=part.triangles[~top]))
+        out += [replace(p, vertices=p.vertices + shift) for p in lane.parts(asphalt, paint(), marked=True)]
+    return tuple(out)

@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 from uavbench.scenes.materials import painted as materials
 from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.solids import block, covered, prism, subdivided
-from uavbench.scenes.renderables import BuiltSite, BuiltStructure, Part, Roadway
+from uavbench.scenes.renderables import BuiltSite, BuiltStructure, Part, Roadway, Streams
 from uavbench.scenes.site import plants, water
-from uavbench.scenes.site.roads import PAINT_ALBEDO, Carriageway
+from uavbench.scenes.site.clouds import cloud_shadow
+from uavbench.scenes.site.dirt import dirtied
+from uavbench.scenes.site.film import film
+from uavbench.scenes.site.neighbours import neighbours
+from uavbench.scenes.site.roads import Carriageway, marked, paint
 from uavbench.scenes.site.terrain import BANK_SLOPE, BED_M, FAR_M, GRASSED_M, SHOULDER_M, Course, Embankment, Terrain
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array
@@ -44,8 +48,11 @@ class Site:
     beneath: what passes under the structure along y, a river WATER_M below its banks or a road with markings;
     embankments carry the structure's road up to both ends; markings are painted on that road; plants is the density of
     grass along footprints and reeds along water (0: none, 1: an unmaintained site); contact_shadows bakes ambient
-    occlusion near the ground on a finer mesh. A site is not part of the structure's model: its value in the instance
-    mask is 0, that of plants 2.
+    occlusion near the ground on a finer mesh; neighbours is the number of buildings around the structure, at least
+    neighbours_from_m metres from its bounds; cloud_shadow is the share of the sun's beam in the shadow of clouds of
+    cloud_size_m metres, which drift at wind_m_s; wet is the share of the ground that is wet; dirt soils the
+    structure's facades (0: clean, 1: never cleaned). A site is not part of the structure's model: its value in the
+    instance mask is 0, that of plants 2.
     """
 
     beneath: Literal["ground", "river", "road"] = "ground"
@@ -53,14 +60,24 @@ class Site:
     markings: bool = False
     plants: Annotated[float, Interval(ge=0, le=5)] = 0.0
     contact_shadows: bool = False
+    neighbours: Annotated[int, Interval(ge=0, le=40)] = 0
+    neighbours_from_m: Annotated[float, Interval(ge=5, le=60)] = 25.0
+    cloud_shadow: Annotated[float, Interval(ge=0, le=1)] = 0.0
+    cloud_size_m: Annotated[float, Interval(ge=10, le=2000)] = 150.0
+    wind_m_s: Annotated[float, Interval(ge=0, le=40)] = 0.0
+    wet: Annotated[float, Interval(ge=0, le=1)] = 0.0
+    dirt: Annotated[float, Interval(ge=0, le=1)] = 0.0
 
-    def build(self, ground: Material, built: BuiltStructure, rng: np.random.Generator) -> BuiltSite:
+    def build(self, ground: Material, built: BuiltStructure, streams: Streams) -> BuiltSite:
         """The site around a structure; ground is the material of the level ground.
 
-        UserError when embankments or markings are set for a structure without a road, or no road fits beneath it.
+        Neighbours, clouds, water and dirt have random streams of their own: adding one leaves the others as they are.
+        UserError when embankments or markings are set for a structure without a road, or no road fits beneath it, or
+        there is no room for the neighbours.
         """
         if (self.embankments or self.markings) and built.road is None:
             raise UserError("environment.site: embankments and markings need a structure that carries a road: a bridge")
+        rng = streams()
         terrain = self._terrain(built, rng)
         bounds = built.structure.bounds
         shared = _Shared(ground, materials.gravel(rng), materials.asphalt(rng), materials.concrete(rng))
@@ -71,14 +88,33 @@ class Site:
             parts += _road_beneath(terrain.course, shared.asphalt)
         structure = built.parts
         if built.road is not None and self.markings:
-            structure = _marked(structure, built.road, shared.asphalt)
+            structure = marked(structure, built.road, shared.asphalt)
         if built.road is not None and self.embankments:
             parts += self._approaches(built.road, bounds, shared)
         if self.plants > 0:
             parts += _plants(terrain, self.plants, rng)
         if self.contact_shadows:
             structure = tuple(_cut_low(part) for part in structure)
-        return BuiltSite(tuple(parts), structure, terrain.height, terrain.is_free, self.contact_shadows)
+        if self.wet > 0:
+            parts = _wetted(parts, shared, self.wet, streams("water"))
+        if self.dirt > 0:
+            structure = dirtied(structure, self.dirt, streams("dirt"))
+        site = BuiltSite(tuple(parts), structure, terrain.height, terrain.is_free, self.contact_shadows)
+        if self.cloud_shadow > 0:
+            clouds = cloud_shadow(self.cloud_shadow, self.cloud_size_m, self.wind_m_s, streams("clouds"))
+            site = replace(site, clouds=clouds)
+        return site if self.neighbours == 0 else self._with_neighbours(site, terrain, built.road, streams("neighbours"))
+
+    def _with_neighbours(
+        self, site: BuiltSite, terrain: Terrain, road: Roadway | None, rng: np.random.Generator
+    ) -> BuiltSite:
+        beside = neighbours(self.neighbours, self.neighbours_from_m, terrain, road, rng)
+        return replace(
+            site,
+            parts=(*site.parts, *beside.parts),
+            is_free=lambda points: terrain.is_free(points) & ~beside.covers(points),
+            is_hidden=beside.hides,
+        )
 
     def _terrain(self, built: BuiltStructure, rng: np.random.Generator) -> Terrain:
         feet = _feet(built.parts)
@@ -109,7 +145,7 @@ class Site:
         parts: list[Part] = []
         wide = float(np.abs(bounds[:, 1]).max())
         start = Embankment.of(road).start_m
-        paint = _paint()
+        white = paint()
         for side in (-1, 1):
             begin = sorted((side * road.half_length_m, side * (start + 0.5)))
             inner = road.half_width_m - 0.02
@@ -124,7 +160,7 @@ class Site:
                     parts.append(covered(wall, 0))
             way = sorted((side * road.half_length_m, side * 170.0))
             lane = Carriageway(start_m=way[0], end_m=way[1], half_m=road.half_width_m, level_m=road.level_m)
-            parts += lane.parts(shared.asphalt, paint, self.markings)
+            parts += lane.parts(shared.asphalt, white, self.markings)
         return parts
 
 
@@ -222,42 +258,29 @@ def _plinths(built: BuiltStructure, terrain: Terrain, concrete: Material) -> lis
     return out
 
 
-def _paint() -> NDArray[np.uint8]:
-    return np.full((1, 1, 3), round(255 * PAINT_ALBEDO**0.5), dtype=np.uint8)
-
-
 def _road_beneath(course: Course, asphalt: Material) -> list[Part]:
     """A road along y that extends beyond the rim of hills."""
     way = Carriageway(start_m=-FAR_M / 6, end_m=FAR_M / 6, half_m=course.half_m, level_m=0.0)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return [
         replace(part, vertices=part.vertices @ turn.T + [course.centre_m, 0.0, 0.0])
-        for part in way.parts(asphalt, _paint(), marked=True)
+        for part in way.parts(asphalt, paint(), marked=True)
     ]
 
 
-def _marked(parts: tuple[Part, ...], road: Roadway, asphalt: Material) -> tuple[Part, ...]:
-    """The structure with the upper face of its road, as built, replaced by one with markings."""
-    out: list[Part] = []
+def _wetted(parts: list[Part], shared: _Shared, share: float, rng: np.random.Generator) -> list[Part]:
+    """The parts with water on the ground and the roads, but for the markings; it stands on level, hard ground only."""
+    standing = film(share, rng)
+    sinking = replace(standing, stands=False)
+    soaks = {id(shared.ground.texture): shared.ground.soaks, id(shared.gravel.texture): False}
+    soaks |= {id(shared.asphalt.texture): False}
+    out = []
     for part in parts:
-        if part.name != "road" or part.normals is None:
-            out.append(part)
-            continue
-        top = (part.normals[part.triangles][:, :, 2] > 0.9).all(axis=1)
-        seen = part.vertices[part.triangles[top]].reshape(-1, 3)
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        lane = Carriageway(
-            start_m=float(low[0]),
-            end_m=float(high[0]),
-            half_m=float(high[1] - low[1]) / 2,
-            level_m=float(high[2]),
-            instance=part.instance,
-            name=part.name,
-        )
-        shift = np.array([0.0, (low[1] + high[1]) / 2, 0.0])
-        out.append(replace(part, triangles=part.triangles[~top]))
-        out += [replace(p, vertices=p.vertices + shift) for p in lane.parts(asphalt, _paint(), marked=True)]
-    return tuple(out)
+        if id(part.texture) in soaks:
+            level = bool((np.abs(part.vertices[:, 2]) < 0.01).any())
+            part = replace(part, film=standing if level and not soaks[id(part.texture)] else sinking)
+        out.append(part)
+    return out
 
 
 def _plants(terrain: Terrain, density: float, rng: np.random.Generator) -> list[Part]:

@@ -1,12 +1,13 @@
 """A small building: four facades with windows, a door, a flat roof with a parapet and a plant room."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Gt, Interval
 
 from uavbench.scenes.materials import painted as materials
+from uavbench.scenes.materials.painted import Material
 from uavbench.scenes.primitives.solids import Solid, block, cells, cover_all, structure_of
 from uavbench.scenes.renderables import BuiltStructure, Part
 from uavbench.scenes.structures import facade
@@ -14,6 +15,13 @@ from uavbench.scenes.structures.facade import COPING_M, OVERHANG_M, REVEAL_M, Op
 
 PARAPET_M = (0.35, 0.9)
 """Thickness and height of the parapet, metres."""
+
+
+class Raised(NamedTuple):
+    """A building's solids, and the textured panels in its openings."""
+
+    solids: list[Solid]
+    panels: list[Part]
 
 
 @dataclass(frozen=True)
@@ -31,6 +39,12 @@ class Building:
         """The building, centred on the origin."""
         surface = materials.PAINTS[self.surface](rng)
         stone = materials.concrete(rng, (186.0, 182.0, 172.0), boards=False)
+        looks = facade.window_and_door_looks(rng)
+        solids, panels = self.raised(surface, stone, looks, rng)
+        return BuiltStructure(structure_of(solids), (*cover_all(solids), *panels))
+
+    def raised(self, surface: Material, stone: Material, looks: list[Material], rng: np.random.Generator) -> Raised:
+        """The building in given materials; looks are those of windows, the last one that of the door."""
         z = self.height_m
         side_bays = max(1, round(self.bays * self.width_m / self.length_m))
         front = facade.openings(self.length_m, z, self.bays, self.storeys, door_bay=self.bays // 2)
@@ -41,12 +55,12 @@ class Building:
             self._body(front, back, side, surface),
             block((-plant, -0.5 * plant, z), (0.2 * plant, 0.7 * plant, z + 2.2), stone, "plant room"),
         ]
-        looks, painted = facade.window_and_door_looks(rng), list[Part]()
+        painted = list[Part]()
         for face, holes, beyond in zip(self._sides(), (front, side, back, side), (OVERHANG_M, 0.0) * 2, strict=True):
             solids += facade.trim(holes, face, beyond, stone)
             solids += [self._coping(face, beyond, stone), facade.downpipe(face, 0.25)]
             painted += filled(holes, face, looks, rng)
-        return BuiltStructure(structure_of(solids), (*cover_all(solids), *painted))
+        return Raised(solids, painted)
 
     def _sides(self) -> list[Side]:
         """Front (-y), right (+x), back, left."""
@@ -58,7 +72,7 @@ class Building:
             out.append(Side(np.array([cx, cy, 0.0]), along, outward, (2 * x, 2 * y)[k % 2], top))
         return out
 
-    def _coping(self, face: Side, beyond: float, stone: materials.Material) -> Solid:
+    def _coping(self, face: Side, beyond: float, stone: Material) -> Solid:
         """Coping of one parapet: `beyond` metres past both ends, or, where that is 0, fitted between the other two."""
         inner = PARAPET_M[0] + OVERHANG_M
         start, stop = (-beyond, face.width_m + beyond) if beyond else (inner, face.width_m - inner)
@@ -70,7 +84,7 @@ class Building:
         front: tuple[Opening, ...],
         back: tuple[Opening, ...],
         side: tuple[Opening, ...],
-        material: materials.Material,
+        material: Material,
     ) -> Solid:
         x, y = self.length_m / 2, self.width_m / 2
         thick, rise = PARAPET_M

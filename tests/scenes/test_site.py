@@ -1,7 +1,7 @@
 """Sites: slopes and markings have the cited sizes, light changes no truth, and nothing of a site is the structure's."""
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
@@ -28,10 +28,12 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.obstacles import ObstacleMesh
 from uavbench.trajectories.paths.around import Hover
 from uavbench.trajectories.pose import Array
+from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import FlightSpec, fly
 from uavbench.trajectories.vehicle.registry import AIRFRAMES
 
 PLAIN = Material(np.full((1, 1, 3), 100, dtype=np.uint8), (1.0, 1.0))
+STREAMS = partial(stream, 0, "site")
 WHITE = np.full((1, 1, 3), 200, dtype=np.uint8)
 
 
@@ -48,7 +50,7 @@ def bridge() -> BuiltStructure:
 
 
 def site_of(site: Site, seed: int = 3) -> BuiltSite:
-    return site.build(PLAIN, bridge(), np.random.default_rng(seed))
+    return site.build(PLAIN, bridge(), partial(stream, seed, "site"))
 
 
 def area(part: Part) -> float:
@@ -135,7 +137,7 @@ def test_contact_shadows_change_no_truth() -> None:
 def test_contact_shadows_darken_the_foot_of_a_wall_and_not_the_free_wall() -> None:
     wall = white_box((-2.0, 0.0, 0.0), (2.0, 0.3, 4.0))
     built = BuiltStructure(bridge().structure, (replace(wall, uv=np.zeros((8, 2))),))
-    cut = Site(contact_shadows=True).build(PLAIN, built, np.random.default_rng(0)).structure[0]
+    cut = Site(contact_shadows=True).build(PLAIN, built, STREAMS).structure[0]
     ground = white_box((-9.0, -9.0, -0.1), (9.0, 9.0, 0.0))
     occluder = ObstacleMesh(*joined((p.vertices, p.triangles) for p in (wall, ground)))
     light = Light(to_lamp=(0.0, 0.0, 1.0), lamp=(0.5,) * 3, above=(0.4,) * 3, below=(0.2,) * 3)
@@ -237,10 +239,10 @@ def test_a_camera_that_flies_into_an_embankment_is_refused() -> None:
 @pytest.mark.parametrize("site", [Site(markings=True), Site(embankments=True)])
 def test_a_structure_without_a_road_has_no_markings(site: Site) -> None:
     with pytest.raises(UserError, match="site: embankments and markings need a structure that carries a road"):
-        site.build(PLAIN, replace(bridge(), road=None), np.random.default_rng(0))
+        site.build(PLAIN, replace(bridge(), road=None), STREAMS)
 
 
 def test_a_bridge_too_narrow_for_a_road_is_refused() -> None:
     narrow = Bridge(length_m=6.0, spans=2).build(np.random.default_rng(0))
     with pytest.raises(UserError, match="no gap beneath the structure is wide enough"):
-        Site(beneath="road").build(PLAIN, narrow, np.random.default_rng(0))
+        Site(beneath="road").build(PLAIN, narrow, STREAMS)
