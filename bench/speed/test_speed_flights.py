@@ -1,5 +1,5 @@
-"""Speed of flight: seconds simulated per second of one core; processor time of a flight in closed loop, in terms of that of
-its frames, and of the vehicle's filter.
+"""Speed of flight: seconds simulated per second of one core; processor time of a flight in closed loop by that of its
+frames; processor time of the vehicle's filter.
 
 `pytest bench/speed/test_speed_flights.py --benchmark-only`; the one of many flights uses every core.
 """
