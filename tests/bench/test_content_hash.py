@@ -247,6 +247,16 @@ def test_a_class_of_the_benchmark_is_the_code_that_it_runs(monkeypatch, name):
     assert content_hash(tracker) != before
 
 
+def test_the_key_of_a_class_of_the_benchmark_covers_files_of_the_benchmark_alone(monkeypatch):
+    """The layers below have keys of their own."""
+    covered = []
+    monkeypatch.setattr(plugin_files, "digest", lambda files: covered.append(files) or "a digest")
+    assert plugin_files.bench_key(External) == "a digest"
+    (files,) = covered
+    assert {"program.py", "guard.py", "guard_process.py"} <= {path.name for path in files}
+    assert {path.relative_to(content.ROOT).parts[0] for path in map(Path.resolve, files)} == {"bench"}
+
+
 def test_a_file_carries_its_hash(tmp_path):
     path = tmp_path / "score.json"
     assert carried_hash(path) is None

@@ -84,6 +84,13 @@ def test_links_of_a_folder_are_followed_and_three_of_them_told(folder):
     assert all(line.startswith(f"path: {folder.parent / 'far'}") for line in lines)
 
 
+def test_a_link_outside_of_a_named_folder_is_not_of_it(folder):
+    (folder / "other").mkdir()
+    (folder / "other" / "link").symlink_to(folder.parent / "far.obj")
+    assert located({"path": "sub"}, folder).outside == []
+    assert len(located({"path": "other"}, folder).outside) == 1
+
+
 def test_what_can_be_no_name_of_a_file_is_told_and_is_none(folder):
     (line,) = located({"path": "a\0b"}, folder).outside
     assert line.startswith("path: 'a\\x00b' is not a file name: ")
