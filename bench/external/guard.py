@@ -19,7 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-SCRIPT = Path(__file__).parent / "guard_process.py"
+from uavbench.bench.external import guard_process
+
+SCRIPT = Path(guard_process.__file__)
 START_S, END_S = 60.0, 20.0
 """Timeout for starting and stopping a guard, s; either usually takes a few hundredths of a second."""
 WAIT_S = 3600.0

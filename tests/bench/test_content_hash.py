@@ -254,7 +254,7 @@ def test_the_key_of_a_class_of_the_benchmark_covers_files_of_the_benchmark_alone
     assert plugin_files.bench_key(External) == "a digest"
     (files,) = covered
     assert {"program.py", "guard.py", "guard_process.py"} <= {path.name for path in files}
-    assert {path.relative_to(content.ROOT).parts[0] for path in map(Path.resolve, files)} == {"bench"}
+    assert {path.relative_to(content.ROOT).parts[0] for path in files} == {"bench"}
 
 
 def test_a_file_carries_its_hash(tmp_path):
