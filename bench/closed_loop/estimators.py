@@ -36,6 +36,13 @@ class Believed(NamedTuple):
     qvel: Array
 
 
+class Start(NamedTuple):
+    """Initial knowledge at time 0: pose of the camera, and velocity (3,) of the vehicle's plan in the world."""
+
+    cam_from_world: Pose
+    velocity_m_s: Array
+
+
 class Estimator(Protocol):
     """Estimator of the vehicle's state from readings of its sensors and the tracker's results."""
 
@@ -95,12 +102,12 @@ class CameraAlone:
 
     verdicts: list[Verdict] = []  # noqa: RUF012
 
-    def __init__(self, imu: str, cam_from_body: Pose, first_cam_from_world: Pose) -> None:
+    def __init__(self, imu: str, cam_from_body: Pose, start: Start) -> None:
         self._imu, self._cam_from_body = imu, cam_from_body
         self._to_quaternion = physics().mju_mat2Quat
-        start = first_cam_from_world.inverse() @ cam_from_body
-        self._stamp_ns, self._place_m, self._velocity_m_s = 0, start.translation, np.zeros(3)
-        self._turned, self._turned_ns = start.rotation, 0
+        body = start.cam_from_world.inverse() @ cam_from_body
+        self._stamp_ns, self._place_m, self._velocity_m_s = 0, body.translation, start.velocity_m_s
+        self._turned, self._turned_ns = body.rotation, 0
         self._rates = np.zeros(3)
         self._readings: list[Reading] = []
 
@@ -150,13 +157,11 @@ class CameraAlone:
 class Filtered:
     """The vehicle's filter, with the sensors of the loop."""
 
-    def __init__(
-        self, spec: FilterSpec, sensors: tuple[str, ...], imu: Imu, cam_from_body: Pose, first_cam_from_world: Pose
-    ) -> None:
+    def __init__(self, spec: FilterSpec, sensors: tuple[str, ...], imu: Imu, cam_from_body: Pose, start: Start) -> None:
         self._spec, self._sensors = spec, sensors
-        start = Estimate.at_rest(
+        at_rest = Estimate.at_rest(
             0,
-            first_cam_from_world.inverse() @ cam_from_body,
+            start.cam_from_world.inverse() @ cam_from_body,
             position_m=spec.start_m,
             attitude_rad=float(np.radians(spec.start_deg)),
             velocity_m_s=spec.start_m_s,
@@ -164,7 +169,9 @@ class Filtered:
             gyro_bias_rad_s=max(imu.gyro_bias_rad_s, LEAST_BIAS_RAD_S),
         )
         self._to_quaternion = physics().mju_mat2Quat
-        self._filter = VehicleFilter(fusion_config(spec, imu), cam_from_body, start)
+        self._filter = VehicleFilter(
+            fusion_config(spec, imu), cam_from_body, replace(at_rest, velocity_m_s=start.velocity_m_s)
+        )
         self._unclaimed = np.diag(np.repeat([spec.unclaimed_m, np.radians(spec.unclaimed_deg)], 3) ** 2)
 
     def sense(self, reading: Reading) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from uavbench.bench.closed_loop.checks import check_loop, loop_imu
 from uavbench.bench.closed_loop.ending import Ending, Judge
-from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, TrueState
+from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, Start, TrueState
 from uavbench.bench.closed_loop.eye import WayFlown, eye, frame_rows, rows_after
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.open_loop import OpenLoop
@@ -78,6 +78,7 @@ class Loop:
         self.judge = Judge(
             pilot.loop.crash, Quadrotor.from_mjcf(spec.flight.airframe.build(spec.mount)).radius_m, scene.obstacles
         )
+        self.start_velocity_m_s = simulation.commanded[3:6].copy()
         self.latency_rng = stream(spec.seed, "loop", "latency")
         self.rows = frame_rows(simulation.steps, pilot.rate_hz).tolist()
         self.rows_after = rows_after(spec, source)
@@ -149,14 +150,15 @@ class Loop:
         if not isinstance(run, GroundTruth):
             run = started(run, structure, camera, pose, rng, self.sensors.body)
         self.tracker = TrackerInFlight(run)
+        start = Start(pose, self.start_velocity_m_s)
         if pilot.loop.estimator == "truth":
             self.estimator = TrueState()
         elif pilot.loop.estimator == "camera":
             imu_name = loop_imu(self.sensor_names, spec)
-            self.estimator = CameraAlone(imu_name, spec.mount.cam_from_body, pose)
+            self.estimator = CameraAlone(imu_name, spec.mount.cam_from_body, start)
         else:
             imu: Any = named(spec.sensors)[loop_imu(self.sensor_names, spec)]
-            self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, spec.mount.cam_from_body, pose)
+            self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, spec.mount.cam_from_body, start)
         for reading in self.early:
             self.estimator.sense(reading)
         self.notes.faults = self.tracker.faults

@@ -213,6 +213,19 @@ def test_the_controller_believes_what_the_tracker_says():
     assert lied.path_max_m > 0.06
 
 
+@pytest.mark.parametrize("estimator", ["filter", "camera"])
+def test_a_vehicle_that_is_moving_at_the_first_frame_is_known_to_move_as_planned(estimator):
+    """At 1 Hz there is no second pose for a second, in which 0.2 m/s unknown would be 0.2 m."""
+    spec = box(path=HandPilot(duration_s=1.2), rate_hz=1.0)
+    flight = flown(spec, GroundTruth(), estimator=estimator)
+    path = flight.path
+    true, estimated = path.group("true_v_m_s"), path.group("estimated_v_m_s")
+    first = int(np.flatnonzero(np.isfinite(estimated[:, 0]))[0])
+    assert np.linalg.norm(true[first]) > 0.1
+    assert np.linalg.norm(estimated[first] - true[first]) < 0.05
+    assert measure_flight(flight).path_max_m < 0.1
+
+
 def test_without_a_filter_the_vehicle_flies_on_the_poses_as_they_are():
     """Poses of the truth carry it; ones that are 10 cm beside move the belief by as much at once."""
     spec = box()

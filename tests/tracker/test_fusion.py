@@ -329,7 +329,7 @@ def beside(kind, size):
 
 
 @pytest.mark.parametrize("kind", ["camera", "height", "position", "velocity too"])
-def test_the_gate_is_the_quantile_of_a_measurements_own_dimension(kind):
+def test_a_measurement_is_rejected_beyond_twice_the_quantile_of_its_own_dimension(kind):
     run = fly(began(), 0.5)
 
     def verdict(size):
@@ -339,11 +339,35 @@ def test_the_gate_is_the_quantile_of_a_measurements_own_dimension(kind):
         assert other.verdicts[-1].dof == dof
         return other.verdicts[-1]
 
-    limit = chi2.ppf(QUIET.gate, beside(kind, 0.0)[1])
+    limit = 4.0 * chi2.ppf(QUIET.gate, beside(kind, 0.0)[1])
     per_square = verdict(10.0).d2 / 10.0**2  # of a large error, before which that of the state is nothing
     inside, beyond = (verdict(np.sqrt(share * limit / per_square)) for share in (0.9, 1.1))
     assert (inside.why, "beyond the gate" in beyond.why) == ("", True)
     assert inside.d2 < limit < beyond.d2
+
+
+@pytest.mark.parametrize("kind", ["height", "position", "velocity too"])
+def test_a_measurement_beyond_its_gate_moves_the_state_as_far_as_one_at_it(kind):
+    run = fly(began(), 0.5)
+
+    def after(size):
+        other = deepcopy(run)
+        other.take(beside(kind, size)[0])
+        return other.estimate(), other.verdicts[-1].d2
+
+    gate = chi2.ppf(QUIET.gate, beside(kind, 0.0)[1])
+    unmoved, none = after(0.0)
+    per_square = after(10.0)[1] / 10.0**2
+    at, at_d2 = after(np.sqrt(gate / per_square))
+    assert none < 0.1 and at_d2 == pytest.approx(gate, rel=0.05)
+
+    def way(estimate):
+        return estimate.world_from_body.translation - unmoved.world_from_body.translation
+
+    for beyond in (1.2, 1.9):
+        further, _ = after(beyond * np.sqrt(gate / per_square))
+        np.testing.assert_allclose(way(further), way(at), rtol=0.05, atol=1e-6)
+        assert (np.diag(further.covariance) >= np.diag(at.covariance) * (1 - 1e-9)).all()
 
 
 def stds(run):

@@ -211,10 +211,16 @@ def solved(L: Array, B: Array) -> Array:
     return X
 
 
+@compiled("f2 f2 f2")
+def innovation_covariance(P: Array, H: Array, N: Array) -> Array:
+    """Covariance (m, m) of the innovation of a measurement with Jacobian H (m, 21) and noise N (m, m)."""
+    return product(product(H, P), np.ascontiguousarray(H.T)) + N
+
+
 @compiled("f2 f1 f2 f2")
 def normalized_innovation(P: Array, residual: Array, H: Array, N: Array) -> float:
     """Squared Mahalanobis distance of a residual (m,) with Jacobian H (m, 21) and noise N (m, m); NaN if singular."""
-    S = product(product(H, P), np.ascontiguousarray(H.T)) + N
+    S = innovation_covariance(P, H, N)
     L = np.zeros(S.shape)
     if not cholesky(S, L):
         return math.nan

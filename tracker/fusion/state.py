@@ -32,8 +32,10 @@ class FusionConfig:
     time constant are those of the errors of `robust`, whitened by its covariances, on 15 flights of the suite
     gate-small and five of other paths and structures: their autocorrelation is 0.6 between frames at 15 Hz (median; 0.2
     to 0.8), 0.4 after 1 s and 0.2 after 2 s.
-    A measurement is rejected when its normalized innovation exceeds the quantile `gate` of its chi-square distribution.
-    After `doubt_after` consecutive rejected camera poses the filter's covariance is inflated until one is accepted.
+    A measurement whose normalized innovation exceeds the quantile `gate` of its chi-square distribution is weighted
+    down, so that it moves the state no further than one at the gate; beyond twice the gate, in standard deviations, it
+    is rejected. After `doubt_after` consecutive rejected camera poses the filter's covariance is inflated until one is
+    accepted.
     history_s: largest delay of a measurement.
     """
 

@@ -6,8 +6,14 @@ import numpy as np
 from scipy.special import chdtri
 
 from uavbench.tracker.fusion.events import Carried, Checkpoint, Key, Nominal, PredictedCamera, Sample, Since, Verdict
-from uavbench.tracker.fusion.kernels import normalized_innovation, propagate, propagate_nominal, update
-from uavbench.tracker.fusion.measurements import CameraPose, Measurement
+from uavbench.tracker.fusion.kernels import (
+    innovation_covariance,
+    normalized_innovation,
+    propagate,
+    propagate_nominal,
+    update,
+)
+from uavbench.tracker.fusion.measurements import CameraPose, Innovation, Measurement
 from uavbench.tracker.fusion.state import ERROR, Estimate, FusionConfig
 from uavbench.tracker.protocol import TrackResult
 from uavbench.trajectories.kernels.warm_up import prepare
@@ -17,6 +23,8 @@ IMU_RANK = 0
 """Rank of an IMU sample, before the measurements of equal stamp."""
 DOUBT = 2.0
 """Inflation factor of the standard deviations of the pose for each rejected camera pose beyond `doubt_after`."""
+REJECTED = 2.0
+"""Normalized innovation, in multiples of its gate, from which a measurement is rejected and not only weighted down."""
 
 
 class VehicleFilter:
@@ -62,7 +70,7 @@ class VehicleFilter:
         self.take(pose)
 
     def take(self, measurement: Measurement) -> None:
-        """Process a measurement; one that is too late or fails the gate is rejected, with the reason in `verdicts`."""
+        """Process a measurement; one that is too late or far beyond its gate is rejected (see `verdicts`)."""
         self._arrivals += 1
         self._put(Key(measurement.stamp_ns, measurement.rank, self._arrivals), measurement)
 
@@ -185,22 +193,24 @@ class VehicleFilter:
         return Carried(state, P, reading)
 
     def _measured(self, event: Measurement, at: Checkpoint) -> Checkpoint:
-        """State after a measurement, updated if it passes the gate, and the verdict."""
+        """State after a measurement, updated unless it is far beyond its gate, and the verdict."""
         assert at.sample is not None
         kind, camera = type(event).__name__, isinstance(event, CameraPose)
         found = event.innovation(at.state, at.sample.gyro - at.state[18:21])
         if found is None:
             return self._verdict(at, Verdict(at.stamp_ns, kind, None, None, "the state cannot predict it"), at.refused)
         m, P = len(found.residual), at.P
+        limit = REJECTED**2 * self._gates[m]
         d2 = normalized_innovation(P, found.residual, found.H, found.noise)
-        if camera and at.refused >= self.config.doubt_after and not d2 <= self._gates[m]:
+        if camera and at.refused >= self.config.doubt_after and not d2 <= limit:
             P = self._doubted(P)
             d2 = normalized_innovation(P, found.residual, found.H, found.noise)
-        if not d2 <= self._gates[m]:
-            why = f"beyond the gate: {d2:.1f} > {self._gates[m]:.1f}"
+        if not d2 <= limit:
+            why = f"far beyond the gate: {d2:.1f} > {limit:.1f}"
             at = Checkpoint(at.stamp_ns, at.state, P, at.sample, at.refused, None)
             return self._verdict(at, Verdict(at.stamp_ns, kind, d2, m, why), at.refused + camera)
-        state, P = update(at.state, P, found.residual, found.H, found.noise)
+        noise = found.noise if d2 <= self._gates[m] else _weighted_down(P, found, np.sqrt(d2 / self._gates[m]))
+        state, P = update(at.state, P, found.residual, found.H, noise)
         at = Checkpoint(at.stamp_ns, state, P, at.sample, at.refused, None)
         return self._verdict(at, Verdict(at.stamp_ns, kind, d2, m), 0 if camera else at.refused)
 
@@ -247,6 +257,14 @@ class VehicleFilter:
             self._past += [c.verdict for c in self._done[:drop] if c.verdict is not None]
             self._base = self._done[drop - 1]
             del self._keys[:drop], self._events[:drop], self._done[:drop]
+
+
+def _weighted_down(P: Array, found: Innovation, beyond: float) -> Array:
+    """Noise at which an innovation that is `beyond` times its gate moves the state as far as one at the gate.
+
+    This is Huber's bounded influence (Karlgaard & Schaub 2007, Huber-based divided difference filtering).
+    """
+    return np.asarray(found.noise + (beyond - 1.0) * innovation_covariance(P, found.H, found.noise))
 
 
 def _mean(first: Sample | None, last: Sample) -> Sample:

@@ -55,7 +55,7 @@ class Simulation:
 
     step counts from -warm_up of the guidance; record (n, 30) and reference (n, 17) hold a row of each step from 0 on.
     qpos (7,) position and quaternion wxyz, qvel (6,) velocity in the world and angular velocity in the body, as MuJoCo
-    has them: the true state.
+    has them: the true state. commanded (17,) is the reference row of the latest command.
     """
 
     def __init__(self, vehicle: Quadrotor, gains: Gains, guidance: Guidance, air: Air, obstacles: ObstacleMesh) -> None:
@@ -77,6 +77,7 @@ class Simulation:
         self.step, self.steps = -guidance.warm_up, guidance.steps
         self.record = np.zeros((guidance.steps, RECORD_COLUMNS))
         self.reference = np.zeros((guidance.steps, REFERENCE_COLUMNS))
+        self.commanded = np.zeros(REFERENCE_COLUMNS)
         self._spare = np.zeros(RECORD_COLUMNS)
         self._rows = self._winds = np.zeros((0, 3))
 
@@ -108,9 +109,10 @@ class Simulation:
         if at == 0:
             believed = VehicleState(qpos[:3].copy(), qvel[:3].copy(), _yaw(qpos))
             self._rows = self._guidance.rows(self.step, min(BLOCK, self.steps - self.step), believed)
+        self.commanded = self._rows[at]
         if self.step >= 0:
-            self.reference[self.step] = self._rows[at]
-        _command(self._plant, self._gains, self._rows[at], qpos, qvel, self._actuation, self._row)
+            self.reference[self.step] = self.commanded
+        _command(self._plant, self._gains, self.commanded, qpos, qvel, self._actuation, self._row)
 
     def advance(self) -> None:
         """Integrate one control step."""
