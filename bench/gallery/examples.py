@@ -1,5 +1,6 @@
 """Example sequence of each plug-in, from `examples.toml`, validated like a sequence of a suite."""
 
+import inspect
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,36 +18,58 @@ MANY = ("clutter", "effects", "sensors")
 
 @dataclass(frozen=True)
 class Example:
-    """The sequence that shows a plug-in; own: the parameters of the plug-in that differ from its defaults."""
+    """The sequence that shows a plug-in or a site; own: its parameters that differ from the defaults."""
 
     spec: SequenceSpec
     own: Mapping[str, Any]
+    about: str
 
 
-def example_of(key: str, kind: str) -> Example:
+def example_of(key: str, kind: str, plugin: type) -> Example:
     """The example of the plug-in `kind`, which a sequence names under `key`; default parameters without an entry.
 
     UserError when the sequence in `examples.toml` is not valid.
     """
-    tables = _tables()
-    of_kind = dict(tables.get(key, {}).get(kind, {}))
-    own = of_kind.pop("own", {})
-    sequence: dict[str, Any] = {**tables["all"], **tables.get(key, {}).get("all", {}), **of_kind}
-    plugin = {"kind": kind, **own}
+    sequence, own = _sequence(key, kind)
+    named = {"kind": kind, **own}
     if key == "path":
-        sequence["flight"] = {**sequence.get("flight", {}), "path": plugin}
+        sequence["flight"] = {**sequence.get("flight", {}), "path": named}
     else:
-        sequence[key] = [plugin] if key in MANY else plugin
+        sequence[key] = [named] if key in MANY else named
+    about = inspect.cleandoc(plugin.__doc__ or "").split("\n\n")[0]
+    return Example(_spec(kind, sequence), own, " ".join(about.split()))
+
+
+def sites() -> Mapping[str, Example]:
+    """Examples of the parameters of an environment's site, by name."""
+    found = {}
+    for name in _tables()["sites"]:
+        if name != "all":
+            sequence, own = _sequence("sites", name)
+            sequence["environment"] = {**sequence["environment"], "site": own}
+            found[name] = Example(_spec(name, sequence), own, sequence.pop("about"))
+    return found
+
+
+def _sequence(key: str, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Table of a sequence, and the own parameters of what it shows."""
+    tables = _tables()
+    of_name = dict(tables.get(key, {}).get(name, {}))
+    own = of_name.pop("own", {})
+    return {**tables["all"], **tables.get(key, {}).get("all", {}), **of_name}, own
+
+
+def _spec(name: str, sequence: Mapping[str, Any]) -> SequenceSpec:
     data = {
-        "title": kind,
+        "title": name,
         "rates_hz": [15.0],
         "seeds": [0],
-        "sequences": {kind: sequence},
+        "sequences": {name: {key: value for key, value in sequence.items() if key != "about"}},
         "trackers": {"hold": {"kind": "hold"}},
     }
     spec = suite_of(data, (), FILE).sequences[0]
     assert isinstance(spec, SequenceSpec)
-    return Example(spec, own)
+    return spec
 
 
 @cache

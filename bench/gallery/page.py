@@ -1,17 +1,16 @@
 """The page of the gallery: a section for each registry, a picture with a sentence for each plug-in."""
 
-import inspect
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image as Pillow
 
 from uavbench.bench.config.plugins import PLUGINS
-from uavbench.bench.gallery.examples import Example, example_of
+from uavbench.bench.gallery.examples import Example, example_of, sites
 from uavbench.bench.gallery.flights import path_picture, sensor_picture
-from uavbench.bench.gallery.scenes import effect_picture, environment_picture, structure_picture
+from uavbench.bench.gallery.scenes import effect_picture, environment_picture, site_picture, structure_picture
 from uavbench.scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, SequenceSpec, StructureSpec
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.files.writing import new_folder, write_text
@@ -55,6 +54,12 @@ SECTIONS: dict[object, Section] = {
     SensorSpec: Section("Sensors", "Measurements on board, over ten seconds.", "sensors", sensor_picture),
 }
 """Protocol -> its section."""
+SITES = Section(
+    "Sites",
+    "What the table [`site`](sites.md) adds to an environment: left without, right with it.",
+    "site",
+    site_picture,
+)
 
 
 def write_gallery(folder: Path) -> None:
@@ -65,25 +70,29 @@ def write_gallery(folder: Path) -> None:
     parts = ["# Gallery\n\nWhat a suite can name, drawn by the code: `python -m uavbench.bench.gallery DIR`.\n"]
     with new_folder(folder / "gallery", MARKER) as pictures:
         for protocol, section in SECTIONS.items():
-            parts.append(f'## {section.title}\n\n{section.about}\n\n<div class="gallery" markdown>\n')
-            for kind, plugin in PLUGINS[protocol][0].items():
-                example = example_of(section.key, kind)
-                name = f"{section.key}-{kind}.webp"
-                image = Pillow.fromarray(section.picture(example.spec)[..., ::-1])
-                image.save(pictures / name, format="WEBP", quality=WEBP_QUALITY, method=4)
-                parts.append(_figure(kind, plugin, example, name, image.size))
-            parts.append("</div>\n")
+            of_kind = {k: example_of(section.key, k, plugin) for k, plugin in PLUGINS[protocol][0].items()}
+            parts.append(_section(section, of_kind, "reference/plugins.md#{}", pictures))
+            if protocol is EnvironmentSpec:
+                parts.append(_section(SITES, sites(), "sites.md", pictures))
         (pictures / MARKER).write_text(json.dumps({"made_by": "python -m uavbench.bench.gallery"}), encoding="utf-8")
     write_text(folder / "gallery.md", "\n".join(parts), sealed=True)
 
 
-def _figure(kind: str, plugin: type, example: Example, name: str, size_px: tuple[int, int]) -> str:
-    """A picture with its caption, in Markdown."""
-    about = " ".join(inspect.cleandoc(plugin.__doc__ or "").split("\n\n")[0].split())
+def _section(section: Section, examples: Mapping[str, Example], link: str, pictures: Path) -> str:
+    """A section in Markdown; its pictures are written into a folder. link: target of each caption."""
+    parts = [f'## {section.title}\n\n{section.about}\n\n<div class="gallery" markdown>\n']
+    for name, example in examples.items():
+        file = f"{section.key}-{name}.webp"
+        image = Pillow.fromarray(section.picture(example.spec)[..., ::-1])
+        image.save(pictures / file, format="WEBP", quality=WEBP_QUALITY, method=4)
+        size = f"width={image.width} height={image.height}"
+        parts.append(
+            f"<figure markdown>\n![{name}](gallery/{file}){{ loading=lazy {size} }}\n"
+            f'<figcaption markdown="span">[`{name}`]({link.format(name)}) {_caption(example)}</figcaption>\n</figure>\n'
+        )
+    return "\n".join([*parts, "</div>\n"])
+
+
+def _caption(example: Example) -> str:
     shown = ", ".join(f"`{key} = {json.dumps(value)}`" for key, value in example.own.items())
-    with_values = f" Shown with {shown}." if shown else ""
-    return (
-        f"<figure markdown>\n![{kind}](gallery/{name}){{ loading=lazy width={size_px[0]} height={size_px[1]} }}\n"
-        f'<figcaption markdown="span">[`{kind}`](reference/plugins.md#{kind}) {about}{with_values}</figcaption>\n'
-        "</figure>\n"
-    )
+    return example.about + (f" Shown with {shown}." if shown else "")

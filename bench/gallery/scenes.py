@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from uavbench.bench.filming.outside_view import looking_at
 from uavbench.scenes.rendering.camera_simulator import light_of
 from uavbench.scenes.rendering.radiance import Radiance, encode
 from uavbench.scenes.scene import Scene, build_scene
+from uavbench.scenes.site.site import Site
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.simulation.flight import fly
@@ -32,6 +34,22 @@ def structure_picture(spec: SequenceSpec) -> Image:
 def environment_picture(spec: SequenceSpec) -> Image:
     """Image (h, w, 3) BGR of the spec's scene, with AROUND times the structure's extent in view."""
     return _from_outside(spec, AROUND)
+
+
+def site_picture(spec: SequenceSpec) -> Image:
+    """Image (h, w, 3) BGR of the spec's scene: left half without, right half with the site of its environment."""
+    bare: Any = replace(cast(Any, spec.environment), site=Site())
+    pictures = [environment_picture(replace(spec, environment=environment)) for environment in (bare, spec.environment)]
+    return _halves(pictures[0], pictures[1], 0.5 * pictures[0].shape[1])
+
+
+def _halves(left: Image, right: Image, centre_px: float) -> Image:
+    """The same half of two images side by side: the columns around centre_px."""
+    half = left.shape[1] // 2
+    first = int(np.clip(round(centre_px - half / 2), 0, half))
+    picture = np.hstack([image[:, first : first + half] for image in (left, right)])
+    cv2.line(picture, (half, 0), (half, picture.shape[0]), WHITE, 2)
+    return picture
 
 
 def _from_outside(spec: SequenceSpec, wide: float) -> Image:
@@ -63,11 +81,7 @@ def effect_picture(spec: SequenceSpec) -> Image:
         taken = [source.image(stamp) for stamp in stamps]
     if any(light is None for light in taken):
         return _strip([None if light is None else encode(light) for light in taken], before)
-    half = before.shape[1] // 2
-    left = int(np.clip(round(centre_px - half / 2), 0, half))
-    picture = np.hstack([image[:, left : left + half] for image in (before, _first(taken[0]))])
-    cv2.line(picture, (half, 0), (half, picture.shape[0]), WHITE, 2)
-    return picture
+    return _halves(before, _first(taken[0]), centre_px)
 
 
 @lru_cache(maxsize=1)
