@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from uavbench.bench.inputs.content_hash import code_hash
 from uavbench.bench.runner.graph import start_worker
-from uavbench.bench.runner.processes import hold_interrupts, start_resource_tracker
+from uavbench.bench.runner.processes import hold_interrupts, in_worker, start_resource_tracker
 from uavbench.trajectories.errors import UserError
 
 WAIT_FOR_WORKERS_S = 60
@@ -39,8 +39,8 @@ class Call:
     arguments: tuple[Any, ...]
 
     def __call__(self) -> Any:
-        """Call the function."""
-        return self.function(*self.arguments)
+        """Call the function in a worker."""
+        return in_worker(self.function, self.arguments)
 
 
 class SpawnPool(Executor):
@@ -102,27 +102,33 @@ class SpawnPool(Executor):
             broken.shutdown(wait=True)  # else a call could be retried while its first worker still cleans up
             with self._lock:
                 self._pool, self._broken = self._new_pool(), False
-        with self._lock:
-            self._start_some()
+        self._start_some()
 
     def _start_some(self) -> None:
-        while not (self._broken or self._closed):
-            source, limit = (self._suspects, 1) if self._suspects else (self._waiting, self._max_workers)
-            if not source or len(self._running) >= limit:
-                return
-            task = source.popleft()
+        # Never with the lock held: a broken pool holds its own while it settles its calls, which takes this one.
+        while (task := self._next()) is not None:
             try:
                 future = self._pool.submit(task.call)
+                _watch_new_worker(self._pool)
             except BrokenProcessPool:
-                source.appendleft(task)
-                self._broken = True
-                self._fill_soon()
+                with self._lock:
+                    (self._suspects if task.deaths else self._waiting).appendleft(task)
+                    self._broken = True
+                    self._fill_soon()
                 return
             except Exception as error:  # no process could be started
                 task.future.set_exception(error)
                 continue
-            self._running[future] = task
+            with self._lock:
+                self._running[future] = task
             future.add_done_callback(self._settle)
+
+    def _next(self) -> Task | None:
+        """The call that may start now, if any."""
+        with self._lock:
+            source, limit = (self._suspects, 1) if self._suspects else (self._waiting, self._max_workers)
+            may = len(self._running) < limit and not (self._broken or self._closed)
+            return source.popleft() if source and may else None
 
     def _settle(self, future: Future[Any]) -> None:
         with self._lock:
@@ -143,6 +149,16 @@ class SpawnPool(Executor):
             task.future.set_exception(error)
         else:
             task.future.set_result(future.result())
+
+
+def _watch_new_worker(pool: Any) -> None:
+    """Make a pool watch the worker that its latest call may have started.
+
+    Its thread waits for the workers that it knew when it was last woken, which is before a worker is started: the death
+    of that worker would be noticed only when another one ends its call.
+    """
+    with pool._shutdown_lock:
+        pool._executor_manager_thread_wakeup.wakeup()
 
 
 class Pool(NamedTuple):

@@ -3,12 +3,18 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
+from collections.abc import Callable
 from multiprocessing import connection, resource_tracker
+from typing import Any, NoReturn
 
 from uavbench.bench.external.guard_process import die_with
 from uavbench.trajectories.errors import Terminated
 from uavbench.trajectories.lost_signals import raise_lost_signals_again
+
+_is_called = False
+_told = 0
 
 
 def end_with_parent() -> None:
@@ -29,11 +35,30 @@ def hold_interrupts() -> None:
 
 
 def end_when_told() -> None:
-    """Make this worker remove incomplete files and end on SIGTERM; interrupts are left to its parent."""
+    """Make this worker end on SIGTERM, once `in_worker` has cleaned up; interrupts are left to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     signal.signal(signal.SIGTERM, _end)
     raise_lost_signals_again()
+
+
+def in_worker(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """Result of a call; on SIGTERM, Terminated is raised in it, and this process ends when it has cleaned up.
+
+    An exception alone would only end the call: the loop of a pool's worker catches every one, and would wait for
+    another call while its parent waits for it. A call that catches Terminated is finished first.
+    """
+    global _is_called
+    try:
+        _is_called = True
+        result = function(*arguments)
+    except Terminated:
+        _exit()
+    finally:
+        _is_called = False
+    if _told:
+        _exit()
+    return result
 
 
 def start_resource_tracker() -> None:
@@ -52,7 +77,17 @@ def start_resource_tracker() -> None:
 
 
 def _end(number: int, _: object) -> None:
+    global _told
+    _told = number
+    if not _is_called:
+        _exit()
     raise Terminated(128 + number)
+
+
+def _exit() -> NoReturn:
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(128 + _told)
 
 
 def _end_after(sentinel: int) -> None:

@@ -3,12 +3,14 @@
 import json
 import os
 import signal
+import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from tests.bench.process_trees import wait_until
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import Job, run_graph
@@ -49,6 +51,52 @@ def test_a_worker_that_dies_once_costs_nothing_and_one_that_always_dies_its_own_
     assert set(outcome.failed) == {"always", "after"}
     assert "worker process died" in outcome.failed["always"]
     assert len((tmp_path / "always.log").read_text().splitlines()) in (1, 2, 3), "it may come to a dead worker"
+
+
+def second_worker(first):
+    """Its process; the first one that is called waits."""
+    if first.exists():
+        return os.getpid()
+    try:
+        first.write_text(str(os.getpid()))
+        time.sleep(600)
+    finally:
+        first.with_suffix(".cleaned").touch()
+
+
+def stubborn_worker(first):
+    """The same, by code that catches everything."""
+    if first.exists():
+        return os.getpid()
+    try:
+        first.write_text(str(os.getpid()))
+        time.sleep(600)
+    except BaseException:
+        first.with_suffix(".cleaned").touch()
+    return 0
+
+
+@pytest.mark.parametrize("call", [second_worker, stubborn_worker])
+def test_a_worker_that_is_terminated_cleans_up_and_ends_and_its_call_is_made_again(tmp_path, call):
+    """Of a pool that is broken every other worker is terminated, in mid-call: one that went on would be awaited."""
+    first = tmp_path / "pid"
+    with local_pool(1) as (pool, _):
+        result = pool.submit(call, first)
+        assert wait_until(lambda: first.exists() and first.read_text())
+        os.kill(int(first.read_text()), signal.SIGTERM)
+        assert result.result(timeout=60) not in (0, int(first.read_text()))
+    assert first.with_suffix(".cleaned").exists()
+
+
+def test_a_worker_that_dies_ends_the_others_in_mid_call(tmp_path):
+    first = tmp_path / "pid"
+    with local_pool(2) as (pool, _):
+        results = [pool.submit(second_worker, first)]
+        assert wait_until(lambda: first.exists() and first.read_text())
+        results.append(pool.submit(os._exit, 3))
+        assert results[0].result(timeout=60) != int(first.read_text())
+        with pytest.raises(BrokenProcessPool):
+            results[1].result(timeout=60)
 
 
 def test_an_error_comes_back_as_it_was_raised():

@@ -137,7 +137,12 @@ def come_and_wait():
 @pytest.mark.parametrize(
     ("number", "main", "code"),
     [
-        ("SIGTERM", "from uavbench.bench.runner.processes import end_when_told as f\nf()\ncome_and_wait()\n", 143),
+        ("SIGTERM", "from uavbench.bench.runner.processes import *\nend_when_told()\ncome_and_wait()\n", 143),
+        (
+            "SIGTERM",
+            "from uavbench.bench.runner.processes import *\nend_when_told()\nin_worker(come_and_wait, ())\n",
+            143,
+        ),
         (
             "SIGHUP",
             "import click\nfrom uavbench.bench.cli.main import Group\n"
