@@ -62,7 +62,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             for name in ("registry", "euroc", "bop", "notes")
         ),
         *(
-            _target(f"scenes/exports/{name}.py", "scenes/test_reconstruction_exports")
+            _target(f"scenes/exports/{name}.py", "scenes/test_reconstruction_exports", "scenes/test_cameras")
             for name in ("colmap", "nerfstudio", "surface_points")
         ),
         *(_target(f"scenes/exports/ros/{name}.py", "scenes/test_bag_exports") for name in ("bag_messages", "geodetic")),

@@ -287,6 +287,7 @@ def test_colmap_has_a_camera_and_images_of_each_and_a_rig_of_those_that_expose_a
         2
     )
     assert not (tmp_path / "three" / "rig_config.json").exists()
+    assert not (tmp_path / "three" / "masks").exists(), "the sequence has none"
     assert "no rig_config.json" in (tmp_path / "three" / "README.md").read_text()
     export(shifted, "colmap", tmp_path / "stereo")
     ((rig,),) = ([each["cameras"] for each in json.loads((tmp_path / "stereo" / "rig_config.json").read_text())],)

@@ -35,6 +35,14 @@ def skew(v):
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
+def test_in_flight_it_reads_what_it_measures_of_the_whole_flight() -> None:
+    flight, sensor = tumbling(51), Imu(rate_hz=500.0)
+    table = sensor.measure(flight, BOX, np.random.default_rng(3))
+    reader = sensor.begin(len(table.stamps_ns), BOX, np.random.default_rng(3))
+    rows = [reader.read(flight, stamps) for stamps in np.split(table.stamps_ns, [20, 21])]
+    np.testing.assert_array_equal(np.vstack(rows), table.values)
+
+
 def test_specific_force_is_that_of_a_point_of_a_turning_body() -> None:
     flight, r = tumbling(), np.array([0.3, -0.2, 0.1])
     omega, force = inertial_ground_truth(flight, r)
