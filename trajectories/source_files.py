@@ -6,6 +6,7 @@ import importlib.util
 import sys
 import sysconfig
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.machinery import ModuleSpec, PathFinder
@@ -18,6 +19,10 @@ LIBRARIES = ("site-packages", "dist-packages")
 
 known_imports: dict[str, tuple[str, ...]] = {}
 """Imported names by content of the source file, its package, and whether lazy attributes count."""
+
+_digested: dict[Path, tuple[int, ...]] = {}
+"""Every file of which a digest was asked, with its stamp at that time."""
+_told_apart: set[Path] = set()
 
 Find = Callable[[str], Path | None]
 """Maps the name of a module to its source file; None for installed, built-in and missing modules."""
@@ -70,7 +75,24 @@ def digest(files: Iterable[Path]) -> str:
 
 def file_digest(path: Path) -> str:
     """sha256 of a file's content, read again only when the file has changed; OSError when it cannot be read."""
-    return _digest(path, stamp(path))
+    now = stamp(path)
+    _digested[path] = now
+    return _digest(path, now) + (" told apart" if path in _told_apart else "")
+
+
+def touched() -> frozenset[Path]:
+    """Files that were written or removed since their last digest, even where they have the same content again."""
+    return frozenset(path for path, then in _digested.items() if _stamp_or_none(path) != then)
+
+
+@contextmanager
+def told_apart(paths: Iterable[Path]) -> Iterator[None]:
+    """Context in which the digests of these files differ from those of their content."""
+    _told_apart.update(paths)
+    try:
+        yield
+    finally:
+        _told_apart.clear()
 
 
 def stamp(path: Path) -> tuple[int, ...]:
@@ -79,10 +101,17 @@ def stamp(path: Path) -> tuple[int, ...]:
     return about.st_mtime_ns, about.st_ctime_ns, about.st_size, about.st_ino, about.st_dev
 
 
-def source_file(name: str) -> Path | None:
-    """Source file of a module of this project or the user; None when it is installed, built in, or missing.
+def _stamp_or_none(path: Path) -> tuple[int, ...] | None:
+    try:
+        return stamp(path)
+    except OSError:
+        return None
 
-    The module is not imported.
+
+def source_file(name: str) -> Path | None:
+    """File of a module of this project or the user; None when it is installed, built in, or missing.
+
+    Its source, or the library of a compiled module. The module is not imported.
     """
     top = name.partition(".")[0]
     above = getattr(sys.modules.get(top), "__file__", None)
@@ -90,7 +119,7 @@ def source_file(name: str) -> Path | None:
         return None
     spec = None if name in sys.modules else _spec(name)
     path = getattr(sys.modules.get(name), "__file__", None) or (spec.origin if spec and spec.has_location else None)
-    return _path(path) if path is not None and path.endswith(".py") and _may_be_edited(path) else None
+    return _path(path) if path is not None and _may_be_edited(path) else None
 
 
 def among(folders: Iterable[Path]) -> Find:

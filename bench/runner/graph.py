@@ -1,5 +1,6 @@
 """Runs a graph of jobs on an executor: up-to-date jobs are skipped, failures do not stop independent jobs."""
 
+import importlib
 import queue
 import resource
 import sys
@@ -16,6 +17,7 @@ import cv2
 from tqdm import tqdm
 
 from uavbench.bench.inputs.content_hash import carried_hash, content_hash
+from uavbench.bench.inputs.plugin_files import loaded
 from uavbench.bench.runner.processes import end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Place
 from uavbench.tracker.faults import named, users_place
@@ -123,11 +125,18 @@ class JobCost(NamedTuple):
 
 
 def run_job(
-    name: str, work: Work, content_hash: str, marker: Path, root: Path | None = None, lists: str = ""
+    name: str,
+    work: Work,
+    content_hash: str,
+    marker: Path,
+    root: Path | None = None,
+    lists: str = "",
+    plugins: tuple[str, ...] = (),
 ) -> JobCost:
     """Run one job in a worker and return its cost.
 
-    A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost.
+    A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost. plugins: the
+    modules of the user's plug-ins, imported first, since they may change what the module of a class defines.
     """
     begin = time.perf_counter()
     place = Place(root or marker.parent, marker, lists)
@@ -139,6 +148,8 @@ def run_job(
             _progress.put((name, done / max(total, 1)))
 
     try:
+        for module in plugins:
+            importlib.import_module(module)
         with place.writing(content_hash):
             work(content_hash, on_step)
     except UserError as error:
@@ -174,8 +185,11 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     settled: queue.SimpleQueue[Future[JobCost]] = queue.SimpleQueue()
     peaks: dict[str, float] = {}
 
+    plugins = tuple(sorted(loaded))
+
     def start(job: Job) -> None:
-        future = executor.submit(run_job, job.name, job.work, job.content_hash, job.marker, job.root, job.lists)
+        given = (job.name, job.work, job.content_hash, job.marker, job.root, job.lists, plugins)
+        future = executor.submit(run_job, *given)
         running[future] = job
         future.add_done_callback(settled.put)
 

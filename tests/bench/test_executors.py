@@ -3,15 +3,19 @@
 import json
 import os
 import signal
+import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from tests.bench.process_trees import wait_until
+from uavbench.bench.inputs import plugin_files
 from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.runner import graph
 from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import Job, run_graph
 from uavbench.trajectories.files.writing import write_text
@@ -97,6 +101,33 @@ def test_a_worker_that_dies_ends_the_others_in_mid_call(tmp_path):
         assert results[0].result(timeout=60) != int(first.read_text())
         with pytest.raises(BrokenProcessPool):
             results[1].result(timeout=60)
+
+
+def test_the_module_that_a_suite_names_is_imported_in_workers_too(tmp_path, monkeypatch):
+    """It may change what it takes from another one, whose class alone would be found again by pickle."""
+    (tmp_path / "as_it_was.py").write_text(
+        "from dataclasses import dataclass\n"
+        "@dataclass(frozen=True)\n"
+        "class Work:\n"
+        "    marker: object\n"
+        "    told = 'as it was'\n"
+        "    def __call__(self, content_hash, on_step):\n"
+        "        self.marker.write_text(self.told)\n"
+    )
+    (tmp_path / "tuned.py").write_text("from as_it_was import Work\nWork.told = 'tuned'\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(plugin_files, "loaded", {})
+    monkeypatch.setattr(graph, "loaded", plugin_files.loaded)
+    work = import_module("tuned").Work
+    plugin_files.loaded["tuned"] = frozenset()
+    marker = tmp_path / "out" / "marker.txt"
+    marker.parent.mkdir()
+    one = Job(verb="track", name="one", work=work(marker), marker=marker, content_hash="abc")
+    with local_pool(1) as (pool, progress):
+        assert run_graph([one], pool, progress).done == [one]
+    assert marker.read_text() == "tuned"
+    for name in ("tuned", "as_it_was"):
+        monkeypatch.delitem(sys.modules, name)
 
 
 def test_an_error_comes_back_as_it_was_raised():
