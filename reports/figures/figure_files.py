@@ -44,7 +44,7 @@ def save_panel(draw: Callable[[Axes], Drawn], stem: Path, height_in: float) -> l
     figure = new_figure(height_in, wide=False)
     panel = figure.subplots()
     drawn = draw(panel)
-    if drawn.legend is not None:
+    if drawn.legend is not None and panel.get_legend_handles_labels()[0]:
         figure.legend(**legend_of(panel, drawn.legend), loc="outside upper center")
     return save_figure(figure, stem, drawn.columns, drawn.rows)
 
