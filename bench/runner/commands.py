@@ -1,7 +1,7 @@
 """Implementation of the commands over a suite."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,6 +11,7 @@ from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import load_suite, suite_model
 from uavbench.bench.config.suite_files import suite_file
 from uavbench.bench.external.program import isolated_trackers
+from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.estimate import SECONDS, dry_run, remember
 from uavbench.bench.runner.executors import Pool, dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
@@ -54,11 +55,12 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     of_shard = "video" if flown and where.video else "score"
     last = "report" if whole and shard is None else of_shard if whole else verb
     part = shard.of(suite) if shard else suite
-    jobs = (
-        plan_flights(part, folder, last, where.figures, video=where.video)
+    planned = (
+        partial(plan_flights, part, folder, last, where.figures, video=where.video)
         if flown
-        else plan(part, folder, last, where.figures)
+        else partial(plan, part, folder, last, where.figures)
     )
+    jobs = planned()
     if where.dry_run:
         say(dry_run(jobs, folder, where.slurm or where.workers))
         say(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
@@ -68,6 +70,7 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
         run_shards(run, folder, where.slurm, where.slurm_options)
     with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
         outcome = run_graph(jobs, executor, progress)
+        disown_touched(jobs, planned, outcome)
         count_failed_trackers(jobs, outcome)
         tell(outcome, folder)
         if shard is None:
@@ -85,6 +88,19 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
 def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: bool = False, video: bool = False) -> int:
     """Run a shard `i/n` of a suite in this process, without the report, which needs all shards."""
     return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate, video=video))
+
+
+def disown_touched(jobs: list[Job], planned: Callable[[], list[Job]], outcome: Outcome) -> None:
+    """Make the jobs done stale whose inputs were written while they ran, and report it on standard error."""
+    before = {job.name: job.content_hash for job in jobs}
+    done = [job.name for job in outcome.done]
+    touched = touched_since(before, lambda: {job.name: job.content_hash for job in planned()}, done)
+    for job in outcome.done:
+        if job.name in touched.jobs:
+            job.place.disown()
+    if touched.jobs:
+        again = f"the same command does {len(touched.jobs)} of them again"
+        say(f"changed while jobs that use it ran: {touched}; {again}", err=True)
 
 
 def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:

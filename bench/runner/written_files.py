@@ -115,6 +115,10 @@ class Place:
         here = self.marker.parent.absolute()
         self.keep(content_hash, (path for path in {*written, self.marker.absolute()} if path.is_relative_to(here)))
 
+    def disown(self) -> None:
+        """Make the output stale; the files stay, and are known to be uavbench's."""
+        Record("", Record.read(self.record).files).write(self.record)
+
     def keep(self, content_hash: str, paths: Iterable[Path]) -> None:
         """Record these files as the output for this hash."""
         root = self.root.absolute()

@@ -6,6 +6,7 @@ import sys
 import tomllib
 from dataclasses import dataclass, replace
 from importlib import import_module, invalidate_caches
+from importlib.machinery import EXTENSION_SUFFIXES
 from itertools import combinations
 from pathlib import Path
 
@@ -14,7 +15,8 @@ import pytest
 from uavbench.bench.external.program import External
 from uavbench.bench.inputs import content_hash as content
 from uavbench.bench.inputs import plugin_files
-from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash, one_look
+from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash, file_form, one_look
+from uavbench.bench.inputs.touched_files import Touched, touched_since
 from uavbench.scenes.structures.box import Box
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 
@@ -154,6 +156,46 @@ def test_the_source_of_a_users_own_class_enters(tmp_path, monkeypatch):
         hashes.append(content_hash(import_module("a_users_plugin").Mine()))
     monkeypatch.delitem(sys.modules, "a_users_plugin", raising=False)
     assert hashes[0] == hashes[2] != hashes[1]
+
+
+def test_a_compiled_module_that_a_users_own_class_imports_enters(tmp_path, monkeypatch):
+    """It is found, never loaded: these are no libraries."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "of_a_library.py").write_text("def late():\n    import compiled_thing\n" + MODULE.format(value=1))
+    hashes = []
+    for content_of_it in (b"\x7fELF one", b"\x7fELF two", b"\x7fELF one"):
+        (tmp_path / f"compiled_thing{EXTENSION_SUFFIXES[0]}").write_bytes(content_of_it)
+        invalidate_caches()
+        hashes.append(content_hash(import_module("of_a_library").Mine()))
+    monkeypatch.delitem(sys.modules, "of_a_library", raising=False)
+    assert hashes[0] == hashes[2] != hashes[1]
+
+
+# What changes while it is used
+
+
+def test_jobs_are_told_whose_files_were_written_meanwhile(tmp_path):
+    for name in ("a.txt", "b.txt", "c.txt"):
+        (tmp_path / name).write_text(name)
+
+    def keys():
+        return {name: content_hash(file_form(tmp_path / f"{name}.txt")) for name in "abc"}
+
+    planned = keys()
+    assert touched_since(planned, keys, "abc") == Touched()
+    (tmp_path / "a.txt").write_text("other")
+    (tmp_path / "b.txt").write_text("other")
+    (tmp_path / "b.txt").write_text("b.txt")
+    found = touched_since(planned, keys, "abc")
+    assert found.jobs == {"a", "b"}
+    assert found.files == tuple(sorted(found.files)) and {"a.txt", "b.txt"} <= {path.name for path in found.files}
+    assert str(Touched(tuple(map(Path, "abcde")))) == "a, b, c and 2 more"
+    assert touched_since(planned, keys, "bc").jobs <= {"b"}
+    planned = keys()
+    (tmp_path / "c.txt").unlink()
+    assert touched_since(planned, keys, "abc").jobs == {"c"}
+    assert keys() == keys(), "what was told apart is no longer"
 
 
 # Code

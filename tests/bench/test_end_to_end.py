@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.bench.process_trees import DEADLINE_S, wait_until
+from tests.bench.small_suites import SMALL
 from uavbench.bench.cli.main import main
 
 SUITE = """
@@ -238,3 +239,34 @@ def test_two_runs_do_not_share_a_folder(suite, tmp_path):
         first.wait()
     assert second.returncode == 2
     assert "another uavbench process uses it" in second.stderr
+
+
+SELF_WRITTEN = """
+import pathlib
+script = pathlib.Path(__file__)
+script.write_bytes(script.read_bytes())
+raise SystemExit("it ends")
+"""
+
+
+def test_a_suite_whose_every_run_fails_has_a_report_and_what_was_written_meanwhile_is_done_again(tmp_path):
+    """The program writes itself, to the same content; and no figure has anything to draw."""
+    program = tmp_path / "program.py"
+    program.write_text(SELF_WRITTEN)
+    path = tmp_path / "suite.toml"
+    path.write_text(
+        SMALL.replace(
+            'hold = { kind = "hold" }', f'it = {{ kind = "external", command = ["{sys.executable}", "program.py"] }}'
+        )
+    )
+    done = uavbench("run", path, "--out", tmp_path / "out", "--jobs", "1", "--figures", "all")
+    assert done.returncode == 1
+    assert (tmp_path / "out" / "index.html").is_file()
+    assert "it ends" in done.stderr
+    assert not (tmp_path / "out" / "failures.txt").exists()
+    assert "changed while jobs that use it ran: program.py" in done.stderr
+    program.write_text('raise SystemExit("it ends")')
+    again = uavbench("run", path, "--out", tmp_path / "out", "--jobs", "1")
+    assert "2 were fresh" in again.stderr, "the sequences"
+    last = uavbench("run", path, "--out", tmp_path / "out", "--jobs", "1")
+    assert last.stderr.startswith("0 jobs done")
