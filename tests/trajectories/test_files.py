@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files import writing
 from uavbench.trajectories.files.seals import is_sealed, seal
 from uavbench.trajectories.files.temporary_names import remove_leftovers, temporary
 from uavbench.trajectories.files.writing import new_file, new_folder, new_parts, owning, write_text
@@ -142,6 +143,33 @@ def test_a_folder_of_ours_is_made_anew_but_not_with_a_users_file_in_it(tmp_path)
     with pytest.raises(UserError, match="frames"):
         make(folder, "frames.csv")
     assert (tmp_path / "away-notes.txt").read_bytes() == PRECIOUS
+
+
+@pytest.mark.parametrize("check", [1, 2])
+def test_what_a_user_puts_into_a_folder_while_it_is_checked_stays(tmp_path, monkeypatch, check):
+    folder = tmp_path / "results"
+    make(folder, "frames.csv")
+    real, checks = writing.foreign, []
+
+    def slow(*asked):
+        checks.append(asked)
+        now = len(checks)
+        yield from list(real(*asked))
+        if now == check and folder.exists():
+            (folder / "notes.txt").write_bytes(PRECIOUS)
+            put.append(True)
+
+    put = []
+    monkeypatch.setattr(writing, "foreign", slow)
+    before = snapshot(tmp_path)
+    if check == 1:
+        with pytest.raises(UserError, match=r"results: contains notes\.txt"):
+            make(folder, "frames.csv")
+        assert set(snapshot(tmp_path)) == {*before, "results/notes.txt"}
+    else:
+        make(folder, "frames.csv")
+    assert len(checks) == 2
+    assert (folder / "notes.txt").exists() == bool(put)
 
 
 def test_a_list_that_somebody_wrote_proves_nothing(tmp_path):

@@ -74,9 +74,7 @@ def new_folder(path: Path, marker: str = "") -> Iterator[Path]:
             _sync(own.made / name)
         own.made.chmod(0o755)
         _sync(own.made)
-        refuse_foreign(path, marker)
-        if path.exists():
-            path.rename(own.replaced)
+        _set_aside(path, own.replaced, marker)
         try:
             own.made.rename(path)
         except BaseException:
@@ -85,6 +83,24 @@ def new_folder(path: Path, marker: str = "") -> Iterator[Path]:
             raise
         _sync(path.parent)
     _note(path / name for name in tree(path))
+
+
+def _set_aside(folder: Path, to: Path, marker: str) -> None:
+    """Rename a folder, if there is one; UserError, with the folder back in place, when it holds a foreign file.
+
+    Its files are checked after it was renamed: one that is put into it during the check would be deleted with the rest.
+    """
+    _refuse_link(folder)
+    _refuse_no_folder(folder)
+    if not folder.exists():
+        return
+    folder.rename(to)
+    here, there = folder.absolute(), to.absolute()
+    with owning(there / path.relative_to(here) for path in _owned.get() if path.is_relative_to(here)):
+        name = next(foreign(to, marker), None)
+    if name is not None:
+        to.rename(folder)
+        raise _foreign_error(folder, name)
 
 
 @contextmanager
@@ -127,14 +143,22 @@ def write_text(path: Path, text: str, *, sealed: bool = False) -> None:
 
 def refuse_foreign(folder: Path, marker: str) -> None:
     """UserError when `folder` is not a folder, or has content not written by uavbench; names the first such file."""
-    if folder.is_symlink():
-        raise UserError(f"{folder}: is a link; name the folder itself, or a new one")
+    _refuse_link(folder)
     _refuse_no_folder(folder)
     for name in foreign(folder, marker):
-        raise UserError(
-            f"{folder}: contains {name}, which uavbench did not write or which was edited since; move it, or choose an "
-            "empty or new folder"
-        )
+        raise _foreign_error(folder, name)
+
+
+def _foreign_error(folder: Path, name: str) -> UserError:
+    return UserError(
+        f"{folder}: contains {name}, which uavbench did not write or which was edited since; move it, or choose an "
+        "empty or new folder"
+    )
+
+
+def _refuse_link(folder: Path) -> None:
+    if folder.is_symlink():
+        raise UserError(f"{folder}: is a link; name the folder itself, or a new one")
 
 
 def _refuse_no_folder(folder: Path) -> None:
