@@ -17,6 +17,8 @@ from uavbench.trajectories.files.limits import IMAGE, MOST_PIXELS, VIDEO
 KINDS = ("PNG", "JPEG", "BMP", "TIFF", "PPM", "WEBP")
 """Accepted image formats by Pillow's names; PPM includes PGM and PBM."""
 TEXTURES = (*KINDS, "TGA")
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""First bytes of TIFF files of both byte orders, and of those beyond 4 GB."""
 VIDEOS = {
     "MP4 or MOV": (4, b"ftyp"),
     "MOV": (4, b"moov"),
@@ -37,8 +39,10 @@ def load_image(path: Path, flags: int = cv2.IMREAD_COLOR, *, inside: Path | None
 
 
 def decoded(path: Path, data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[np.uint8]:
-    """Image of a file's content; UserError naming the file when it is not an image or too large."""
+    """Image of a file's content; UserError naming the file when it is no image, damaged or too large."""
     size_px(path, data)
+    if data.startswith(TIFF):
+        _refuse_damage(path, data)
     try:
         image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     except cv2.error as error:
@@ -61,6 +65,17 @@ def size_px(path: Path, data: bytes, kinds: tuple[str, ...] = KINDS) -> tuple[in
         raise UserError(f"{path}: not a readable image ({', '.join(kinds)}); render or copy it again") from None
     check_pixels(path, width, height)
     return width, height
+
+
+def _refuse_damage(path: Path, data: bytes) -> None:
+    """UserError for a damaged TIFF, of which OpenCV would return the readable part."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=("TIFF",)) as image:
+                image.load()
+    except Exception as error:  # Pillow's decoders may raise anything for damaged content
+        raise UserError(f"{path}: the image is damaged: {error}; render or copy it again") from None
 
 
 def check_pixels(path: Path, width: int, height: int) -> None:

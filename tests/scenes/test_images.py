@@ -84,6 +84,45 @@ def test_images_of_all_kinds_are_read_as_opencv_decodes_them(tmp_path, kind):
     np.testing.assert_array_equal(read, cv2.imread(str(tmp_path / "a")))
 
 
+@pytest.mark.parametrize(
+    ("compression", "damage"),
+    [
+        ("raw", "file ends early"),
+        ("packbits", "file ends early"),
+        ("packbits", "strip ends early"),
+        ("tiff_lzw", "file ends early"),
+        ("tiff_lzw", "strip ends early"),
+        ("tiff_lzw", "zeros"),
+        ("tiff_adobe_deflate", "file ends early"),
+        ("tiff_adobe_deflate", "strip ends early"),
+        ("tiff_adobe_deflate", "zeros"),
+    ],
+)
+def test_a_damaged_tiff_is_told(tmp_path, compression, damage):
+    picture = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    whole = io.BytesIO()
+    Image.fromarray(picture).save(whole, "TIFF", compression=compression)
+    data, path = whole.getvalue(), tmp_path / "a.tif"
+    path.write_bytes(data)
+    np.testing.assert_array_equal(load_image(path)[:, :, ::-1], picture)
+    start, length = (struct.unpack_from("<I", data, strip_entry(data, tag))[0] for tag in (273, 279))
+    if damage == "file ends early":
+        data = data[: start + length // 2] if start + length == len(data) else data[:-1000]
+    elif damage == "strip ends early":
+        at = strip_entry(data, 279)
+        data = data[:at] + struct.pack("<I", length // 2) + data[at + 4 :]
+    else:
+        data = data[: start + 4000] + bytes(400) + data[start + 4400 :]
+    path.write_bytes(data)
+    with pytest.raises(UserError, match=r"a\.tif: (the image is damaged|not a readable image)"):
+        load_image(path)
+
+
+def strip_entry(data, tag):
+    """Place of the value of a TIFF's entry for its only strip: StripOffsets (273) or StripByteCounts (279)."""
+    return data.index(struct.pack("<HHI", tag, 4, 1)) + 8
+
+
 def test_what_is_no_image_is_told(tmp_path):
     for data in (b"", b"GIF89a", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", bomb_png()[:20]):
         (tmp_path / "a.png").write_bytes(data)
