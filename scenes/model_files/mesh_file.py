@@ -106,6 +106,7 @@ def read(path: Path) -> list[Loaded]:
     beside = ModelFolder(path.parent)
     try:
         scene: Any = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], resolver=beside, process=False)
+        placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
     except Exception as error:
@@ -115,8 +116,7 @@ def read(path: Path) -> list[Loaded]:
     pieces: list[Loaded] = []
     drawn: dict[int, int] = {}
     triangles = 0
-    for node in scene.graph.nodes_geometry:
-        matrix, name = scene.graph[node]
+    for matrix, name in placed:
         mesh = scene.geometry[name]
         if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
             triangles += len(mesh.faces)

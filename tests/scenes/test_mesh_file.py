@@ -228,6 +228,18 @@ def test_a_glb_that_cannot_be_drawn_is_told(
         built(changed_glb(tmp_path / "a.glb", change))
 
 
+def test_nodes_in_a_circle_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.gltf"
+    whole = trimesh.exchange.gltf.export_gltf(trimesh.Scene(house()))
+    for name, data in whole.items():
+        (tmp_path / name).write_bytes(data)
+    model = json.loads(whole["model.gltf"])
+    model["nodes"] = [{"children": [1], "mesh": 0}, {"children": [0], "mesh": 0}]
+    path.write_text(json.dumps(model))
+    with pytest.raises(UserError, match=r"a\.gltf: "):
+        built(path)
+
+
 def test_an_unknown_type_and_a_missing_file_are_told(tmp_path: Path) -> None:
     (tmp_path / "a.dwg").write_text("x")
     with pytest.raises(UserError, match=r"cannot read models of type .dwg; supported: .obj"):
