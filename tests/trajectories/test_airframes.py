@@ -130,6 +130,18 @@ def test_an_airframe_that_grows_beyond_its_text_is_refused(what: str, told: str,
         ('inertial pos="0 0 0"', 'inertial pos="0 0 0.1"', "centre of mass"),
         ('gear="0 0 1 0 0 -0.00596"', 'gear="0 1 0 0 0 -0.00596"', "push along the body's z axis"),
         ('ctrlrange="0 0.12"', 'ctrlrange="-1 0.12"', "ctrlrange"),
+        ('mass="0.027"', 'mass="1e-15"', r"a\.xml: .*mass must be from 0\.0001 to 10000 kg, not 1e-15"),
+        ('mass="0.027"', 'mass="1e300"', r"a\.xml: .*mass must be"),
+        (
+            'diaginertia="1.657e-05 1.666e-05 2.926e-05"',
+            'diaginertia="1e-14 1e-14 1e-14"',
+            r"a\.xml: .*inertia must be",
+        ),
+        (
+            'diaginertia="1.657e-05 1.666e-05 2.926e-05"',
+            'diaginertia="1e200 1e200 1e200"',
+            r"a\.xml: .*inertia must be",
+        ),
     ],
 )
 def test_an_mjcf_that_is_no_quadrotor_is_told_why(old: str, new: str, told: str, tmp_path: Path) -> None:

@@ -20,6 +20,10 @@ STEP_NS = 2_000_000
 STEP_S = STEP_NS / 1e9
 GRAVITY_M_S2 = 9.80665
 """Standard gravity (ISO 80000-3)."""
+MASS_KG = (1e-4, 1e4)
+"""Plausible masses of an airframe in kg: from robots of the size of insects (0.1 g) beyond the largest air taxis."""
+INERTIA_KG_M2 = (1e-10, 1e6)
+"""Plausible principal moments of inertia in kg m^2: MASS_KG at radii of gyration from 1 mm to 10 m."""
 
 
 def physics() -> ModuleType:
@@ -64,6 +68,8 @@ class Quadrotor:
         model = compile_mjcf(xml)
         if not (model.nbody == 2 and model.nq == 7 and model.nu == 4):
             raise UserError("an airframe's MJCF must be one body on one free joint with four actuators")
+        _check_plausible("mass", "kg", np.array(model.body_mass[1:]), MASS_KG)
+        _check_plausible("moments of inertia", "kg m^2", np.array(model.body_inertia[1]), INERTIA_KG_M2)
         if np.abs(model.body_ipos[1]).max() > 1e-9:
             raise UserError("an airframe's centre of mass must be its body's origin: move the body's inertial pos to 0")
         axes = rotation_from_quaternion(np.array(model.body_iquat[1]))
@@ -116,6 +122,14 @@ def compile_mjcf(xml: str) -> Any:
     model.opt.density = model.opt.viscosity = 0.0
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     return model
+
+
+def _check_plausible(what: str, unit: str, values: Array, limits: tuple[float, float]) -> None:
+    """UserError when a value of an airframe is not within limits, beyond which its flight cannot be computed."""
+    low, high = limits
+    if not ((values >= low) & (values <= high)).all():
+        given = ", ".join(f"{value:g}" for value in values)
+        raise UserError(f"an airframe's {what} must be from {low:g} to {high:g} {unit}, not {given}; check its units")
 
 
 def _wrench(model: Any, actuator: int) -> Array:
