@@ -58,16 +58,21 @@ Annotation = Literal["depth", "mask", "edges", "flow", "normals"]
 """Ground truth of each frame in addition to its pose."""
 
 
+LARGEST_SIDE_PX = 16_384
+"""Largest width or height of a rendered image in px: that of a framebuffer of OpenGL's software renderer (llvmpipe)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CameraSpec:
     """A camera by its field of view, or by explicit intrinsics in px (all four of fx_px fy_px cx_px cy_px).
 
     The field of view is that of the pinhole without distortion. lens_blur_px is the standard deviation of the lens's
     point spread function, in addition to the pixel area; at 0 rendered edges alias, otherwise a frame takes 16 renders.
+    UserError when the intrinsics are incomplete or out of range.
     """
 
-    width: Annotated[int, Ge(16)] = 640
-    height: Annotated[int, Ge(16)] = 480
+    width: Annotated[int, Interval(ge=16, le=LARGEST_SIDE_PX)] = 640
+    height: Annotated[int, Interval(ge=16, le=LARGEST_SIDE_PX)] = 480
     horizontal_fov_deg: Annotated[float, Gt(1), Lt(170)] = 78.7
     fx_px: Annotated[float, Gt(0)] | None = None
     fy_px: Annotated[float, Gt(0)] | None = None
@@ -77,21 +82,23 @@ class CameraSpec:
     distortion: tuple[float, ...] = ()
     lens_blur_px: Annotated[float, Interval(ge=0, le=5)] = 0.0
 
+    def __post_init__(self) -> None:
+        self.camera()
+
     def camera(self) -> Camera:
         """The calibrated camera; UserError when the intrinsics are incomplete or out of range."""
         explicit = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
         given = [value for value in explicit if value is not None]
         if given and len(given) < 4:
-            raise UserError("camera: give all of fx_px, fy_px, cx_px, cy_px, or none of them and horizontal_fov_deg")
-        if given:
-            fx, fy, cx, cy = given
-        else:
-            plain = Camera.from_field_of_view(self.width, self.height, self.horizontal_fov_deg)
-            fx, fy, cx, cy = plain.fx, plain.fy, plain.cx, plain.cy
+            raise UserError("give all of fx_px, fy_px, cx_px, cy_px, or none of them and horizontal_fov_deg")
         try:
+            if not given:
+                plain = Camera.from_field_of_view(self.width, self.height, self.horizontal_fov_deg)
+                given = [plain.fx, plain.fy, plain.cx, plain.cy]
+            fx, fy, cx, cy = given
             return Camera(self.width, self.height, fx, fy, cx, cy, self.distortion_model, self.distortion)
         except ValueError as error:
-            raise UserError(f"camera: {error}") from None
+            raise UserError(str(error)) from None
 
 
 @dataclass(frozen=True, kw_only=True)
