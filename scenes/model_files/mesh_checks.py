@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
@@ -13,6 +13,12 @@ from uavbench.trajectories.files.reading import json_value, read_bytes
 from uavbench.trajectories.pose import Array
 
 MOST_TRIANGLES = 2_000_000
+MOST_MATERIALS = 2_000
+"""Materials that the faces of an OBJ file use: each becomes a piece, and trimesh's time is quadratic in them (2 s)."""
+MOST_NODES = 20_000
+"""Nodes of a glTF file and the pieces that they place: each is drawn by itself, in large buildings some thousand."""
+MOST_LEVELS = 100
+"""Levels of a glTF file's nodes: an assembly has 10, a skeleton 30; trimesh's time is quadratic in them."""
 LARGEST_M, SMALLEST_M = 2000.0, 0.02
 UNREADABLE = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu")
 """glTF extensions for compressed meshes or images that trimesh cannot decode."""
@@ -98,7 +104,14 @@ def _beside(path: Path, name: str) -> bool:
 
 
 def _obj_wants(path: Path, data: bytes) -> list[str]:
-    """Material libraries that an OBJ file refers to, and their textures."""
+    """Material libraries that an OBJ file refers to, and their textures; UserError for too many materials."""
+    joined = data.replace(b"\\\r\n", b"").replace(b"\\\n", b"")  # lines that a backslash continues
+    used = len({name.strip() for name in re.findall(rb"usemtl ([^\r\n]*)", joined)})
+    if used > MOST_MATERIALS:
+        raise UserError(
+            f"{path}: {used:,} materials are more than the {MOST_MATERIALS:,} that can be handled; "
+            "join those that look alike"
+        )
     wanted = []
     for line in re.findall(rb"^[ \t]*mtllib[ \t]+(.+?)[ \t]*$", data, re.MULTILINE):
         library = line.decode("utf-8", "replace").strip()
@@ -119,12 +132,33 @@ def _gltf_wants(path: Path, data: bytes) -> list[str]:
         entries = [*scene.get("buffers", []), *scene.get("images", [])]
         uris = [str(entry["uri"]) for entry in entries if "uri" in entry]
         counts = [int(accessor["count"]) for accessor in scene.get("accessors", [])]
-    except (ValueError, AttributeError, TypeError, KeyError, OverflowError) as error:
+        _check_nodes(path, scene.get("nodes", []), scene.get("meshes", []))
+    except (ValueError, AttributeError, TypeError, LookupError, OverflowError) as error:
         raise UserError(f"{path}: not a readable {path.suffix[1:]} file: {error}") from None
     if needed:
         raise UserError(f"{path}: is compressed with {', '.join(needed)}; export it without compression")
     check_count(path, max(counts, default=0) // 3)
     return [unquote(uri) for uri in uris if not uri.startswith("data:")]
+
+
+def _check_nodes(path: Path, nodes: list[dict[str, Any]], meshes: list[dict[str, Any]]) -> None:
+    """UserError for a glTF file of too many nodes and pieces, or whose nodes are nested too deeply or in a circle."""
+    pieces = [len(mesh.get("primitives", [])) for mesh in meshes]
+    children = [node.get("children", []) for node in nodes]
+    count = max(len(nodes), sum(map(len, children))) + sum(pieces[node["mesh"]] for node in nodes if "mesh" in node)
+    if max(count, sum(pieces)) > MOST_NODES:
+        raise UserError(
+            f"{path}: {max(count, sum(pieces)):,} nodes and pieces are more than the {MOST_NODES:,} that can be "
+            "handled; join the meshes in your modelling program"
+        )
+    level = set(range(len(nodes)))
+    for _ in range(MOST_LEVELS):
+        level = {child for node in level for child in children[node]}
+    if level:
+        raise UserError(
+            f"{path}: its nodes are nested deeper than {MOST_LEVELS} levels, or in a circle; "
+            "export the model again without this hierarchy"
+        )
 
 
 def check_textures(path: Path, pixels: int) -> None:

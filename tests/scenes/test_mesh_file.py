@@ -12,7 +12,7 @@ from PIL import Image
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.generate import generate
 from uavbench.scenes.model_files import mesh_checks
-from uavbench.scenes.model_files.mesh_file import MeshFile
+from uavbench.scenes.model_files.mesh_file import MeshFile, read
 from uavbench.scenes.renderables import BuiltStructure
 from uavbench.scenes.spec import CameraSpec, SequenceSpec
 from uavbench.scenes.world.outdoor import Outdoor
@@ -228,16 +228,44 @@ def test_a_glb_that_cannot_be_drawn_is_told(
         built(changed_glb(tmp_path / "a.glb", change))
 
 
-def test_nodes_in_a_circle_are_told(tmp_path: Path) -> None:
-    path = tmp_path / "a.gltf"
-    whole = trimesh.exchange.gltf.export_gltf(trimesh.Scene(house()))
-    for name, data in whole.items():
+@pytest.mark.parametrize(
+    ("nodes", "primitives", "told"),
+    [
+        ([{"children": [1], "mesh": 0}, {"children": [0], "mesh": 0}], 1, "in a circle"),
+        ([{"children": [k + 1]} for k in range(99)] + [{"mesh": 0}], 1, ""),
+        ([{"children": [k + 1]} for k in range(100)] + [{"mesh": 0}], 1, "nested deeper than 100 levels"),
+        ([{"children": [k + 1]} for k in range(119_999)] + [{"mesh": 0}], 1, "120,001 nodes and pieces are more than"),
+        ([{"mesh": 0}], 30_000, "30,001 nodes and pieces are more than"),
+        ([{"children": [*range(1, 201)]}] + [{"mesh": 0}] * 200, 200, "40,201 nodes and pieces are more than"),
+    ],
+)
+def test_too_many_nodes_or_levels_or_a_circle_of_them_are_told(
+    tmp_path: Path, nodes: list[dict[str, Any]], primitives: int, told: str
+) -> None:
+    for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(house())).items():
         (tmp_path / name).write_bytes(data)
-    model = json.loads(whole["model.gltf"])
-    model["nodes"] = [{"children": [1], "mesh": 0}, {"children": [0], "mesh": 0}]
-    path.write_text(json.dumps(model))
-    with pytest.raises(UserError, match=r"a\.gltf: "):
+    path = tmp_path / "model.gltf"
+    model = json.loads(path.read_text())
+    model["meshes"][0]["primitives"] *= primitives
+    path.write_text(json.dumps({**model, "nodes": nodes}))
+    if told:
+        with pytest.raises(UserError, match=rf"model\.gltf: .*{told}"):
+            built(path)
+    else:
+        assert len(built(path).structure.edges) == 12
+
+
+def test_an_obj_of_too_many_materials_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    path.write_text(corners + "".join(f"o part{k}\nusemtl paint{k}\nf 1 2 3\n" for k in range(30_000)))
+    with pytest.raises(UserError, match=r"a\.obj: 30,000 materials are more than the 2,000"):
         built(path)
+    path.write_text(corners + "".join(f"use\\\nmtl {k}\nf 1 2 3\n" for k in range(2_001)))
+    with pytest.raises(UserError, match="2,001 materials"):
+        built(path)
+    path.write_text(corners + "".join(f"o part{k}\nusemtl paint{k % 2}\nf 1 2 3\n" for k in range(30_000)))
+    assert len(read(path)) == 2
 
 
 def test_an_unknown_type_and_a_missing_file_are_told(tmp_path: Path) -> None:

@@ -112,7 +112,9 @@ def test_a_bad_airframe_file_is_named_with_its_key(name: str, text: str, told: s
         ('<asset><texture name="t" type="2d" builtin="flat" width="99999" height="99999"/></asset>', "<texture>"),
         ('<custom><numeric name="n" size="2000000000"/></custom>', "<numeric>"),
         ('<extension><plugin plugin="any"/></extension>', "<extension>"),
-        ("<worldbody>" + "<body>" * 50_000 + "</body>" * 50_000 + "</worldbody>", "nested deeper than 64"),
+        ("<worldbody>" + '<geom size="1"/>' * 60_000 + "</worldbody>", r"a\.xml: it has 60,\d+ elements, more than"),
+        ("<worldbody>" + "<body>" * 900 + "</body>" * 900 + "</worldbody>", "nested deeper than 64"),
+        ("<worldbody>" + "<body>" * 50_000 + "</body>" * 50_000 + "</worldbody>", "it has 50,... elements"),
     ],
 )
 def test_an_airframe_that_grows_beyond_its_text_is_refused(what: str, told: str, tmp_path: Path) -> None:

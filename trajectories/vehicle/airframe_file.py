@@ -15,6 +15,9 @@ from uavbench.trajectories.vehicle.airframes import PRESETS, Crazyflie, with_cam
 GROWING = ("replicate", "composite", "flexcomp", "flex", "skin", "hfield", "texture", "extension", "plugin", "size")
 """MJCF elements that expand to more than their text, or load code."""
 
+MOST_ELEMENTS = 1_000
+"""Elements of an MJCF file: quadrotor.xml has 27, and MuJoCo's time to read them is quadratic."""
+
 
 @dataclass(frozen=True)
 class AirframeFile:
@@ -59,7 +62,13 @@ def _from_xml(text: str, mount: Mount) -> str:
 
 
 def _refuse_growth(root: ElementTree.Element) -> None:
-    """UserError for elements that expand to more than their text, and for nesting too deep to be parsed safely."""
+    """UserError for elements that expand to more than their text, too many elements, and too deep nesting."""
+    count = sum(1 for _ in root.iter())
+    if count > MOST_ELEMENTS:
+        raise UserError(
+            f"it has {count:,} elements, more than the {MOST_ELEMENTS:,} that can be handled; "
+            "leave out shapes that are for display only"
+        )
     level = [root]
     for _ in range(MOST_NESTING):
         for node in level:
