@@ -1,12 +1,12 @@
 """Files that a model file refers to: materials, textures, buffers, further models."""
 
-import json
 import re
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
 
+from uavbench.trajectories.files.reading import json_value
 from uavbench.trajectories.source_files import stamp
 
 REFERENCES = {
@@ -14,9 +14,8 @@ REFERENCES = {
     ".mtl": (re.compile(r"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+(.+)$", re.MULTILINE | re.IGNORECASE), ""),
     ".ply": (re.compile(r"^[ \t]*comment[ \t]+texturefile[ \t]+(.+)$", re.MULTILINE | re.IGNORECASE), ""),
     ".cao": (re.compile(r"""load\s*\(\s*["']([^"']+)["']""", re.IGNORECASE), ".cao"),
-    ".gltf": (re.compile(r'"uri"\s*:\s*("(?:[^"\\]|\\.)*")'), ""),
 }
-"""File type -> (pattern of a reference, type of the referenced file)."""
+"""File type -> (pattern of a reference, type of the referenced file), for models that are lines of text."""
 LONGEST = 4096
 """Greatest length of a reference in characters, that of a path."""
 HEADER_BYTES = 1 << 16
@@ -32,42 +31,52 @@ def parts_of(path: Path) -> tuple[Path, ...]:
     waiting = [(path, path.suffix.lower().replace(".glb", ".gltf"))]
     while waiting:
         file, kind = waiting.pop()
-        if kind not in REFERENCES or not _there(file):
+        if kind not in (*REFERENCES, ".gltf") or not _there(file):
             continue
         for name in _named(file, stamp(file), kind):
             if _there(part := file.parent / name) and (real := part.resolve()) not in found:
                 found[real] = part
-                waiting.append((part, REFERENCES[kind][1]))
+                waiting.append((part, "" if kind == ".gltf" else REFERENCES[kind][1]))
     return tuple(found.values())
 
 
 @lru_cache(maxsize=1024)
 def _named(path: Path, _: tuple[int, ...], kind: str) -> tuple[str, ...]:
     """All interpretations of the references in a file; cached by its stamp."""
+    if kind == ".gltf":
+        return tuple(dict.fromkeys(name for uri in _uris(path) for name in (uri, unquote(uri), *uri.split()[-1:])))
     matches = REFERENCES[kind][0].finditer(_text(path, kind))
     return tuple(dict.fromkeys(name for match in matches for name in _names(match[1][:LONGEST])))
+
+
+def _uris(path: Path) -> Iterator[str]:
+    """References anywhere in the JSON of a glTF file; none where it is invalid, and cannot be loaded either."""
+    with path.open("rb") as file:
+        head = file.read(20)  # GLB: magic, version, length; length and type of its first chunk, the JSON
+        text = file.read(int.from_bytes(head[12:16], "little")) if head[:4] == b"glTF" else head + file.read()
+    try:
+        waiting = [json_value(text)]
+    except ValueError:
+        return
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict):
+            uri = item.get("uri")
+            if isinstance(uri, str) and "base64," not in uri:  # which trimesh takes for the content itself
+                yield uri.strip()
+        if isinstance(item, dict | list):
+            waiting += item.values() if isinstance(item, dict) else item
 
 
 def _text(path: Path, kind: str) -> str:
     """Text of the part of a file that can hold references."""
     with path.open("rb") as file:
-        if kind == ".ply":
-            return file.read(HEADER_BYTES).split(b"end_header")[0].decode("utf-8", "replace")
-        head = file.read(20)  # GLB: magic, version, length; length and type of its first chunk, the JSON
-        text = file.read(int.from_bytes(head[12:16], "little")) if head[:4] == b"glTF" else head + file.read()
-    return text.decode("utf-8", "replace")
+        data = file.read(HEADER_BYTES).split(b"end_header")[0] if kind == ".ply" else file.read()
+    return data.decode("utf-8", "replace")
 
 
 def _names(given: str) -> Iterator[str]:
     """Interpretations of a reference: the whole text, or what follows leading options."""
-    if given.startswith('"'):
-        try:
-            given = unquote(json.loads(given))
-        except ValueError:
-            return
-        if not given.startswith("data:"):
-            yield given
-        return
     words = given.strip().replace("\\", "/").split(" ")
     yield from (" ".join(words[first:]) for first in range(len(words)) if words[first])
     yield from (word for word in words[:-1] if word)

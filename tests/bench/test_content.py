@@ -306,6 +306,10 @@ MODELS = {
         '{"buffers": [{"uri": "c%20d.bin"}], "images": [{"uri" : "\\u0063.png"}]}',
         {"c d.bin": "", "c.png": ""},
     ),
+    "escaped.gltf": (
+        '{"buffers": [{"\\u0075ri": "c%20d.bin"}], "images": [{"\\u0075\\u0072i": "c.png"}]}',
+        {"c d.bin": "", "c%20d.bin": "", "c.png": ""},
+    ),
     "d.ply": ("ply\nformat ascii 1.0\ncomment TextureFile d.jpg\nend_header\n", {"d.jpg": ""}),
     "e.cao": ('V1\nload("f.cao")\n', {"f.cao": 'V1\n load ( "g.cao", t=[1, 2, 3])\n', "g.cao": 'V1\nload("f.cao")\n'}),
 }
@@ -321,7 +325,7 @@ def test_a_model_is_all_files_that_it_refers_to(tmp_path, name):
     model = MeshFile(path=str(tmp_path / name))
     hashes = [content_hash(model)]
     for part in [name, *parts, *(["my brick.png"] if name == "a.obj" else [])]:
-        (tmp_path / part).write_text((tmp_path / part).read_text() + "\n#")
+        (tmp_path / part).write_text((tmp_path / part).read_text() + "\n")
         hashes.append(content_hash(model))
     assert len(set(hashes)) == len(hashes)
 
