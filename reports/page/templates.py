@@ -10,6 +10,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from uavbench.reports.style import PNG_DPI, TWO_COLUMNS_IN
+from uavbench.trajectories.errors import plain
 
 HERE = Path(__file__).parent
 
@@ -50,8 +51,15 @@ def on_page(folder: Path, files: ListOf[Path], title: str, caption: str) -> Figu
 
 
 def environment() -> Environment:
-    """Jinja environment of the templates, with autoescape and strict undefined variables."""
-    return Environment(loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=False)
+    """Jinja environment of the templates: autoescape, visible control characters, and no undefined variables."""
+    return Environment(
+        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=False, finalize=_visible
+    )
+
+
+def _visible(value: Any) -> str:
+    """A value as text, its control characters escaped."""
+    return Markup(plain(value)) if isinstance(value, Markup) else plain(str(value))
 
 
 def asset(name: str) -> Markup:

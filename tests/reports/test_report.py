@@ -16,6 +16,7 @@ from PIL import Image
 
 from tests.reports.drawn import track
 from uavbench.reports.figures.space import SHARES, draw_error_against_distance
+from uavbench.reports.page.templates import environment
 from uavbench.reports.progress import Steps
 from uavbench.reports.report import ReportInputs, beside, write_report
 from uavbench.reports.scoring.runs import ReportEntry, ScoredRun
@@ -23,7 +24,7 @@ from uavbench.reports.scoring.score import score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import COLOURS, PNG_DPI, new_figure
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import UNSEEN, UserError
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -132,6 +133,19 @@ def test_all_scores_stand_in_one_file(report: Path) -> None:
     numbers = list(frame.select_dtypes("number"))
     pd.testing.assert_frame_equal(table[numbers], frame[numbers], check_dtype=False, rtol=1e-12)
     assert json.loads((report / "report.json").read_text())["content_hash"] == "abc"
+
+
+def test_control_characters_of_a_suite_are_visible_on_the_pages(entries: list[ReportEntry], tmp_path: Path) -> None:
+    unseen = "\x1b[31m \x07 \x9b \u202e"
+    inputs = ReportInputs(f"title {unseen}", entries[:1], unrendered={"a": f"why {unseen}"})
+    write_report(tmp_path, inputs)
+    pages = {path.name: path.read_text() for path in tmp_path.rglob("*.html")}
+    assert len(pages) == 2
+    for page in pages.values():
+        assert not UNSEEN.search(page) and r"title \x1b[31m \x07 \x9b \u202e" in page
+    assert r"why \x1b[31m \x07 \x9b \u202e" in pages["index.html"]
+    link = environment().from_string('{{ ["a\x1b", "<b>"]|join(", ") }}').render()
+    assert link == "a\\x1b, &lt;b&gt;"
 
 
 def test_no_entry_is_refused(tmp_path: Path) -> None:
