@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -149,7 +150,8 @@ def run_job(
 
     try:
         for module in plugins:
-            importlib.import_module(module)
+            with suppress(ModuleNotFoundError):  # of another suite in the same process; a class of it needs it anyway
+                importlib.import_module(module)
         with place.writing(content_hash):
             work(content_hash, on_step)
     except UserError as error:

@@ -119,7 +119,7 @@ def test_the_module_that_a_suite_names_is_imported_in_workers_too(tmp_path, monk
     monkeypatch.setattr(plugin_files, "loaded", {})
     monkeypatch.setattr(graph, "loaded", plugin_files.loaded)
     work = import_module("tuned").Work
-    plugin_files.loaded["tuned"] = frozenset()
+    plugin_files.loaded |= {"tuned": frozenset(), "of_another_suite": frozenset()}
     marker = tmp_path / "out" / "marker.txt"
     marker.parent.mkdir()
     one = Job(verb="track", name="one", work=work(marker), marker=marker, content_hash="abc")
