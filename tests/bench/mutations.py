@@ -71,7 +71,8 @@ def _paths(value, at=()):
 
 def _with(value, changes) -> str:
     value = copy.deepcopy(value)
-    for path, new in changes:
+    for path, given in changes:
+        new = copy.deepcopy(given)  # a later change may be within it
         if not path:
             value = new
             continue
