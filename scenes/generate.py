@@ -20,6 +20,7 @@ from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, Sequence
 from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
+from uavbench.scenes.dataset.table_files import FORMAT
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.frames import Filming, write_frames
@@ -229,6 +230,7 @@ def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, row_delay_ns: fl
     except PackageNotFoundError:
         own = "not installed"
     info = {
+        "format": FORMAT,
         "name": spec.name,
         "seed": spec.seed,
         "rate_hz": spec.rate_hz,

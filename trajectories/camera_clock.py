@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.sensors.sensor import stamps_between
+from uavbench.trajectories.sensors.sensor import sample_stamps
 
 MOST_JITTER = 0.4
 """Greatest jitter as a fraction of the frame period; below one half, so that frames stay in order."""
@@ -30,14 +30,13 @@ class Exposures:
 class CameraClock:
     """The clock that triggers and stamps the frames of all cameras of a vehicle.
 
-    even: frames are exposed every 1 / rate, to the nanosecond, and the flight is interpolated to them; otherwise at
-    the nearest control step of 2 ms. jitter_ms: standard deviation of the exposures about even times, at most
-    MOST_JITTER of a period, included in the stamps. timeshift_cam_imu_s, as in Kalibr (t_imu = t_cam + shift):
-    the clock's offset from that of the IMU, the other sensors and the flight's record. Stamps never fall below 0: with
-    a positive shift the first frame is exposed at the time shift and stamped 0, with a negative one it is exposed at 0.
+    Frames are exposed every 1 / rate, to the nearest nanosecond, so that two rates share all common times. jitter_ms:
+    standard deviation of the exposures about these times, at most MOST_JITTER of a period, included in the stamps.
+    timeshift_cam_imu_s, as in Kalibr (t_imu = t_cam + shift): the clock's offset from that of the IMU, the other
+    sensors and the flight's record. Stamps never fall below 0: with a positive shift the first frame is exposed at the
+    time shift and stamped 0, with a negative one it is exposed at 0.
     """
 
-    even: bool = False
     jitter_ms: Annotated[float, Interval(ge=0, le=100)] = 0.0
     timeshift_cam_imu_s: Annotated[float, Interval(ge=-10, le=10)] = 0.0
 
@@ -68,9 +67,7 @@ class CameraClock:
                 f"rate_hz {rate_hz:g}: the flight has {1e9 / int(stamps[1] - stamps[0]):g} steps a second; choose a "
                 "rate of at most that"
             )
-        if not self.even and self.jitter_ms == 0.0:
-            return stamps[flight.frame_rows(rate_hz)]
-        times = stamps_between(int(stamps[0]), int(stamps[-1]), rate_hz)
+        times = sample_stamps(flight, rate_hz)
         if self.jitter_ms > 0.0:
             most = MOST_JITTER * 1e9 / rate_hz
             late = np.clip(1e6 * self.jitter_ms * rng.standard_normal(len(times)), -most, most)

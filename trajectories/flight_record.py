@@ -1,7 +1,6 @@
 """Ground truth of a flight at every control step."""
 
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Literal
 
 import numpy as np
@@ -78,18 +77,3 @@ class Flight:
     def pose(self, row: int) -> Pose:
         """Pose world_from_body of a row."""
         return Pose.from_quaternion(self.quaternions_wxyz[row], self.positions_m[row])
-
-    def frame_rows(self, rate_hz: float) -> NDArray[np.int64]:
-        """Rows nearest to the times of a camera at rate_hz, the first at 0; a frame's stamp is its row's own stamp.
-
-        Pose and stamp of a frame thus agree exactly; its deviation from the nominal time is at most half a row.
-        ValueError when the camera is faster than the record.
-        """
-        if len(self) == 1:
-            return np.zeros(1, dtype=np.int64)
-        step_ns = int(self.stamps_ns[1] - self.stamps_ns[0])
-        rows_per_frame = Fraction(10**9) / Fraction(str(rate_hz)) / step_ns
-        if rows_per_frame < 1:
-            raise ValueError(f"a camera at {rate_hz} Hz is faster than the record's {1e9 / step_ns:g} Hz")
-        count = int((len(self) - 1) / rows_per_frame) + 1
-        return np.array([round(i * rows_per_frame) for i in range(count)], dtype=np.int64)

@@ -26,8 +26,8 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
         raise UserError(f"sequence {spec.name}: a recorded motion cannot be flown; choose a path that is planned")
     if spec.cameras or spec.clock != CameraClock():
         raise UserError(
-            f"sequence {spec.name}: in closed loop only the main camera is simulated, synchronized with the control "
-            "steps: leave out `cameras` and `clock`"
+            f"sequence {spec.name}: in closed loop only the main camera is simulated, without jitter or time shift: "
+            "leave out `cameras` and `clock`"
         )
     sensors = {name: there[name] for name in wanted if name != CAMERA}
     if loop.estimator != "truth":

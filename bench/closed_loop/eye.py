@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from fractions import Fraction
 from typing import Protocol
 
 import numpy as np
@@ -53,14 +52,8 @@ def eye(spec: SequenceSpec, scene: DrawnScene, way: Motion) -> Iterator[CameraSi
         yield with_effects(ideal, spec.effects, spec.seed)
 
 
-def frame_rows(steps: int, rate_hz: float) -> NDArray[np.int64]:
-    """Rows of a flight at which a camera's frames are taken; as `Flight.frame_rows`."""
-    rows_per_frame = Fraction(10**9) / Fraction(str(rate_hz)) / STEP_NS
-    return np.array([round(i * rows_per_frame) for i in range(int((steps - 1) / rows_per_frame) + 1)], dtype=np.int64)
-
-
-def rows_after(spec: SequenceSpec, source: CameraSimulator) -> int:
-    """Rows that must be flown after a frame's stamp until its exposure ends."""
+def exposed_after_ns(spec: SequenceSpec, source: CameraSimulator) -> int:
+    """Time in ns from a frame's stamp until its exposure ends."""
     exposed_ms = max((getattr(effect, "exposure_ms", 0.0) for effect in spec.effects), default=0.0)
     readout_ns = abs(source.row_delay_ns) * (source.camera.height - 1)
-    return int(np.ceil((0.5e6 * exposed_ms + 0.5 * readout_ns) / STEP_NS))
+    return int(np.ceil(0.5e6 * exposed_ms + 0.5 * readout_ns))

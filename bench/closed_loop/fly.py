@@ -6,7 +6,7 @@ from typing import Any
 from uavbench.bench.closed_loop.checks import check_loop, loop_imu
 from uavbench.bench.closed_loop.ending import Ending, Judge
 from uavbench.bench.closed_loop.estimators import CameraAlone, Estimator, Filtered, Start, TrueState
-from uavbench.bench.closed_loop.eye import WayFlown, eye, frame_rows, rows_after
+from uavbench.bench.closed_loop.eye import WayFlown, exposed_after_ns, eye
 from uavbench.bench.closed_loop.flight_notes import Notes
 from uavbench.bench.closed_loop.open_loop import OpenLoop
 from uavbench.bench.closed_loop.sensing import Reading, Sensors
@@ -25,6 +25,7 @@ from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import named
+from uavbench.trajectories.sensors.sensor import stamps_between
 from uavbench.trajectories.simulation.flight import begin
 from uavbench.trajectories.simulation.simulate import BLOCK, Simulation
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS, Quadrotor
@@ -80,8 +81,8 @@ class Loop:
         )
         self.start_velocity_m_s = simulation.commanded[3:6].copy()
         self.latency_rng = stream(spec.seed, "loop", "latency")
-        self.rows = frame_rows(simulation.steps, pilot.rate_hz).tolist()
-        self.rows_after = rows_after(spec, source)
+        self.stamps = stamps_between(0, (simulation.steps - 1) * STEP_NS, pilot.rate_hz).tolist()
+        self.exposed_after_ns = exposed_after_ns(spec, source)
         self.frame = 0
         self.busy_until_ns = -1
         self.due: list[tuple[int, int, TrackResult]] = []
@@ -98,7 +99,7 @@ class Loop:
         simulation.observe()
         now_ns = simulation.step * STEP_NS
         self.sense()
-        self.see()
+        self.see(now_ns)
         self.deliver(now_ns)
         self.command(now_ns)
         simulation.advance()
@@ -113,11 +114,11 @@ class Loop:
             else:
                 self.estimator.sense(reading)
 
-    def see(self) -> None:
+    def see(self, now_ns: int) -> None:
         """Take and track the next frame once all of it is exposed."""
-        if self.frame >= len(self.rows) or self.simulation.step < self.rows[self.frame] + self.rows_after:
+        if self.frame >= len(self.stamps) or now_ns < self.stamps[self.frame] + self.exposed_after_ns:
             return
-        stamp_ns = self.rows[self.frame] * STEP_NS
+        stamp_ns = self.stamps[self.frame]
         frame, self.frame = self.frame, self.frame + 1
         light = self.source.image(stamp_ns)
         if light is None or stamp_ns < self.busy_until_ns:
@@ -133,7 +134,7 @@ class Loop:
         latency = self.pilot.loop.latency
         answer_ns = stamp_ns + latency.delay_ns(result.stage_ms.get("total", 0.0), self.latency_rng)
         self.busy_until_ns = answer_ns if latency.occupies else -1
-        self.due.append((max(answer_ns, self.simulation.step * STEP_NS), stamp_ns, result))
+        self.due.append((max(answer_ns, now_ns), stamp_ns, result))
         self.notes.frame(frame, stamp_ns, result, true_pose, self.due[-1][0])
         if len(tracker.faults) > told and self.pilot.loop.on_fault == "end":
             self.notes.ending = Ending("stopped", f"the tracker failed: {tracker.faults[-1].what}", stamp_ns)

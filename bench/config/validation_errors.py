@@ -6,6 +6,9 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
+REMOVED = {("CameraClock", "even"): "frames are always evenly spaced; delete this key"}
+"""Keys of earlier versions by model and name, and what to do about them."""
+
 
 def explain(model: type[BaseModel], error: Any) -> str:
     """One line for a pydantic error: key path, what is wrong, and the nearest valid name."""
@@ -14,6 +17,8 @@ def explain(model: type[BaseModel], error: Any) -> str:
     context = error.get("ctx", {})
     match error["type"]:
         case "extra_forbidden":
+            if tables[-1] and (advice := REMOVED.get((tables[-1].__name__, str(keys[-1])))):
+                return f"{path}: {advice}"
             valid = [name for name in tables[-1].model_fields if name != "kind"] if tables[-1] else []
             if elsewhere := _elsewhere(keys, tables):
                 return f"{path}: unknown key here; did you mean {elsewhere!r}?"

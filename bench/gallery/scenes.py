@@ -15,6 +15,7 @@ from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.protocol import Image
+from uavbench.trajectories.sensors.sensor import sample_stamps, sampled
 from uavbench.trajectories.simulation.flight import fly
 
 ABOVE_DEG = 12.0
@@ -70,9 +71,9 @@ def effect_picture(spec: SequenceSpec) -> Image:
     """
     scene = _scene(replace(spec, name="", effects=()))
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
-    rows = flight.frame_rows(spec.rate_hz)
-    fastest = int(np.argmax(np.linalg.norm(flight.velocities_m_s[rows[:-FRAMES]], axis=1)))
-    stamps = flight.stamps_ns[rows[fastest : fastest + FRAMES]].tolist()
+    times = sample_stamps(flight, spec.rate_hz)
+    fastest = int(np.argmax(np.linalg.norm(sampled(flight, flight.velocities_m_s, times[:-FRAMES]), axis=1)))
+    stamps = times[fastest : fastest + FRAMES].tolist()
     with eye(replace(spec, effects=()), scene, flight) as source:
         before = _first(source.image(stamps[0]))
         middle = source.cam_from_world(stamps[0]).transform(scene.built.structure.bounds.mean(axis=0)[None])

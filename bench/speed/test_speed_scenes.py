@@ -31,6 +31,7 @@ from uavbench.scenes.rendering.camera_simulator import ideal_camera, render_came
 from uavbench.scenes.rendering.radiance import encode
 from uavbench.scenes.scene import build_scene
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.sensors.sensor import sample_stamps
 from uavbench.trajectories.simulation.flight import fly
 
 ASKED_FPS = {"box": 25.0, "bridge": 12.0}
@@ -54,8 +55,8 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
-    all_rows = flight.frame_rows(spec.rate_hz)
-    rows = iter(all_rows[np.linspace(0, len(all_rows) - 1, 2 * FRAMES + 3).astype(int)].tolist())
+    all_stamps = sample_stamps(flight, spec.rate_hz)
+    stamps = iter(all_stamps[np.linspace(0, len(all_stamps) - 1, 2 * FRAMES + 3).astype(int)].tolist())
     (folder / "frames").mkdir(parents=True)
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
         ideal = ideal_camera(renderer, camera, pinhole, lens, g.camera_path(flight, spec.mount.cam_from_body))
@@ -63,7 +64,7 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
         filming = Filming(source=source, cam_from_body=spec.mount.cam_from_body, structure=scene.built.structure)
 
         def make() -> None:
-            stamp_ns = int(flight.stamps_ns[next(rows)])
+            stamp_ns = next(stamps)
             light = source.image(stamp_ns)
             assert light is not None
             image = encode(light)

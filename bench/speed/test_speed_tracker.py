@@ -22,6 +22,7 @@ from uavbench.tracker.protocol import Image, Run, Tracker
 from uavbench.tracker.registry import TRACKERS
 from uavbench.tracker.shang_shen.segments import detect_segments, grey
 from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.sensors.sensor import sample_stamps
 from uavbench.trajectories.simulation.flight import fly
 
 FRAMES = 24
@@ -85,7 +86,7 @@ def film(suite: str) -> Film:
     flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, 0)
-    stamps_ns = [int(flight.stamps_ns[row]) for row in flight.frame_rows(spec.rate_hz)[:FILMED]]
+    stamps_ns = sample_stamps(flight, spec.rate_hz)[:FILMED].tolist()
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
         path = generate.camera_path(flight, spec.mount.cam_from_body)
         source = generate.with_effects(ideal_camera(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)

@@ -23,6 +23,7 @@ from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.ground_truth_files import read_row_poses
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.scenes.dataset.table_files import FORMAT, format_of
 from uavbench.scenes.dataset.verify import write_manifest
 from uavbench.scenes.effects.link import Drops
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
@@ -90,7 +91,8 @@ def make_twin(
 def spec_of(sequence: Sequence) -> SequenceSpec:
     """The spec that a sequence was rendered from.
 
-    UserError for a twin, for recorded sequences and others without a `config`, and for one with its own camera clock.
+    UserError for a twin, for recorded sequences and others without a `config`, for one of an older format, and for one
+    with its own camera clock.
     """
     path = sequence.folder / "sequence.json"
     if "twin" in sequence.info:
@@ -98,6 +100,8 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
     config = sequence.info.get("config")
     if sequence.recorded or not isinstance(config, dict):
         raise UserError(f"{path}: has no `config` to build its scene from, as recordings have none; render a sequence")
+    if (older := format_of(path, sequence.info)) != FORMAT:
+        raise UserError(f"{path}: is of format {older}, not {FORMAT}: its frames are at other times; render it again")
     spec = recorded_spec(config, path)
     if spec.clock != CameraClock():
         raise UserError(f"{path}: its camera has its own `clock`, which twins do not support; render it without")

@@ -1,6 +1,6 @@
 """A sequence on disk: the contract between render, track and score.
 
-    sequence.json   name, seed, rate, mount, content hash, versions
+    sequence.json   format, name, seed, rate, mount, content hash, versions
     camera.toml     the calibrated camera
     model.obj       the structure as designed, one group per planar face
     edges.csv       its true edges: vertices and the adjacent faces

@@ -16,6 +16,11 @@ from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_ROWS, TABLE
 from uavbench.trajectories.pose import Array
 
+FORMAT = 2
+"""Version of what a sequence's files hold, `format` in sequence.json; raised where the same suite gives other bytes.
+
+1 (no `format`): frames are exposed at the control steps of 2 ms nearest to even times. 2: at even times.
+"""
 POSITIVE = ("rate_hz", "depth_m_per_unit")
 TABLES = ("config", "deviation", "versions")
 LONGEST_NS = 10**18
@@ -39,12 +44,24 @@ def check_info(path: Path, info: Mapping[str, Any]) -> None:
     shift = info.get("timeshift_cam_imu_ns", 0)
     if isinstance(shift, bool) or not isinstance(shift, int) or abs(shift) > LONGEST_NS:
         raise _wrong(path, "timeshift_cam_imu_ns", shift, "whole ns")
+    if not 1 <= (version := format_of(path, info)) <= FORMAT:
+        raise UserError(
+            f"{path}: format = {version}: this version of uavbench reads formats 1 to {FORMAT}; install a later one"
+        )
     for key in TABLES:
         if not isinstance(value := info.get(key) or {}, dict):
             raise _wrong(path, key, value, "a table")
     effects = (info.get("config") or {}).get("effects") or ()
     if not (isinstance(effects, list | tuple) and all(isinstance(effect, dict) for effect in effects)):
         raise _wrong(path, "config.effects", effects, "a list of tables")
+
+
+def format_of(path: Path, info: Mapping[str, Any]) -> int:
+    """Version of the format of a sequence by its sequence.json, see FORMAT; UserError where it is no integer."""
+    version = info.get("format", 1)
+    if isinstance(version, bool) or not isinstance(version, int):
+        raise _wrong(path, "format", version, "an integer")
+    return version
 
 
 def _is_number(value: Any) -> bool:

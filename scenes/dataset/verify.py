@@ -11,7 +11,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from uavbench.scenes.dataset.table_files import read_json
+from uavbench.scenes.dataset.table_files import format_of, read_json
 from uavbench.scenes.image_files import load_image
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import ANY
@@ -75,9 +75,13 @@ def compare(folder: Path, again: Path) -> Verdict:
     """Compare a folder with another rendering of the same config.
 
     By hash first. Where only images differ (another Mesa or CPU), by tolerance: at most TOLERANCE_LEVELS grey levels on
-    at least TOLERANCE_SHARE of the pixels. Ground truth and sensors must be byte-identical.
+    at least TOLERANCE_SHARE of the pixels. Ground truth and sensors must be byte-identical. Of two formats nothing more
+    is compared.
     """
     first, second = _manifest(folder), _manifest(again)
+    if (one := _format(folder)) != (other := _format(again)):
+        problem = f"sequence.json: is of format {one}, the other of format {other}, whose bytes differ; render it again"
+        return Verdict(folder, "hash", len(first), (problem,))
     problems = [f"{name}: is in only one of the two folders" for name in sorted(set(first) ^ set(second))]
     images: list[str] = []
     for name in sorted(set(first) & set(second)):
@@ -104,6 +108,10 @@ def _manifest(folder: Path) -> dict[str, str]:
     if not isinstance(named, dict):
         raise UserError(f"{folder / 'manifest.json'}: has no hashes; render the sequence again")
     return {str(name): str(digest) for name, digest in named.items()}
+
+
+def _format(folder: Path) -> int:
+    return format_of(folder / "sequence.json", read_json(folder / "sequence.json"))
 
 
 def _without_machine(folder: Path) -> str:

@@ -103,10 +103,13 @@ def test_the_tracker_sees_in_flight_what_the_rendered_sequence_shows(tmp_path):
     generate(spec, tmp_path / "box", content_hash="x")
     sequence = Sequence.load(tmp_path / "box")
     tracker = Watching()
-    flown(spec, tracker, estimator="truth")
+    flight = flown(spec, tracker, estimator="truth")
     images = tracker.seen["images"]
     assert [stamp for stamp, _ in images] == sequence.stamps_ns.tolist()
+    assert (sequence.stamps_ns % 2_000_000 != 0).any()  # between control steps, too
     assert all(np.array_equal(image, sequence.image(i)) for i, (_, image) in enumerate(images))
+    np.testing.assert_allclose(flight.groundtruth.positions_m, sequence.ground_truth.positions_m, atol=1e-9)
+    np.testing.assert_allclose(flight.groundtruth.rotations, sequence.ground_truth.rotations, atol=1e-9)
 
 
 def test_sensors_in_flight_read_what_they_measure_of_the_whole_flight():

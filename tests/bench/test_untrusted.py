@@ -215,7 +215,7 @@ FILES = [
 
 WRONG = {
     "config": [1], "deviation": "x", "versions": [[]], "rate_hz": "15", "row_delay_ns": [1], "cam_from_body": [[1]],
-    "timeshift_cam_imu_ns": 10**30, "sensors": [1], "cameras": {"left": 1},
+    "timeshift_cam_imu_ns": 10**30, "format": "2", "sensors": [1], "cameras": {"left": 1},
 }  # fmt: skip
 """By key of `sequence.json`: what is none of its values."""
 

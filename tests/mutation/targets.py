@@ -72,6 +72,7 @@ GROUPS: dict[str, tuple[Target, ...]] = {
         _target("trajectories/trajectory_files/covariances.py", "trajectories/test_covariances"),
     ),
     "sensors": (
+        _target("trajectories/camera_clock.py", "trajectories/test_camera_clock"),
         _target("trajectories/sensors/imu.py", "trajectories/test_inertial", "trajectories/test_sensors"),
         _target("trajectories/sensors/gnss.py", "trajectories/test_gnss", "trajectories/test_sensors"),
         _target("trajectories/sensors/barometer.py", "trajectories/test_flow_and_height", "trajectories/test_sensors"),

@@ -204,23 +204,6 @@ def test_a_shifted_clock_stamps_the_same_images_otherwise(one: Sequence, shifted
     assert early.image_bytes(0) == one.image_bytes(0)
 
 
-def test_even_stamps_are_whole_ns_of_the_rate_and_the_flight_is_interpolated_to_them(tmp_path: Path) -> None:
-    spec = replace(ONE, annotations=(), rate_hz=15.0)
-    steps = made(spec, tmp_path / "steps")
-    even = made(replace(spec, clock=CameraClock(even=True)), tmp_path / "even")
-    assert even.stamps_ns.tolist() == [0, 66_666_667, 133_333_333, 200_000_000, 266_666_667, 333_333_333]
-    assert (steps.stamps_ns % 2_000_000 == 0).all() and steps.stamps_ns.tolist() != even.stamps_ns.tolist()
-    flight = columns(even.folder / "flight.csv")
-    for k, name in enumerate(("px_m", "py_m", "pz_m"), start=2):
-        linear = np.interp(even.stamps_ns, flight["stamp_ns"], flight[name])
-        assert even.ground_truth_table[:, k] == pytest.approx(linear, abs=1e-4)  # a dt^2 / 8 of 10 ms at 8 m/s^2
-    late = (even.stamps_ns - steps.stamps_ns)[:, None] / 1e9
-    moved = even.ground_truth_table[:, 2:5] - steps.ground_truth_table[:, 2:5]
-    assert moved == pytest.approx(late * steps.ground_truth_table[:, 9:12], abs=1e-5)
-    np.testing.assert_array_equal(even.ground_truth_table[3], steps.ground_truth_table[3])  # 200 ms is a step
-    assert even.image_bytes(3) == steps.image_bytes(3)
-
-
 def test_jitter_is_of_the_exposure_and_the_stamps_tell_it(tmp_path: Path) -> None:
     spec = replace(ONE, annotations=(), sensors=(), cameras=(RIGHT,), clock=CameraClock(jitter_ms=2.0))
     jittered = made(spec, tmp_path / "jittered")
@@ -338,7 +321,8 @@ hold = {{ kind = "hold" }}
         ('cameras = [{ mount = { pitch_deg = 3.0 } }]', 15.0, r"sequences.box.cameras\[0\].name: this key is missing"),
         ('cameras = [{ name = "a", offset_s = -0.1 }]', 15.0, r"cameras\[0\].offset_s: .*greater than or equal to 0"),
         ("clock = { shift_s = 0.1 }", 15.0, r"sequences.box.clock.shift_s: unknown key"),
-        ("clock = { even = true }", 600.0, r"sequences.box.rate_hz: .*less than or equal to 500"),
+        ("clock = { even = true }", 15.0, r"sequences.box.clock.even: frames are always evenly spaced; delete this"),
+        ("clock = { jitter_ms = 1.0 }", 600.0, r"sequences.box.rate_hz: .*less than or equal to 500"),
         ('sensors = [{ kind = "lidar-2d", rate_hz = 1000.0 }]', 15.0, r"sensors\[0\].rate_hz: .*or equal to 500"),
     ],
 )  # fmt: skip

@@ -52,16 +52,9 @@ def test_options_of_one_stream_leave_the_others_alone() -> None:
     np.testing.assert_array_equal(heavier.winds_m_s, flight.winds_m_s)
 
 
-def test_stamps_are_whole_steps_and_frames_take_their_rows_own_stamps() -> None:
+def test_stamps_are_whole_steps() -> None:
     flight = fly(SHORT, Mount(), BOX, 0)
     assert flight.stamps_ns.tolist() == [STEP_NS * k for k in range(2001)]
-    for rate in (15.0, 29.97, 1.0, 500.0):
-        rows = flight.frame_rows(rate)
-        late = flight.stamps_ns[rows] - np.arange(len(rows)) * 1e9 / rate
-        assert np.abs(late).max() <= STEP_NS / 2
-        assert len(rows) == int(4.0 * rate) + 1 and len(set(rows.tolist())) == len(rows)
-    with pytest.raises(ValueError, match="faster than the record"):
-        flight.frame_rows(501.0)
 
 
 def test_a_longer_flight_begins_as_the_shorter_one() -> None:

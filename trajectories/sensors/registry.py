@@ -15,7 +15,7 @@ from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
 from uavbench.trajectories.sensors.lidar import Lidar2d, Lidar3d
 from uavbench.trajectories.sensors.optical_flow import FlowDeck
 from uavbench.trajectories.sensors.range_finder import RangeFinder
-from uavbench.trajectories.sensors.sensor import SensorSpec, Table, write_records, write_table
+from uavbench.trajectories.sensors.sensor import SensorSpec, Table, sample_stamps, write_records, write_table
 
 if TYPE_CHECKING:
     from uavbench.trajectories.obstacles import ObstacleMesh
@@ -24,9 +24,9 @@ FLIGHT_RATE_HZ = 100.0
 """Rate of flight.csv: every fifth row of the record."""
 
 
-def flight_table(flight: Flight, rate_hz: float = FLIGHT_RATE_HZ) -> Table:
-    """Ground truth of a flight at rate_hz, rows of its record: motion, motors and wind."""
-    rows = np.unique(flight.frame_rows(rate_hz))
+def flight_table(flight: Flight) -> Table:
+    """Ground truth of a flight at FLIGHT_RATE_HZ, rows of its record: motion, motors and wind."""
+    rows = np.flatnonzero(np.isin(flight.stamps_ns, sample_stamps(flight, FLIGHT_RATE_HZ)))
     groups = (
         ("p", "m", "xyz", flight.positions_m),
         ("q", "", "wxyz", flight.quaternions_wxyz),
