@@ -16,55 +16,14 @@ from typing import Any
 import bpy
 from mathutils import Matrix, Vector
 
+sys.path.append(str(Path(__file__).parent))  # Blender's Python knows no package uavbench
+
+from blender_shading import build_world, clouds, material
+
 BOUNCES = 4
 """A fifth reflection off surfaces of albedo 0.5 would add 3 % of the light indoors, and far less outdoors."""
 LAYERS = 64
 """Transparent surfaces that a ray may pass, such as leaves with cutouts."""
-
-
-class Nodes:
-    """The node tree of a shader; each node is created, linked and configured in one call."""
-
-    def __init__(self, owner: Any) -> None:
-        owner.use_nodes = True
-        self._tree = owner.node_tree
-        self._tree.nodes.clear()
-
-    def add(self, kind: str, *inputs: Any, output: int | str = 0, **settings: Any) -> Any:
-        """Output socket of a new node; each input is a value, the socket of another node, or None for its default."""
-        node = self._tree.nodes.new(f"ShaderNode{kind}")
-        for name, value in settings.items():
-            setattr(node, name, value)
-        for k, value in enumerate(inputs):
-            self.wire(node.inputs[k], value)
-        return node.outputs[output] if node.outputs else node
-
-    def wire(self, socket: Any, value: Any) -> None:
-        """Set an input to a value, or link it to the output of another node."""
-        if isinstance(value, bpy.types.NodeSocket):
-            self._tree.links.new(value, socket)
-        elif value is not None:
-            socket.default_value = value
-
-    def times(self, a: Any, b: Any) -> Any:
-        """Product of two colours."""
-        return self.add("VectorMath", a, b, operation="MULTIPLY")
-
-    def mixed(self, share: Any, a: Any, b: Any) -> Any:
-        """Linear interpolation from colour a to colour b by a share from 0 to 1."""
-        return self.add("MixRGB", share, a, b)
-
-    def math(self, operation: str, *numbers: Any) -> Any:
-        """Result of a scalar operation."""
-        return self.add("Math", *numbers, operation=operation)
-
-    def image(self, path: Path, kind: str) -> Any:
-        """Node of an image file whose codes are the square root of linear radiance."""
-        node = self._tree.nodes.new(f"ShaderNode{kind}")
-        node.image = bpy.data.images.load(str(path), check_existing=True)
-        node.image.colorspace_settings.name = "Non-Color"
-        node.image.alpha_mode = "CHANNEL_PACKED"
-        return node
 
 
 def numbers(path: Path, code: str) -> Any:
@@ -82,8 +41,9 @@ def build_part(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> An
     mesh = bpy.data.meshes.new(name)
     triangles = [tuple(rows[k : k + 3]) for k in range(0, len(rows), 3)]
     mesh.from_pydata([tuple(flat[k : k + 3]) for k in range(0, len(flat), 3)], [], triangles)
-    if "uv" in about["arrays"]:
-        mesh.uv_layers.new(name="uv").data.foreach_set("uv", numbers(folder / f"{name}.uv", "f"))
+    for layer in ("uv", "soil_uv"):  # images without coordinates take those of the first layer
+        if layer in about["arrays"]:
+            mesh.uv_layers.new(name=layer).data.foreach_set("uv", numbers(folder / f"{name}.{layer}", "f"))
     if "tint" in about["arrays"]:
         tint = mesh.attributes.new("tint", "FLOAT_COLOR", "POINT")
         tint.data.foreach_set("color", numbers(folder / f"{name}.tint", "f"))
@@ -102,42 +62,6 @@ def build_part(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> An
     return item
 
 
-def material(folder: Path, about: dict[str, Any], scene: dict[str, Any]) -> Any:
-    """Material of a part: albedo as texture times tint, roughness, cutouts, and haze in front of it."""
-    made = bpy.data.materials.new(about["name"])
-    nodes = Nodes(made)
-    albedo, holes = (1.0, 1.0, 1.0), None
-    if about["texture"]:
-        image = nodes.image(folder / about["texture"], "TexImage")
-        albedo = nodes.times(image.outputs["Color"], image.outputs["Color"])
-        if about["cutout"]:
-            holes = nodes.math("GREATER_THAN", image.outputs["Alpha"], 0.5)
-    if "tint" in about["arrays"]:
-        albedo = nodes.times(albedo, nodes.add("Attribute", attribute_name="tint"))
-    surface = nodes.add("BsdfPrincipled")
-    nodes.wire(surface.node.inputs["Base Color"], albedo if not isinstance(albedo, tuple) else (*albedo, 1.0))
-    nodes.wire(surface.node.inputs["Roughness"], about["roughness"])
-    if scene["haze_per_m"] > 0:
-        surface = hazy(nodes, surface, scene)
-    if holes is not None:
-        surface = nodes.add("MixShader", holes, nodes.add("BsdfTransparent"), surface)
-    nodes.add("OutputMaterial", surface)
-    if hasattr(made, "cycles") and hasattr(made.cycles, "sample_as_light"):
-        made.cycles.sample_as_light = False  # haze does not illuminate
-    if hasattr(made.cycles, "emission_sampling"):
-        made.cycles.emission_sampling = "NONE"
-    return made
-
-
-def hazy(nodes: Nodes, surface: Any, scene: dict[str, Any]) -> Any:
-    """The surface seen through haze: attenuated by exp(-haze * distance) for camera rays only."""
-    away = nodes.add("CameraData", output="View Distance")
-    clear = nodes.math("EXPONENT", nodes.math("MULTIPLY", away, -scene["haze_per_m"]))
-    seen = nodes.add("LightPath", output="Is Camera Ray")
-    share = nodes.math("MULTIPLY", seen, nodes.math("SUBTRACT", 1.0, clear))
-    return nodes.add("MixShader", share, surface, nodes.add("Emission", (*scene["haze_color"], 1.0), 1.0))
-
-
 def build_lamp(scene: dict[str, Any]) -> None:
     """The distant lamp; its energy is such that a white surface facing it reflects the radiance of `lamp`."""
     strongest = max(scene["lamp"])
@@ -151,22 +75,6 @@ def build_lamp(scene: dict[str, Any]) -> None:
     item.rotation_mode = "QUATERNION"
     item.rotation_quaternion = Vector(scene["to_lamp"]).to_track_quat("Z", "Y")
     bpy.context.collection.objects.link(item)
-
-
-def build_world(folder: Path, scene: dict[str, Any]) -> None:
-    """Light from the upper and the lower hemisphere; the camera sees the panorama, or black."""
-    world = bpy.data.worlds.new("world")
-    nodes = Nodes(world)
-    ray = nodes.add("SeparateXYZ", nodes.add("TexCoord", output="Generated"), output="Z")
-    above, seen = (*scene["above"], 1.0), (0.0, 0.0, 0.0, 1.0)
-    if "sky" in scene:
-        codes = nodes.image(folder / scene["sky"], "TexEnvironment").outputs["Color"]
-        seen = nodes.times(codes, codes)
-        above = nodes.times(seen, scene["sky_gain"])
-    light = nodes.mixed(nodes.math("GREATER_THAN", ray, 0.0), (*scene["below"], 1.0), above)
-    color = nodes.mixed(nodes.add("LightPath", output="Is Camera Ray"), light, seen)
-    nodes.add("OutputWorld", nodes.add("Background", color, 1.0))
-    bpy.context.scene.world = world
 
 
 def prepare(scene: dict[str, Any], samples: int, threads: int) -> str:
@@ -194,6 +102,22 @@ def prepare(scene: dict[str, Any], samples: int, threads: int) -> str:
     return "OpenImageDenoise"
 
 
+def build_clouds(folder: Path, scene: dict[str, Any]) -> Any:
+    """The pane of the clouds, beyond all that is in the scene; the input that shifts them."""
+    made = clouds(folder, scene)
+    to_lamp = Vector(scene["to_lamp"]).normalized()
+    far = 1.1 * max((item.matrix_world @ Vector(c)).length for item in bpy.data.objects for c in item.bound_box)
+    mesh = bpy.data.meshes.new("clouds")
+    mesh.from_pydata([(x * far, y * far, 0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))], [], [(0, 1, 2, 3)])
+    mesh.materials.append(made.material)
+    pane = bpy.data.objects.new("clouds", mesh)
+    pane.location, pane.rotation_mode = far * to_lamp, "QUATERNION"
+    pane.rotation_quaternion = to_lamp.to_track_quat("Z", "Y")
+    pane.visible_camera = pane.visible_diffuse = pane.visible_transmission = False
+    bpy.context.collection.objects.link(pane)
+    return made.shift
+
+
 def build_camera(scene: dict[str, Any]) -> Any:
     """The camera; every request sets its intrinsics and pose."""
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -204,7 +128,7 @@ def build_camera(scene: dict[str, Any]) -> Any:
     return camera
 
 
-def answer(request: dict[str, Any], camera: Any, movers: list[Any]) -> None:
+def answer(request: dict[str, Any], camera: Any, movers: list[Any], shift: Any) -> None:
     """Render one view and write its linear radiance to the request's file."""
     render, about = bpy.context.scene.render, request["camera"]
     render.resolution_x, render.resolution_y = about["size"]
@@ -214,6 +138,8 @@ def answer(request: dict[str, Any], camera: Any, movers: list[Any]) -> None:
     camera.matrix_world = Matrix(request["world_from_camera"])
     for mover, pose in zip(movers, request["world_from_movers"], strict=True):
         mover.matrix_world = Matrix(pose)
+    if shift is not None:
+        shift.default_value = (*request["cloud_shift"], 0.0)
     bpy.context.scene.cycles.seed = request["seed"]
     path = Path(request["file"])
     render.filepath = str(path.with_suffix(".exr"))
@@ -239,12 +165,13 @@ def main() -> None:
     for about in scene["parts"]:
         build_part(Path(folder), about, scene)
     movers = [build_part(Path(folder), about, scene) for about in scene["movers"]]
+    shift = build_clouds(Path(folder), scene) if "clouds" in scene else None
     build_lamp(scene)
     build_world(Path(folder), scene)
     camera = build_camera(scene)
     print(json.dumps({"denoiser": denoiser}), file=replies, flush=True)
     for line in sys.stdin:
-        answer(json.loads(line), camera, movers)
+        answer(json.loads(line), camera, movers, shift)
         print("{}", file=replies, flush=True)
 
 

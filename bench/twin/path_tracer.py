@@ -12,6 +12,7 @@ from uavbench.bench.twin.blender import Blender, OpenScene, opened
 from uavbench.bench.twin.scene_files import blender_camera, blender_pose, write_scene
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.rendering.camera_simulator import Geometry
+from uavbench.scenes.rendering.lighting import cloud_shift
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.scene import Scene
 from uavbench.trajectories.pose import Array, Pose
@@ -50,14 +51,17 @@ class PathTracer:
 
         UserError when Blender fails.
         """
+        light = self._scene.light
         request = {
             "camera": blender_camera(camera),
             "world_from_camera": blender_pose(cam_from_world),
             "world_from_movers": [m.world_from_part(time_s).matrix.tolist() for m in self._scene.movers],
             "seed": round(time_s * 1e6) % 2**31,
         }
-        light = self._opened.light(request, camera.width, camera.height)
-        return np.asarray(np.rint(255 * np.sqrt(np.clip(light, 0, 1))), dtype=np.uint8)
+        if light.clouds is not None:
+            request["cloud_shift"] = cloud_shift(light, light.clouds, time_s).tolist()
+        radiance = self._opened.light(request, camera.width, camera.height)
+        return np.asarray(np.rint(255 * np.sqrt(np.clip(radiance, 0, 1))), dtype=np.uint8)
 
     def geometry(self, cam_from_world: Pose, camera: Camera, time_s: float = 0.0) -> Geometry:
         """Depth and instances (h, w) of `Renderer.geometry`: a twin shares its sequence's."""

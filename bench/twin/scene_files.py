@@ -9,7 +9,9 @@ import numpy as np
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.renderables import Part, Texture
+from uavbench.scenes.rendering.lighting import cloud_axes
 from uavbench.scenes.rendering.renderer import FAR_M, NEAR_M
+from uavbench.scenes.rendering.shaders import WATER_INDEX, WET_GAIN, WET_INNER
 from uavbench.scenes.scene import Scene
 from uavbench.trajectories.pose import Array, Pose
 
@@ -22,7 +24,7 @@ LEVEL = 0.99
 
 
 def write_scene(scene: Scene, folder: Path) -> None:
-    """Write the inputs of `blender_script.py` into an existing folder: meshes, textures, lamp, sky and haze."""
+    """Write the inputs of `blender_script.py` into an existing folder: meshes, textures, lamp, clouds, sky and haze."""
     textures: dict[int, str] = {}
     still = [_write_part(part, f"part_{i:03d}", folder, textures) for i, part in enumerate(scene.unlit)]
     movers = [_write_part(mover.part, f"mover_{i:03d}", folder, textures) for i, mover in enumerate(scene.movers)]
@@ -38,7 +40,15 @@ def write_scene(scene: Scene, folder: Path) -> None:
         "haze_per_m": light.haze_per_m,
         "haze_color": light.haze_color,
         "clip_m": (NEAR_M, FAR_M),
+        "water_index": WATER_INDEX,
+        "wet_gain": WET_GAIN,
+        "wet_inner": WET_INNER,
     }
+    if light.clouds is not None:
+        about["clouds"] = {
+            "texture": _write_texture(light.clouds.texture, folder, textures),
+            "axes_per_m": cloud_axes(light, light.clouds).tolist(),
+        }
     if scene.sky is not None:
         cv2.imwrite(str(folder / "sky.png"), scene.sky[:, ::-1, ::-1])  # Blender's azimuth runs the other way
         about |= {"sky": "sky.png", "sky_gain": (np.array(light.above) / sky_light(scene.sky)).tolist()}
@@ -94,15 +104,21 @@ def _write_part(part: Part, name: str, folder: Path, textures: dict[int, str]) -
         "normals": part.normals,
         "uv": None if part.uv is None else part.uv[corners],
         "tint": part.tint,
+        "soil_uv": None if part.soil_uv is None else part.soil_uv[corners],
     }
     given = {key: values for key, values in arrays.items() if values is not None}
     for key, values in given.items():
         np.ascontiguousarray(values, dtype="<f4").tofile(folder / f"{name}.{key}")
     np.ascontiguousarray(part.triangles, dtype="<i4").tofile(folder / f"{name}.triangles")
+    film, soil = part.film, part.soil
     return {
         "name": name,
         "arrays": list(given),
         "texture": None if part.texture is None else _write_texture(part.texture, folder, textures),
+        "soil": None if soil is None else _write_texture(soil, folder, textures),
+        "film": None if film is None else _write_texture(film.texture, folder, textures),
+        "film_per_m": None if film is None else 1 / film.tile_m,
+        "stands": film is not None and film.stands,
         "cutout": part.cutout,
         "roughness": part.roughness,
         "lets_light_through": lets_light_through(part),

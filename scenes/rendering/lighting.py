@@ -5,12 +5,24 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.scenes.renderables import Light
+from uavbench.scenes.renderables import CloudShadow, Light
 from uavbench.scenes.rendering.gpu import Mesh, Program, upload
 from uavbench.scenes.rendering.shadows import ShadowMap, lamp_axes
+from uavbench.trajectories.pose import Array
 
 NEAR_UNIT, FAR_UNIT, CLOUD_UNIT = 1, 3, 4
 """Texture units of the shadow maps and the clouds; unit 0 is the surface's, unit 2 the mirror's."""
+
+
+def cloud_axes(light: Light, clouds: CloudShadow) -> Array:
+    """Axes (2, 3) of the clouds' texture in the world, texture units per metre, in the plane across the lamp."""
+    return np.asarray(lamp_axes(np.array(light.to_lamp))[:2] / clouds.tile_m)
+
+
+def cloud_shift(light: Light, clouds: CloudShadow, time_s: float) -> Array:
+    """Shift (2,) of the clouds' texture at a time, texture units, by the wind."""
+    across = lamp_axes(np.array(light.to_lamp))[:2]
+    return np.asarray(-time_s / clouds.tile_m * (across @ np.array(clouds.wind_m_s)))
 
 
 class Lighting:
@@ -18,7 +30,6 @@ class Lighting:
 
     def __init__(self, GL: Any, light: Light, still: Sequence[Mesh], depth: tuple[Program, Program]) -> None:
         self._gl, self._light = GL, light
-        self._across = lamp_axes(np.array(light.to_lamp))[:2]
         self._maps: dict[str, ShadowMap] = {}
         self._textures: dict[int, int] = {}
         self.haze, self.clouds = ["HAZE"] * (light.haze_per_m > 0), ["CLOUDS"] * (light.clouds is not None)
@@ -49,8 +60,8 @@ class Lighting:
         program.number("haze", light.haze_per_m)
         if light.clouds is not None:
             program.integer("clouds", CLOUD_UNIT)
-            for name, axis in zip(("cloud_u", "cloud_v"), self._across, strict=True):
-                program.vector(name, axis / light.clouds.tile_m)
+            for name, axis in zip(("cloud_u", "cloud_v"), cloud_axes(light, light.clouds), strict=True):
+                program.vector(name, axis)
         for name, shadow in self._maps.items():
             program.matrix(f"{name}_from_world", shadow.matrix)
             program.number(f"{name}_texel", shadow.texel_m)
@@ -59,7 +70,7 @@ class Lighting:
     def move(self, program: Program, time_s: float) -> None:
         """Set the place of the clouds at a time, for the current program."""
         if (clouds := self._light.clouds) is not None:
-            u, v = -time_s / clouds.tile_m * (self._across @ np.array(clouds.wind_m_s))
+            u, v = cloud_shift(self._light, clouds, time_s)
             program.pair("cloud_shift", (float(u), float(v)))
 
     def bind(self) -> None:

@@ -19,6 +19,7 @@ from uavbench.bench.config.suite import recorded_spec, suite_of
 from uavbench.bench.third_party.visp import Visp
 from uavbench.bench.trial.check import TRIAL
 from uavbench.bench.twin.blender import find_blender
+from uavbench.bench.twin.path_tracer import TracedScene
 from uavbench.bench.twin.ranking import table
 from uavbench.bench.twin.scene_files import blender_camera, blender_pose, lets_light_through, sky_light, write_scene
 from uavbench.scenes.camera import Camera
@@ -142,6 +143,64 @@ def test_a_spec_comes_back_from_its_record(tmp_path):
     for name in ("box", "wall", "bridge"):
         spec = spec_of(structure={"kind": name}, clutter=[{"kind": "trees"}])
         assert recorded_spec(json.loads(json.dumps(described(spec))), tmp_path / "sequence.json") == spec
+
+
+# --- what a site adds -----------------------------------------------------------------------------------------------
+
+DETAILS = {
+    "clouds": {"cloud_shadow": 0.5, "cloud_size_m": 15.0, "wind_m_s": 5.0},
+    "water": {"wet": 0.7},
+    "dirt": {"dirt": 1.0},
+}
+
+
+def outdoors(**site):
+    """A building on asphalt."""
+    environment = {"kind": "outdoor", "ground": "asphalt", "site": site}
+    return build_scene(spec_of(structure={"kind": "building"}, environment=environment))
+
+
+def test_the_water_the_dirt_and_the_clouds_of_a_site_are_written(tmp_path):
+    scene = outdoors(**DETAILS["clouds"], **DETAILS["water"], **DETAILS["dirt"])
+    write_scene(scene, tmp_path)
+    about = json.loads((tmp_path / "scene.json").read_text())
+    for part, told in zip(scene.unlit, about["parts"], strict=True):
+        assert [part.film is None, part.soil is None] == [told["film"] is None, told["soil"] is None]
+        assert ("soil_uv" in told["arrays"]) == (part.soil is not None)
+    wet, soiled = ([each for each in about["parts"] if each[kind]] for kind in ("film", "soil"))
+    assert wet and soiled and any(each["stands"] for each in wet)
+    for name, texture in (
+        (wet[0]["film"], next(part.film.texture for part in scene.unlit if part.film is not None)),
+        (soiled[0]["soil"], next(part.soil for part in scene.unlit if part.soil is not None)),
+        (about["clouds"]["texture"], scene.light.clouds.texture),
+    ):
+        np.testing.assert_array_equal(cv2.imread(str(tmp_path / name))[..., ::-1], texture)
+
+
+def views(scene, program):
+    """Linear radiance (2, h, w) of a facade in the sun and the ground before it, 2 s on: drawn, and path traced."""
+    low, _ = scene.built.structure.bounds
+    camera = Camera(64, 48, 50.0, 50.0, 31.5, 23.5)
+    eye = np.add(low, [-6.0, -12.0, 10.0])
+    ahead = np.add(low, [3.0, -1.0, 1.5]) - eye
+    axis = ahead / np.linalg.norm(ahead)
+    right = np.cross(axis, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.array([right, np.cross(axis, right), axis])
+    pose = Pose(rotation, -rotation @ eye)
+    with scene.renderer(64, 48) as drawn, TracedScene(scene, program, 16).renderer(64, 48) as traced:
+        images = [each.color(pose, camera, 2.0) for each in (drawn, traced)]
+    return np.array([cv2.GaussianBlur(np.square(image / 255.0), (0, 0), 1.0).mean(axis=2) for image in images])
+
+
+@pytest.mark.slow
+def test_a_sites_details_darken_the_same_places_as_in_the_renderer(blender):
+    plain = views(outdoors(), blender)
+    for name, site in DETAILS.items():
+        drawn, traced = views(outdoors(**site), blender) / plain
+        assert drawn.min() < 0.85, name
+        assert np.corrcoef(drawn.ravel(), traced.ravel())[0, 1] > 0.95, name
+        assert abs(drawn.mean() - traced.mean()) < 0.03, name
 
 
 # --- what cannot be ----------------------------------------------------------------------------------------------
