@@ -1,14 +1,47 @@
 """Extrinsics of the camera on the vehicle."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.trajectories import reproducible_math as exact
-from uavbench.trajectories.pose import Pose, rotation_exp
+from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
 CAM_FROM_FORWARD_BODY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """Axis change from a body (x forward, y left, z up) to a camera (x right, y down, z forward) that looks along x."""
+
+
+class Motion(Protocol):
+    """Poses `world_from_body` of a flight by row; rows may still be added."""
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Stamps of all rows, including those not flown yet."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of rows so far."""
+        ...
+
+    def pose(self, row: int) -> Pose:
+        """Pose of a row."""
+        ...
+
+
+class MountSpec(Protocol):
+    """How a camera is attached to the body: fixed, or on a gimbal."""
+
+    @property
+    def at_rest(self) -> "Mount":
+        """The fixed mount that paths are planned with: the camera's centre, and its nominal direction of view."""
+        ...
+
+    def along(self, motion: Motion, target_m: Array) -> Callable[[int], Pose]:
+        """`cam_from_body` at any time (ns) of a motion; target_m (3,): what is inspected, in the world."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -33,3 +66,13 @@ class Mount:
         body_from_turned = exact.product(exact.product(axes[0], axes[1]), axes[2])
         body_from_cam = Pose(exact.product(body_from_turned, CAM_FROM_FORWARD_BODY.T), np.array(self.offset_m))
         return body_from_cam.inverse()
+
+    @property
+    def at_rest(self) -> "Mount":
+        """The mount itself."""
+        return self
+
+    def along(self, motion: Motion, target_m: Array) -> Callable[[int], Pose]:
+        """`cam_from_body`, the same at any time."""
+        fixed = self.cam_from_body
+        return lambda stamp_ns: fixed

@@ -83,6 +83,10 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             _target(f"trajectories/sensors/{name}.py", "trajectories/test_ranging", "trajectories/test_sensors")
             for name in ("lidar", "range_finder", "ranging")
         ),
+        *(
+            _target(f"trajectories/gimbal/{name}.py", "trajectories/test_gimbal")
+            for name in ("axes", "encoder", "gimbal", "motion", "pointing", "servo")
+        ),
         _target("trajectories/sensors/satellites.py", "trajectories/test_gnss", "trajectories/test_sensors"),
         _target("scenes/dataset/surfaces/surface_truth.py", "scenes/test_surface_truth"),
         *(

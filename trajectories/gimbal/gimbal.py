@@ -1,0 +1,105 @@
+"""A gimbal for a camera, as a mount of a suite's file names it."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Interval
+
+from uavbench.trajectories import reproducible_math as exact
+from uavbench.trajectories.camera_mount import CAM_FROM_FORWARD_BODY, Motion, Mount
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.gimbal.axes import GimbalAxis, Joints, PitchAxis, RollAxis, YawAxis, turned
+from uavbench.trajectories.gimbal.encoder import Encoder
+from uavbench.trajectories.gimbal.motion import GimbalMotion
+from uavbench.trajectories.gimbal.pointing import Aim, Axes, heading, joints_for
+from uavbench.trajectories.pose import Array, Pose
+
+Mode = Literal["stabilized", "target"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gimbal:
+    """A camera on a gimbal with servos and encoders on its joints.
+
+    From the body to the camera they are yaw, roll and pitch; axes names those that exist. They meet in the camera's
+    centre, at offset_m on the body; yaw_deg (to the left) is the direction in which the camera looks with all joints at
+    zero, which is level on a level body. Mode `stabilized` holds pitch_deg above the horizon and roll_deg (clockwise)
+    and follows the vehicle's heading; `target` points the camera at target_m in the world, by default the middle of the
+    structure, with roll_deg. The servos know the attitude of the body exactly and lag behind it by their bandwidth:
+    that is the remaining motion of the image. Friction, and the forces of the gimbal on the vehicle, are neglected.
+    UserError for angles beyond the stops, or keys that the mode has no use for.
+    """
+
+    axes: Axes = "yaw-roll-pitch"
+    mode: Mode = "stabilized"
+    pitch_deg: Annotated[float, Interval(ge=-180, le=180)] = 0.0
+    roll_deg: Annotated[float, Interval(ge=-80, le=80)] = 0.0
+    yaw_deg: Annotated[float, Interval(ge=-360, le=360)] = 0.0
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    target_m: tuple[float, float, float] | None = None
+    yaw_axis: YawAxis = field(default_factory=YawAxis)
+    roll_axis: RollAxis = field(default_factory=RollAxis)
+    pitch_axis: PitchAxis = field(default_factory=PitchAxis)
+    encoder: Encoder = field(default_factory=Encoder)
+
+    def __post_init__(self) -> None:
+        for name, joint in (("pitch_deg", self.pitch_axis), ("roll_deg", self.roll_axis)):
+            angle = getattr(self, name)
+            if not joint.least_deg <= angle <= joint.greatest_deg:
+                raise UserError(
+                    f"{name} {angle:g} is beyond the stops of its axis, {joint.least_deg:g} to "
+                    f"{joint.greatest_deg:g} degrees"
+                )
+        if self.axes == "pitch" and self.roll_deg:
+            raise UserError(f"roll_deg {self.roll_deg:g}: axes = 'pitch' has no roll axis; leave it out")
+        if self.mode == "target" and self.pitch_deg:
+            raise UserError(f"pitch_deg {self.pitch_deg:g}: mode = 'target' points the camera itself; leave it out")
+        if self.mode == "stabilized" and self.target_m is not None:
+            raise UserError("target_m: mode = 'stabilized' does not look at it; set mode = 'target'")
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of its joints, from the body to the camera."""
+        return tuple(self.axes.split("-"))
+
+    @property
+    def at_rest(self) -> Mount:
+        """The mount of the camera on a level body, which paths are planned with."""
+        return Mount(self.pitch_deg, self.yaw_deg, self.roll_deg, self.offset_m)
+
+    @property
+    def body_from_base(self) -> Array:
+        """Rotation (3, 3) from the gimbal's base, x in the direction of view with all joints at zero, to the body."""
+        return turned(math.radians(self.yaw_deg), 0.0, 0.0)
+
+    def cam_from_body(self, yaw_rad: float, roll_rad: float, pitch_rad: float) -> Pose:
+        """Pose of the camera on the body for angles of the joints."""
+        body_from_view = exact.product(self.body_from_base, turned(yaw_rad, roll_rad, pitch_rad))
+        return Pose(exact.product(body_from_view, CAM_FROM_FORWARD_BODY.T), np.array(self.offset_m)).inverse()
+
+    @property
+    def axes_of_joints(self) -> tuple[GimbalAxis, ...]:
+        """Dynamics and limits of yaw, roll and pitch joint; those that do not exist stay at zero."""
+        return (self.yaw_axis, self.roll_axis, self.pitch_axis)
+
+    def commands(self, world_from_body: Pose, target_m: Array) -> Joints:
+        """Angles that hold the camera's attitude, or point it at the target, on a body at a pose."""
+        world_from_base = world_from_body.rotation
+        if self.yaw_deg:
+            world_from_base = exact.product(world_from_base, self.body_from_base)
+        aim = Aim(heading(world_from_base), math.radians(self.pitch_deg), math.radians(self.roll_deg))
+        if self.mode == "target":
+            x, y, z = (target_m - world_from_body.transform(np.array([self.offset_m]))[0]).tolist()
+            aim = Aim(math.atan2(y, x), math.atan2(z, math.hypot(x, y)), aim.roll_rad)
+        return joints_for(self.axes, world_from_base, aim)
+
+    def cam_from_body_at(self, angles_rad: Array) -> Pose:
+        """Pose of the camera on the body for angles (k,) of the joints that exist, in the order of `joints`."""
+        angles = {f"{joint}_rad": float(angle) for joint, angle in zip(self.joints, angles_rad, strict=True)}
+        return self.cam_from_body(**{"yaw_rad": 0.0, "roll_rad": 0.0, "pitch_rad": 0.0, **angles})
+
+    def along(self, motion: Motion, target_m: Array) -> GimbalMotion:
+        """The gimbal along a motion; target_m (3,): what it looks at unless it has its own target_m."""
+        return GimbalMotion(self, motion, target_m if self.target_m is None else np.array(self.target_m))
