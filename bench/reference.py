@@ -17,7 +17,7 @@ import click
 
 import uavbench
 from uavbench.bench.config.inventory import TITLES
-from uavbench.bench.config.plugins import PLUGINS
+from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
 from uavbench.bench.runner.commands import schema
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.robust.config import RobustConfig
@@ -45,7 +45,8 @@ def plugins() -> str:
     parts = ["# What a suite can name\n", _dataclass("A sequence", SequenceSpec)]
     for protocol, (registry, verb) in PLUGINS.items():
         title = TITLES.get(protocol.__name__, protocol.__name__)
-        parts.append(f"## {title.capitalize()}\n\nYour own: a dataclass with a method `{verb}`.\n")
+        own = "" if protocol in DEFAULT_KINDS else f"Your own: a dataclass with a method `{verb}`.\n"
+        parts.append(f"## {title.capitalize()}\n\n{own}")
         parts += [_dataclass(f"`{kind}`", cls) for kind, cls in registry.items()]
     return "\n".join(parts)
 

@@ -2,33 +2,28 @@
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uavbench.trajectories.camera_mount import Motion
 from uavbench.trajectories.pose import Array, Pose
 
-
-class Motion(Protocol):
-    """Poses `world_from_body` of a flight by row; rows may still be added."""
-
-    @property
-    def stamps_ns(self) -> NDArray[np.int64]:
-        """Stamps of all rows, including those not flown yet."""
-        ...
-
-    def __len__(self) -> int:
-        """Number of rows so far."""
-        ...
-
-    def pose(self, row: int) -> Pose:
-        """Pose of a row."""
-        ...
+__all__ = ["Motion", "body_path", "camera_path", "mounted_path"]
 
 
 def camera_path(flight: Motion, cam_from_body: Pose) -> Callable[[int], Pose]:
-    """`cam_from_world` at any time (ns), interpolated with constant twist between rows and extrapolated at the ends."""
+    """`cam_from_world` at any time (ns) of a camera with a fixed mount, interpolated as `body_path`."""
+    return mounted_path(flight, lambda stamp_ns: cam_from_body)
+
+
+def mounted_path(flight: Motion, cam_from_body: Callable[[int], Pose]) -> Callable[[int], Pose]:
+    """`cam_from_world` at any time (ns) of a camera whose pose on the body depends on time."""
+    world_from_body = body_path(flight)
+    return lambda stamp_ns: cam_from_body(stamp_ns) @ world_from_body(stamp_ns).inverse()
+
+
+def body_path(flight: Motion) -> Callable[[int], Pose]:
+    """`world_from_body` at any time (ns), by constant twist between rows, extrapolated at the ends."""
     stamps = flight.stamps_ns
 
     @lru_cache(maxsize=8)
@@ -39,12 +34,10 @@ def camera_path(flight: Motion, cam_from_body: Pose) -> Callable[[int], Pose]:
     def at(stamp_ns: int) -> Pose:
         rows = len(flight)
         if rows == 1:
-            return cam_from_body @ flight.pose(0).inverse()
+            return flight.pose(0)
         row = int(np.clip(np.searchsorted(stamps[:rows], stamp_ns, side="right") - 1, 0, rows - 2))
         world_from_body, twist = start_and_twist(row)
         share = (stamp_ns - int(stamps[row])) / int(stamps[row + 1] - stamps[row])
-        if share != 0.0:
-            world_from_body = world_from_body @ Pose.exp(share * twist)
-        return cam_from_body @ world_from_body.inverse()
+        return world_from_body if share == 0.0 else world_from_body @ Pose.exp(share * twist)
 
     return at

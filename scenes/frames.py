@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from uavbench.scenes.camera_path import camera_path
 from uavbench.scenes.dataset.annotations import row_poses, write_depth, write_edges, write_mask
 from uavbench.scenes.dataset.crlb import FrameBounds, write_bounds
+from uavbench.scenes.dataset.gimbal_files import write_mounts
 from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
 from uavbench.scenes.png.encoder import png
@@ -20,16 +21,20 @@ from uavbench.scenes.structure import Structure
 from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.flight_record import Flight
+from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.sensor import sampled
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filming:
-    """A camera in flight: its simulator and mount, the structure in view, and the ground truth derived from frames."""
+    """A camera in flight: its simulator and mount, the structure in view, and the ground truth derived from frames.
+
+    mount: `cam_from_body` at a time (ns).
+    """
 
     source: CameraSimulator
-    cam_from_body: Pose
+    mount: Callable[[int], Pose]
     structure: Structure
     limit: FrameBounds | None = None
     surfaces: SurfaceFiles | None = None
@@ -48,6 +53,7 @@ def write_frames(
     source, limit = filming.source, filming.limit
     arrived: list[int] = []
     row_ground_truth: list[Array] = []
+    row_mounts: list[Array] = []
     bounds: dict[int, Array] = {}
     lines = ["frame,stamp_ns,file"]
     for number, (time_ns, stamp_ns) in enumerate(
@@ -63,12 +69,18 @@ def write_frames(
             write_annotations(folder, spec, frame, filming, image, time_ns)
             if source.row_delay_ns:
                 row_ground_truth.append(row_poses(source, _world_from_body(filming), time_ns))
+                if isinstance(filming.mount, GimbalMotion):
+                    row_mounts.append(row_poses(source, filming.mount, time_ns))
             if limit and frame % spec.crlb_every == 0 and (P := limit.covariance(image, time_ns)) is not None:
                 bounds[frame] = P
         on_frame()
     write_text(folder / "frames.csv", "\n".join(lines) + "\n")
     if row_ground_truth:
         np.save(folder / "row_poses.npy", np.array(row_ground_truth))
+    if isinstance(filming.mount, GimbalMotion):
+        write_mounts(folder, filming.mount, exposures.times_ns[arrived], exposures.stamps_ns[arrived])
+    if row_mounts:
+        np.save(folder / "row_mounts.npy", np.array(row_mounts))
     if limit is not None:
         write_bounds(folder, bounds)
     _write_ground_truth(folder, flight, exposures.times_ns[arrived], exposures.stamps_ns[arrived])
@@ -121,7 +133,7 @@ def states_at(flight: Flight, times_ns: NDArray[np.int64]) -> Array:
 
 
 def _world_from_body(filming: Filming) -> Callable[[int], Pose]:
-    return lambda time_ns: filming.source.cam_from_world(time_ns).inverse() @ filming.cam_from_body
+    return lambda time_ns: filming.source.cam_from_world(time_ns).inverse() @ filming.mount(time_ns)
 
 
 def _write_ground_truth(

@@ -12,10 +12,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from uavbench.scenes.camera_path import Motion, camera_path
+from uavbench.scenes.camera_path import Motion, camera_path, mounted_path
 from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.crlb import FrameBounds
 from uavbench.scenes.dataset.disk_guards import disk_errors
+from uavbench.scenes.dataset.gimbal_files import cam_from_body_record, gimbal_file, write_readings
 from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, Sequence
 from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
@@ -34,15 +35,16 @@ from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.kernels.warm_up import prepare
-from uavbench.trajectories.pose import rotation_from_quaternion
+from uavbench.trajectories.pose import Pose, rotation_from_quaternion
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.sensors.registry import write_flight
 from uavbench.trajectories.simulation.checks import check_camera
 from uavbench.trajectories.simulation.flight import Flight, fly
 from uavbench.trajectories.simulation.summary import flown_summary
 
-__all__ = ["Motion", "camera_path", "check_first_view", "generate", "with_effects"]
+__all__ = ["Motion", "camera_path", "check_first_view", "generate", "mounted_path", "with_effects"]
 
 LEAST_SHARE_IN_VIEW = 0.005
 LEAST_ABOVE_GROUND_M = 0.1
@@ -60,23 +62,30 @@ def generate(
     refuse_foreign(folder, "manifest.json")
     prepare(__name__)
     scene = build_scene(spec)
-    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     main, *others = cameras = cameras_of(spec)
     for camera in cameras:
         check_site(spec, camera, scene.site, flight)
     exposures = [exposures_of(spec, camera, flight) for camera in cameras]
     for camera in others:
         check_further_camera(spec, camera, scene, flight)
+    mounts = [camera.mount.along(flight, scene.built.structure.bounds.mean(axis=0)) for camera in cameras]
     done = counted(on_frame, sum(len(each.times_ns) for each in exposures))
     with disk_errors(folder), new_folder(folder, "manifest.json") as new:
         _, *readings = write_flight(flight, spec.sensors, scene.obstacles, spec.seed, new)
+        gimbals = {
+            gimbal_file(camera.name): write_readings(new, camera, mount, flight, spec.seed)
+            for camera, mount in zip(cameras, mounts, strict=True)
+            if isinstance(mount, GimbalMotion)
+        }
         delays = {
-            camera.name: film(folder_of(new, camera), spec, camera, Footage(scene, flight, each), done)
-            for camera, each in zip(cameras, exposures, strict=True)
+            camera.name: film(folder_of(new, camera), spec, camera, Footage(scene, flight, each, mount), done)
+            for camera, each, mount in zip(cameras, exposures, mounts, strict=True)
         }
         save_structure(scene.built.structure, new)
-        summary = flown_summary(spec.flight, spec.mount, scene.obstacles, spec.seed, flight)
-        more = {"flight": summary.to_json(), "sensors": _by_file(spec, readings), **_camera_records(spec, delays)}
+        summary = flown_summary(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed, flight)
+        sensors = _by_file(spec, readings) | gimbals
+        more = {"flight": summary.to_json(), "sensors": sensors, **_camera_records(spec, delays)}
         _write_info(new, spec, scene, delays[main.name], more | {"content_hash": content_hash})
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
@@ -103,7 +112,7 @@ def exposures_of(spec: SequenceSpec, camera: BodyCamera, flight: Flight) -> Expo
 def check_further_camera(spec: SequenceSpec, camera: BodyCamera, scene: Scene, flight: Flight) -> None:
     """UserError when a further camera enters the structure or passes below the floor."""
     try:
-        check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount, scene.obstacles)
+        check_camera(flight.positions_m, flight.quaternions_wxyz, camera.mount.at_rest, scene.obstacles)
     except UserError as error:
         raise UserError(f"sequence {spec.name}: camera {camera.name}: {error}") from None
 
@@ -112,7 +121,7 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
     """UserError when a camera comes closer than LEAST_ABOVE_GROUND_M to the ground of a site, or behind a neighbour."""
     if site is None:
         return
-    offset_m = camera.mount.cam_from_body.inverse().translation
+    offset_m = camera.mount.at_rest.cam_from_body.inverse().translation
     centres = flight.positions_m + exact.product(rotation_from_quaternion(flight.quaternions_wxyz), offset_m)
     under = site.height(centres[:, :2]) + LEAST_ABOVE_GROUND_M - centres[:, 2]
     if (under > 0).any():
@@ -135,11 +144,12 @@ def check_site(spec: SequenceSpec, camera: BodyCamera, site: BuiltSite | None, f
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """What a camera records: a scene, along a flight, at its exposures."""
+    """What a camera records: a scene, along a flight, at its exposures, on a mount: `cam_from_body` at a time (ns)."""
 
     scene: Scene
     flight: Flight
     exposures: Exposures
+    mount: Callable[[int], Pose]
 
 
 def film(
@@ -148,7 +158,7 @@ def film(
     """Write the frames and calibration of a camera into a folder; returns the delay between rows, ns."""
     scene, flight, camera = footage.scene, footage.flight, on_body.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
-    path, blur_px = camera_path(flight, on_body.mount.cam_from_body), on_body.camera.lens_blur_px
+    path, blur_px = mounted_path(flight, footage.mount), on_body.camera.lens_blur_px
     with (
         scene.renderer(pinhole.width, pinhole.height) as renderer,
         FrameBounds(scene.renderer, camera, path, spec.effects, blur_px)
@@ -161,7 +171,7 @@ def film(
         source = with_effects(ideal, spec.effects, spec.seed, on_body.name)
         filming = Filming(
             source=source,
-            cam_from_body=on_body.mount.cam_from_body,
+            mount=footage.mount,
             structure=scene.built.structure,
             limit=limit,
             surfaces=SurfaceFiles.asked(folder, spec.annotations, renderer, source),
@@ -215,7 +225,7 @@ def _camera_records(spec: SequenceSpec, delays: dict[str, float]) -> dict[str, A
     if spec.cameras:
         record["cameras"] = {
             camera.name: {
-                "cam_from_body": camera.mount.cam_from_body.matrix.tolist(),
+                "cam_from_body": cam_from_body_record(camera),
                 "offset_s": camera.offset_s,
                 "row_delay_ns": delays[camera.name],
             }
@@ -234,7 +244,7 @@ def _write_info(folder: Path, spec: SequenceSpec, scene: Scene, row_delay_ns: fl
         "name": spec.name,
         "seed": spec.seed,
         "rate_hz": spec.rate_hz,
-        "cam_from_body": spec.mount.cam_from_body.matrix.tolist(),
+        "cam_from_body": cam_from_body_record(cameras_of(spec)[0]),
         "row_delay_ns": row_delay_ns,
         "depth_m_per_unit": DEPTH_M_PER_UNIT,
         "deviation": scene.built.deviation,

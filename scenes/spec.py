@@ -12,8 +12,9 @@ from uavbench.scenes.renderables import BuiltClutter, BuiltEnvironment, BuiltStr
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator
 from uavbench.scenes.structures.as_built import Deviation
 from uavbench.trajectories.camera_clock import CameraClock
-from uavbench.trajectories.camera_mount import Mount
+from uavbench.trajectories.camera_mount import Mount, MountSpec
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.pose import Array
 from uavbench.trajectories.sensors.barometer import Barometer
 from uavbench.trajectories.sensors.imu import Imu
@@ -109,7 +110,7 @@ class BodyCamera:
     """
 
     name: str
-    mount: Mount = field(default_factory=Mount)
+    mount: MountSpec = field(default_factory=Mount)
     camera: CameraSpec = field(default_factory=CameraSpec)
     offset_s: Annotated[float, Interval(ge=0, le=10)] = 0.0
 
@@ -128,7 +129,7 @@ class SequenceSpec:
     the ground truth written for every frame in addition to its pose; every crlb_every-th frame of the main camera gets
     its Cramer-Rao bound (0: none); neither changes the images. cameras are those in addition to the main one, which
     mount and camera specify and trackers receive; clock triggers and stamps the frames of all of them. UserError for
-    duplicate camera names.
+    duplicate camera names, and for recorded poses of a camera that has no fixed mount.
     """
 
     name: str
@@ -136,7 +137,7 @@ class SequenceSpec:
     structure: StructureSpec
     flight: FlightSpec
     environment: EnvironmentSpec
-    mount: Mount = field(default_factory=Mount)
+    mount: MountSpec = field(default_factory=Mount)
     camera: CameraSpec = field(default_factory=CameraSpec)
     clutter: tuple[ClutterSpec, ...] = ()
     effects: tuple[EffectSpec, ...] = ()
@@ -158,3 +159,9 @@ class SequenceSpec:
             if name == MAIN or name in names[:i]:
                 other = "the main camera" if name == MAIN else f"cameras[{names.index(name)}]"
                 raise UserError(f"cameras[{i}].name {name!r}: {other} has this name already; give it another one")
+        path = self.flight.path
+        if isinstance(path, Recorded) and path.frame == "camera" and not isinstance(self.mount, Mount):
+            raise UserError(
+                "flight.path.frame 'camera': poses of the body follow from those of a camera only with a fixed mount; "
+                "record poses of the body, or choose a fixed mount"
+            )

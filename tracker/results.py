@@ -13,12 +13,14 @@ import csv
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_json, read_table
 from uavbench.tracker.protocol import Status, TrackResult
 from uavbench.trajectories.errors import UserError
@@ -139,6 +141,20 @@ class Results:
         counts = [getattr(row, name) for name in COUNT_COLUMNS]
         cells = [*pose, *covariance, *counts]
         return [str(self.frames[i]), str(self.stamps_ns[i]), row.status, *map(_cell, cells)]
+
+
+def cam_from_evaluated(sequence: Sequence) -> Pose:
+    """`cam_from_body` of the results of a sequence; the identity on a gimbal, where the camera's own pose counts."""
+    return Pose.identity() if sequence.on_gimbal else sequence.cam_from_body
+
+
+@lru_cache(maxsize=16)  # asked for by every metric and figure
+def evaluated_poses(sequence: Sequence) -> Trajectory:
+    """What `estimate` is compared with: true `world_from_body` at each frame, `world_from_cam` on a gimbal."""
+    if not sequence.on_gimbal:
+        return sequence.ground_truth
+    poses = [sequence.true_cam_from_world(frame).inverse() for frame in range(len(sequence))]
+    return Trajectory.from_poses(sequence.stamps_ns.tolist(), poses)
 
 
 def _check_record(record: Mapping[str, Any], path: Path) -> None:

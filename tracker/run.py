@@ -18,7 +18,7 @@ from uavbench.tracker.faults import checked, fault_message, is_ours
 from uavbench.tracker.initialization import Initialization, Known
 from uavbench.tracker.protocol import Image, Prediction, Run, Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import Results, cam_from_evaluated
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import Terminated, UserError, one_line
 from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M
@@ -194,7 +194,7 @@ def make_record(
         "start": {"kind": type(start).__name__, "parameters": parameters(start)},
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
     }
-    return record_of(tracker, inputs, sequence.cam_from_body, rate_hz=rate_hz, seed=seed, errors=errors)
+    return record_of(tracker, inputs, cam_from_evaluated(sequence), rate_hz=rate_hz, seed=seed, errors=errors)
 
 
 def record_of(

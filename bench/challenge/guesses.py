@@ -37,7 +37,7 @@ def _errors(spec: SequenceSpec, truth: Trajectory, seed: int) -> Iterator[Array]
     """Position errors (n,) in m of the two guesses with a seed at each frame; none if no flight exists for the seed."""
     other = replace(spec, seed=seed)
     try:
-        flight = fly(other.flight, other.mount, obstacles_of(other), other.seed)
+        flight = fly(other.flight, other.mount.at_rest, obstacles_of(other), other.seed)
     except UserError:
         return
     guess = Trajectory(flight.stamps_ns, flight.positions_m, flight.quaternions_wxyz)

@@ -17,6 +17,7 @@ from uavbench.bench.runner.output_folder import resolved, suite_folder
 from uavbench.bench.said import say
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
+from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import refuse_foreign
 
@@ -70,12 +71,18 @@ def pack(suite_name: str, where: Packing) -> int:
 
 
 def _rendered(suite: Suite) -> list[SequenceSpec]:
-    """The sequences of a suite; UserError for recordings, which have no ground truth, and for closed-loop suites."""
+    """The sequences of a suite; UserError for recordings, which have no ground truth, closed loops, and gimbals."""
     if suite.loops:
         raise UserError(f"suite {suite.name} is flown in closed loop: a package needs images rendered beforehand")
     specs = [spec for spec in suite.sequences if isinstance(spec, SequenceSpec)]
     if len(specs) < len(suite.sequences):
         raise UserError(f"suite {suite.name} has recorded images, which have no ground truth to score against")
+    for spec in specs:
+        if not isinstance(spec.mount, Mount):
+            raise UserError(
+                f"suite {suite.name}: {spec.name} has its camera on a gimbal: submissions may hold poses of the body, "
+                "which needs a fixed mount"
+            )
     return specs
 
 

@@ -6,6 +6,7 @@ from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.closed_loop.spec import CAMERA, LoopSpec
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.camera_clock import CameraClock
+from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.paths.recorded import Recorded
 from uavbench.trajectories.sensors.gnss import Gnss
@@ -28,6 +29,11 @@ def check_loop(loop: LoopSpec, spec: SequenceSpec) -> tuple[str, ...]:
         raise UserError(
             f"sequence {spec.name}: in closed loop only the main camera is simulated, without jitter or time shift: "
             "leave out `cameras` and `clock`"
+        )
+    if not isinstance(spec.mount, Mount):
+        raise UserError(
+            f"sequence {spec.name}: in closed loop the camera's mount is fixed, since the filter has one pose of the "
+            "camera on the body: give `mount` its angles without kind = 'gimbal', or render the sequence"
         )
     sensors = {name: there[name] for name in wanted if name != CAMERA}
     if loop.estimator != "truth":

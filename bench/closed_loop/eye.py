@@ -7,10 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenes.generate import Motion, camera_path, check_first_view, with_effects
+from uavbench.scenes.generate import Motion, check_first_view, mounted_path, with_effects
 from uavbench.scenes.rendering.camera_simulator import CameraSimulator, SceneRenderer, ideal_camera, render_camera
 from uavbench.scenes.spec import SequenceSpec
-from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.record_columns import RECORD
 from uavbench.trajectories.simulation.simulate import Simulation
 from uavbench.trajectories.vehicle.quadrotor import STEP_NS
@@ -41,12 +41,12 @@ class DrawnScene(Protocol):
 
 
 @contextmanager
-def eye(spec: SequenceSpec, scene: DrawnScene, way: Motion) -> Iterator[CameraSimulator]:
-    """The camera along a motion, with every effect of the spec."""
+def eye(spec: SequenceSpec, scene: DrawnScene, way: Motion, target_m: Array | None = None) -> Iterator[CameraSimulator]:
+    """The camera along a motion, with every effect of the spec; target_m (3,): what a gimbal looks at."""
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
-        path = camera_path(way, spec.mount.cam_from_body)
+        path = mounted_path(way, spec.mount.along(way, np.zeros(3) if target_m is None else target_m))
         ideal = ideal_camera(renderer, camera, pinhole, lens, path, spec.camera.lens_blur_px)
         check_first_view(spec, ideal)
         yield with_effects(ideal, spec.effects, spec.seed)

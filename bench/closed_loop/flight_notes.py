@@ -67,7 +67,7 @@ class Notes:
     def frame(self, frame: int, stamp_ns: int, result: TrackResult, true_pose: Pose, answered_ns: int) -> None:
         """Log a frame, the tracker's result, and when it reached the filter."""
         self._frames.append((frame, stamp_ns, result, answered_ns))
-        self._true_world_from_body.append(true_pose.inverse() @ self._spec.mount.cam_from_body)
+        self._true_world_from_body.append(true_pose.inverse() @ self._spec.mount.at_rest.cam_from_body)
 
     def flown(
         self, simulation: Simulation, radius_m: float, structure: Structure, camera: Camera, verdicts: ListOf[Verdict]
@@ -114,7 +114,12 @@ class Notes:
         }
         errors = [f"t = {fault.stamp_ns / 1e9:.3f} s: {fault.what}" for fault in self.faults]
         record = record_of(
-            pilot.tracker, inputs, spec.mount.cam_from_body, rate_hz=pilot.rate_hz, seed=spec.seed, errors=errors
+            pilot.tracker,
+            inputs,
+            spec.mount.at_rest.cam_from_body,
+            rate_hz=pilot.rate_hz,
+            seed=spec.seed,
+            errors=errors,
         )
         flight = {
             "status": ending.status,

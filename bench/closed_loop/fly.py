@@ -44,7 +44,7 @@ def fly(spec: SequenceSpec, pilot: Pilot, on_step: OnStep | None = None) -> Flow
     sensors = check_loop(pilot.loop, spec)
     scene = build_scene(spec)
     notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
-    simulation = begin(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     simulation.warm_up()
     with eye(spec, scene, WayFlown(simulation)) as source:
         loop = Loop(spec, pilot, scene, simulation, source, sensors, notes)
@@ -76,9 +76,8 @@ class Loop:
         self.spec, self.pilot, self.scene = spec, pilot, scene
         self.simulation, self.source, self.sensor_names, self.notes = simulation, source, sensors, notes
         self.sensors = Sensors(spec, pilot.loop, simulation.steps, scene.obstacles)
-        self.judge = Judge(
-            pilot.loop.crash, Quadrotor.from_mjcf(spec.flight.airframe.build(spec.mount)).radius_m, scene.obstacles
-        )
+        vehicle = Quadrotor.from_mjcf(spec.flight.airframe.build(spec.mount.at_rest))
+        self.judge = Judge(pilot.loop.crash, vehicle.radius_m, scene.obstacles)
         self.start_velocity_m_s = simulation.commanded[3:6].copy()
         self.latency_rng = stream(spec.seed, "loop", "latency")
         self.stamps = stamps_between(0, (simulation.steps - 1) * STEP_NS, pilot.rate_hz).tolist()
@@ -151,15 +150,15 @@ class Loop:
         if not isinstance(run, GroundTruth):
             run = started(run, structure, camera, pose, rng, self.sensors.body)
         self.tracker = TrackerInFlight(run)
-        start = Start(pose, self.start_velocity_m_s)
+        start, mount = Start(pose, self.start_velocity_m_s), spec.mount.at_rest.cam_from_body
         if pilot.loop.estimator == "truth":
             self.estimator = TrueState()
         elif pilot.loop.estimator == "camera":
             imu_name = loop_imu(self.sensor_names, spec)
-            self.estimator = CameraAlone(imu_name, spec.mount.cam_from_body, start)
+            self.estimator = CameraAlone(imu_name, mount, start)
         else:
             imu: Any = named(spec.sensors)[loop_imu(self.sensor_names, spec)]
-            self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, spec.mount.cam_from_body, start)
+            self.estimator = Filtered(pilot.loop.filter, self.sensor_names, imu, mount, start)
         for reading in self.early:
             self.estimator.sense(reading)
         self.notes.faults = self.tracker.faults

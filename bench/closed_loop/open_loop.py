@@ -24,9 +24,9 @@ class OpenLoop:
     @classmethod
     def of(cls, spec: SequenceSpec, obstacles: ObstacleMesh) -> "OpenLoop":
         """The flight of a sequence; UserError when it fails, crashes or has no room."""
-        simulation = begin(spec.flight, spec.mount, obstacles, spec.seed)
+        simulation = begin(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
         flight = replace(spec.flight, on_crash="error")
-        places = fly_through(simulation, flight, spec.mount, obstacles).positions_m
+        places = fly_through(simulation, flight, spec.mount.at_rest, obstacles).positions_m
         planned = simulation.reference
         rows = np.arange(0, len(planned), PLAN_STRIDE)
         plan = np.column_stack([rows * STEP_S, planned[rows, 0:3], planned[rows, 9]])

@@ -116,7 +116,7 @@ def body_of(spec: SequenceSpec) -> Body:
         parameters = {key: about[key] for key in sorted(known) if isinstance(about[key], int | float | list)}
         measured = tuple(getattr(type(sensor), "measured", ()))
         sensors[name] = BodySensor(kind, measured, MappingProxyType(parameters))
-    return Body(spec.mount.cam_from_body, MappingProxyType(sensors))
+    return Body(spec.mount.at_rest.cam_from_body, MappingProxyType(sensors))
 
 
 def part(record: Array, first: int, last: int) -> Flight:

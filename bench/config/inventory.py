@@ -22,6 +22,7 @@ TITLES = {
     "AirframeSpec": "airframes",
     "WindSpec": "winds",
     "SensorSpec": "body sensors",
+    "MountSpec": "camera mounts",
     "Initialization": "initial poses",
     "RecordingSource": "recordings",
     "Tracker": "trackers",

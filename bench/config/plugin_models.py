@@ -8,15 +8,15 @@ would have to import pydantic.
 import importlib
 import sys
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
 
-from uavbench.bench.config.plugins import PLUGINS
+from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
 from uavbench.bench.inputs.plugin_files import loaded
 from uavbench.tracker.faults import named, users_place
 from uavbench.trajectories.errors import UserError, one_line
@@ -42,7 +42,8 @@ def model_of(
     must not set.
     """
     hints = get_type_hints(cls, include_extras=True)
-    members: dict[str, Any] = {} if kind is None else {"kind": (Literal[kind], ...)}
+    needed = kind if kind in DEFAULT_KINDS.values() else ...
+    members: dict[str, Any] = {} if kind is None else {"kind": (Literal[kind], needed)}
     for f in fields(cls):
         if not f.init or f.name in omit:
             continue
@@ -157,10 +158,22 @@ def choice(protocol: type, extra: Extra = ()) -> Any:
     """Union by `kind` of a protocol's registered plug-ins and the user's own that have its method."""
     registry, verb = PLUGINS[protocol]
     members = [model_of(cls, extra, kind) for kind, cls in registry.items()]
+    if default := DEFAULT_KINDS.get(protocol):
+        tagged = tuple(Annotated[model, Tag(kind)] for kind, model in zip(registry, members, strict=True))
+        return Annotated[Union[tagged], Discriminator(_kind_or(default))]  # noqa: UP007
     members += [model_of(cls, extra, kind) for kind, cls in extra if hasattr(cls, verb)]
     if len(members) == 1:
         return members[0]
     return Annotated[Union[tuple(members)], Field(discriminator="kind")]  # noqa: UP007
+
+
+def _kind_or(default: str) -> Callable[[Any], str]:
+    """The kind of a table that may leave it out."""
+
+    def kind_of(table: Any) -> str:
+        return str(table.get("kind", default)) if isinstance(table, dict) else default
+
+    return kind_of
 
 
 def _holds_dataclass(value: Any) -> bool:

@@ -15,6 +15,8 @@ from uavbench.tracker.images.recorded_sequence import RECORDINGS, RecordingSourc
 from uavbench.tracker.initialization import INITIALIZATIONS, Initialization
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.registry import TRACKERS
+from uavbench.trajectories.camera_mount import MountSpec
+from uavbench.trajectories.gimbal.registry import FIXED, MOUNTS
 from uavbench.trajectories.paths.registry import PATHS, PathSpec
 from uavbench.trajectories.sensors.registry import SENSORS, SensorSpec
 from uavbench.trajectories.vehicle.registry import AIRFRAMES, AirframeSpec
@@ -29,9 +31,12 @@ PLUGINS: dict[Any, tuple[dict[str, type], str]] = {
     AirframeSpec: (AIRFRAMES, "build"),
     WindSpec: (WINDS, "start"),
     SensorSpec: (SENSORS, "measure"),
+    MountSpec: (MOUNTS, "along"),
     Initialization: (INITIALIZATIONS, "initial_pose"),
     RecordingSource: (RECORDINGS, "find"),
     Tracker: ({**TRACKERS, **THIRD_PARTY, **FLIGHT_TRACKERS, "external": External}, "start"),
     LatencySpec: (LATENCIES, "delay_ns"),
 }
 """Protocol -> (name -> class, method)."""
+DEFAULT_KINDS: dict[Any, str] = {MountSpec: FIXED}
+"""Protocol whose registry is closed to a user's own plug-ins -> the kind of a table that names none."""

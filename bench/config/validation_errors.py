@@ -77,7 +77,7 @@ def _walk(model: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | i
             yield step, None
             here = get_args(here)[-1 if get_origin(here) is dict else 0]
         else:
-            members = [m for m in get_args(here) if isinstance(m, type) and issubclass(m, BaseModel)]
+            members = [m for m in map(_bare, get_args(here)) if isinstance(m, type) and issubclass(m, BaseModel)]
             tagged = [
                 m for m in members if "kind" in m.model_fields and step in get_args(m.model_fields["kind"].annotation)
             ]

@@ -65,8 +65,8 @@ def write_known(folder: Path, structure: Structure, camera: Camera, cam_from_wor
 
 
 def write_sensors(folder: Path, body: Body) -> None:
-    """Write `sensors.toml`: mounting, rates and noise of the body's sensors."""
-    text = _matrix("cam_from_body", body.cam_from_body)
+    """Write `sensors.toml`: mounting, rates and noise of the body's sensors; no `cam_from_body` for a gimbal."""
+    text = "" if body.cam_from_body is None else _matrix("cam_from_body", body.cam_from_body)
     for name, sensor in body.sensors.items():
         about = {"kind": sensor.kind, "columns": list(sensor.columns), **sensor.parameters}
         text += f"\n[sensors.{name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in about.items())

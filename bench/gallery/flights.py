@@ -35,7 +35,7 @@ DPI = 100
 def path_picture(spec: SequenceSpec) -> Image:
     """Image (h, w, 3) BGR of the structure with a flight of the spec's path and the viewing directions along it."""
     obstacles = obstacles_of(spec)
-    flight = fly(spec.flight, spec.mount, obstacles, spec.seed)
+    flight = fly(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
     rows = np.unique(np.linspace(0, len(flight) - 1, POINTS).astype(int))
     course = flight.positions_m[rows]
     low = np.minimum(obstacles.bounds[0], course.min(axis=0))
@@ -47,7 +47,7 @@ def path_picture(spec: SequenceSpec) -> Image:
         view.line(course[k : k + 2], _colour(float(share)), 2)
     for share in np.linspace(0, 1, LOOKS):
         pose = flight.pose(int(rows[round(share * (len(rows) - 1))]))
-        ahead = pose.rotation @ spec.mount.cam_from_body.inverse().rotation[:, 2]
+        ahead = pose.rotation @ spec.mount.at_rest.cam_from_body.inverse().rotation[:, 2]
         ends = pose.translation + np.linspace(0, LOOK_PART * extent, 12)[:, None] * ahead
         view.line(ends, _colour(float(share)), 1)
     for x, y in view.pixels(course[:1]).tolist():
@@ -69,7 +69,7 @@ def sensor_picture(spec: SequenceSpec) -> Image:
     """
     (sensor,) = spec.sensors
     obstacles = build_scene(spec).obstacles if isinstance(sensor, LaserRanging) else obstacles_of(spec)
-    flight = fly(spec.flight, spec.mount, obstacles, spec.seed)
+    flight = fly(spec.flight, spec.mount.at_rest, obstacles, spec.seed)
     (table,) = measure(spec.sensors, flight, obstacles, spec.seed).values()
     with house_style():
         figure = Figure(figsize=(spec.camera.width / DPI, spec.camera.height / DPI), dpi=DPI, layout="constrained")

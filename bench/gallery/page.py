@@ -10,9 +10,16 @@ from PIL import Image as Pillow
 from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.gallery.examples import Example, example_of, sites
 from uavbench.bench.gallery.flights import path_picture, sensor_picture
-from uavbench.bench.gallery.scenes import effect_picture, environment_picture, site_picture, structure_picture
+from uavbench.bench.gallery.scenes import (
+    effect_picture,
+    environment_picture,
+    mount_picture,
+    site_picture,
+    structure_picture,
+)
 from uavbench.scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, SequenceSpec, StructureSpec
 from uavbench.tracker.protocol import Image
+from uavbench.trajectories.camera_mount import MountSpec
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.paths.registry import PathSpec
 from uavbench.trajectories.sensors.sensor import SensorSpec
@@ -50,6 +57,12 @@ SECTIONS: dict[object, Section] = {
     ),
     PathSpec: Section(
         "Paths", "A flight from its start (dot), dark to light, with the direction of the view.", "path", path_picture
+    ),
+    MountSpec: Section(
+        "Camera mounts",
+        "Six frames of one flight, in which the vehicle tilts by up to 19 degrees.",
+        "mount",
+        mount_picture,
     ),
     SensorSpec: Section("Sensors", "Measurements on board, over ten seconds.", "sensors", sensor_picture),
 }

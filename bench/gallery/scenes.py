@@ -15,6 +15,7 @@ from uavbench.scenes.scene import Scene, build_scene
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.protocol import Image
+from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.sensors.sensor import sample_stamps, sampled
 from uavbench.trajectories.simulation.flight import fly
 
@@ -70,7 +71,7 @@ def effect_picture(spec: SequenceSpec) -> Image:
     Where the effects drop frames: FRAMES consecutive frames with them, dropped ones left grey.
     """
     scene = _scene(replace(spec, name="", effects=()))
-    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     times = sample_stamps(flight, spec.rate_hz)
     fastest = int(np.argmax(np.linalg.norm(sampled(flight, flight.velocities_m_s, times[:-FRAMES]), axis=1)))
     stamps = times[fastest : fastest + FRAMES].tolist()
@@ -83,6 +84,17 @@ def effect_picture(spec: SequenceSpec) -> Image:
     if any(light is None for light in taken):
         return _strip([None if light is None else encode(light) for light in taken], before)
     return _halves(before, _first(taken[0]), centre_px)
+
+
+def mount_picture(spec: SequenceSpec) -> Image:
+    """FRAMES frames (h, w, 3) BGR of a flight with the spec's mount, from half its time on."""
+    scene = _scene(replace(spec, name="", mount=Mount()))
+    flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
+    times = sample_stamps(flight, spec.rate_hz)
+    stamps = times[len(times) // 2 :][:FRAMES].tolist()
+    with eye(spec, scene, flight, scene.built.structure.bounds.mean(axis=0)) as source:
+        taken = [_first(source.image(stamp)) for stamp in stamps]
+    return _strip(list(taken), taken[0])
 
 
 @lru_cache(maxsize=1)

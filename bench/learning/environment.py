@@ -155,7 +155,7 @@ class InspectionEnv(gymnasium.Env[Observation, Array]):
         if self._scene is None or self._scene[0] != own:
             self._scene = (own, build_scene(spec))
         scene = self._scene[1]
-        simulation = begin(spec.flight, spec.mount, scene.obstacles, own, self._guided)
+        simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, own, self._guided)
         simulation.warm_up()
         source = self._open.enter_context(eye(spec, scene, WayFlown(simulation)))
         nothing = OpenLoop(np.zeros((0, 5)), np.zeros(0))

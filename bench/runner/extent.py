@@ -90,7 +90,7 @@ def _extent(name: str, alike: list[Render]) -> Extent:
     spec = alike[0].spec
     assert isinstance(spec, SequenceSpec)
     try:
-        summary = planned_summary(spec.flight, spec.mount, obstacles_of(spec), spec.seed)
+        summary = planned_summary(spec.flight, spec.mount.at_rest, obstacles_of(spec), spec.seed)
     except UserError as error:
         return Extent(name, len(alike), 0, None, 0.0, problem=f"path {path_name(spec.flight.path)}: {error}")
     filmed_s = max(summary.duration_s - max(spec.clock.shift_ns, 0) / 1e9, 0.0)

@@ -15,7 +15,7 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec, record
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Tracker
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import Results, evaluated_poses
 from uavbench.tracker.run import KNOWN
 from uavbench.trajectories.trajectory import Trajectory
 
@@ -104,7 +104,7 @@ class Restart:
 
 def groundtruth(sequence: Sequence, results: Results) -> Trajectory | None:
     """True `world_from_body` at the frames of results; None for a recording."""
-    return None if sequence.recorded else sequence.ground_truth.select(results.frames)
+    return None if sequence.recorded else evaluated_poses(sequence).select(results.frames)
 
 
 @dataclass(frozen=True)

@@ -159,7 +159,7 @@ def flown(spec: SequenceSpec, pilot: Pilot) -> float:
     scene = build_scene(spec)
     started = process_time()
     notes = Notes(spec, pilot, OpenLoop.of(spec, scene.obstacles))
-    simulation = begin(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    simulation = begin(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     simulation.warm_up()
     simulated = process_time() - started
     with eye(spec, scene, WayFlown(simulation)) as source:

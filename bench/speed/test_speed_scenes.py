@@ -52,16 +52,17 @@ def frame_maker(spec: SequenceSpec, folder: Path) -> Iterator[Callable[[], None]
     """A function that writes the next of 2 * FRAMES + 3 frames, evenly spread over a sequence, as `generate` does."""
     cv2.setNumThreads(1)
     scene = build_scene(spec)
-    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
+    mount = spec.mount.along(flight, scene.obstacles.centre)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, max((getattr(e, "margin_px", 0) for e in spec.effects), default=0))
     all_stamps = sample_stamps(flight, spec.rate_hz)
     stamps = iter(all_stamps[np.linspace(0, len(all_stamps) - 1, 2 * FRAMES + 3).astype(int)].tolist())
     (folder / "frames").mkdir(parents=True)
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
-        ideal = ideal_camera(renderer, camera, pinhole, lens, g.camera_path(flight, spec.mount.cam_from_body))
+        ideal = ideal_camera(renderer, camera, pinhole, lens, g.mounted_path(flight, mount))
         source = g.with_effects(ideal, spec.effects, spec.seed)
-        filming = Filming(source=source, cam_from_body=spec.mount.cam_from_body, structure=scene.built.structure)
+        filming = Filming(source=source, mount=mount, structure=scene.built.structure)
 
         def make() -> None:
             stamp_ns = next(stamps)

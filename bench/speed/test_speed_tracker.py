@@ -83,12 +83,12 @@ def film(suite: str) -> Film:
     """The first FILMED frames of a suite's first sequence, without those that its effects drop."""
     spec = first_of(suite)
     scene = build_scene(spec)
-    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     camera = spec.camera.camera()
     pinhole, lens = render_camera(camera, 0)
     stamps_ns = sample_stamps(flight, spec.rate_hz)[:FILMED].tolist()
     with scene.renderer(pinhole.width, pinhole.height) as renderer:
-        path = generate.camera_path(flight, spec.mount.cam_from_body)
+        path = generate.camera_path(flight, spec.mount.at_rest.cam_from_body)
         source = generate.with_effects(ideal_camera(renderer, camera, pinhole, lens, path), spec.effects, spec.seed)
         lights = [source.image(stamp_ns) for stamp_ns in stamps_ns]
     images = [grey(encode(light)) for light in lights if light is not None]

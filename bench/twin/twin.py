@@ -74,7 +74,7 @@ def make_twin(
         return
     prepare(__name__)
     scene = build_scene(spec)
-    flight = fly(spec.flight, spec.mount, scene.obstacles, spec.seed)
+    flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
     _check_same(sequence, spec, scene, flight)
     arrived = replace(spec, effects=tuple(e for e in spec.effects if not isinstance(e, Drops)))
     traced = TracedScene(scene, blender, tracing.samples)
@@ -92,7 +92,7 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
     """The spec that a sequence was rendered from.
 
     UserError for a twin, for recorded sequences and others without a `config`, for one of an older format, and for one
-    with its own camera clock.
+    with its own camera clock or a gimbal.
     """
     path = sequence.folder / "sequence.json"
     if "twin" in sequence.info:
@@ -105,6 +105,8 @@ def spec_of(sequence: Sequence) -> SequenceSpec:
     spec = recorded_spec(config, path)
     if spec.clock != CameraClock():
         raise UserError(f"{path}: its camera has its own `clock`, which twins do not support; render it without")
+    if sequence.on_gimbal:
+        raise UserError(f"{path}: its camera is on a gimbal, which twins do not support; render it with a fixed mount")
     return spec
 
 

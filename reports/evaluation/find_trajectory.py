@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.reports.metrics.quaternions import conjugate, multiply, normalized, rotate
+from uavbench.scenes.dataset.ground_truth_files import MOUNTS_FILE
 from uavbench.scenes.dataset.table_files import read_integers, read_json, read_numbers, read_table
 from uavbench.trajectories.bags.poses import read_poses
 from uavbench.trajectories.bags.reading import BagTopic, bag_topic
@@ -110,8 +111,14 @@ def mount_of(folder: Path) -> Pose:
     file = next((folder / name for name in ("sequence.json", "record.json") if (folder / name).is_file()), None)
     if file is None:
         raise UserError(f"{folder}: holds neither sequence.json nor record.json, which describe the camera's mounting")
+    found = read_json(file)
+    if found.get("cam_from_body") == MOUNTS_FILE:
+        raise UserError(
+            f"{file}: the camera is on a gimbal, so no one mount converts its poses to those of the body; compare "
+            "poses of the camera: export the sequence to tum, or take the groundtruth_world_from_cam.tum of its results"
+        )
     try:
-        return Pose.from_matrix(read_json(file)["cam_from_body"])
+        return Pose.from_matrix(found["cam_from_body"])
     except (KeyError, ValueError, TypeError) as error:
         raise UserError(f"{file}: cam_from_body: {error}") from None
 

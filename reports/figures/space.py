@@ -20,6 +20,7 @@ from uavbench.reports.metrics.sub_trajectories import distance_along
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.style import GROUND_TRUTH, colour, line, panel_letter
 from uavbench.scenes.structure import Structure
+from uavbench.tracker.results import evaluated_poses
 from uavbench.trajectories.pose import Array
 
 SHARES = (0.05, 0.1, 0.2, 0.4)
@@ -35,7 +36,7 @@ def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
     solid: Any = figure.add_subplot(1, 2, 1, projection="3d")
     flat = figure.add_subplot(1, 2, 2)
     sequence = runs[0].sequence
-    ground_truth = sequence.ground_truth.positions_m
+    ground_truth = evaluated_poses(sequence).positions_m
     draw_paths_from_above(runs, flat)
     edges = np.insert(sequence.structure.edge_segments, 2, np.nan, axis=1).reshape(-1, 3)
     solid.plot(*edges.T, color="#8A7F70", lw=0.6)
@@ -63,7 +64,7 @@ def draw_paths(runs: ListOf[ScoredRun], figure: Figure | SubFigure) -> Drawn:
 def draw_paths_from_above(runs: ListOf[ScoredRun], panel: Axes) -> None:
     """Draw true and estimated paths of runs on one sequence over the structure, from above; in m."""
     sequence = runs[0].sequence
-    ground_truth = sequence.ground_truth.positions_m
+    ground_truth = evaluated_poses(sequence).positions_m
     outline(panel, sequence.structure)
     panel.plot(ground_truth[:, 0], ground_truth[:, 1], color=GROUND_TRUTH, lw=1.6, label="ground truth")
     panel.plot(*ground_truth[0, :2], marker="o", ms=4.5, color=GROUND_TRUTH, mfc="white", ls="none", label="start")
@@ -147,7 +148,7 @@ def draw_error_against_distance(runs: ListOf[ScoredRun], figure: Figure | SubFig
 
 def _lengths(runs: ListOf[ScoredRun]) -> list[float]:
     """Lengths of the sub-trajectories in m."""
-    total = float(distance_along(runs[0].sequence.ground_truth.positions_m)[-1])
+    total = float(distance_along(evaluated_poses(runs[0].sequence).positions_m)[-1])
     return [share * total for share in SHARES]
 
 

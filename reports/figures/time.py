@@ -19,6 +19,7 @@ from uavbench.reports.scoring.coverage import failures
 from uavbench.reports.scoring.runs import ScoredRun, counts
 from uavbench.reports.style import GROUND_TRUTH, LOSS, colour, line
 from uavbench.reports.uncertainty.nees import component_sigmas, euler_zyx
+from uavbench.tracker.results import evaluated_poses
 from uavbench.trajectories.pose import Array
 
 COMPONENTS = (("x", "cm"), ("y", "cm"), ("z", "cm"), ("roll", "deg"), ("pitch", "deg"), ("yaw", "deg"))
@@ -34,7 +35,7 @@ def pose_components(run: ScoredRun, stem: Path) -> list[Path]:
 def draw_pose_components(run: ScoredRun, figure: Figure | SubFigure) -> Drawn:
     """Six components of world_from_body in cm and deg: estimate with its claimed 3-sigma band, and ground truth."""
     t, frames = run.errors.seconds, run.errors.frames
-    full = run.sequence.ground_truth
+    full = evaluated_poses(run.sequence)
     t_full = (full.stamps_ns - full.stamps_ns[0]) / NS
     ground_truth = true_components(run)
     estimate = estimated_components(run, ground_truth[frames])
@@ -140,7 +141,7 @@ def draw_segment_counts(run: ScoredRun, panel: Axes) -> Drawn:
 
 def true_components(run: ScoredRun) -> Array:
     """True x y z in cm and unwrapped roll pitch yaw in deg (n, 6) of the body in every frame of the sequence."""
-    ground_truth = run.sequence.ground_truth
+    ground_truth = evaluated_poses(run.sequence)
     angles = np.unwrap(euler_zyx(ground_truth.quaternions_wxyz), axis=0)
     values: Array = np.hstack([ground_truth.positions_m, angles]) * TO_SHOWN_UNITS
     return values

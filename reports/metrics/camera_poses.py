@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import Results, cam_from_evaluated, evaluated_poses
 from uavbench.trajectories.pose import Array, Pose
 
 
@@ -19,8 +19,8 @@ class Poses(NamedTuple):
 
 def true_cameras(sequence: Sequence, frames: ListOf[int]) -> Poses:
     """True cam_from_world (n) at frames of a sequence."""
-    ground_truth = sequence.ground_truth.select(np.asarray(frames, dtype=np.int64))
-    mount = sequence.cam_from_body
+    ground_truth = evaluated_poses(sequence).select(np.asarray(frames, dtype=np.int64))
+    mount = cam_from_evaluated(sequence)
     R: Array = mount.rotation @ np.swapaxes(ground_truth.rotations, 1, 2)
     return Poses(R, mount.translation - np.einsum("nij,nj->ni", R, ground_truth.positions_m))
 

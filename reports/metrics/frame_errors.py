@@ -15,7 +15,7 @@ from uavbench.reports.metrics.association import NS, PosePairs
 from uavbench.reports.metrics.camera_poses import bodies, estimated_cameras
 from uavbench.reports.metrics.quaternions import normalized
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import Results, evaluated_poses
 from uavbench.tracker.run import stride
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, quaternion_from_rotation
@@ -77,7 +77,7 @@ def frame_errors(sequence: Sequence, results: Results) -> FrameErrors:
             f"{results.record['rate_hz']:g} Hz does not track; track again"
         )
     positions, quaternions = estimated_bodies(results)
-    ground_truth = sequence.ground_truth.select(expected)
+    ground_truth = evaluated_poses(sequence).select(expected)
     estimate_m, estimate_q = np.full((len(expected), 3), np.nan), np.full((len(expected), 4), np.nan)
     estimate_m[rows], estimate_q[rows] = positions, quaternions
     ok = np.isfinite(estimate_m).all(axis=1) & np.isfinite(estimate_q).all(axis=1)

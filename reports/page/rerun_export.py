@@ -10,6 +10,7 @@ import numpy as np
 from uavbench.reports.figures.tracker_pictures import View
 from uavbench.reports.page.overlay_animation import JPEG_QUALITY, scrubbed
 from uavbench.reports.scoring.runs import ScoredRun
+from uavbench.tracker.results import evaluated_poses
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_file
 from uavbench.trajectories.pose import Array
@@ -37,7 +38,7 @@ def write_rrd(run: ScoredRun, path: Path) -> None:
 
 
 def _log_structure(rr: Any, recording: Any, run: ScoredRun) -> None:
-    structure, ground_truth = run.sequence.structure, run.sequence.ground_truth.positions_m
+    structure, ground_truth = run.sequence.structure, evaluated_poses(run.sequence).positions_m
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     mesh = rr.Mesh3D(
         vertex_positions=structure.vertices, triangle_indices=structure.triangles, albedo_factor=(176, 150, 120)

@@ -20,7 +20,7 @@ from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.scenes.dataset.body import Feed
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Tracker, TrackResult
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import Results, cam_from_evaluated, evaluated_poses
 from uavbench.tracker.run import begin, make_record, stride, track_frame, tracker_stream
 from uavbench.tracker.sound_results import sound
 from uavbench.trajectories.errors import UserError
@@ -154,7 +154,7 @@ def replay_in_real_time(sequence: Sequence, results: Results) -> Replay | None:
         free_at = stamp + round(1e6 * row.stage_ms["total"])
         out_at.append(free_at)
         rows.append(k)
-    ground_truth = sequence.ground_truth
+    ground_truth = evaluated_poses(sequence)
     newest = np.searchsorted(np.array(out_at), sequence.stamps_ns, side="right") - 1
     positions, quaternions = estimated_bodies(results)
     row_of = np.array(rows)[np.maximum(newest, 0)]
@@ -216,8 +216,8 @@ def succeeds(result: TrackResult, sequence: Sequence, frame: int) -> bool:
     """Whether a result is within 5 cm and 5 deg of the ground truth."""
     if result.cam_from_world is None:
         return False
-    estimate = result.cam_from_world.inverse() @ sequence.cam_from_body
-    error: Pose = sequence.ground_truth.pose(frame).inverse() @ estimate
+    estimate = result.cam_from_world.inverse() @ cam_from_evaluated(sequence)
+    error: Pose = evaluated_poses(sequence).pose(frame).inverse() @ estimate
     angle_deg = np.degrees(np.linalg.norm(error.log()[3:]))
     return bool(np.linalg.norm(error.translation) <= SUCCESS_M and angle_deg <= SUCCESS_DEG)
 

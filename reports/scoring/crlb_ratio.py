@@ -16,6 +16,7 @@ import numpy as np
 from uavbench.reports.metrics.frame_errors import FrameErrors
 from uavbench.reports.scoring.true_edges import true_edges
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.tracker.results import cam_from_evaluated
 from uavbench.tracker.shang_shen.control_points import control_points
 from uavbench.trajectories.pose import Array, Pose, hat
 
@@ -41,7 +42,7 @@ class ErrorOverBound:
 
 def image_bounds(sequence: Sequence, frames: ListOf[int]) -> Array:
     """Bound (n,) in m on the RMS position error of the body from each image; NaN where the sequence has none."""
-    known, mount = sequence.pose_bounds, sequence.cam_from_body
+    known, mount = sequence.pose_bounds, cam_from_evaluated(sequence)
     return np.array([_position(known[frame], mount) if frame in known else np.nan for frame in frames])
 
 
@@ -65,7 +66,7 @@ def _edge_bound(sequence: Sequence, frame: int, sigma_px: float) -> float:
     values, vectors = np.linalg.eigh(J.T @ J)
     if values[0] <= SINGULAR * values[-1]:
         return np.inf
-    return _position(sigma_px**2 * (vectors / values) @ vectors.T, sequence.cam_from_body)
+    return _position(sigma_px**2 * (vectors / values) @ vectors.T, cam_from_evaluated(sequence))
 
 
 def error_over_bound(sequence: Sequence, errors: FrameErrors) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from uavbench.reports.metrics.frame_errors import FrameErrors, frame_errors
 from uavbench.reports.scoring.score import Score, how, score
 from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import Results, cam_from_evaluated
 from uavbench.tracker.sound_results import sound
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
@@ -141,7 +141,7 @@ def missing_results(sequence: Sequence, folder: Path, why: str = "") -> Results:
         "rate_hz": rate_hz,
         "seed": int(sequence.info.get("seed", 0)),
         "sequence": {"name": sequence.name, "content_hash": sequence.content_hash},
-        "cam_from_body": sequence.cam_from_body.matrix.tolist(),
+        "cam_from_body": cam_from_evaluated(sequence).matrix.tolist(),
         "errors": [why] if why else [],
     }
     return Results(record, np.empty(0, np.int64), np.empty(0, np.int64), ())

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +21,21 @@ from uavbench.scenes.dataset.table_files import read_integers, read_records, rea
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import TABLE
 from uavbench.trajectories.files.reading import read_header
+from uavbench.trajectories.gimbal.encoder import Encoder
+from uavbench.trajectories.gimbal.gimbal import Gimbal
+from uavbench.trajectories.gimbal.pointing import Axes
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.sensors.registry import SENSORS
 
 OF_THE_SCENE = frozenset({"reflectance"})
 """Parameters of a sensor model that describe the scene and are in no data sheet."""
-CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init) - OF_THE_SCENE  # type: ignore[arg-type]
+OF_GIMBALS = frozenset({"joints", *(f.name for f in fields(Encoder))})
+"""Parameters of a gimbal besides its place on the body, which other sensors have, too."""
+CALIBRATED = frozenset(f.name for kind in SENSORS.values() for f in fields(kind) if f.init) - OF_THE_SCENE | OF_GIMBALS  # type: ignore[arg-type]
 """Parameters of a sensor that trackers may use: rates, noise, ranges and positions on the body."""
-RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses"})
+GIMBAL = "gimbal"
+"""Kind of the encoders of a gimbal, and name of those of the main camera's."""
+RESERVED = frozenset({"flight", "groundtruth", "frames", "crlb", "edges", "estimates", "row_poses", "mounts"})
 """Names of CSV files of a sequence other than readings."""
 NAME = re.compile(r"[A-Za-z0-9_-]{1,80}")
 
@@ -47,10 +54,15 @@ class BodySensor:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The body that carries the camera: `cam_from_body`, and its sensors by name."""
+    """The body that carries the camera: `cam_from_body`, and its sensors by name.
 
-    cam_from_body: Pose
+    A camera on a gimbal has no fixed `cam_from_body`: it is None, and `gimbal.cam_from_body_at` gives it for the angles
+    that the sensor `gimbal` (`gimbal-NAME` of the further camera NAME) measures.
+    """
+
+    cam_from_body: Pose | None
     sensors: Mapping[str, BodySensor]
+    gimbal: Gimbal | None = None
 
 
 class StampedRow(NamedTuple):
@@ -99,7 +111,32 @@ class Feed:
 
 def body_of(sequence: Sequence) -> Body:
     """The body of a sequence, with the sensors that it has files of; UserError naming an invalid file."""
-    return Body(sequence.cam_from_body, MappingProxyType(dict(_sensors(sequence))))
+    sensors = MappingProxyType(dict(_sensors(sequence)))
+    if not sequence.on_gimbal:
+        return Body(sequence.cam_from_body, sensors)
+    return Body(None, sensors, _gimbal_of(sequence))
+
+
+def gimbal_joints(about: Mapping[str, Any]) -> list[str]:
+    """Joints of a gimbal by its parameters in `sequence.json`, from the body to the camera; ValueError for others."""
+    joints = about.get("joints")
+    if not isinstance(joints, list) or "-".join(map(str, joints)) not in get_args(Axes):
+        raise ValueError(f"joints {joints!r} of a gimbal: expected yaw, roll, pitch, or the last of these")
+    return joints
+
+
+def _gimbal_of(sequence: Sequence) -> Gimbal:
+    """Geometry of the gimbal of a sequence's camera."""
+    name = f"{GIMBAL}.csv" if sequence.vehicle is None else f"{GIMBAL}-{sequence.folder.name}.csv"
+    try:
+        about = sequence.info["sensors"][name]
+        axes: Any = "-".join(gimbal_joints(about))
+        x, y, z = map(float, about["offset_m"])
+        return Gimbal(axes=axes, yaw_deg=float(about["yaw_deg"]), offset_m=(x, y, z))
+    except (KeyError, ValueError, TypeError) as error:
+        raise UserError(
+            f"{sequence.folder / 'sequence.json'}: sensors: {name}: {error}; render the sequence again"
+        ) from None
 
 
 def samples_of(sequence: Sequence, name: str, sensor: BodySensor) -> Samples:

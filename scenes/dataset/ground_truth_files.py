@@ -24,6 +24,16 @@ UPPER = np.triu_indices(6)
 BOUND_COLUMNS = [f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True)]
 """A covariance in `crlb.csv`: its upper triangle by rows."""
 
+MOUNTS_FILE = "mounts.csv"
+"""File of a camera's poses on the body; `cam_from_body` in `sequence.json` is this name where they change in flight."""
+MOUNTS_COLUMNS = [
+    "frame", "stamp_ns",
+    "px_m", "py_m", "pz_m",
+    "qw", "qx", "qy", "qz",
+    "yaw_rad", "roll_rad", "pitch_rad",
+]  # fmt: skip
+"""Pose `cam_from_body`, and the true angles of the gimbal's joints."""
+
 
 def read_ground_truth(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:
     """groundtruth.csv (n, 18) in the order of GROUND_TRUTH_COLUMNS; UserError unless it has these stamps (n,)."""
@@ -34,6 +44,18 @@ def read_ground_truth(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:
         raise UserError(f"{path}: row {row}: a number beyond {LARGEST_COORDINATE_M:g}; render again")
     if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], stamps_ns):
         raise UserError(f"{folder / 'groundtruth.csv'}: its stamps differ from those of frames.csv; render it again")
+    return table
+
+
+def read_mounts(folder: Path, stamps_ns: NDArray[np.int64]) -> Array:
+    """Poses `cam_from_body` (n, 7) at each frame: px py pz qw qx qy qz; UserError unless it has these stamps (n,)."""
+    path = folder / MOUNTS_FILE
+    table = read_numbers(path, MOUNTS_COLUMNS[2:9])
+    if not np.array_equal(read_integers(path, ["stamp_ns"])[:, 0], stamps_ns):
+        raise UserError(f"{path}: its stamps differ from those of frames.csv; render the sequence again")
+    turned = np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1) <= 1e-6
+    if not (turned & (np.abs(table) <= LARGEST_COORDINATE_M).all(axis=1)).all():
+        raise UserError(f"{path}: has a row that is not a pose; render the sequence again")
     return table
 
 

@@ -6,6 +6,7 @@
     edges.csv       its true edges: vertices and the adjacent faces
     frames.csv      frame, stamp_ns, file
     groundtruth.csv       world_from_body and its rates at each frame; a recording of real images has none
+    mounts.csv      cam_from_body at each frame of a camera on a gimbal
     frames/*.png    the images
     cameras/NAME/   of each camera besides the main one: camera.toml, frames.csv, groundtruth.csv, frames/*.png
     crlb.csv        Cramer-Rao bound of the camera's pose, of every n-th frame where the config asks for it
@@ -31,10 +32,10 @@ from numpy.typing import NDArray
 
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.disk_guards import inside
-from uavbench.scenes.dataset.ground_truth_files import read_ground_truth, read_pose_bounds
+from uavbench.scenes.dataset.ground_truth_files import MOUNTS_FILE, read_ground_truth, read_mounts, read_pose_bounds
 from uavbench.scenes.dataset.structure_files import load_structure
 from uavbench.scenes.dataset.surfaces.surface_files import read_flow, read_normals
-from uavbench.scenes.dataset.table_files import check_info, read_integers, read_json, read_numbers, read_table
+from uavbench.scenes.dataset.table_files import check_info, frame_stamps_ns, image_files, read_json, read_numbers
 from uavbench.scenes.image_files import load_image, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
@@ -69,8 +70,8 @@ class Sequence:
         """Open a sequence folder; UserError naming the file that is missing or invalid."""
         info = read_json(folder / "sequence.json")
         check_info(folder / "sequence.json", info)
-        files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
-        return cls(folder, info, camera, load_structure(folder), _stamps_ns(folder), files)
+        files, camera = image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
+        return cls(folder, info, camera, load_structure(folder), frame_stamps_ns(folder), files)
 
     def __len__(self) -> int:
         return len(self.files)
@@ -90,8 +91,25 @@ class Sequence:
 
     @cached_property
     def cam_from_body(self) -> Pose:
-        """Mount of the camera on the vehicle."""
+        """Mount of the camera on the vehicle; UserError for a camera on a gimbal, which has no fixed one."""
+        if self.on_gimbal:
+            raise UserError(f"{self.folder}: the camera is on a gimbal: {MOUNTS_FILE} has its pose at each frame")
         return self._pose("cam_from_body")
+
+    @property
+    def on_gimbal(self) -> bool:
+        """Whether the camera's pose on the body changes in flight."""
+        return self.info.get("cam_from_body") == MOUNTS_FILE
+
+    @cached_property
+    def mounts(self) -> Trajectory:
+        """True `cam_from_body` of a camera on a gimbal at each frame."""
+        table = read_mounts(self.folder, self.stamps_ns)
+        return Trajectory(self.stamps_ns, table[:, :3], table[:, 3:])
+
+    def cam_from_body_at(self, frame: int) -> Pose:
+        """True pose of the camera on the body at a frame."""
+        return self.mounts.pose(frame) if self.on_gimbal else self.cam_from_body
 
     @cached_property
     def cameras(self) -> Mapping[str, "Sequence"]:
@@ -105,8 +123,8 @@ class Sequence:
         folder = inside(self.folder, f"cameras/{name}")
         info = {**self.info, **about, "cameras": {}}
         check_info(self.folder / "sequence.json", info)
-        files, camera = _image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
-        stamps = _stamps_ns(folder)
+        files, camera = image_files(folder), Camera.load(folder / "camera.toml", inside=folder)
+        stamps = frame_stamps_ns(folder)
         return Sequence(folder, info, camera, self.structure, stamps, files, vehicle=self.body_folder)
 
     @property
@@ -189,7 +207,7 @@ class Sequence:
 
     def true_cam_from_world(self, frame: int) -> Pose:
         """True pose of the camera at a frame."""
-        return self.cam_from_body @ self.ground_truth.pose(frame).inverse()
+        return self.cam_from_body_at(frame) @ self.ground_truth.pose(frame).inverse()
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,16 +297,3 @@ def open_sequence(folder: str | Path) -> Sequence:
     ([True, True], True)
     """
     return Sequence.load(Path(folder))
-
-
-def _image_files(folder: Path) -> tuple[str, ...]:
-    """Names of the images in frames.csv; UserError where one leads out of the folder."""
-    files = tuple(row["file"] for row in read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"]))
-    for name in files:
-        inside(folder, name)
-    return files
-
-
-def _stamps_ns(folder: Path) -> NDArray[np.int64]:
-    """Stamps (n,) in frames.csv."""
-    return read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0]

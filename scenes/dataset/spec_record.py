@@ -8,6 +8,7 @@ from uavbench.scenes.clutter.registry import CLUTTER
 from uavbench.scenes.effects.registry import EFFECTS
 from uavbench.scenes.structures.registry import STRUCTURES
 from uavbench.scenes.world.registry import ENVIRONMENTS
+from uavbench.trajectories.gimbal.registry import FIXED, MOUNTS
 from uavbench.trajectories.paths.registry import PATHS
 from uavbench.trajectories.sensors.registry import SENSORS
 from uavbench.trajectories.vehicle.registry import AIRFRAMES
@@ -38,4 +39,5 @@ def described(value: Any) -> Any:
 @cache
 def _kinds() -> dict[type, str]:
     registries = (STRUCTURES, ENVIRONMENTS, CLUTTER, EFFECTS, PATHS, AIRFRAMES, WINDS, SENSORS)
-    return {cls: kind for registry in registries for kind, cls in registry.items()}
+    named = {cls: kind for registry in registries for kind, cls in registry.items()}
+    return named | {cls: kind for kind, cls in MOUNTS.items() if kind != FIXED}

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenes.dataset.disk_guards import inside
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files import reading
 from uavbench.trajectories.files.limits import LONGEST_LINE, MOST_ROWS, TABLE
@@ -175,3 +176,16 @@ def read_records(path: Path) -> NDArray[np.void]:
         return np.frombuffer(data, dtype=kind)
     except (ValueError, SyntaxError, TypeError, OverflowError) as error:
         raise UserError(f"{path}: not an array of readings: {error}; render the sequence again") from None
+
+
+def image_files(folder: Path) -> tuple[str, ...]:
+    """Names of the images in frames.csv; UserError where one leads out of the folder."""
+    files = tuple(row["file"] for row in read_table(folder / "frames.csv", ["frame", "stamp_ns", "file"]))
+    for name in files:
+        inside(folder, name)
+    return files
+
+
+def frame_stamps_ns(folder: Path) -> NDArray[np.int64]:
+    """Stamps (n,) in frames.csv."""
+    return read_integers(folder / "frames.csv", ["stamp_ns"])[:, 0]

@@ -74,7 +74,9 @@ def export_colmap(shown: Shown, folder: Path, on_frame: Callable[[int, int], Non
             f"{k} `{n}`" for k, n in enumerate(cameras, start=1)
         )
         files["images/"] = "images of each camera by number"
-        if _at_once(cameras):
+        if any(each.sequence.on_gimbal for each in cameras.values()):
+            limits.append("Rig: a camera is on a gimbal, so the rig is not rigid, and there is no rig_config.json.")
+        elif _at_once(cameras):
             write_text(folder / "rig_config.json", _rig(cameras))
             files["rig_config.json"] = "poses of the cameras on the rig, for `colmap rig_configurator`"
         else:

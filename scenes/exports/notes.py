@@ -17,8 +17,8 @@ class Held:
 
     files: description of each file or folder; frames: frames of the poses in a file, by its path; sensors, annotations
     and cameras: the readings, annotations and further cameras that are exported; limits: what was left out or changed;
-    angular_rates: whether the body's rates are exported; time_shift: whether the offset of the camera's clock is;
-    camera_axes: convention of camera and image axes.
+    angular_rates: whether the body's rates are exported; moving_mounts: whether a gimbal's motion is; time_shift:
+    whether the offset of the camera's clock is; camera_axes: convention of camera and image axes.
     """
 
     files: dict[str, str]
@@ -29,6 +29,7 @@ class Held:
     angular_rates: bool = False
     cameras: tuple[str, ...] = ()
     time_shift: bool = False
+    moving_mounts: bool = False
     readme: str = "README.md"
     camera_axes: str = "camera x right, y down, z forward; pixel centres at whole numbers"
 
@@ -67,6 +68,8 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
         for name in sequence.cameras
         if name not in held.cameras
     ]
+    if sequence.on_gimbal and not held.moving_mounts:
+        lines.append("Gimbal: the camera's pose on the body at each image (`mounts.csv`) is not included.")
     shift_ns = sequence.timeshift_cam_imu_ns
     if shift_ns and not held.time_shift:
         lines.append(
@@ -75,9 +78,10 @@ def not_held(sequence: Sequence, held: Held, undistorted: bool) -> list[str]:
         )
     delay_ns = float(info.get("row_delay_ns", 0.0))
     if delay_ns:
+        mounts = ", `row_mounts.npy`" if sequence.on_gimbal else ""
         lines.append(
             f"Rolling shutter: rows are exposed {delay_ns:.0f} ns apart; stamps and poses are those of the middle row, "
-            "and the pose of each row (`row_poses.npy`) is not included."
+            f"and the pose of each row (`row_poses.npy`{mounts}) is not included."
         )
     lines += _link(sequence)
     for name in ("depth", "mask", "edges", "flow", "occlusion", "normals"):

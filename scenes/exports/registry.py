@@ -20,6 +20,7 @@ from uavbench.scenes.exports.nerfstudio import export_transforms
 from uavbench.scenes.exports.notes import Held, write_notes
 from uavbench.scenes.exports.ros.bag import BagExport
 from uavbench.scenes.exports.shown_images import Shown, png
+from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.errors import UserError, unknown_name
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.trajectory import Trajectory
@@ -35,11 +36,15 @@ LARGEST = 65535
 
 @dataclass(frozen=True)
 class Format:
-    """Writer of a format, whether it can represent a camera's distortion, and whether several cameras."""
+    """Writer of a format, whether it can represent a camera's distortion, and whether several cameras.
+
+    fixed_mounts: whether it has one pose of each camera on the body, so that a gimbal cannot be represented.
+    """
 
     write: Write
     holds_lens: Callable[[Camera], bool]
     several: bool = False
+    fixed_mounts: bool = False
 
 
 def export(
@@ -52,16 +57,24 @@ def export(
 ) -> tuple[str, ...]:
     """Write a sequence into `folder` in one of EXPORTS, atomically; returns what the format does not represent.
 
-    settings: fields of BagExport, for a bag. UserError for settings of another format, for an unknown format, and for a
-    distortion that the format cannot represent, unless `undistort` removes it from the images.
+    settings: fields of BagExport, for a bag. UserError for settings of another format, for an unknown format, for a
+    distortion that the format cannot represent, unless `undistort` removes it from the images, and for a camera on a
+    gimbal where the format has a fixed pose on the body.
     """
     if format not in EXPORTS:
         raise unknown_name("export format", format, list(EXPORTS))
     if folder.is_dir() and any(folder.iterdir()):
         raise UserError(f"{folder}: is not empty; choose a new folder to export to")
     write = _with_settings(format, settings)
-    others = sequence.cameras.values() if EXPORTS[format].several else ()
-    for camera in (sequence.camera, *(other.camera for other in others)):
+    others = sequence.cameras if EXPORTS[format].several else {}
+    for name, each in {MAIN: sequence, **others}.items():
+        camera = each.camera
+        if EXPORTS[format].fixed_mounts and each.on_gimbal:
+            able = ", ".join(other for other, about in EXPORTS.items() if not about.fixed_mounts)
+            raise UserError(
+                f"{sequence.folder}: camera {name!r} is on a gimbal, and the format {format} has one pose of a "
+                f"camera on the body for all images; choose one of {able}"
+            )
         if not undistort and not EXPORTS[format].holds_lens(camera):
             raise UserError(
                 f"{sequence.folder}: one of its cameras has the distortion {camera.distortion_model} "
@@ -186,8 +199,7 @@ def export_video(shown: Shown, folder: Path, on_frame: OnFrame) -> Held:
 
 def camera_ground_truth(sequence: Sequence) -> Trajectory:
     """True `world_from_cam` at each frame."""
-    body_from_cam = sequence.cam_from_body.inverse()
-    poses = [sequence.ground_truth.pose(k) @ body_from_cam for k in range(len(sequence))]
+    poses = [sequence.ground_truth.pose(k) @ sequence.cam_from_body_at(k).inverse() for k in range(len(sequence))]
     return Trajectory.from_poses(sequence.stamps_ns.tolist(), poses)
 
 
@@ -197,8 +209,8 @@ def pinhole_only(camera: Camera) -> bool:
 
 
 EXPORTS: dict[str, Format] = {
-    "euroc": Format(export_euroc, holds_lens, several=True),
-    "kalibr": Format(export_kalibr, holds_lens, several=True),
+    "euroc": Format(export_euroc, holds_lens, several=True, fixed_mounts=True),
+    "kalibr": Format(export_kalibr, holds_lens, several=True, fixed_mounts=True),
     "tum": Format(export_tum, pinhole_only),
     "kitti": Format(export_kitti, pinhole_only),
     "bop": Format(export_bop, pinhole_only),

@@ -9,7 +9,13 @@ from uavbench.bench.config.plugins import PLUGINS
 from uavbench.bench.gallery.examples import Example, example_of, sites
 from uavbench.bench.gallery.flights import path_picture, sensor_picture, unit_of
 from uavbench.bench.gallery.page import SECTIONS
-from uavbench.bench.gallery.scenes import effect_picture, environment_picture, site_picture, structure_picture
+from uavbench.bench.gallery.scenes import (
+    effect_picture,
+    environment_picture,
+    mount_picture,
+    site_picture,
+    structure_picture,
+)
 from uavbench.scenes.site.site import Site
 from uavbench.scenes.world.studio import Studio
 
@@ -70,6 +76,16 @@ def test_lost_frames_are_left_empty():
     tiles = [tile for row in np.split(picture, 2) for tile in np.split(row, 3, axis=1)]
     empty = [bool((tile == tile[0, 0]).all()) for tile in tiles]
     assert any(empty) and not empty[0]
+
+
+def test_with_a_gimbal_the_structure_stays_at_its_height_in_the_frames():
+    moved = {}
+    for kind in ("fixed", "gimbal"):
+        picture = mount_picture(small(example("mount", kind)))
+        tiles = [tile for row in np.split(picture, 2) for tile in np.split(row, 3, axis=1)]
+        seen = [np.abs(tile.astype(int) - tile[0, 0]).max(axis=2) > 30 for tile in tiles]
+        moved[kind] = np.ptp([np.nonzero(mask)[0].mean() for mask in seen])
+    assert moved["fixed"] > 2 * moved["gimbal"], moved
 
 
 def test_a_path_is_drawn_round_its_structure():

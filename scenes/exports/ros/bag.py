@@ -10,11 +10,13 @@ from itertools import tee
 from pathlib import Path
 from typing import Any, Literal
 
+from uavbench.scenes.dataset.body import GIMBAL, gimbal_joints
 from uavbench.scenes.exports.euroc import body_from_imu, imus_of
 from uavbench.scenes.exports.notes import Held, tables_of
 from uavbench.scenes.exports.ros import bag_messages as messages
 from uavbench.scenes.exports.ros.bag_messages import Stamped, link_of, ros_name
 from uavbench.scenes.exports.ros.geodetic import Datum
+from uavbench.scenes.exports.ros.gimbal_messages import joint_states, moving_extrinsics
 from uavbench.scenes.exports.shown_images import Shown
 from uavbench.scenes.spec import MAIN
 from uavbench.trajectories.bags.library import rosbags, typestore
@@ -65,9 +67,10 @@ class BagExport:
         return Held(
             files=files,
             frames={} if shown.sequence.recorded else {name: "world_from_body"},
-            sensors=(*content.imus, *content.receivers),
+            sensors=(*content.imus, *content.receivers, *content.gimbals),
             limits=tuple(content.limits()),
             angular_rates=True,
+            moving_mounts=True,
             cameras=tuple(shown.sequence.cameras),
         )
 
@@ -107,6 +110,12 @@ class Content:
         heads = {name: read_header(folder / name, TABLE, inside=folder) for name in tables_of(sequence)}
         return {name: each for name, each in tables_of(sequence).items() if {*messages.FIX, "pdop"} <= set(heads[name])}
 
+    @cached_property
+    def gimbals(self) -> dict[str, list[str]]:
+        """Joints of the gimbals by the files of their encoders' readings."""
+        tables = tables_of(self.shown.sequence)
+        return {name: gimbal_joints(each) for name, each in tables.items() if each.get("kind") == GIMBAL}
+
     def place(self, receiver: dict[str, Any]) -> Datum:
         """Geodetic position of the world's origin for a receiver."""
         return self.datum or Datum(float(receiver.get("latitude_deg", 0.0)), 0.0, 0.0)
@@ -126,6 +135,9 @@ class Content:
             name, about = f"/{ros_name(file)}/fix", f"fixes of `{file}`, the world's origin at {self.place(gnss)}"
             found = messages.fixes(shown, file, gnss, self.place(gnss), name)
             yield Channel(name, "sensor_msgs/NavSatFix", about, found)
+        for file, joints in self.gimbals.items():
+            name, about = f"/{ros_name(file)}/joint_states", f"measured angles of the joints in `{file}`"
+            yield Channel(name, "sensor_msgs/JointState", about, joint_states(sequence, file, joints, name))
 
     def _camera(self, name: str, shown: Shown) -> Iterator[Channel]:
         """Calibration and images of a camera."""
@@ -148,13 +160,19 @@ class Content:
     def _ground_truth(self) -> Iterator[Channel]:
         sequence, state = self.shown.sequence, messages.true_state(self.shown)
         sensors = {
-            optical_frame(name): each.sequence.cam_from_body.inverse() for name, each in self.shown.cameras.items()
+            optical_frame(name): each.sequence.cam_from_body.inverse()
+            for name, each in self.shown.cameras.items()
+            if not each.sequence.on_gimbal
         }
         sensors |= {link_of(name): body_from_imu(sequence.body_folder / name, imu) for name, imu in self.imus.items()}
         sensors |= {link_of(name): Pose.identity() for name in self.receivers}
         still = messages.extrinsics(sensors, int(state.stamps_ns[0]))
         yield Channel("/tf_static", "tf2_msgs/TFMessage", "poses of the sensors on `base_link`", still)
-        yield Channel("/tf", "tf2_msgs/TFMessage", "ground truth: `base_link` in `world`", messages.transforms(state))
+        moving = {optical_frame(n): s.sequence for n, s in self.shown.cameras.items() if s.sequence.on_gimbal}
+        found = [messages.transforms(state), *(moving_extrinsics(each, frame) for frame, each in moving.items())]
+        on_body = "".join(f", `{frame}` on `base_link` at its images" for frame in moving)
+        merged = heapq.merge(*found, key=lambda each: each.stamp_ns)
+        yield Channel("/tf", "tf2_msgs/TFMessage", f"ground truth: `base_link` in `world`{on_body}", merged)
         about = "ground truth: pose in `world`, twist in `base_link`; at 100 Hz and at each image"
         yield Channel("/odom", "nav_msgs/Odometry", about, messages.odometry(state, "/odom"))
 

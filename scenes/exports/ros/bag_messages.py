@@ -152,7 +152,7 @@ def odometry(state: State, topic: str) -> Iterator[Stamped]:
 def transforms(state: State) -> Iterator[Stamped]:
     """`base_link` in `world`, on /tf."""
     for stamp, pose in _rows(state.stamps_ns, state.values[:, :7]):
-        yield Stamped("/tf", stamp, message("tf2_msgs/TFMessage", transforms=[_transform(stamp, WORLD, BODY, pose)]))
+        yield Stamped("/tf", stamp, message("tf2_msgs/TFMessage", transforms=[transform(stamp, WORLD, BODY, pose)]))
 
 
 def extrinsics(body_from_sensor: dict[str, Pose], stamp_ns: int) -> Iterator[Stamped]:
@@ -160,7 +160,7 @@ def extrinsics(body_from_sensor: dict[str, Pose], stamp_ns: int) -> Iterator[Sta
     rows = {
         name: [*pose.translation.tolist(), *pose.quaternion_wxyz.tolist()] for name, pose in body_from_sensor.items()
     }
-    found = [_transform(stamp_ns, BODY, name, row) for name, row in rows.items()]
+    found = [transform(stamp_ns, BODY, name, row) for name, row in rows.items()]
     yield Stamped("/tf_static", stamp_ns, message("tf2_msgs/TFMessage", transforms=found))
 
 
@@ -240,7 +240,8 @@ def _noise(imu: dict[str, Any], key: str) -> Array:
     return variance * np.eye(3).reshape(-1)
 
 
-def _transform(stamp_ns: int, parent: str, child: str, pose: list[float]) -> Any:
+def transform(stamp_ns: int, parent: str, child: str, pose: list[float]) -> Any:
+    """Pose of a frame in its parent, position and quaternion w x y z, as `TransformStamped`."""
     moved = message("geometry_msgs/Transform", translation=_xyz("Vector3", pose), rotation=_quaternion(pose[3:]))
     head = header(stamp_ns, parent)
     return message("geometry_msgs/TransformStamped", header=head, child_frame_id=child, transform=moved)
