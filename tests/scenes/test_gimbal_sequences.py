@@ -4,7 +4,7 @@ import csv
 import json
 import shutil
 import tomllib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -328,6 +328,17 @@ def test_what_needs_a_fixed_mount_refuses_a_gimbal_by_name(one, tmp_path):
     with pytest.raises(UserError, match=r"gimbal of camera: encoder\.rate_hz 0\.2: one reading takes 5 s"):
         generate(slow, tmp_path / "slow", content_hash="")
     assert not (tmp_path / "slow").exists()
+
+
+@dataclass(frozen=True)
+class gimbal(Imu):
+    """A user's sensor whose file has the name of that of a gimbal."""
+
+
+def test_a_sensor_of_the_same_name_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"gimbal of camera: a sensor writes gimbal\.csv, too; give its class another"):
+        generate(replace(SPEC, cameras=(), sensors=(gimbal(),)), tmp_path / "two", content_hash="")
+    assert not (tmp_path / "two").exists()
 
 
 def test_a_twin_and_a_challenge_refuse_a_gimbal_by_name(one, tmp_path):
