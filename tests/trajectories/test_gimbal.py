@@ -184,6 +184,12 @@ def test_the_yaw_axis_takes_the_shorter_way_and_stops_where_its_cables_end():
     assert np.abs(np.diff(yaw)).max() <= 400.0 * STEP_S + 1e-9
 
 
+@pytest.mark.parametrize(("start", "command", "end"), [(3.0, -3.0, 2 * math.pi - 3.0), (-3.0, 3.0, 3.0 - 2 * math.pi)])
+def test_a_command_more_than_half_a_turn_away_is_reached_the_other_way_round(start, command, end):
+    servo = Servo(YawAxis(), STEP_S, start)
+    assert [servo.advance(command) for _ in range(500)][-1] == pytest.approx(end, abs=1e-9)
+
+
 def still(seconds):
     return flight(np.tile(np.eye(3), (round(seconds / STEP_S) + 1, 1, 1)))
 
@@ -241,6 +247,23 @@ def test_the_same_seed_gives_the_same_readings_and_fewer_joints_those_of_the_one
 
 def test_stamps_are_those_of_the_encoders_rate():
     assert np.diff(readings(Encoder(rate_hz=40.0), seconds=1.0).stamps_ns).tolist() == [25_000_000] * 40
+
+
+def test_the_defaults_are_those_of_the_data_sheet():
+    assert (Encoder().noise_deg, round(Encoder().resolution_deg, 4)) == (0.06, 0.0220)
+
+
+def test_a_flight_of_one_period_has_two_readings_and_one_of_a_single_row_has_one():
+    assert readings(Encoder(rate_hz=10.0), seconds=0.1).stamps_ns.tolist() == [0, 100_000_000]
+    assert readings(Encoder(rate_hz=10.0), seconds=0.0).stamps_ns.tolist() == [0]
+
+
+def test_on_a_flight_of_two_rows_the_servos_step_as_long_as_its_control():
+    tilted = flight([np.eye(3), turned(0.0, 0.1, 0.0)])
+    whole = flight([np.eye(3), *[turned(0.0, 0.1, 0.0)] * 5])
+    two, more = (Gimbal().along(each, TARGET_M).angles(tilted.stamps_ns).tolist() for each in (tilted, whole))
+    assert two == more
+    assert -0.01 < two[1][1] < 0.0
 
 
 def test_the_measured_angles_give_the_camera_as_the_joints_that_exist_do():

@@ -98,7 +98,7 @@ class Gimbal:
     def cam_from_body_at(self, angles_rad: Array) -> Pose:
         """Pose of the camera on the body for angles (k,) of the joints that exist, in the order of `joints`."""
         angles = {f"{joint}_rad": float(angle) for joint, angle in zip(self.joints, angles_rad, strict=True)}
-        return self.cam_from_body(**{"yaw_rad": 0.0, "roll_rad": 0.0, "pitch_rad": 0.0, **angles})
+        return self.cam_from_body(**{"yaw_rad": 0.0, "roll_rad": 0.0, **angles})
 
     def along(self, motion: Motion, target_m: Array) -> GimbalMotion:
         """The gimbal along a motion; target_m (3,): what it looks at unless it has its own target_m."""
