@@ -31,7 +31,7 @@ def schema_command() -> None:
 def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
     """Try TRACKER, a TOML file with the table of one tracker, on a tiny sequence; explain every fault."""
     from uavbench.bench.config.suite import load_tracker
-    from uavbench.bench.external.job_folder import KEPT_MARKER
+    from uavbench.bench.external.kept_folder import KEPT_MARKER
     from uavbench.bench.external.program import isolated_trackers
     from uavbench.bench.trial.check import check
     from uavbench.trajectories.files.writing import refuse_foreign

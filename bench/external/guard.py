@@ -7,7 +7,6 @@ other sessions are killed too, and it detects the end of this process by its clo
 import array
 import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -119,7 +118,7 @@ class Guard:
             while not self._gone and self._said(END_S) is not None:
                 pass
             if hasattr(self, "folder"):
-                shutil.rmtree(self.folder, ignore_errors=True)
+                guard_process.remove(str(self.folder))
         self._socket.close()
 
     def _said(self, timeout_s: float) -> dict[str, Any] | None:

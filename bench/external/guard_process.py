@@ -56,7 +56,18 @@ def main() -> None:
         pass  # the owner has ended
     finally:
         end_descendants()
+        remove(folder)
+
+
+def remove(folder: str) -> None:
+    """Remove a folder; what `rmtree` cannot, too deep or without permissions, is left to the system's programs."""
+    if Path(folder).is_symlink():
+        Path(folder).unlink()
+    with suppress(RecursionError):
         rmtree(folder, ignore_errors=True)
+    if os.path.lexists(folder):
+        for command in (["chmod", "-R", "u+rwx", folder], ["rm", "-rf", folder]):
+            os.spawnvp(os.P_WAIT, command[0], command)
 
 
 class Told:
@@ -167,11 +178,8 @@ class Guarding:
 
 def limit(memory_mb: int, file_mb: int) -> None:
     """Limit address space and file size of this process and its children, and disable core dumps."""
-    for what, megabytes in (
-        (resource.RLIMIT_AS, memory_mb),
-        (resource.RLIMIT_FSIZE, file_mb),
-        (resource.RLIMIT_CORE, 0),
-    ):
+    limits = {resource.RLIMIT_AS: memory_mb, resource.RLIMIT_FSIZE: file_mb, resource.RLIMIT_CORE: 0}
+    for what, megabytes in limits.items():
         if megabytes or what == resource.RLIMIT_CORE:
             resource.setrlimit(what, (megabytes << 20, megabytes << 20))
 
@@ -201,11 +209,8 @@ def end_descendants() -> list[tuple[int, int]]:
 def reap() -> Iterator[tuple[int, int]]:
     """(pid, exit code) of the children that have ended; the code is minus the signal, as in `subprocess`."""
     with suppress(ChildProcessError):
-        while True:
-            pid, status = os.waitpid(-1, os.WNOHANG)
-            if not pid:
-                return
-            yield pid, os.waitstatus_to_exitcode(status)
+        while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            yield ended[0], os.waitstatus_to_exitcode(ended[1])
 
 
 def descendants(root: int) -> set[int]:

@@ -19,7 +19,6 @@ know of the body and its sensors is defined in `uavbench.scenes.dataset.body`.
 """
 
 import json
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -30,14 +29,9 @@ from uavbench.scenes.dataset.sequence import Sequence as Frames
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.model_files.cao_writing import write_cao
 from uavbench.scenes.structure import Structure
-from uavbench.trajectories.errors import UserError, plain
-from uavbench.trajectories.files.writing import new_folder, write_text
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
-
-KEPT_MARKER = "uavbench.json"
-"""File of a kept folder that lists the others."""
-MAX_WORDS_BYTES = 1 << 24
-"""Largest output file of a program that is kept, bytes."""
 
 
 def job_folder() -> Guard:
@@ -95,24 +89,6 @@ def write_frames(folder: Path, sequence: Frames, frames: Sequence[int]) -> None:
         samples = samples_of(sequence, name, sensor).between(None, last_ns)
         rows = [",".join(("stamp_ns", *sensor.columns)), *(row for _, row in samples.rows())]
         write_text(folder / f"{name}.csv", "\n".join(rows) + "\n")
-
-
-def keep(folder: Path, kept: Path, faults: Sequence[object]) -> None:
-    """Copy the job folder of a run with faults, and write these to faults.txt; links are not followed."""
-    with new_folder(kept, KEPT_MARKER) as new:
-        shutil.copytree(folder, new, symlinks=True, dirs_exist_ok=True, ignore=_not_worth_keeping)
-        for words in (new / "stdout.txt", new / "stderr.txt"):
-            if words.is_file() and not words.is_symlink():
-                with words.open("rb") as handle:
-                    said = handle.read(MAX_WORDS_BYTES).decode("utf-8", errors="replace")
-                words.unlink()
-                write_text(words, plain(said))
-        write_text(new / "faults.txt", "".join(f"{fault}\n" for fault in faults))
-
-
-def _not_worth_keeping(folder: str, names: list[str]) -> list[str]:
-    """Names of temporary files, pipes, sockets and devices, which are not copied."""
-    return [n for n in names if n == "tmp" or not ((p := Path(folder, n)).is_symlink() or p.is_file() or p.is_dir())]
 
 
 def sample_lines(samples: Mapping[str, Samples]) -> bytes:

@@ -30,6 +30,8 @@ PASSED_ON = (
 PIPE_BYTES = 1 << 20
 MAX_LINE_BYTES = 1 << 14
 MAX_FILE_MB = 1024
+LAST_BYTES = 2000
+"""Bytes at the end of standard error in which its last line is looked for."""
 GONE_S = 2.0
 """Time in s within which a program must end after closing its output."""
 
@@ -56,6 +58,7 @@ class Process:
             command, passed_on, own = isolated(command, guard.folder, files), PASSED_IN, WITHIN
         environment = {name: os.environ[name] for name in passed_on if name in os.environ} | own
         theirs = [self._input(piped), self._output(piped), _open(guard.folder / "stderr.txt")]
+        self._errors = os.open(guard.folder / "stderr.txt", os.O_RDONLY)
         try:
             files_of = (theirs[0], theirs[1], theirs[2])
             guard.start(command, environment, files_of, memory_mb=memory_mb, file_mb=MAX_FILE_MB)
@@ -89,6 +92,7 @@ class Process:
         """Kill the program and its descendants."""
         self.guard.end()
         self.close_input()
+        os.close(self._errors)
         if self.stdout is not None:
             os.close(self.stdout)
             self.stdout = None
@@ -172,7 +176,7 @@ class Process:
             what = f"its processes used {ended.used_mb:.0f} MB in total, memory_mb is {self.memory_mb}"
             return TrackerFault("out-of-memory", where, what)
         elif ended.code < 0:
-            how = f"it was killed by signal {signal.Signals(-ended.code).name}"
+            how = f"it was killed by signal {_signal_name(-ended.code)}"
         elif ended.code == 127:
             return TrackerFault("cannot-start", where, f"it ended with exit code 127: {self.last_words()}")
         else:
@@ -180,16 +184,22 @@ class Process:
         return TrackerFault("crashed", where, f"{how} (memory limit {self.memory_mb} MB): {self.last_words()}")
 
     def last_words(self) -> str:
-        """The last line of the program's standard error."""
-        with (self._folder / "stderr.txt").open("rb") as handle:
-            handle.seek(0, os.SEEK_END)
-            handle.seek(max(0, handle.tell() - 2000))
-            lines = handle.read().decode("utf-8", errors="replace").strip().splitlines()
+        """The last line of the program's standard error, whatever the program did to the file's name."""
+        first = max(0, os.fstat(self._errors).st_size - LAST_BYTES)
+        lines = os.pread(self._errors, LAST_BYTES, first).decode("utf-8", errors="replace").strip().splitlines()
         return one_line(lines[-1])[:300] if lines else "nothing on standard error"
 
 
 def _open(path: Path) -> int:
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+
+
+def _signal_name(number: int) -> str:
+    """Name of a signal, or its number: real-time signals have no names."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return str(number)
 
 
 def _ready(pipe: int) -> None:

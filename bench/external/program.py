@@ -18,7 +18,8 @@ from annotated_types import Ge, Gt, Le, MinLen
 
 from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import refuse_seen, usable
-from uavbench.bench.external.job_folder import job_folder, keep, sample_lines, write_frames, write_job, write_sensors
+from uavbench.bench.external.job_folder import job_folder, sample_lines, write_frames, write_job, write_sensors
+from uavbench.bench.external.kept_folder import keep
 from uavbench.bench.external.process import Process
 from uavbench.bench.external.rows import ROW_FAULTS, Estimates, Fault, TrackerFault, read_estimates, read_row
 from uavbench.bench.inputs.command_files import command_files, run_files
