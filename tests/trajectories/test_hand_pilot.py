@@ -50,6 +50,13 @@ def test_the_record_begins_in_flight_and_not_with_a_drop() -> None:
     assert np.linalg.norm(flight.velocities_m_s[0]) > 0.02
 
 
+def test_a_pilot_who_believes_to_be_at_the_centre_flies_on() -> None:
+    pilot = HandPilot().plan(BOX, Mount(), np.random.default_rng(0))
+    assert isinstance(pilot, Pilot)
+    believed = VehicleState(np.array([*pilot._stage.centre, 0.5]), np.zeros(3), 0.0)
+    assert np.isfinite([pilot.rows(10 * block, 10, believed) for block in range(100)]).all()
+
+
 def test_the_pilot_reacts_late() -> None:
     """Two pilots with the same hands see the vehicle in another place; their sticks differ only after the delay."""
     pilots = [HandPilot(reaction_s=0.2).plan(BOX, Mount(), np.random.default_rng(0)) for _ in range(2)]

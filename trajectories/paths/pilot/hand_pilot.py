@@ -25,6 +25,8 @@ NOTICED = np.array([0.03, 0.0, 0.02, np.radians(2.5)])
 """Dead band of the pilot: uncorrected errors of range (m), sideways (none), height (m) and heading (rad)."""
 EAGERNESS_1_S = np.array([0.6, 0.0, 0.7, 0.9])
 """Gain of the pilot: commanded speed per error, 1/s."""
+NEAREST_M = 0.01
+"""Least distance from the centre for which the pilot turns, m: an estimate may be as wrong as to lie on the centre."""
 CLUMSINESS = 0.10
 """Relative standard deviation of a stick deflection from the intended one; an assumption."""
 
@@ -174,7 +176,7 @@ class Pilot:
         command = EAGERNESS_1_S * np.where(np.abs(error) > NOTICED, error, 0.0)
         sideways_m_s = self._sign * self._path.speed_m_s * (0.4 + 1.2 * self._signals[2].at(now_s))
         command[1] -= sideways_m_s  # Facing the structure, counter-clockwise is to the right.
-        command[3] += sideways_m_s / distance
+        command[3] += sideways_m_s / max(distance, NEAREST_M)
         return np.asarray(
             np.clip(self._path.pad.deflection(command) * (1 + CLUMSINESS * self._rng.standard_normal(4)), -1.0, 1.0)
         )
