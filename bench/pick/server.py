@@ -7,9 +7,11 @@ writes `init.toml` and stops the server.
 
 import json
 import secrets
+import sys
 import webbrowser
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from http.client import HTTPException
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -93,7 +95,7 @@ class Picking:
         try:
             rows = [(int(p["corner"]), float(p["image_px"][0]), float(p["image_px"][1])) for p in pairs]
             points = self.corners[[k for k, _, _ in rows if k >= 0]]
-        except (KeyError, IndexError, TypeError, ValueError):
+        except (KeyError, IndexError, TypeError, ValueError, OverflowError):
             raise UserError("a pair consists of a corner of the model and a pixel of the image") from None
         pixels = np.array([[u, v] for _, u, v in rows]).reshape(-1, 2)
         if len(rows) < FEWEST or len(points) != len(rows) or not np.isfinite(pixels).all():
@@ -117,6 +119,15 @@ def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, brows
 
     serve(picking, announce, port)
     say(out)
+
+
+class PageServer(ThreadingHTTPServer):
+    """A server that drops connections which end early or are no HTTP, without a message."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Log the exception of a request, unless the other side is the reason."""
+        if not isinstance(sys.exception(), OSError | HTTPException):
+            super().handle_error(request, client_address)
 
 
 def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> None:
@@ -168,9 +179,10 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
                 reply = verb(pairs if isinstance(pairs, list) else [])
             except (UserError, ValueError, OSError) as error:
                 reply = {"error": str(error)}
-            self.answer(200, "application/json", json.dumps(reply).encode())
-            if "saved" in reply:
-                done.append(reply["saved"])
+            try:
+                self.answer(200, "application/json", json.dumps(reply).encode())
+            finally:  # even if the page was closed before its answer
+                done.extend([reply["saved"]] if "saved" in reply else [])
 
         def from_here(self) -> bool:
             """Whether a request is from the page itself, by Host and Origin: guards against DNS rebinding and CSRF."""
@@ -190,7 +202,7 @@ def serve(picking: Picking, announce: Callable[[str], None], port: int = 0) -> N
             """Log no request."""
 
     try:
-        server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        server = PageServer(("127.0.0.1", port), Handler)
     except OSError as error:
         raise UserError(f"port {port} cannot be used: {error.strerror}; choose another with --port") from None
     with server:

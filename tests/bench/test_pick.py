@@ -3,6 +3,7 @@
 import json
 import queue
 import socket
+import struct
 import threading
 import urllib.error
 import urllib.request
@@ -146,3 +147,25 @@ def test_a_deep_body_is_an_error_and_not_the_end(picking, sequence):
         head = f"POST {path}/solve HTTP/1.1\r\nHost: {host}\r\nContent-Length: 90000"
         assert "200" in raw(address, head, b"[" * 90_000)
         post(address, "save", true_pairs(picking, sequence))
+
+
+@pytest.mark.parametrize("number", ["1e999", "1" + "0" * 400, "1" + "0" * 30, "NaN"])
+@pytest.mark.parametrize("pair", ['{{"corner": {}, "image_px": [1, 2]}}', '{{"corner": 0, "image_px": [{}, 2]}}'])
+def test_no_number_of_a_pair_ends_its_request(picking, pair, number):
+    with pytest.raises(UserError, match="pair"):
+        picking.solve([json.loads(pair.format(number))])
+
+
+def test_a_connection_that_is_cut_off_leaves_no_message_and_a_saved_page_ends(picking, sequence, capfd):
+    with served(picking) as address:
+        path, host = "/" + address.split("/", 3)[3], address.split("/")[2]
+        pairs = json.dumps(true_pairs(picking, sequence))
+        many = "X: y\r\n" * 200
+        save = f"POST {path}/save HTTP/1.1\r\nHost: {host}\r\nContent-Length: {len(pairs)}\r\n\r\n{pairs}"
+        page = f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n"
+        for request in (page, f"GET / HTTP/1.1\r\n{many}\r\n", "\0\r\n", save):
+            with socket.create_connection(("127.0.0.1", int(host.split(":")[1]))) as connection:
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                connection.sendall(request.encode())  # and reset the connection instead of reading the answer
+    assert picking.out.exists()
+    assert "Traceback" not in capfd.readouterr().err
