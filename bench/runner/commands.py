@@ -164,6 +164,8 @@ def track_real(
     results = track_images(TRACKERS[kind](), source, model=model, camera=camera, init=init, out=out, rate_hz=rate_hz)
     if why := all_failed(results):
         raise UserError(why)
+    for doubt in results.record["doubts"]:
+        say(f"doubt: {doubt}", err=True)
     say(f"{int(results.ok.sum())} of {len(results)} frames with a pose: {out / f'estimate_{results.frame}.tum'}")
 
 

@@ -1,5 +1,7 @@
 """Initial poses and real images: files in, files out."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -123,6 +125,52 @@ def test_a_folder_of_images_is_tracked(files, tmp_path):
     }  # fmt: skip
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
     assert cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 6
+
+
+def video(files, folder, change=bytes):
+    """Results of `hold` on a video of the images at 10 Hz, its file changed."""
+    path = folder / "film.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (CAMERA.width, CAMERA.height))
+    for image in in_order(files / "images"):
+        writer.write(cv2.imread(str(image)))
+    writer.release()
+    path.write_bytes(change(path.read_bytes()))
+    given = {"model": files / "box.cao", "camera": files / "camera.toml", "init": files / "init.toml"}
+    return track_images(TRACKERS["hold"](), path, **given, out=folder / "out")
+
+
+def with_pauses(film):
+    """The MP4 film of six images, the first four half as far apart and the last two twice as far."""
+    data = bytearray(film)
+    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):  # each holds the next
+        at = data.index(name) - 4
+        data[at : at + 4] = (int.from_bytes(data[at : at + 4]) + 8).to_bytes(4)
+    at = data.index(b"stts") + 8
+    assert data[at : at + 8] == struct.pack(">II", 1, 6)
+    period = int.from_bytes(data[at + 8 : at + 12])
+    data[at : at + 12] = struct.pack(">IIIII", 2, 4, period // 2, 2, 2 * period)
+    return bytes(data)
+
+
+def test_the_images_of_a_video_have_its_times(files, tmp_path):
+    results = video(files, tmp_path)
+    assert results.stamps_ns.tolist() == [100_000_000 * frame for frame in range(6)]
+    assert results.record["doubts"] == []
+
+
+def test_a_video_of_a_variable_rate_has_its_own_times(files, tmp_path):
+    times_s = video(files, tmp_path, with_pauses).stamps_ns * 1e-9
+    np.testing.assert_allclose(times_s, [0.0, 0.05, 0.1, 0.15, 0.2, 0.4], atol=1e-6)
+
+
+def test_a_video_of_which_not_all_can_be_read_is_told(files, tmp_path):
+    def damaged(film):
+        at = film.index(b"mdat")
+        return film[: at + 2000] + bytes(len(film) // 2) + film[at + 2000 + len(film) // 2 :]
+
+    results = video(files, tmp_path, damaged)
+    assert len(results) < 6
+    assert f"{len(results)} of 6 frames can be read" in results.record["doubts"][0]
 
 
 class NeedsBody:

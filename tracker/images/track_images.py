@@ -14,6 +14,7 @@ from uavbench.scenes.image_files import open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.overlay import draw_edges
+from uavbench.tracker.images.video_images import unread, video_frames
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.protocol import Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
@@ -47,7 +48,8 @@ def track_images(
     `out` gets frames.csv, times.csv, estimate_world_from_cam.tum (world: the model's frame), record.json and
     overlay.mp4.
     The images of a folder are sorted by name, 9.png before 10.png, and stamped 1 / rate_hz apart; a video has its own
-    rate, a bag the stamps of its headers. UserError naming the invalid file.
+    times, a bag the stamps of its headers. `doubts` of the record tells of images that could not be read. UserError
+    naming the invalid file.
     """
     refuse_foreign(out, MARKER)
     lens = Camera.load(camera)
@@ -79,6 +81,7 @@ def track_images(
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
+        record["doubts"] = doubts(source, len(rows))
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results
@@ -94,7 +97,7 @@ def load_model(path: Path) -> Structure:
 
 
 def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[StampedImage]:
-    """Stamps in ns and BGR images of a folder, a video at its rate, or a topic of a bag."""
+    """Stamps in ns and BGR images of a folder, a video, or a topic of a bag."""
     if isinstance(source, BagTopic):
         yield from bag_frames(source, camera)
         return
@@ -102,21 +105,13 @@ def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[
         for frame, path in enumerate(in_order(source)):
             yield StampedImage(round(frame * 1e9 / rate_hz), read_image(path, camera))
         return
-    video = open_video(source)
-    frame = 0
-    while True:
-        good, image = video.read()
-        if not good:
-            break
-        if image.shape[:2] != (camera.height, camera.width):
-            raise UserError(
-                f"{source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
-                f"the camera {camera.width} x {camera.height} px"
-            )
-        yield StampedImage(round(frame * 1e9 / rate_hz), np.asarray(image, dtype=np.uint8))
-        frame += 1
-    if not frame:
-        raise UserError(f"{source}: not a readable video")
+    yield from video_frames(source, camera, rate_hz)
+
+
+def doubts(source: Path | BagTopic, frames: int) -> list[str]:
+    """Messages on images that were not read although their file says that it holds them."""
+    told = unread(source, frames) if isinstance(source, Path) and not source.is_dir() else ""
+    return [told] if told else []
 
 
 def in_order(folder: Path) -> list[Path]:
