@@ -6,6 +6,7 @@ other sessions are killed too, and it detects the end of this process by its clo
 
 import array
 import json
+import math
 import os
 import signal
 import socket
@@ -156,13 +157,20 @@ class Finished:
         return lines[-1] if lines else f"exit code {self.code}"
 
 
-def finished(guard: Guard, command: Sequence[str], environment: Mapping[str, str]) -> Finished:
-    """Run a program in a guard's folder to its end, without input; it never outlives this process."""
+def finished(
+    guard: Guard, command: Sequence[str], environment: Mapping[str, str], timeout_s: float = math.inf
+) -> Finished:
+    """Run a program in a guard's folder to its end, without input; it never outlives this process.
+
+    TimeoutError when it has not ended within timeout_s; leaving the guard kills it.
+    """
+    deadline = time.monotonic() + timeout_s
     out, err = guard.folder / "stdout.txt", guard.folder / "stderr.txt"
     with Path(os.devnull).open("rb") as nothing, out.open("wb") as said, err.open("wb") as errors:
         guard.start(command, environment, (nothing.fileno(), said.fileno(), errors.fileno()))
-    while (ended := guard.wait(WAIT_S)) is None:
-        pass
+    while (ended := guard.wait(min(WAIT_S, deadline - time.monotonic()))) is None:
+        if time.monotonic() >= deadline:
+            raise TimeoutError(f"did not end within {timeout_s:g} s")
     return Finished(ended.code, *(path.read_text(encoding="utf-8", errors="replace") for path in (out, err)))
 
 

@@ -329,6 +329,51 @@ def test_what_does_not_depend_on_the_renderer_is_copied(black, sequence, tmp_pat
     np.testing.assert_array_equal(rows, all_rows[::2])
 
 
+WRONG = {
+    "no answer": ("print('{oops')", "answered"),
+    "an endless line": ("print('{' + 'x' * 100000)", "answered"),
+    "no image": ("pass", "view.f32: no such file"),
+    "the last image": ("if first: write()", "view.f32: no such file"),
+    "half an image": ("write(2)", "bytes, or values"),
+    "no numbers": ("write(1, float('nan'))", "values that are not numbers"),
+    "another file": ("os.symlink('/etc/hostname', file)", "view.f32"),
+    "a pipe": ("os.mkfifo(file)", "view.f32: is not a regular file"),
+    "a device": ("os.symlink('/dev/zero', file)", "view.f32: is not a regular file"),
+    "the end": ("os.mkfifo('pipe'); os.rename('pipe', 'stderr.txt'); sys.exit(4)", "exit code 4"),
+}
+WRONG_BLENDER = """
+import array, json, os, sys
+print(json.dumps({"denoiser": ""}), flush=True)
+first = True
+for line in sys.stdin:
+    request = json.loads(line)
+    file, (width, height) = request["file"], request["camera"]["size"]
+    def write(part=1, value=0.0):
+        open(file, "wb").write(array.array("f", [value] * (4 * width * height // part)).tobytes())
+    CHANGE
+    first = False
+    print("{}", flush=True)
+"""
+
+
+@pytest.mark.parametrize("how", WRONG)
+def test_an_answer_of_another_program_is_refused(sequence, tmp_path, monkeypatch, how):
+    change, word = WRONG[how]
+    (tmp_path / "wrong.py").write_text(WRONG_BLENDER.replace("CHANGE", change))
+    run = f"exec {sys.executable} -S {tmp_path / 'wrong.py'}"
+    fake_blender(tmp_path, monkeypatch, f'case "$1" in --version) echo "Blender 3.4.1";; *) {run};; esac')
+    refused(twin(sequence, "--out", tmp_path / "t"), word)
+    assert not (tmp_path / "t").exists()
+
+
+def test_a_blender_that_never_tells_its_version_is_refused_and_ended(sequence, tmp_path, monkeypatch):
+    mark = f"OF_THE_TEST_{tmp_path}"
+    fake_blender(tmp_path, monkeypatch, f"MARK={mark} sleep 600 & MARK={mark} exec sleep 600")
+    monkeypatch.setattr("uavbench.bench.twin.blender.VERSION_S", 0.5)
+    refused(twin(sequence, "--out", tmp_path / "t"), "--version did not end within 0.5 s")
+    assert wait_until(lambda: not with_mark(mark))
+
+
 @pytest.mark.parametrize("how", HOSTILE)
 def test_no_file_from_elsewhere_gets_into_a_twin(black, sequence, tmp_path, how):
     name, what = HOSTILE[how]
