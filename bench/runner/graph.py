@@ -17,10 +17,10 @@ from typing import Any, NamedTuple, Protocol
 import cv2
 from tqdm import tqdm
 
-from uavbench.bench.inputs.content_hash import carried_hash, content_hash
+from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.plugin_files import loaded
 from uavbench.bench.runner.processes import end_when_told, end_with_parent
-from uavbench.bench.runner.written_files import Place
+from uavbench.bench.runner.written_files import Made, Place, expect_whole
 from uavbench.tracker.faults import named, users_place
 from uavbench.trajectories.errors import DISK_ERRORS, Terminated, UserError, disk_error_message, one_line, plain
 
@@ -66,9 +66,14 @@ class Job:
         return Place(self.root or self.marker.parent, self.marker, self.lists)
 
     @property
+    def made(self) -> Made:
+        """Its output, made from the current inputs."""
+        return Made(self.place, self.content_hash)
+
+    @property
     def fresh(self) -> bool:
         """Whether the output is unchanged since it was written, and was made from the current inputs."""
-        return _is_done(self.place, self.content_hash)
+        return self.made.is_whole
 
 
 @dataclass
@@ -125,23 +130,15 @@ class JobCost(NamedTuple):
     peak_mb: float
 
 
-def run_job(
-    name: str,
-    work: Work,
-    content_hash: str,
-    marker: Path,
-    root: Path | None = None,
-    lists: str = "",
-    plugins: tuple[str, ...] = (),
-) -> JobCost:
+def run_job(name: str, work: Work, made: Made, needs: tuple[Made, ...] = (), plugins: tuple[str, ...] = ()) -> JobCost:
     """Run one job in a worker and return its cost.
 
-    A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost. plugins: the
-    modules of the user's plug-ins, imported first, since they may change what the module of a class defines.
+    A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost. needs: the
+    outputs that it reads; one that another process replaces meanwhile makes it fail. plugins: the modules of the user's
+    plug-ins, imported first, since they may change what the module of a class defines.
     """
     begin = time.perf_counter()
-    place = Place(root or marker.parent, marker, lists)
-    if _is_done(place, content_hash):
+    if made.is_whole:
         return JobCost(0.0, 0.0)
 
     def on_step(done: int, total: int) -> None:
@@ -152,8 +149,10 @@ def run_job(
         for module in plugins:
             with suppress(ModuleNotFoundError):  # of another suite in the same process; a class of it needs it anyway
                 importlib.import_module(module)
-        with place.writing(content_hash):
-            work(content_hash, on_step)
+        with made.place.writing(made.content_hash):
+            expect_whole(needs)
+            work(made.content_hash, on_step)
+            expect_whole(needs)
     except UserError as error:
         raise UserError(str(error)) from error
     except OSError as error:
@@ -190,8 +189,8 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     plugins = tuple(sorted(loaded))
 
     def start(job: Job) -> None:
-        given = (job.name, job.work, job.content_hash, job.marker, job.root, job.lists, plugins)
-        future = executor.submit(run_job, *given)
+        needs = tuple(need.made for need in job.needs if need.name not in outcome.failed)
+        future = executor.submit(run_job, job.name, job.work, job.made, needs, plugins)
         running[future] = job
         future.add_done_callback(settled.put)
 
@@ -235,10 +234,6 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
 def _fault(error: BaseException) -> str:
     """The exception as text, with its place in the code of a user's plug-in."""
     return f"{one_line(named(error))}{users_place(error)}"
-
-
-def _is_done(place: Place, content_hash: str) -> bool:
-    return carried_hash(place.marker) == content_hash and place.is_whole(content_hash)
 
 
 def _settle(job: Job, future: Future[JobCost], outcome: Outcome, peaks: dict[str, float]) -> None:

@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from uavbench.bench.inputs.content_hash import carried_hash
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import noting, owning, refuse_foreign, tree, write_text
 
@@ -111,19 +112,17 @@ class Place:
         before = Record.read(self.record)
         Record("", before.files).write(self.record)
         with owning(self._known(before)), noting() as written:
-            yield
-        here = self.marker.parent.absolute()
-        self.keep(content_hash, (path for path in {*written, self.marker.absolute()} if path.is_relative_to(here)))
+            try:
+                yield
+            except BaseException:  # what was written stays, and is known to be uavbench's
+                if written:
+                    Record("", {**before.files, **self._stamps(written)}).write(self.record)
+                raise
+        Record(content_hash, self._stamps({*written, self.marker.absolute()})).write(self.record)
 
     def disown(self) -> None:
         """Make the output stale; the files stay, and are known to be uavbench's."""
         Record("", Record.read(self.record).files).write(self.record)
-
-    def keep(self, content_hash: str, paths: Iterable[Path]) -> None:
-        """Record these files as the output for this hash."""
-        root = self.root.absolute()
-        names = sorted(path.absolute().relative_to(root).as_posix() for path in paths if path.exists())
-        Record(content_hash, {name: Stamp.of(root / name) for name in names}).write(self.record)
 
     def refuse_foreign(self) -> None:
         """Raise UserError naming a file in the job's own folder that uavbench did not write."""
@@ -135,6 +134,13 @@ class Place:
             return
         with owning(known):
             refuse_foreign(folder, self.lists)
+
+    def _stamps(self, paths: Iterable[Path]) -> dict[str, Stamp]:
+        """Stamps of those files that lie where the marker does, by their names in the suite's folder."""
+        root, here = self.root.absolute(), self.marker.parent.absolute()
+        there = (path.absolute() for path in paths if path.absolute().is_relative_to(here) and path.exists())
+        names = sorted(path.relative_to(root).as_posix() for path in there)
+        return {name: Stamp.of(root / name) for name in names}
 
     def _known(self, record: Record) -> set[Path]:
         """Files of this record, and those in the job's own folder that belong to another job."""
@@ -148,3 +154,26 @@ class Place:
 
     def _record_of(self, marker: str) -> Path:
         return self.root / RECORDS / marker
+
+
+@dataclass(frozen=True)
+class Made:
+    """Output of a job for the hash of its inputs."""
+
+    place: Place
+    content_hash: str
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it was made for this hash and is unchanged since it was written."""
+        return carried_hash(self.place.marker) == self.content_hash and self.place.is_whole(self.content_hash)
+
+
+def expect_whole(needs: Iterable[Made]) -> None:
+    """Raise UserError naming an output that is not as it was made: another version of the suite may write there."""
+    for need in needs:
+        if not need.is_whole:
+            raise UserError(
+                f"{need.place.marker.parent}: another process replaces what this job reads; once that has ended, "
+                "run the same command again, or give each version of a suite a folder of its own"
+            )

@@ -144,5 +144,5 @@ def test_a_job_done_by_a_lost_worker_is_not_done_twice(tmp_path):
 
     one = job(tmp_path, "one")
     for _ in range(2):
-        run_job(one.name, one.work, one.content_hash, one.marker)
+        run_job(one.name, one.work, one.made)
     assert len((tmp_path / "one.log").read_text().splitlines()) == 1

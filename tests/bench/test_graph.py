@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from uavbench.bench.inputs.content_hash import carried_hash, content_hash
-from uavbench.bench.runner.graph import Job, run_graph
+from uavbench.bench.runner.graph import Job, run_graph, run_job
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder, write_text
 
@@ -100,6 +100,42 @@ def test_a_stale_result_is_made_again(tmp_path, pool):
     assert not newer.fresh
     assert [j.name for j in run_graph([newer], pool).done] == ["a"]
     assert carried_hash(tmp_path / "a.json") == newer.content_hash
+
+
+@dataclass
+class Meanwhile:
+    """Reads what it needs while another version of it is written by somebody else."""
+
+    marker: Path
+    other: Job
+    when: str
+
+    def __call__(self, content_hash, on_step):
+        text = self.other.marker.read_text() if self.when == "after" else ""
+        run_job(self.other.name, self.other.work, self.other.made)
+        about = {"content_hash": content_hash, "read": text or self.other.marker.read_text()}
+        write_text(self.marker, json.dumps(about))
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_a_job_whose_need_another_process_replaces_is_never_fresh(tmp_path, pool, when):
+    need, other = job(tmp_path, "need"), job(tmp_path, "need", enters=1)
+    reader = job(tmp_path, "reader", needs=(need,))
+    disturbed = replace(reader, work=Meanwhile(reader.marker, other, when))
+    outcome = run_graph([need, disturbed], pool)
+    assert "another process replaces" in outcome.failed["reader"]
+    assert not reader.fresh
+    assert [each.name for each in run_graph([need, reader], pool).done] == ["need", "reader"]
+    assert reader.fresh
+
+
+def test_a_job_does_not_start_on_the_output_of_another_version(tmp_path, pool):
+    need, order = job(tmp_path, "need"), []
+    run_graph([job(tmp_path, "need", enters=1)], pool)
+    reader = job(tmp_path, "reader", order=order)
+    with pytest.raises(UserError, match="another process replaces"):
+        run_job(reader.name, reader.work, reader.made, (need.made,))
+    assert order == [] and not reader.fresh
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"content_hash"', '{"other": 1}'])

@@ -12,6 +12,7 @@ from uavbench.bench.config.suite import load_tracker
 from uavbench.bench.runner.commands import count_failed_trackers
 from uavbench.bench.runner.graph import Job, JobFaultError, Outcome, run_job
 from uavbench.bench.runner.tasks import Track
+from uavbench.bench.runner.written_files import Made, Place
 from uavbench.bench.trial.check import TRIAL, check
 from uavbench.reports.protocols.restarting import run_from_anchors
 from uavbench.scenes.dataset.sequence import Sequence
@@ -162,7 +163,7 @@ def test_a_job_of_a_plug_in_that_ends_as_it_likes_has_failed(tmp_path, how):
     with pytest.raises(
         JobFaultError, match=rf"^{type(how).__name__}: .*\(tests/tracker/test_blame\.py:\d+ in __call__\)$"
     ):
-        run_job("render it", Leaves(how), "hash", tmp_path / "a" / "record.json")
+        run_job("render it", Leaves(how), Made(Place(tmp_path / "a", tmp_path / "a" / "record.json"), "hash"))
 
 
 CHECKED = """
