@@ -3,6 +3,7 @@
 The writer is `cao_writing`.
 """
 
+import io
 import math
 import re
 from collections.abc import Iterator
@@ -12,15 +13,20 @@ from pathlib import Path
 import numpy as np
 
 from uavbench.scenes.model_files.cylinders import cylinder, disc, is_end
+from uavbench.scenes.model_files.mesh_checks import FaceWork, check_count
 from uavbench.scenes.model_files.mesh_piece import Loaded
 from uavbench.scenes.primitives.solids import ear_clip
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, MODEL, MOST_NESTING, MOST_ROWS
+from uavbench.trajectories.files.limits import LARGEST_COORDINATE_M, LONGEST_LINE, MODEL, MOST_NESTING, MOST_ROWS
 from uavbench.trajectories.files.reading import read_text
 from uavbench.trajectories.pose import Array, Pose, rotation_exp
 
 MOST_LOADS = 1000
 """Most pieces of one model, each counted once per load; the largest of ViSP's own models have 20."""
+MOST_LINES = 2 * MOST_ROWS
+"""Most lines of one file: points and faces of a model of MOST_TRIANGLES."""
+MOST_ROUND = 10_000
+"""Most cylinders, and most circles, of one file: 1.7 million triangles."""
 MOST_CORNERS = 1000
 """Most corners of one face; ear clipping is at least quadratic in their number."""
 LOAD = re.compile(r"""load\(\s*["']([^"']+)["']\s*((?:,\s*\w+\s*=\s*\[[^\]]*\]\s*)*)\)""", re.IGNORECASE)
@@ -48,8 +54,12 @@ def read_cao(path: Path) -> Loaded:
     and circles are tessellated (`cylinders`); a circle that coincides with an end of a cylinder is skipped, since
     cylinders are closed.
     """
-    pieces = _files(path)
-    return _joined([_placed(_piece(piece), piece.model_from_piece) for piece in pieces], path.stem)
+    placed: list[Loaded] = []
+    work = FaceWork(path)
+    for piece in _files(path):
+        placed.append(_placed(_piece(piece, work), piece.model_from_piece))
+        check_count(path, sum(len(each.triangles) for each in placed))
+    return _joined(placed, path.stem)
 
 
 def _files(path: Path, above: tuple[Path, ...] = (), model_from_file: Pose | None = None) -> list[Piece]:
@@ -134,7 +144,7 @@ def _check_loads(path: Path, number: int, depth: int, loaded: list[Piece]) -> No
         )
 
 
-def _piece(piece: Piece) -> Loaded:
+def _piece(piece: Piece, work: FaceWork) -> Loaded:
     """Triangle mesh of the rows of one file, in its own frame."""
     path, rows = piece.path, iter(piece.rows)
 
@@ -186,6 +196,7 @@ def _piece(piece: Piece) -> Loaded:
         if min((k for face in (*lines, *from_lines, *from_points) for k in face), default=0) < 0:
             raise ValueError("a number below 0")
         faces = [*[_chained([lines[k] for k in face]) for face in from_lines], *from_points]
+        work.add(map(len, faces))
         triangles = [np.array(face)[_triangles(points[face])] for face in faces]
     except (IndexError, ValueError) as error:
         raise UserError(f"{path}: a face is not a simple polygon of existing points or lines: {error}") from None
@@ -194,7 +205,8 @@ def _piece(piece: Piece) -> Loaded:
         ends = [(points[_whole(a)], points[_whole(b)], float(radius)) for a, b, radius in cylinders]
         discs = [(float(r), points[_whole(a)], points[_whole(b)], points[_whole(c)]) for r, a, b, c in circles]
         round_ = [cylinder(*row) for row in ends]
-        round_ += [disc(*row) for row in discs if not any(is_end(row[1], row[0], *end) for end in ends)]
+        starts, stops, radii = (np.array([end[k] for end in ends]) for k in range(3))
+        round_ += [disc(*row) for row in discs if not (ends and is_end(row[1], row[0], starts, stops, radii).any())]
     except (IndexError, ValueError, TypeError) as error:
         raise UserError(
             f"{path}: a cylinder takes two existing points and a radius, a circle a radius and three points: {error}"
@@ -214,7 +226,14 @@ def _joined(pieces: list[Loaded], name: str) -> Loaded:
 
 def _rows(path: Path) -> Iterator[tuple[int, str]]:
     """Numbered lines of a file, without comments and blank lines."""
-    for number, line in enumerate(read_text(path, MODEL).splitlines(), start=1):
+    text = read_text(path, MODEL)
+    if text.count("\n") + text.count("\r") > 2 * MOST_LINES:  # a line may end with both
+        raise UserError(f"{path}: more than {MOST_LINES:,} lines; simplify the model to its planar faces")
+    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
+        if number > MOST_LINES or len(line) > LONGEST_LINE:
+            raise UserError(
+                f"{path}: line {number}: beyond {MOST_LINES:,} lines, or longer than {LONGEST_LINE:,} characters"
+            )
         bare = line.split("#")[0].split("//")[0].strip()
         if bare:
             yield number, bare
@@ -236,12 +255,12 @@ def _whole(word: str) -> int:
     return int(float(word))
 
 
-def _count(path: Path, number: int, what: str, values: list[str]) -> int:
-    """Number of rows in a block; UserError when it is not an integer within 0 .. MOST_ROWS."""
+def _count(path: Path, number: int, what: str, values: list[str], most: int = MOST_ROWS) -> int:
+    """Number of rows in a block; UserError when it is not an integer within 0 .. most."""
     try:
         count = _whole(values[0])
-        if not 0 <= count <= MOST_ROWS:
-            raise ValueError(f"{count:,} is not within 0 .. {MOST_ROWS:,}")
+        if not 0 <= count <= most:
+            raise ValueError(f"{count:,} is not within 0 .. {most:,}")
     except (ValueError, IndexError, OverflowError) as error:
         raise UserError(f"{path}: line {number}: the number of {what} must be a whole number: {error}") from None
     return count
@@ -249,7 +268,7 @@ def _count(path: Path, number: int, what: str, values: list[str]) -> int:
 
 def _count_if_any(path: Path, rows: Iterator[tuple[int, str]], what: str) -> int:
     number, row = next(rows, (0, "0"))
-    return _count(path, number, what, row.split())
+    return _count(path, number, what, row.split(), MOST_ROUND)
 
 
 def _chained(pieces: list[list[int]]) -> list[int]:

@@ -1,6 +1,7 @@
 """Tessellation of round shapes: a closed cylinder, a disc."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavbench.scenes.model_files.mesh_piece import Loaded
 from uavbench.trajectories.pose import Array
@@ -44,7 +45,7 @@ def disc(radius: float, centre: Array, one: Array, two: Array) -> Loaded:
     return Loaded(centre + radius * CIRCLE @ axes, np.column_stack([np.zeros_like(k), k, k + 1]))
 
 
-def is_end(centre: Array, radius: float, start: Array, end: Array, cylinder_radius: float) -> bool:
-    """Whether a circle coincides with one end of a cylinder, to SAME_PART of the radius."""
-    away = min(float(np.linalg.norm(centre - start)), float(np.linalg.norm(centre - end)))
-    return away < SAME_PART * radius and abs(radius - cylinder_radius) < SAME_PART * radius
+def is_end(centre: Array, radius: float, starts: Array, ends: Array, radii: Array) -> NDArray[np.bool_]:
+    """Whether a circle coincides with one end of each of n cylinders, to SAME_PART of the radius."""
+    away = np.minimum(np.linalg.norm(starts - centre, axis=1), np.linalg.norm(ends - centre, axis=1))
+    return np.asarray((away < SAME_PART * radius) & (np.abs(radius - radii) < SAME_PART * radius), dtype=np.bool_)

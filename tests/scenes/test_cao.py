@@ -187,3 +187,40 @@ def test_doubled_loads_are_told_at_once(tmp_path):
         (tmp_path / f"m{k}.cao").write_text(f'V1\nload("m{k - 1}.cao")\n0\n0\n0\n0\n0\n0\n')
     with pytest.raises(UserError, match="64 levels"):
         read_cao(tmp_path / "m89.cao")
+
+
+MANY = " ".join(map(str, range(1000)))
+BOMBS = {
+    "lines": ("V1\n" + "0\n" * 8_100_000, "more than 4,000,000 lines"),
+    "lines of other separators": ("V1\n" + "\f" * 20_000, "line 2: beyond .* 16,384 characters"),
+    "a long line": ("V1\n1\n" + "0 " * 10_000, "line 3: beyond .* 16,384 characters"),
+    "cylinders": (ROUND_CAO.replace("1\n0 1", "10001\n0 1"), "cylinders .* not within 0 .. 10,000"),
+    "circles": (ROUND_CAO.format(circles="10001"), "circles .* not within 0 .. 10,000"),
+    "corners": ("V1\n1000\n" + "0 0 0\n" * 1000 + "0\n0\n6\n" + f"1000 {MANY}\n" * 6, "too many corners"),
+    "faces": ("V1\n3\n" + "0 0 0\n" * 3 + "0\n0\n1000001\n" + "4 0 1 2 0\n" * 1_000_001, "2,000,002 triangles"),
+}
+
+
+@pytest.mark.parametrize("what", BOMBS)
+def test_what_would_take_all_memory_or_hours_is_refused_first(what, tmp_path):
+    text, message = BOMBS[what]
+    (tmp_path / "bomb.cao").write_text(text)
+    with pytest.raises(UserError, match=message):
+        read_cao(tmp_path / "bomb.cao")
+
+
+def test_loads_of_many_cylinders_are_counted_together(tmp_path):
+    many = "9000\n" + "0 1 0.5\n" * 9000
+    text = ROUND_CAO.format(circles="0").replace('1\n0 1 0.5 name="tower"\n', many)
+    (tmp_path / "part.cao").write_text(text)
+    (tmp_path / "whole.cao").write_text("V1\n" + 'load("part.cao")\n' * 9)
+    with pytest.raises(UserError, match=r"whole\.cao: .* triangles are more than the 2,000,000"):
+        read_cao(tmp_path / "whole.cao")
+
+
+def test_the_ends_of_many_cylinders_are_found_at_once(tmp_path):
+    ends = "3\n0 1 0.5\n0 2 0.5\n0 3 0.5"
+    text = ROUND_CAO.format(circles="2\n0.5 1 2 3\n0.9 1 2 3").replace('1\n0 1 0.5 name="tower"', ends)
+    (tmp_path / "a.cao").write_text(text)
+    (tmp_path / "b.cao").write_text(text.replace("2\n0.5 1 2 3\n", "1\n"))
+    assert len(read_cao(tmp_path / "a.cao").triangles) == len(read_cao(tmp_path / "b.cao").triangles)
