@@ -23,6 +23,8 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.trajectories.files.writing import write_text
 
+REFERENCE = "reference pages"
+
 
 def commands() -> str:
     """Every command with its options, as mkdocs-click writes them."""
@@ -146,11 +148,11 @@ def _default(field: "Field[Any]") -> str:
 @click.argument("folder", type=click.Path(path_type=Path))
 def main(folder: Path) -> None:
     """Write the reference into FOLDER."""
-    write_text(folder / "commands.md", commands(), sealed=True)
-    write_text(folder / "python.md", python(), sealed=True)
-    write_text(folder / "plugins.md", plugins(), sealed=True)
-    write_text(folder / "robust-values.md", config_values(), sealed=True)
-    write_text(folder / "suite.schema.json", schema() + "\n", sealed=True)
+    write_text(folder / "commands.md", commands(), kind=REFERENCE)
+    write_text(folder / "python.md", python(), kind=REFERENCE)
+    write_text(folder / "plugins.md", plugins(), kind=REFERENCE)
+    write_text(folder / "robust-values.md", config_values(), kind=REFERENCE)
+    write_text(folder / "suite.schema.json", schema() + "\n", kind=REFERENCE)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ from uavbench.tracker.results import Results
 from uavbench.tracker.sound_results import sound
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import in_parts, new_file, write_text
 
 COLUMNS: tuple[Column, ...] = (
@@ -44,6 +45,7 @@ COLUMNS: tuple[Column, ...] = (
     Column(head="frame p95", key="latency_total_p95_ms", unit="ms", best="min", decimals=1),
     Column(head="deadline misses", key="deadline_misses", scale=100, unit="%", best="min", decimals=1),
 )
+MARKER = Marker("report.json", "report of recordings")
 CAPTION = (
     "Real images without ground truth: no error is known. Coverage is the share of frames with a pose, right or wrong; "
     "edges "
@@ -71,7 +73,7 @@ class Shown:
         return f"{self.score.sequence}_{self.score.run}".replace("/", "-").replace(" ", "-").replace(":", "-")
 
 
-@in_parts("report.json")
+@in_parts(MARKER)
 def write_recorded_report(
     folder: Path,
     title: str,
@@ -108,7 +110,7 @@ def write_recorded_report(
     head = {"title": title, "ground_truth": None, "absent": dict(absent)}
     scores = json.dumps({**head, "scores": [asdict(s.score) for s in runs]}, indent=1, allow_nan=False)
     write_text(folder / "scores.json", scores + "\n")
-    write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
+    write_text(folder / MARKER.name, json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
     return folder / "index.html"
 
 

@@ -21,7 +21,7 @@ from uavbench.reports.metrics.latency import Latency, deadline_misses, stage_lat
 from uavbench.reports.scoring.score import Status
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_json
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import MARKER, Results
 from uavbench.tracker.run import stride
 from uavbench.tracker.shang_shen.control_points import control_points
 from uavbench.tracker.shang_shen.segments import detect_edge_pixels, grey
@@ -66,7 +66,7 @@ class RecordedScore:
     def save(self, path: Path, content_hash: str = "") -> None:
         """Write `score.json`; content_hash: of its inputs."""
         text = json.dumps({"content_hash": content_hash, **asdict(self)}, indent=1, allow_nan=False)
-        write_text(path, text + "\n", sealed=True)
+        write_text(path, text + "\n", kind=MARKER.kind)
 
     @classmethod
     def load(cls, path: Path) -> "RecordedScore":

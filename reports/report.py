@@ -55,8 +55,10 @@ from uavbench.reports.tables.summary_table import summary_table
 from uavbench.reports.tables.writers import write_summary, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import in_parts, write_text
 
+MARKER = Marker("report.json", "report")
 PAGES = 3
 """Number of sequences that get a page by default."""
 
@@ -76,7 +78,7 @@ class ReportInputs:
     absent: Mapping[str, str] = field(default_factory=dict)
 
 
-@in_parts("report.json")
+@in_parts(MARKER)
 def write_report(
     folder: Path,
     inputs: ReportInputs,
@@ -122,7 +124,7 @@ def write_report(
     about = ReportNotes(title, inputs.unrendered, inputs.absent, undrawn)
     index = write_index(folder, about, runs, tables, on_index, pages)
     steps.finish()
-    write_text(folder / "report.json", json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
+    write_text(folder / MARKER.name, json.dumps({"content_hash": content_hash, "title": title}, indent=1) + "\n")
     return index
 
 

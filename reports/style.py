@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 
+from uavbench.trajectories.files.origin import owning, refuse_foreign_file
 from uavbench.trajectories.files.seals import is_sealed_with
-from uavbench.trajectories.files.writing import new_file, owning, refuse_foreign_file
+from uavbench.trajectories.files.writing import new_file
 
 ONE_COLUMN_IN = 3.50
 TWO_COLUMNS_IN = 7.16
@@ -123,35 +124,35 @@ def save_figure(
     columns: Sequence[str] = (),
     rows: Iterable[Sequence[Any]] = (),
     suffixes: Sequence[str] = (".pdf", ".png"),
-    sealed: bool = False,
+    kind: str = "",
 ) -> list[Path]:
     """Write `stem`.pdf, .png, and the numbers behind it as .csv where there are columns.
 
-    sealed: as in `new_file`, for a figure outside a report.
+    kind: as in `new_file`, for a figure outside a report.
     """
     numbers = stem.with_name(stem.name + ".csv")
-    if sealed:
-        refuse_foreign_figure(stem, suffixes)
+    if kind:
+        refuse_foreign_figure(stem, suffixes, kind)
     layout = figure.get_layout_engine()
     if layout is not None:  # once, not once per file
         layout.execute(figure)
         figure.set_layout_engine(None)
     figures = [stem.with_name(stem.name + suffix) for suffix in suffixes]
     if columns:
-        with owning([numbers] if sealed else []):
+        with owning([numbers] if kind else []):
             write_csv(numbers, columns, rows)
     for suffix, path in zip(suffixes, figures, strict=True):
-        with new_file(path, sealed=sealed, beside=numbers if columns else None) as temporary:
+        with new_file(path, kind=kind, beside=numbers if columns else None) as temporary:
             figure.savefig(temporary, dpi=PNG_DPI, metadata=NO_METADATA[suffix])
     return [*figures, numbers] if columns else figures
 
 
-def refuse_foreign_figure(stem: Path, suffixes: Sequence[str]) -> None:
-    """UserError when a file of a sealed figure, or of its numbers, exists and is not an unmodified file of uavbench."""
+def refuse_foreign_figure(stem: Path, suffixes: Sequence[str], kind: str) -> None:
+    """UserError when a file of a sealed figure, or of its numbers, exists and is not an unmodified one of this kind."""
     numbers = stem.with_name(stem.name + ".csv")
     figures = [stem.with_name(stem.name + suffix) for suffix in suffixes]
     for path in figures:
-        refuse_foreign_file(path)
+        refuse_foreign_file(path, kind)
     with owning([numbers] if any(is_sealed_with(path, numbers) for path in figures) else []):
         refuse_foreign_file(numbers)
 

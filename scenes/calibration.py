@@ -19,6 +19,7 @@ Model = Literal["none", "radtan", "equidistant"]
 IMAGE_KINDS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 MOST_VIEWS = 60
 FEWEST_VIEWS = 4
+CALIBRATION = "calibration of a camera"
 CELLS = (6, 8)
 
 
@@ -111,7 +112,7 @@ def write_coverage(calibration: Calibration, path: Path) -> None:
             cv2.circle(picture, point, 2, color, -1, cv2.LINE_AA)
     text = f"{len(points)} pictures, rms {calibration.rms_px:.3f} px, {100 * calibration.covered:.0f} % covered"
     cv2.putText(picture, text, (8, camera.height - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
-    with new_file(path, sealed=True) as new:
+    with new_file(path, kind=CALIBRATION) as new:
         new.write_bytes(cv2.imencode(path.suffix or ".png", picture)[1].tobytes())
 
 

@@ -113,11 +113,11 @@ class Camera:
         xy = (self.undistort(pixels) - [self.cx, self.cy]) / [self.fx, self.fy]
         return np.column_stack([xy, np.ones(len(xy))])
 
-    def save(self, path: Path, *, sealed: bool = False) -> None:
-        """Write `camera.toml`; sealed: see `new_file`."""
+    def save(self, path: Path, *, kind: str = "") -> None:
+        """Write `camera.toml`; kind: see `new_file`."""
         lines = [f"{key} = {getattr(self, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
         lines += [f'distortion_model = "{self.distortion_model}"', f"distortion = {list(self.distortion)!r}"]
-        write_text(path, "\n".join(lines) + "\n", sealed=sealed)
+        write_text(path, "\n".join(lines) + "\n", kind=kind)
 
     @classmethod
     def load(cls, path: Path, inside: Path | None = None) -> "Camera":

@@ -17,7 +17,7 @@ from uavbench.scenes.dataset.contact_sheet import write_contact_sheet
 from uavbench.scenes.dataset.crlb import FrameBounds
 from uavbench.scenes.dataset.disk_guards import disk_errors
 from uavbench.scenes.dataset.gimbal_files import cam_from_body_record, gimbal_file, write_readings
-from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, Sequence
+from uavbench.scenes.dataset.sequence import DEPTH_M_PER_UNIT, RENDERED, Sequence
 from uavbench.scenes.dataset.spec_record import described
 from uavbench.scenes.dataset.structure_files import save_structure
 from uavbench.scenes.dataset.surfaces.surface_truth import SurfaceFiles
@@ -34,7 +34,8 @@ from uavbench.scenes.spec import MAIN, BodyCamera, EffectSpec, SequenceSpec
 from uavbench.trajectories import reproducible_math as exact
 from uavbench.trajectories.camera_clock import Exposures
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.files.origin import refuse_foreign
+from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.gimbal.motion import GimbalMotion
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Pose, rotation_from_quaternion
@@ -59,7 +60,7 @@ def generate(
     UserError when the flight fails, the first image does not show the structure, no GL context can be made, the disk is
     full, or the folder holds anything other than a sequence.
     """
-    refuse_foreign(folder, "manifest.json")
+    refuse_foreign(folder, RENDERED)
     prepare(__name__)
     scene = build_scene(spec)
     flight = fly(spec.flight, spec.mount.at_rest, scene.obstacles, spec.seed)
@@ -71,7 +72,7 @@ def generate(
         check_further_camera(spec, camera, scene, flight)
     mounts = [camera.mount.along(flight, scene.built.structure.bounds.mean(axis=0)) for camera in cameras]
     done = counted(on_frame, sum(len(each.times_ns) for each in exposures))
-    with disk_errors(folder), new_folder(folder, "manifest.json") as new:
+    with disk_errors(folder), new_folder(folder, RENDERED) as new:
         _, *readings = write_flight(flight, spec.sensors, scene.obstacles, spec.seed, new)
         gimbals = {
             gimbal_file(camera.name): write_readings(new, camera, mount, flight, spec.seed)

@@ -24,13 +24,14 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_json, read_table
 from uavbench.tracker.protocol import Status, TrackResult
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.seals import seal_table
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.trajectory import Trajectory
 from uavbench.trajectories.trajectory_files.formats import write_tum
 
-MARKER = "record.json"
+MARKER = Marker("record.json", "estimates of a tracker")
 """File of a results folder that lists the others."""
 POSE_COLUMNS = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 COVARIANCE_COLUMNS = [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
@@ -97,7 +98,7 @@ class Results:
 
     def write(self, new: Path, groundtruth: Trajectory | None = None) -> None:
         """Write the files into a new folder; groundtruth: in the frame of `estimate`."""
-        write_text(new / MARKER, json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
+        write_text(new / MARKER.name, json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
         _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
         stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
         times = [
@@ -105,7 +106,7 @@ class Results:
             for frame, row in zip(self.frames.tolist(), self.rows, strict=True)
         ]
         _write_csv(new / "times.csv", ["frame", *(f"{name}_ms" for name in stages)], times)
-        seal_table(new / "times.csv")
+        seal_table(new / "times.csv", MARKER.kind)
         write_tum(self.estimate, new / f"estimate_{self.frame}.tum", self.frame)
         if groundtruth is not None:
             write_tum(groundtruth, new / f"groundtruth_{self.frame}.tum", self.frame)

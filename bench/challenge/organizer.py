@@ -60,7 +60,7 @@ class Challenge:
                 f"{folder}: belongs to another challenge, with another secret or other sequences, whose submissions "
                 "could not be scored any more; name another folder with --truth"
             )
-        write_text(path, json.dumps(asdict(self), indent=1) + "\n", sealed=True)
+        write_text(path, json.dumps(asdict(self), indent=1) + "\n", kind="flights of a challenge")
 
     @classmethod
     def load(cls, folder: Path) -> "Challenge":

@@ -19,7 +19,9 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.camera_mount import Mount
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import refuse_foreign
+from uavbench.trajectories.files.origin import refuse_foreign
+
+TRUTH = "ground truth of a challenge"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +50,7 @@ def pack(suite_name: str, where: Packing) -> int:
     secret_file = resolved(where.secret) if where.secret else truth / SECRET
     _refuse_together(out, truth, secret_file)
     refuse_foreign(out, PACKAGE)
-    with suite_folder(truth, suite), local_pool(where.workers) as (executor, progress):
+    with suite_folder(truth, suite, kind=TRUTH), local_pool(where.workers) as (executor, progress):
         secret = read_or_make(secret_file)
         hidden = {spec.name: replace(spec, seed=secret.seed(spec.name)) for spec in specs}
         challenge = Challenge.of(suite, secret)

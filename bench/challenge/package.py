@@ -22,9 +22,10 @@ from uavbench.scenes.image_files import load_image
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.run import initial_pose, stride
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import new_folder, tree, write_text
+from uavbench.trajectories.files.listed import Marker, tree
+from uavbench.trajectories.files.writing import new_folder, write_text
 
-PACKAGE = "package.json"
+PACKAGE = Marker("package.json", "package of a challenge")
 NO_TIME_S = 946_684_800
 """Modification time of every file of a package: 2000-01-01, which all archive formats can represent."""
 README = """# A challenge in model-based localization
@@ -62,7 +63,7 @@ def write_package(out: Path, challenge: Challenge, sequences: Mapping[str, Seque
             "rate_hz": challenge.rate_hz,
             "sequences": list(challenge.sequences),
         }
-        write_text(new / PACKAGE, json.dumps(about, indent=1) + "\n")
+        write_text(new / PACKAGE.name, json.dumps(about, indent=1) + "\n")
         for name, sequence in sequences.items():
             (new / name).mkdir()
             _write_sequence(new / name, sequence, start, challenge.rate_hz)

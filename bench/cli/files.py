@@ -8,7 +8,7 @@ import click
 
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError, unknown_name
-from uavbench.trajectories.files.writing import refuse_foreign_file
+from uavbench.trajectories.files.origin import refuse_foreign_file
 
 FILE = click.Path(path_type=Path)
 EXPORTS = ["euroc", "kalibr", "tum", "kitti", "bop", "video", "mcap", "rosbag2", "colmap", "transforms"]
@@ -95,15 +95,15 @@ def twin_command(sequence: Path, out: Path, every: int, samples: int, suite: str
 @click.option("--out", type=FILE, default=Path("camera.toml"), show_default=True)
 def calibrate_command(sources: tuple[Path, ...], board: str, square_m: float, model: Any, out: Path) -> None:
     """Find K and distortion of a camera from images, folders or videos of a checkerboard."""
-    from uavbench.scenes.calibration import calibrate, write_coverage
+    from uavbench.scenes.calibration import CALIBRATION, calibrate, write_coverage
 
     columns, _, rows = board.partition("x")
     if not (columns.isdigit() and rows.isdigit()):
         raise UserError(f"--board {board!r}: write the numbers of inner corners as 7x8")
     for path in (out, out.with_suffix(".png")):
-        refuse_foreign_file(path)
+        refuse_foreign_file(path, CALIBRATION)
     found = calibrate(list(sources), (int(columns), int(rows)), square_m, model=model)
-    found.camera.save(out, sealed=True)
+    found.camera.save(out, kind=CALIBRATION)
     write_coverage(found, out.with_suffix(".png"))
     say(f"{len(found.used)} images used, {len(found.unused)} not; reprojection error {found.rms_px:.3f} px")
     say(f"corners in {100 * found.covered:.0f} % of the image: {out.with_suffix('.png')}")

@@ -34,7 +34,7 @@ def check_command(tracker: Path, keep: Path, isolate: bool) -> None:
     from uavbench.bench.external.kept_folder import KEPT_MARKER
     from uavbench.bench.external.program import isolated_trackers
     from uavbench.bench.trial.check import check
-    from uavbench.trajectories.files.writing import refuse_foreign
+    from uavbench.trajectories.files.origin import refuse_foreign
 
     refuse_foreign(keep, KEPT_MARKER)
     line, one = "", load_tracker(tracker)

@@ -7,13 +7,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from uavbench.trajectories.errors import one_line, plain
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder, write_text
 
-KEPT_MARKER = "uavbench.json"
+KEPT_MARKER = Marker("uavbench.json", "job of a faulty tracker")
 """File of a kept folder that lists the others."""
 FAULTS_FILE = "faults.txt"
 WORDS = ("stdout.txt", "stderr.txt")
-OWN = (KEPT_MARKER, FAULTS_FILE, *WORDS, "tmp")
+OWN = (KEPT_MARKER.name, FAULTS_FILE, *WORDS, "tmp")
 """Names in a job folder that are not copied: the files that are written here, and the program's temporary files."""
 MOST_BYTES = 1 << 24
 """Largest file that is kept, bytes; of the program's output, as much is kept."""

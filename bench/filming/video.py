@@ -69,7 +69,7 @@ def write_video(
                 on_step(frame + 1, len(frames))
         finally:
             writer.release()
-        write_text(new / MARKER, json.dumps({"content_hash": content_hash}) + "\n")
+        write_text(new / MARKER.name, json.dumps({"content_hash": content_hash}) + "\n")
 
 
 def with_overlay(flown: Flown, frame: int, image: Image) -> Image:

@@ -20,11 +20,12 @@ from uavbench.bench.gallery.scenes import (
 from uavbench.scenes.spec import ClutterSpec, EffectSpec, EnvironmentSpec, SequenceSpec, StructureSpec
 from uavbench.tracker.protocol import Image
 from uavbench.trajectories.camera_mount import MountSpec
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.paths.registry import PathSpec
 from uavbench.trajectories.sensors.sensor import SensorSpec
 
-MARKER = "gallery.json"
+MARKER = Marker("gallery.json", "gallery")
 WEBP_QUALITY = 80
 
 
@@ -87,8 +88,7 @@ def write_gallery(folder: Path) -> None:
             parts.append(_section(section, of_kind, "reference/plugins.md#{}", pictures))
             if protocol is EnvironmentSpec:
                 parts.append(_section(SITES, sites(), "sites.md", pictures))
-        (pictures / MARKER).write_text(json.dumps({"made_by": "python -m uavbench.bench.gallery"}), encoding="utf-8")
-    write_text(folder / "gallery.md", "\n".join(parts), sealed=True)
+    write_text(folder / "gallery.md", "\n".join(parts), kind=MARKER.kind)
 
 
 def _section(section: Section, examples: Mapping[str, Example], link: str, pictures: Path) -> str:

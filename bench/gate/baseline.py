@@ -14,8 +14,9 @@ from typing import Any
 from uavbench.bench.gate.paired_scores import Key, Measured, Side, known
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import SETTINGS
+from uavbench.trajectories.files.origin import owning
 from uavbench.trajectories.files.reading import read_json
-from uavbench.trajectories.files.writing import owning, write_text
+from uavbench.trajectories.files.writing import write_text
 
 DIGITS = 6
 """Significant digits of the numbers: finer than any margin."""

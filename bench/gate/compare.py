@@ -26,7 +26,7 @@ from uavbench.bench.gate.versions import version
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import FREE
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
-from uavbench.bench.runner.output_folder import resolved
+from uavbench.bench.runner.output_folder import RESULTS, SUITE, resolved
 from uavbench.bench.said import say
 from uavbench.reports.scoring.score import score
 from uavbench.scenes.dataset.sequence import Sequence
@@ -34,10 +34,13 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.results import MARKER, Results
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import mark
+from uavbench.trajectories.files.origin import refuse_foreign, refuse_foreign_file
 from uavbench.trajectories.files.reading import read_toml
-from uavbench.trajectories.files.writing import mark, refuse_foreign, refuse_foreign_file, write_text
+from uavbench.trajectories.files.writing import write_text
 
 SIDES = ("base", "head")
+TIMING = "times of a comparison"
 LEAST_MS = 0.05
 """Times below this in ms count as equal: their ratio is noise."""
 
@@ -45,8 +48,8 @@ LEAST_MS = 0.05
 def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
     """Compare two versions; the exit code of the gate, 1 when the frames cannot be rendered."""
     out = resolved(out)
-    for path in (out / "base" / "suite.json", out / "head" / "timing.json"):
-        refuse_foreign_file(path)
+    for path, kind in ((out / "base" / SUITE, RESULTS), (out / "head" / "timing.json", TIMING)):
+        refuse_foreign_file(path, kind)
     given = suite_file(suite_name)
     file = given.parent.resolve() / given.name
     with ExitStack() as stack:
@@ -74,7 +77,7 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
         describe(out / side, suite, known, {run: f"unknown to the base: {why}" for run, why in runs.items()})
         score_all(out, side, suite, known)
     timing = {"runs": smallest(times, known)}
-    write_text(out / "head" / "timing.json", json.dumps(timing, indent=1) + "\n", sealed=True)
+    write_text(out / "head" / "timing.json", json.dumps(timing, indent=1) + "\n", kind=TIMING)
     return pronounce(out / "head", out / "base", margins, out / "gate")
 
 
@@ -191,7 +194,7 @@ def describe(folder: Path, suite: Suite, labels: list[str], not_compared: dict[s
         "rates_hz": list(suite.rates_hz),
         "not_compared": not_compared,
     }
-    write_text(folder / "suite.json", json.dumps(about, indent=1) + "\n", sealed=True)
+    write_text(folder / SUITE, json.dumps(about, indent=1) + "\n", kind=RESULTS)
 
 
 def score_all(out: Path, side: str, suite: Suite, labels: list[str]) -> None:

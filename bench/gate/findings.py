@@ -21,6 +21,7 @@ FOOT = (
     "value / baseline - 1. Of coverage and success they are arithmetic: change = value - baseline. A typical change "
     "clips each run's ratio; baseline and value are not defined for it."
 )
+VERDICT = "verdict of the gate"
 EXIT_CODES = {"pass": 0, "fail": 1, "inconclusive": 3}
 
 
@@ -34,9 +35,9 @@ def pronounce(results: Path, baseline: Path, margins: Margins, out: Path) -> int
 
 def write_reports(findings: list[Finding], margins: Margins, folder: Path, worst: str = "") -> None:
     """Write gate.json, gate.xml (JUnit) and gate.md, at its end the worst sequences."""
-    write_text(folder / "gate.json", to_json(findings, margins), sealed=True)
-    write_text(folder / "gate.xml", to_junit(findings), sealed=True)
-    write_text(folder / "gate.md", "\n".join(part for part in (to_markdown(findings), worst) if part), sealed=True)
+    write_text(folder / "gate.json", to_json(findings, margins), kind=VERDICT)
+    write_text(folder / "gate.xml", to_junit(findings), kind=VERDICT)
+    write_text(folder / "gate.md", "\n".join(part for part in (to_markdown(findings), worst) if part), kind=VERDICT)
 
 
 def cells(finding: Finding) -> list[str]:

@@ -35,6 +35,7 @@ from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
 
+VALIDATION = "validation of the gate"
 FACTORS = (1.05, 1.10)
 Scores = dict[str, dict[Key, list[Measured]]]
 """Name of a variant -> measured values of the reruns of each tracker, sequence and seed."""
@@ -244,8 +245,9 @@ def main(folder: Path, suite: str, worse: tuple[str, ...], jobs: int, out: Path,
     for changed in ["", *(name for name in scores if name not in labels)]:
         rows[changed] = measured(scores, labels, changed, trial.comparisons, Margins(error=trial.margin))
         say(table({changed: rows[changed]}).splitlines()[-1])
-    write_text(out / "validation.md", table(rows), sealed=True)
-    write_text(out / "validation.json", json.dumps({**asdict(trial), "measured": rows}, indent=1) + "\n", sealed=True)
+    write_text(out / "validation.md", table(rows), kind=VALIDATION)
+    text = json.dumps({**asdict(trial), "measured": rows}, indent=1)
+    write_text(out / "validation.json", f"{text}\n", kind=VALIDATION)
 
 
 if __name__ == "__main__":

@@ -22,12 +22,14 @@ from uavbench.tracker.protocol import Image
 from uavbench.tracker.results import Results
 from uavbench.tracker.sound_results import sound
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
 
 MOST = 3
 """Number of sequences shown."""
-FOLDER, MARKER = "worst", "worst.json"
+FOLDER = "worst"
+MARKER = Marker("worst.json", "worst sequences of a gate")
 WIDTH_PX, GAP_PX = 440, 4
 """Width in px of each of the two images, and of the gap; together they fit into a comment on GitHub."""
 COLOURS = 128
@@ -82,7 +84,7 @@ def write_worst(results: Path, baseline: Path, margins: Margins, out: Path) -> s
     if first is None and not (out / FOLDER).exists():
         return ""
     with new_folder(out / FOLDER, MARKER) as new:
-        (new / MARKER).write_text(json.dumps({"made_by": "uavbench gate"}), encoding="utf-8")
+        (new / MARKER.name).write_text(json.dumps({"made_by": "uavbench gate"}), encoding="utf-8")
         while first is not None and len(shown) < MOST:
             caption, picture = first
             name = f"{len(shown) + 1}.png"

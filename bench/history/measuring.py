@@ -23,9 +23,11 @@ from uavbench.bench.runner.output_folder import resolved
 from uavbench.bench.said import say
 from uavbench.reports.history.series import LEAST_ERROR
 from uavbench.trajectories.errors import UserError, one_line, unknown_name
+from uavbench.trajectories.files.origin import refuse_foreign_file
 from uavbench.trajectories.files.reading import read_toml
-from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+from uavbench.trajectories.files.writing import write_text
 
+BISECTION = "bisection"
 SEVERAL = 3
 """Exit code when skipped commits leave several suspects."""
 
@@ -102,7 +104,7 @@ def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, work
     commit is not worse.
     """
     out = resolved(out)
-    refuse_foreign_file(out / "bisect.json")
+    refuse_foreign_file(out / "bisect.json", BISECTION)
     if what.metric not in (names := [*ERRORS, COVERAGE]):
         hint = "; times need interleaved runs: use `uavbench compare`" if what.metric == "latency" else ""
         raise UserError(f"{unknown_name('metric', what.metric, names)}{hint}")
@@ -111,7 +113,7 @@ def run_bisect(refs: tuple[str, str], what: What, out: Path, margin: float, work
         if isinstance(measure, int):
             return measure
         found = bisect(good, bad, margin, measure, lambda line: say(line, err=True))
-    write_text(out / "bisect.json", json.dumps(to_json(found, what), indent=1) + "\n", sealed=True)
+    write_text(out / "bisect.json", json.dumps(to_json(found, what), indent=1) + "\n", kind=BISECTION)
     first, *others = found.suspects
     if not others:
         say(f"first worse commit: {short(first)}")

@@ -28,11 +28,13 @@ from uavbench.tracker.initialization import pose_from_points
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.visible_edges import to_image, visible_edges
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.origin import refuse_foreign_file
 from uavbench.trajectories.files.reading import json_value
-from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Array
 
 PAGE = Path(__file__).parent / "pick.html"
+POINTS = "picked points"
 FEWEST = 4
 MOST_BYTES = 1 << 20
 """Largest request body of the page; a pair is about 60 bytes."""
@@ -87,7 +89,7 @@ class Picking:
             f"    {{ model_m = {point}, image_px = {[round(v, 3) for v in pixel]} }},\n"
             for point, pixel in zip(points.tolist(), pixels.tolist(), strict=True)
         ]
-        write_text(self.out, "points = [\n" + "".join(rows) + "]\n", sealed=True)
+        write_text(self.out, "points = [\n" + "".join(rows) + "]\n", kind=POINTS)
         return {"saved": str(self.out), "rms_px": solved["rms_px"]}
 
     def _read(self, pairs: Iterable[Any]) -> tuple[Array, Array]:
@@ -105,7 +107,7 @@ class Picking:
 
 def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, browser: bool) -> None:
     """Pick points on the first image of a folder or a video; UserError naming an invalid file."""
-    refuse_foreign_file(out)
+    refuse_foreign_file(out, POINTS)
     lens = Camera.load(camera)
     first = next(frames(source, lens, 1.0), None)
     if first is None:

@@ -24,8 +24,10 @@ from uavbench.bench.said import say
 from uavbench.bench.third_party.registry import absent
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError, unknown_name
-from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
+
+FAILURES = "failures of jobs"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,9 +136,9 @@ def tell(outcome: Outcome, folder: Path) -> None:
     with told_at_most(path):
         if outcome.tracebacks:
             text = "\n".join(f"{name}\n{text}" for name, text in outcome.tracebacks.items())
-            write_text(path, f"{text.rstrip()}\n", sealed=True)
+            write_text(path, f"{text.rstrip()}\n", kind=FAILURES)
             say(f"details: {path}", err=True)
-        elif is_sealed(path):
+        elif sealed_kind(path) == FAILURES:
             path.unlink()  # left by an earlier run
 
 

@@ -16,7 +16,7 @@ def remember(outcome: Outcome, folder: Path) -> None:
     """Store the time of each job in s, for the next estimate."""
     if outcome.seconds:
         table = {"seconds": {**remembered(folder), **outcome.seconds}}
-        write_text(folder / SECONDS, json.dumps(table, indent=1) + "\n", sealed=True)
+        write_text(folder / SECONDS, json.dumps(table, indent=1) + "\n", kind="times of jobs")
 
 
 def remembered(folder: Path) -> dict[str, float]:

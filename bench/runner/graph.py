@@ -23,6 +23,7 @@ from uavbench.bench.runner.processes import end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Made, Place, expect_whole
 from uavbench.tracker.faults import named, users_place
 from uavbench.trajectories.errors import DISK_ERRORS, Terminated, UserError, disk_error_message, one_line, plain
+from uavbench.trajectories.files.listed import Marker
 
 OnStep = Callable[[int, int], None]
 
@@ -44,8 +45,8 @@ class Job:
     """One idempotent step of a suite.
 
     verb, name: shown to the user; marker: JSON file that holds the content hash once the output is complete; root: the
-    suite's folder, by default the marker's; lists: file that lists the others of the marker's folder, if that belongs
-    to this job alone; without: maps the reasons of failed jobs by name to a substitute task when needs failed; if it is
+    suite's folder, by default the marker's; lists: the list of the marker's folder, if that belongs to this
+    job alone; without: maps the reasons of failed jobs by name to a substitute task when needs failed; if it is
     None or returns None, this job fails too.
     """
 
@@ -57,7 +58,7 @@ class Job:
     needs: tuple["Job", ...] = ()
     weight: float = 1.0
     root: Path | None = None
-    lists: str = ""
+    lists: Marker | None = None
     without: Callable[[Mapping[str, str]], Work | None] | None = None
 
     @property

@@ -38,8 +38,10 @@ from uavbench.bench.runner.tasks import (
     Video,
 )
 from uavbench.bench.third_party.registry import absent
+from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
+from uavbench.scenes.dataset.sequence import RENDERED
 from uavbench.scenes.spec import SequenceSpec
-from uavbench.tracker.images.recorded_sequence import RecordingSpec
+from uavbench.tracker.images.recorded_sequence import RECORDED, RecordingSpec
 from uavbench.tracker.initialization import Initialization
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import MARKER
@@ -95,7 +97,7 @@ def _render_job(spec: Spec, folder: Path) -> Job:
         work=Render(spec, output),
         marker=output / "sequence.json",
         root=folder,
-        lists="manifest.json",
+        lists=RECORDED if isinstance(spec, RecordingSpec) else RENDERED,
         content_hash=content_hash(spec, code_hash(*packages)),
         weight=START_S + RENDER_S * frames(spec) + (BOUND_S * frames(spec) / every if every else 0.0),
     )
@@ -116,7 +118,7 @@ def _track_job(
         verb="track",
         name=f"track {spec.name} {run}",
         work=Track(label, tracker, rate_hz, spec.seed, folder / "sequences" / spec.name, output, start),
-        marker=output / MARKER,
+        marker=output / MARKER.name,
         root=folder,
         lists=MARKER,
         content_hash=content_hash(label, tracker, rate_hz, spec.seed, start, render.content_hash, code_hash("tracker")),
@@ -132,7 +134,7 @@ def _restart_job(track: Job, protocol: Protocol, folder: Path) -> Job:
         track,
         name=f"{track.name} {protocol}",
         work=Restart(track.work, protocol, output),
-        marker=output / MARKER,
+        marker=output / MARKER.name,
         content_hash=content_hash(track.content_hash, protocol, code_hash("reports")),
     )
 
@@ -222,9 +224,9 @@ def _fly_job(spec: SequenceSpec, pilot: Pilot, folder: Path) -> Job:
         verb="fly",
         name=f"fly {spec.name} {pilot.run}",
         work=Fly(spec, pilot, output),
-        marker=output / MARKER,
+        marker=output / FLIGHT_MARKER.name,
         root=folder,
-        lists=MARKER,
+        lists=FLIGHT_MARKER,
         content_hash=content_hash(spec, pilot, code),
         weight=START_S + (RENDER_S + TRACK_S) * frames(spec) * pilot.rate_hz / spec.rate_hz,
     )
@@ -238,7 +240,7 @@ def _video_job(flight: Job, folder: Path) -> Job:
         verb="video",
         name=flight.name.replace("fly", "video", 1),
         work=Video(spec, flight.marker.parent, output),
-        marker=output / VIDEO_MARKER,
+        marker=output / VIDEO_MARKER.name,
         root=folder,
         lists=VIDEO_MARKER,
         content_hash=content_hash(flight.content_hash, code_hash("reports", "bench/closed_loop", "bench/filming")),

@@ -11,11 +11,13 @@ from pathlib import Path
 from uavbench.bench.config.shard import Shard
 from uavbench.bench.config.suite import Suite
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.origin import refuse_foreign_file
+from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.temporary_names import is_temporary, remove_leftovers
-from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+from uavbench.trajectories.files.writing import write_text
 
 SUITE = "suite.json"
+RESULTS = "results of a suite"
 DEPTHS = {"sequences": 0, "results": 2, "restarts": 2, "flights": 2, "videos": 2, "failed": 1, "made": 4}
 """Folders in which files are written under temporary names, and the number of levels below."""
 
@@ -28,13 +30,13 @@ def resolved(folder: Path) -> Path:
 
 
 @contextmanager
-def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iterator[Path]:
-    """The folder, created or reopened; UserError when it holds something else or is in use.
+def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: str = RESULTS) -> Iterator[Path]:
+    """The folder, created or reopened; UserError when it holds something other than this kind or is in use.
 
     Different shards of a suite may use one folder at the same time; other processes may not. Incomplete files of killed
     processes are removed before and after.
     """
-    _refuse_foreign(folder)
+    _refuse_foreign(folder, kind)
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -50,10 +52,10 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None) -> Iter
             raise UserError(
                 f"{folder}: another uavbench process uses it; wait for its end or name another folder"
             ) from None
-        _refuse_foreign(folder)
+        _refuse_foreign(folder, kind)
         clean_leftovers(folder, alone=shard is None)
         try:
-            _describe(folder, suite)
+            _describe(folder, suite, kind)
             yield folder
         finally:
             clean_leftovers(folder, alone=shard is None)
@@ -79,21 +81,22 @@ def _clean(folder: Path, depth: int, alone: bool) -> None:
         _clean(path, depth - 1, alone)
 
 
-def _refuse_foreign(folder: Path) -> None:
-    """Raise UserError unless uavbench made the folder: then it has a `suite.json` with a valid seal."""
+def _refuse_foreign(folder: Path, kind: str) -> None:
+    """Raise UserError unless uavbench made the folder: then it has a `suite.json` with a seal of this kind."""
     if os.path.lexists(folder) and not folder.is_dir():
         raise UserError(f"{folder}: not a folder; name another one with --out")
-    if not folder.is_dir() or is_sealed(folder / SUITE):
+    if not folder.is_dir() or sealed_kind(folder / SUITE) == kind:
         return
+    refuse_foreign_file(folder / SUITE, kind)
     for path in sorted(folder.iterdir()):
         early = path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)
-        if not early and not is_sealed(folder / SUITE):  # another shard may have written it meanwhile
+        if not early and not sealed_kind(folder / SUITE) == kind:  # another shard may have written it meanwhile
             raise UserError(
                 f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder with --out"
             )
 
 
-def _describe(folder: Path, suite: Suite) -> None:
+def _describe(folder: Path, suite: Suite, kind: str) -> None:
     """Write `suite.json` unless it is up to date, so that concurrent shards do not write it."""
     about = {
         "suite": suite.name,
@@ -106,9 +109,9 @@ def _describe(folder: Path, suite: Suite) -> None:
     }
     text = json.dumps(about, indent=1) + "\n"
     path = folder / SUITE
-    refuse_foreign_file(path)
+    refuse_foreign_file(path, kind)
     if not (path.exists() and path.read_text(encoding="utf-8").startswith(text.removesuffix("\n}\n"))):
-        write_text(path, text, sealed=True)
+        write_text(path, text, kind=kind)
 
 
 @contextmanager

@@ -15,7 +15,9 @@ from pathlib import Path
 
 from uavbench.bench.inputs.content_hash import carried_hash
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import noting, owning, refuse_foreign, tree, write_text
+from uavbench.trajectories.files.listed import Marker, tree
+from uavbench.trajectories.files.origin import owning, refuse_foreign
+from uavbench.trajectories.files.writing import noting, write_text
 
 RECORDS = "made"
 
@@ -70,19 +72,20 @@ class Record:
     def write(self, path: Path) -> None:
         """Write the record, completely or not at all."""
         files = {name: (stamp.size, stamp.mtime_ns, stamp.ctime_ns, stamp.sha256) for name, stamp in self.files.items()}
-        write_text(path, json.dumps({"content_hash": self.content_hash, "files": files}, indent=1) + "\n", sealed=True)
+        text = json.dumps({"content_hash": self.content_hash, "files": files}, indent=1)
+        write_text(path, f"{text}\n", kind="record of a job")
 
 
 @dataclass(frozen=True)
 class Place:
     """Output of a job: the suite's folder, the marker in it, and whether the marker's folder belongs to this job alone.
 
-    lists: the file that lists the others of that folder.
+    lists: the list of that folder.
     """
 
     root: Path
     marker: Path
-    lists: str = ""
+    lists: Marker | None = None
 
     @property
     def record(self) -> Path:
@@ -127,7 +130,7 @@ class Place:
     def refuse_foreign(self) -> None:
         """Raise UserError naming a file in the job's own folder that uavbench did not write."""
         folder = self.marker.parent
-        if not self.lists or not os.path.lexists(folder):
+        if self.lists is None or not os.path.lexists(folder):
             return
         known = self._known(Record.read(self.record))
         if folder.is_dir() and not folder.is_symlink() and all(folder / name in known for name in tree(folder)):
@@ -146,7 +149,7 @@ class Place:
         """Files of this record, and those in the job's own folder that belong to another job."""
         folder = self.marker.parent
         known = {self.root / name for name in record.files}
-        if self.lists and folder.is_dir() and not folder.is_symlink():
+        if self.lists is not None and folder.is_dir() and not folder.is_symlink():
             within = folder.relative_to(self.root)
             others = [name for name in tree(folder) if folder / name not in known]
             known |= {folder / name for name in others if self._record_of((within / name).as_posix()).is_file()}

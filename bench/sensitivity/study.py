@@ -73,7 +73,7 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
     suite = replace(suite, name=f"{suite.name}-sensitivity", trackers=trackers, protocols=())
     folder = resolved(out)
     jobs = plan(suite, folder, last="score")
-    with suite_folder(folder, suite), local_pool(workers) as (executor, progress):
+    with suite_folder(folder, suite, kind="sensitivity study"), local_pool(workers) as (executor, progress):
         outcome = run_graph(jobs, executor, progress)
         tell(outcome, folder)
         done = {job.work.results for job in jobs if isinstance(job.work, ScoreTask) and job.name not in outcome.failed}

@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import refuse_foreign_file, write_text
+from uavbench.trajectories.files.origin import refuse_foreign_file
+from uavbench.trajectories.files.writing import write_text
 
 SPEED = Path(__file__).parent
+BENCHMARKS = "times of benchmarks"
 
 
 def speed(only: str, save: Path | None) -> int:
@@ -25,7 +27,7 @@ def speed(only: str, save: Path | None) -> int:
     save: file for pytest-benchmark's results. UserError when it holds something else, or the benchmarks did not run.
     """
     if save is not None:
-        refuse_foreign_file(save)
+        refuse_foreign_file(save, BENCHMARKS)
     goals = tomllib.loads((SPEED / "goals.toml").read_text(encoding="utf-8"))
     with Guard("uavbench-speed-") as guard:
         file = guard.folder / "speed.json"
@@ -48,7 +50,7 @@ def speed(only: str, save: Path | None) -> int:
                 f"the benchmarks did not run (they need `pip install 'uavbench[speed]'`): {done.last}"
             ) from None
         if save is not None:
-            write_text(save, json.dumps(results, indent=1) + "\n", sealed=True)
+            write_text(save, json.dumps(results, indent=1) + "\n", kind=BENCHMARKS)
     lines, met = table(results["benchmarks"], goals)
     say(f"{results['machine_info']['cpu'].get('brand_raw', 'unknown processor')}; least and median of the rounds")
     say("\n".join(lines))

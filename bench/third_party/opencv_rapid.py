@@ -15,9 +15,9 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge
 
 from uavbench.bench.external.guard import Guard, finished
-from uavbench.bench.third_party.tracker import ThirdPartyTracker
+from uavbench.bench.third_party.tracker import SETUP, ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
 
 MARKER = "uavbench.json"
@@ -69,10 +69,10 @@ class OpencvRapid(ThirdPartyTracker):
 
 def _empty(folder: Path) -> None:
     """Empty the folder of an earlier environment; UserError when it was not made by `setup`."""
-    ours = not folder.is_symlink() and is_sealed(folder / MARKER)
+    ours = not folder.is_symlink() and sealed_kind(folder / MARKER) == SETUP
     if os.path.lexists(folder) and not ours:
         raise UserError(f"{folder}: is not as `uavbench third-party setup` made it; move it away")
-    write_text(folder / MARKER, '{\n "made": "by uavbench third-party setup"\n}\n', sealed=True)
+    write_text(folder / MARKER, '{\n "made": "by uavbench third-party setup"\n}\n', kind=SETUP)
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)

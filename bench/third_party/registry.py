@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from uavbench.bench.third_party.opencv_rapid import OpencvRapid
-from uavbench.bench.third_party.tracker import ThirdPartyTracker
+from uavbench.bench.third_party.tracker import SETUP, ThirdPartyTracker
 from uavbench.bench.third_party.visp import Visp
 from uavbench.tracker.protocol import Tracker
 from uavbench.trajectories.errors import UserError, unknown_name
-from uavbench.trajectories.files.seals import is_sealed
+from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
 
 THIRD_PARTY: dict[str, type[ThirdPartyTracker]] = {"visp": Visp, "opencv-rapid": OpencvRapid}
@@ -42,6 +42,6 @@ def _claim(folder: Path) -> None:
     marker = folder / "setup.json"
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise UserError(f"{folder}: is not a folder; name another place in UAVBENCH_THIRD_PARTY")
-    if folder.is_dir() and any(folder.iterdir()) and not is_sealed(marker):
+    if folder.is_dir() and any(folder.iterdir()) and sealed_kind(marker) != SETUP:
         raise UserError(f"{folder}: holds something that `uavbench third-party setup` did not write; move it")
-    write_text(marker, '{\n "made": "by uavbench third-party setup"\n}\n', sealed=True)
+    write_text(marker, '{\n "made": "by uavbench third-party setup"\n}\n', kind=SETUP)

@@ -17,6 +17,8 @@ from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
 
+SETUP = "setup of a tracker"
+
 
 class ThirdPartyTracker(ABC):
     """A tracker by other authors: a frozen dataclass of its parameters, with `command`.
@@ -49,7 +51,7 @@ class ThirdPartyTracker(ABC):
     @classmethod
     def mark(cls, versions: dict[str, str]) -> None:
         """Write `versions.json`, which marks it as set up."""
-        write_text(cls.folder() / "versions.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", sealed=True)
+        write_text(cls.folder() / "versions.json", json.dumps(versions, indent=1, sort_keys=True) + "\n", kind=SETUP)
 
     @abstractmethod
     def command(self) -> tuple[str, ...]:

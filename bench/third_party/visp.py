@@ -15,7 +15,8 @@ from annotated_types import Ge, Gt
 from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import new_file, owning
+from uavbench.trajectories.files.origin import owning
+from uavbench.trajectories.files.writing import new_file
 
 SOURCE = Path(__file__).parent / "visp_runner.cpp"
 PACKAGES = ("g++", "libvisp-dev")

@@ -33,16 +33,20 @@ from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.camera_clock import CameraClock
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import ANY, TABLE
+from uavbench.trajectories.files.listed import Marker
+from uavbench.trajectories.files.origin import refuse_foreign
 from uavbench.trajectories.files.reading import opened, read_text
-from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.kernels.warm_up import prepare
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.simulation.flight import Flight, fly
 
-MARKER = "manifest.json"
+MARKER = Marker("manifest.json", "twin of a sequence")
 OF_A_FRAME = {"depth": "png", "mask": "png"}
 """Folders with a file per frame that does not depend on the renderer, and its suffix."""
-MADE_ANEW = {MARKER, "sequence.json", "frames.csv", "groundtruth.csv", "row_poses.npy", "contact_sheet.jpg", "crlb.csv"}
+MADE_ANEW = {
+    MARKER.name, "sequence.json", "frames.csv", "groundtruth.csv", "row_poses.npy", "contact_sheet.jpg", "crlb.csv",
+}  # fmt: skip
 """Files of a sequence that are not copied as they are; the bounds of `crlb.csv` hold only for the original images."""
 SAME_M = 1e-6
 """Tolerance in m between a recorded flight and its repetition."""
@@ -119,11 +123,9 @@ def _stamps(sequence: Sequence, every: int) -> NDArray[np.int64]:
 
 def _refuse_other(out: Path, folder: Path) -> None:
     """UserError when `out` holds anything but a twin, or lies inside the sequence."""
-    refuse_foreign(out, MARKER)
     if out.resolve().is_relative_to(folder.resolve()):
         raise UserError(f"{out}: lies in the sequence itself; name another folder with --out")
-    if out.is_dir() and any(out.iterdir()) and "twin" not in Sequence.load(out).info:
-        raise UserError(f"{out}: holds a sequence that is not a twin; name another folder with --out")
+    refuse_foreign(out, MARKER)
 
 
 def _check_same(sequence: Sequence, spec: SequenceSpec, scene: Scene, flight: Flight) -> None:

@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.reports.closed_loop.files import MARKER
 from uavbench.reports.style import write_csv
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.structure_files import load_structure, save_structure
 from uavbench.scenes.dataset.table_files import read_numbers, read_table
 from uavbench.scenes.structure import Structure
-from uavbench.tracker.results import MARKER, Results
+from uavbench.tracker.results import Results
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Array
@@ -106,7 +107,7 @@ class Flown:
         """Read a folder that `save` wrote; UserError naming the file that is missing or invalid."""
         results = Results.load(folder)
         if "flight" not in results.record:
-            raise UserError(f"{folder / MARKER}: is not the record of a flight; fly again")
+            raise UserError(f"{folder / MARKER.name}: is not the record of a flight; fly again")
         table = read_table(folder / "path.csv", COLUMNS)
         try:
             stamps = np.array([int(row["stamp_ns"]) for row in table], dtype=np.int64)

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from uavbench.reports.closed_loop.coverage import coverage
+from uavbench.reports.closed_loop.files import MARKER
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.metrics.frame_errors import SUCCESS_DEG, SUCCESS_M
 from uavbench.reports.uncertainty.consistency import DEGREES_OF_FREEDOM
@@ -75,7 +76,7 @@ class FlightScore:
     def save(self, path: Path, content_hash: str = "") -> None:
         """Write `score.json`; content_hash: of its inputs."""
         text = json.dumps({"content_hash": content_hash, **asdict(self)}, indent=1, allow_nan=False)
-        write_text(path, text + "\n", sealed=True)
+        write_text(path, text + "\n", kind=MARKER.kind)
 
     @classmethod
     def load(cls, path: Path) -> "FlightScore":

@@ -19,6 +19,7 @@ import numpy as np
 
 from uavbench.reports.closed_loop.comparison import PairOfRuns, by_run, compared, success
 from uavbench.reports.closed_loop.figure import flight_in_closed_loop
+from uavbench.reports.closed_loop.files import MARKER as RECORD
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
@@ -28,11 +29,11 @@ from uavbench.reports.report_figures import Drawing, Easel, Figures
 from uavbench.reports.statistics.bootstrap import CONFIDENCE
 from uavbench.reports.style import house_style, write_csv
 from uavbench.scenes.dataset.table_files import read_json
-from uavbench.tracker.results import MARKER as RECORD
 from uavbench.tracker.versions import versions
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import in_parts, write_text
 
-MARKER = "flights.json"
+MARKER = Marker("flights.json", "report of flights")
 HEADS = (
     "flown", "success", "95 %", "crashed", "path rms (cm)", "added (cm)", "path max (cm)", "clearance (m)",
     "estimate rms (cm)", "filter NEES", "tracker rms (cm)", "tracker NEES", "false to crash (s)", "coverage (%)",
@@ -121,8 +122,8 @@ def write_flights(
         "failed": dict(notes.failed),
         "absent": dict(notes.absent),
     }
-    write_text(folder / MARKER, json.dumps(about, indent=1) + "\n")
-    return folder / MARKER
+    write_text(folder / MARKER.name, json.dumps(about, indent=1) + "\n")
+    return folder / MARKER.name
 
 
 def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
@@ -133,7 +134,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
                 "Share of flights that succeed, with its 95 % interval (Wilson), and the greatest path error of each "
                 "flight; for a crashed flight, up to the crash.", partial(success_of_runs, scores))
     ]  # fmt: skip
-    tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD)["loop"] for run in runs}
+    tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD.name)["loop"] for run in runs}
     if found := swept_loops(tables):
         caption = f"Against {found.key} of the loop: success with its 95 % interval, and the mean and the range of the "
         caption += "rms path error, over the flown part of each flight; read it together with the success."
@@ -170,7 +171,7 @@ def write_page(
 ) -> None:
     """Write `index.html`."""
     scores = [run.score for run in runs]
-    first = read_json(runs[0].path / RECORD)
+    first = read_json(runs[0].path / RECORD.name)
     text = environment().get_template("page_flights.html").render(
         title=notes.title,
         css=asset("page.css"),

@@ -25,9 +25,10 @@ def evaluate_files(reference: Given, estimate: Given, **options: Unpack[Evaluate
     if plot is not None and plot.suffix not in (".pdf", ".png"):
         raise UserError(f"{plot}: a plot is written as .pdf or .png")
     if plot is not None:
+        from uavbench.reports.evaluation.figure import FIGURE
         from uavbench.reports.style import refuse_foreign_figure
 
-        refuse_foreign_figure(plot.with_suffix(""), [plot.suffix])
+        refuse_foreign_figure(plot.with_suffix(""), [plot.suffix], FIGURE)
     with ThreadPoolExecutor(2) as pool:  # two long files are parsed in parallel
         formats = (options.get("reference_format"), options.get("estimate_format"))
         first, second = pool.map(found_in, (reference, estimate), ("reference", "estimate"), formats)

@@ -9,6 +9,8 @@ from uavbench.reports.metrics.quaternions import angle, between, norm
 from uavbench.reports.metrics.summary_statistics import ErrorSummary
 from uavbench.reports.style import GROUND_TRUTH, colour, house_style, line, new_figure, save_figure
 
+FIGURE = "figure of errors"
+
 
 def plot_evaluation(pairs: PosePairs, ate: dict[str, ErrorSummary], align: str, path: Path) -> None:
     """Write paths from above and errors over time, 7.16 in wide, as .pdf or .png, and the numbers as .csv.
@@ -44,4 +46,4 @@ def plot_evaluation(pairs: PosePairs, ate: dict[str, ErrorSummary], align: str, 
         rows = np.column_stack([t, pairs.reference_m, pairs.estimate_m, metres, degrees]).tolist()
         places = [f"{what}_{axis}_m" for what in ("reference", "estimate") for axis in "xyz"]
         columns = ["time_s", *places, "position_error_m", "rotation_error_deg"]
-        save_figure(figure, path.with_suffix(""), columns, rows, suffixes=(path.suffix,), sealed=True)
+        save_figure(figure, path.with_suffix(""), columns, rows, suffixes=(path.suffix,), kind=FIGURE)

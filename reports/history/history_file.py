@@ -20,8 +20,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import JSON
+from uavbench.trajectories.files.origin import owning
 from uavbench.trajectories.files.reading import read_json
-from uavbench.trajectories.files.writing import owning, write_text
+from uavbench.trajectories.files.writing import write_text
 
 FORMAT = "uavbench history 1"
 STRICT: Any = {"extra": "forbid", "allow_inf_nan": False}

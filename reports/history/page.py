@@ -24,9 +24,10 @@ from uavbench.reports.history.trend import Trend, short
 from uavbench.reports.page.templates import asset, environment, on_page
 from uavbench.reports.style import colour, house_style
 from uavbench.tracker.versions import versions
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import in_parts, write_text
 
-MARKER = "changes.json"
+MARKER = Marker("changes.json", "pages of a history")
 
 
 @in_parts(MARKER)
@@ -50,7 +51,7 @@ def write_trends(folder: Path, history: History, found: list[Trend]) -> Path:
     write_text(folder / "index.html", text)
     for name, body in _forms(series).items():
         write_text(folder / name, json.dumps(body, indent=1, allow_nan=False) + "\n")
-    write_text(folder / MARKER, json.dumps(to_json(found), indent=1, allow_nan=False) + "\n")
+    write_text(folder / MARKER.name, json.dumps(to_json(found), indent=1, allow_nan=False) + "\n")
     return folder / "index.html"
 
 

@@ -23,9 +23,10 @@ from uavbench.reports.tables.summary_table import Cell, Table
 from uavbench.reports.tables.writers import write_tables
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import in_parts, write_text
 
-MARKER = "leaderboard.json"
+MARKER = Marker("leaderboard.json", "leaderboard")
 COLUMNS = (
     Column(head="score", key="points", unit="0 to 100", best="max", decimals=1),
     Column(head="within 5 cm and 5 deg", key="success", unit="%", best="max", decimals=1, scale=100.0),
@@ -57,7 +58,7 @@ def write_leaderboard(folder: Path, scores: ListOf[SubmissionScore], title: str)
         version=versions()["uavbench"],
     )  # fmt: skip
     write_text(folder / "index.html", text)
-    write_text(folder / MARKER, json.dumps({"challenge": ranked[0].challenge}, indent=1) + "\n")
+    write_text(folder / MARKER.name, json.dumps({"challenge": ranked[0].challenge}, indent=1) + "\n")
     return folder / "index.html"
 
 

@@ -79,7 +79,7 @@ class SubmissionScore:
         if path.is_file() and (other := self.load(path).name) != self.name:
             raise UserError(f"{path}: holds the score of {other!r}, not of {self.name!r}; name another file with --out")
         text = json.dumps({"score": self.score, "counted": self.counted, **asdict(self)}, indent=1, allow_nan=False)
-        write_text(path, text + "\n", sealed=True)
+        write_text(path, text + "\n", kind="score of a submission")
 
     @classmethod
     def load(cls, path: Path) -> "SubmissionScore":

@@ -27,9 +27,10 @@ from uavbench.reports.style import colour, house_style, write_csv
 from uavbench.reports.tables.columns import Column
 from uavbench.reports.tables.writers import write_tables
 from uavbench.tracker.versions import versions
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import in_parts, write_text
 
-MARKER = "evaluation.json"
+MARKER = Marker("evaluation.json", "evaluation of runs")
 RANKED_BY = "ATE position"
 TEST_COLUMNS = ("metric", "first", "second", "difference", "low", "high", "p_holm", "first_wins", "units")
 RUNS = (
@@ -70,7 +71,7 @@ def write_many(folder: Path, results: ManyResults) -> Path:
         record=json.dumps(many.runs[0].record, indent=1), version=versions()["uavbench"],
     )  # fmt: skip
     write_text(folder / "index.html", text)
-    write_text(folder / MARKER, json.dumps(results.to_json(), indent=1, allow_nan=False) + "\n")
+    write_text(folder / MARKER.name, json.dumps(results.to_json(), indent=1, allow_nan=False) + "\n")
     return folder / "index.html"
 
 

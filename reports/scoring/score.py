@@ -25,7 +25,7 @@ from uavbench.reports.uncertainty.consistency import Consistency
 from uavbench.reports.uncertainty.nees import consistency
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.table_files import read_json
-from uavbench.tracker.results import Results
+from uavbench.tracker.results import MARKER, Results
 from uavbench.tracker.sound_results import sound
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
@@ -102,7 +102,7 @@ class Score:
     def save(self, path: Path, content_hash: str = "") -> None:
         """Write `score.json`; content_hash: of its inputs."""
         text = json.dumps({"content_hash": content_hash, **self.to_json()}, indent=1, allow_nan=False)
-        write_text(path, text + "\n", sealed=True)
+        write_text(path, text + "\n", kind=MARKER.kind)
 
     @classmethod
     def load(cls, path: Path) -> "Score":

@@ -40,10 +40,12 @@ from uavbench.scenes.image_files import load_image, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import IMAGE
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.pose import Array, Pose
 from uavbench.trajectories.trajectory import Trajectory
 
+RENDERED = Marker("manifest.json", "rendered sequence")
 DEPTH_M_PER_UNIT = 0.001
 """Metres per unit of the 16-bit depth images: up to 65.5 m, 0 (unknown) beyond."""
 EDGE_COLUMNS = ["edge", "u0_px", "v0_px", "u1_px", "v1_px", "visible_share", "contrast"]

@@ -12,7 +12,8 @@ from typing import Any
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.dataset.verify import file_hash
 from uavbench.scenes.exports.notes import Held
-from uavbench.trajectories.files.writing import tree, write_text
+from uavbench.trajectories.files.listed import tree
+from uavbench.trajectories.files.writing import write_text
 
 CROISSANT = "croissant.json"
 MOST_NAMED = 8

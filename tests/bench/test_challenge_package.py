@@ -29,7 +29,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.image_files import decoded
 from uavbench.scenes.scene import obstacles_of
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import tree
+from uavbench.trajectories.files.listed import tree
 from uavbench.trajectories.random_streams import stream
 from uavbench.trajectories.simulation.flight import fly
 from uavbench.trajectories.trajectory import Trajectory

@@ -16,7 +16,10 @@ import pytest
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.graph import Job, fresh_jobs, run_graph
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder, new_parts, write_text
+
+LIST = Marker("list.json", "list")
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class Folder:
     wait_s: float = 0.0
 
     def __call__(self, content_hash, on_step):
-        with new_folder(self.folder, "list.json") as new:
+        with new_folder(self.folder, LIST) as new:
             for frame in range(self.frames):
                 write_text(new / "frames" / f"{frame}.csv", f"{content_hash} {frame}\n")
                 time.sleep(self.wait_s)
@@ -42,7 +45,7 @@ class Note:
     path: Path
 
     def __call__(self, content_hash, on_step):
-        write_text(self.path, json.dumps({"content_hash": content_hash}, indent=1) + "\n", sealed=True)
+        write_text(self.path, json.dumps({"content_hash": content_hash}, indent=1) + "\n", kind=LIST.kind)
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Page:
     dies: bool = False
 
     def __call__(self, content_hash, on_step):
-        with new_parts(self.folder, "report.json") as new:
+        with new_parts(self.folder, Marker("report.json", "report")) as new:
             write_text(new / "scores.json", content_hash)
             write_text(new / "report.json", json.dumps({"content_hash": content_hash}))
         if self.dies:
@@ -66,7 +69,7 @@ def suite(root, enters=0, **more):
     one, two = root / "results" / "a", root / "results" / "b"
     folders = [
         Job(verb="track", name=f"track {path.name}", work=Folder(path), marker=path / "record.json", root=root,
-            lists="list.json", content_hash=hashes[0])
+            lists=LIST, content_hash=hashes[0])
         for path in (one, two)
     ]  # fmt: skip
     note = Job(verb="score", name="score", work=Note(one / "score.json"), marker=one / "score.json", root=root,

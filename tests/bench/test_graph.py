@@ -12,7 +12,10 @@ import pytest
 from uavbench.bench.inputs.content_hash import carried_hash, content_hash
 from uavbench.bench.runner.graph import Job, run_graph, run_job
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder, write_text
+
+LIST = Marker("list.json", "list")
 
 
 @dataclass
@@ -146,9 +149,9 @@ def test_a_damaged_marker_is_not_fresh(tmp_path, text):
 
 def test_an_error_leaves_the_old_folder_whole_and_nothing_beside_it(tmp_path):
     target = tmp_path / "sequence"
-    with new_folder(target, "list.json") as folder:
+    with new_folder(target, LIST) as folder:
         (folder / "old").touch()
-    with pytest.raises(ZeroDivisionError), new_folder(target, "list.json") as folder:
+    with pytest.raises(ZeroDivisionError), new_folder(target, LIST) as folder:
         (folder / "half").touch()
         raise ZeroDivisionError
     assert [p.name for p in tmp_path.iterdir()] == ["sequence"]
@@ -158,7 +161,7 @@ def test_an_error_leaves_the_old_folder_whole_and_nothing_beside_it(tmp_path):
 def test_a_folder_takes_its_place_in_one_step(tmp_path):
     """It is renamed, not copied: who looks meanwhile never sees half of it."""
     for _ in range(2):  # where there is none, and where there is one
-        with new_folder(tmp_path / "sequence", "list.json") as folder:
+        with new_folder(tmp_path / "sequence", LIST) as folder:
             (folder / "file").touch()
             made = [folder.stat().st_ino, (folder / "file").stat().st_ino]
         found = [(tmp_path / name).stat().st_ino for name in ("sequence", "sequence/file")]

@@ -7,6 +7,7 @@ import pytest
 from tests.bench.small_suites import FLOWN, SMALL
 from uavbench.bench.closed_loop.spec import Pilot
 from uavbench.bench.config.suite import load_suite
+from uavbench.bench.filming.files import MARKER as FILMED
 from uavbench.bench.runner import jobs
 from uavbench.bench.runner.jobs import frames, plan, plan_flights
 from uavbench.bench.runner.tasks import (
@@ -21,8 +22,11 @@ from uavbench.bench.runner.tasks import (
     Track,
     Video,
 )
+from uavbench.reports.closed_loop.files import MARKER as FLIGHT
+from uavbench.scenes.dataset.sequence import RENDERED
 from uavbench.tracker.images.recorded_sequence import RecordingSpec
 from uavbench.tracker.initialization import CoarseGuess
+from uavbench.tracker.results import MARKER as ESTIMATES
 from uavbench.trajectories.errors import UserError
 
 NAME = "track-fly-track-fly"
@@ -61,7 +65,7 @@ def test_every_run_of_a_suite_is_rendered_tracked_and_scored_in_its_folder(suite
     assert all(job.root == out for job in found.values())
     render = found[f"render {spec.name}"]
     assert render.work == Render(spec, sequence)
-    assert (render.marker, render.lists, render.needs) == (sequence / "sequence.json", "manifest.json", ())
+    assert (render.marker, render.lists, render.needs) == (sequence / "sequence.json", RENDERED, ())
     for run, rate in RATES.items():
         results, label = out / "results" / spec.name / run, run.partition("@")[0]
         track, restart, score = (
@@ -69,12 +73,12 @@ def test_every_run_of_a_suite_is_rendered_tracked_and_scored_in_its_folder(suite
             for verb, more in (("track", ""), ("track", " reset"), ("score", ""))
         )
         assert track.work == Track(label, suite.trackers[label], rate, 7, sequence, results, suite.start)
-        assert (track.marker, track.lists, track.needs) == (results / "record.json", "record.json", (render,))
+        assert (track.marker, track.lists, track.needs) == (results / "record.json", ESTIMATES, (render,))
         anew = out / "restarts" / spec.name / run / "reset"
         assert restart.work == Restart(track.work, "reset", anew)
-        assert (restart.marker, restart.lists, restart.needs) == (anew / "record.json", "record.json", (render,))
+        assert (restart.marker, restart.lists, restart.needs) == (anew / "record.json", ESTIMATES, (render,))
         assert score.work == Score(sequence, results)
-        assert (score.marker, score.lists, score.needs) == (results / "score.json", "", (track,))
+        assert (score.marker, score.lists, score.needs) == (results / "score.json", None, (track,))
     report = found["report"]
     assert report.marker == out / "report.json"
     assert set(report.needs) == {job for name, job in found.items() if job.verb == "score" or name.endswith(" reset")}
@@ -114,11 +118,11 @@ def test_every_flight_of_a_suite_is_flown_scored_and_filmed_in_its_folder(suite,
             variant="camera",
         )  # fmt: skip
         assert fly.work == Fly(spec, pilot, flown)
-        assert (fly.verb, fly.marker, fly.lists, fly.needs) == ("fly", flown / "record.json", "record.json", ())
+        assert (fly.verb, fly.marker, fly.lists, fly.needs) == ("fly", flown / "record.json", FLIGHT, ())
         assert score.work == ScoreFlight(flown)
-        assert (score.verb, score.marker, score.lists, score.needs) == ("score", flown / "score.json", "", (fly,))
+        assert (score.verb, score.marker, score.lists, score.needs) == ("score", flown / "score.json", None, (fly,))
         assert video.work == Video(spec, flown, filmed)
-        assert (video.verb, video.marker, video.lists) == ("video", filmed / "video.json", "video.json")
+        assert (video.verb, video.marker, video.lists) == ("video", filmed / "video.json", FILMED)
         assert video.needs == (fly,)
     report = found["report"]
     assert (report.verb, report.marker) == ("report", out / "flights.json")

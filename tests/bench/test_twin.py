@@ -257,7 +257,7 @@ def test_more_than_every_frame_is_refused(sequence, tmp_path):
 def test_no_other_folder_becomes_a_twin(sequence, tmp_path):
     other = shutil.copytree(sequence, tmp_path / "other")
     before = {path: path.read_bytes() for path in sorted(other.rglob("*")) if path.is_file()}
-    refused(twin(sequence, "--out", other), "not a twin")
+    refused(twin(sequence, "--out", other), "not as `twin of a sequence`")
     refused(twin(other, "--out", other), "lies in the sequence itself")
     refused(twin(other, "--out", other / "twin"), "lies in the sequence itself")
     assert before == {path: path.read_bytes() for path in sorted(other.rglob("*")) if path.is_file()}

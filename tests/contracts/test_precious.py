@@ -3,35 +3,18 @@
 The commands come from the command line itself: a new one must say here how it is called.
 """
 
-import json
 import os
 import shutil
 import tempfile
-from pathlib import Path
 
 import click
-import cv2
 import numba
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tests.bench.drawn_scores import drawn, write
-from tests.bench.small_suites import FLOWN, small_suite
-from uavbench.bench.challenge.organizer import Challenge, Hidden
-from uavbench.bench.challenge.scoring import score_submission
-from uavbench.bench.cli.files import EXPORTS
+from tests.contracts.commands import COMMANDS, assert_kept, calls, invoke, snapshot
 from uavbench.bench.cli.main import main
-from uavbench.bench.config.suite import load_suite
 from uavbench.bench.reference import main as reference
-from uavbench.bench.trial.check import TRIAL
-from uavbench.reports.history.history_file import Commit, History, SuiteIdentity, write_history
-from uavbench.reports.report import ReportInputs, write_scores
-from uavbench.reports.scoring.score import score
-from uavbench.scenes.dataset.sequence import Sequence
-from uavbench.scenes.dataset.spec_record import described
-from uavbench.tracker.baselines.hold import Hold
-from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.kernels.cache import KernelCache, folder_of, remove_old
 from uavbench.trajectories.kernels.pipeline import KernelCompiler
 
@@ -59,95 +42,6 @@ def leaves(group, before=""):
             yield before + name
 
 
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory):
-    """What the commands read."""
-    folder = tmp_path_factory.mktemp("inputs")
-    small_suite(folder)
-    (folder / "flown.toml").write_text(FLOWN)
-    (folder / "studied").mkdir()
-    small_suite(folder / "studied", 'rapid = { kind = "rapid" }\n')
-    (folder / "images").mkdir()
-    shutil.copytree(TRIAL, folder / "trial")
-    shutil.copytree(TRIAL, folder / "rendered")
-    (spec,) = load_suite(TRIAL.parent / "suite.toml").sequences
-    info = json.loads((TRIAL / "sequence.json").read_text()) | {"config": described(spec)}
-    (folder / "rendered" / "sequence.json").write_text(json.dumps(info))
-    (folder / "report").mkdir()
-    sequence = Sequence.load(TRIAL)
-    results = track_sequence(Hold(), sequence, rate_hz=5.0, seed=0)
-    write_scores(folder / "report", ReportInputs("small", []), [score(sequence, results)])
-    for name in ("000000.png", "000001.png"):
-        shutil.copy(TRIAL / "frames" / name, folder / "images" / name)
-    tracker = '{ kind = "external", command = ["false"] }'
-    (folder / "bad.toml").write_text(tracker.strip("{} ").replace(", command", "\ncommand"))
-    (folder / "init.toml").write_text(f"cam_from_model = {np.eye(4).tolist()}\n")
-    for name in ("a.tum", "b.tum"):
-        (folder / name).write_text("".join(f"{i}.0 {i} 0 0 0 0 0 1\n" for i in range(5)))
-    cv2.imwrite(str(folder / "board.png"), np.zeros((120, 160), np.uint8))
-    shutil.copytree(TRIAL, folder / "organizer" / "sequences" / "trial")
-    Challenge("c", 5.0, {"sequence-01": Hidden("trial", "flight-1")}).save(folder / "organizer")
-    (folder / "team").mkdir()
-    shutil.copy(folder / "a.tum", folder / "team" / "sequence-01.tum")
-    score_submission(folder / "organizer", folder / "team").save(folder / "score.json")
-    write(folder / "results", drawn(np.random.default_rng(0)))
-    line = Commit(commit="1f3a", time="2026-03-01T12:00:00+00:00", subject="first", environment={}, metrics={})
-    suite = SuiteIdentity(name="small", flights="these", how={})
-    write_history(folder / "history.json", History(suite=suite, name="ci", environment={}, commits=[line]))
-    return folder
-
-
-def calls(inputs, target):
-    """Every command that writes, told to write to `target`."""
-    suite, trial, images = inputs / "small.toml", inputs / "trial", inputs / "images"
-    real = ["--images", images, "--model", trial / "model.obj", "--camera", trial / "camera.toml"]
-    trajectories, results = [inputs / "a.tum", inputs / "b.tum"], inputs / "results"
-    return {
-        **{verb: [[verb, suite, "--out", target, "--jobs", 1]] for verb in ("run", "render", "score", "report")},
-        "fly": [["fly", inputs / "flown.toml", "--out", target, "--jobs", 1]],
-        "track": [
-            ["track", suite, "--out", target],
-            ["track", "hold", *real, "--init", inputs / "init.toml", "--out", target],
-        ],
-        "twin": [["twin", inputs / "rendered", "--out", target]],
-        "export": [["export", trial, "--format", form, "--out", target] for form in EXPORTS],
-        "calibrate": [["calibrate", inputs / "board.png", "--out", target]],
-        "pick": [["pick", *real, "--no-browser", "--out", target]],
-        "evaluate": [
-            ["evaluate", *trajectories, "--plot", target],
-            ["evaluate", *trajectories, "--plot", target.with_suffix(".pdf")],
-            ["evaluate", *trajectories, "--plot", target / "index.pdf"],
-            ["evaluate", *trajectories, "--out", target],
-        ],
-        "tables": [
-            ["tables", inputs / "report", "--out", target],
-            ["tables", inputs / "report", "--out", target.with_suffix(".csv")],
-            ["tables", inputs / "report", "--columns", "coverage", "--out", target / "thesis.tex"],
-        ],
-        "pack": [
-            ["pack", suite, "--without-truth", "--out", target, "--truth", "truth"],
-            ["pack", suite, "--without-truth", "--out", "package", "--truth", target],
-            ["pack", suite, "--without-truth", "--out", "package", "--truth", "truth", "--secret", target],
-        ],
-        "score-submission": [["score-submission", inputs / "organizer", inputs / "team", "--out", target]],
-        "leaderboard": [["leaderboard", inputs / "score.json", "--out", target]],
-        "check": [["check", inputs / "bad.toml", "--keep", target]],
-        "gate": [
-            ["gate", results, "--baseline", target, "--update"],
-            ["gate", results, "--baseline", results, "--out", target],
-            ["gate", results, "--record", target, "--commit", "2e4b"],
-        ],
-        "history": [["history", inputs / "history.json", "--out", target]],
-        "bisect": [["bisect", "HEAD", "HEAD", "--suite", suite, "--out", target]],
-        "compare": [["compare", "HEAD", "HEAD", "--suite", suite, "--out", target]],
-        "speed": [["speed", "--only", "none", "--save", target]],
-        "sensitivity": [
-            ["sensitivity", inputs / "studied" / "small.toml", "--tracker", "rapid", "--jobs", 1, "--out", target]
-        ],
-        "third-party setup": [["third-party", "setup", "visp"], ["third-party", "setup", "opencv-rapid"]],
-    }
-
-
 def fill(folder):
     """Precious files, links and pipes, in a folder and those below, and something far that links lead to."""
     folder.mkdir(parents=True)
@@ -166,34 +60,12 @@ def fill(folder):
     (folder.parent / "precious.csv").write_bytes(PRECIOUS)
 
 
-def snapshot(folder):
-    def told(path):
-        if path.is_symlink():
-            return str(path.readlink())
-        return path.read_bytes() if path.is_file() else path.lstat().st_mode
-
-    return {path.relative_to(folder).as_posix(): told(path) for path in sorted(folder.rglob("*"))}
-
-
-def invoke(arguments, third_party):
-    environment = {"UAVBENCH_THIRD_PARTY": str(third_party)}
-    return CliRunner().invoke(main, [str(a) for a in arguments], env=environment)
-
-
-def assert_kept(folder, before, result):
-    after = snapshot(folder)
-    assert {name: after.get(name) for name in before} == before, result.output
-    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
-    assert "Traceback" not in result.output
-    assert not [name for name in set(after) - set(before) if "-uavbench-" in name]
-
-
 def test_every_command_is_known_here():
-    known = set(calls(Path("inputs"), Path("target"))) | SILENT | {"warm-up"}
+    known = {*COMMANDS} | SILENT | {"warm-up"}
     assert set(leaves(main)) == known
 
 
-@pytest.mark.parametrize("command", sorted(calls(Path("inputs"), Path("target"))))
+@pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("what", ["folder", "file", "link", "dangling link", "pipe"])
 def test_what_is_precious_is_there_afterwards(inputs, tmp_path, monkeypatch, command, what):
     home = tmp_path / "home"

@@ -12,7 +12,7 @@ import pytest
 from tests.reports.drawn import make_sequence
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.registry import EXPORTS, export
-from uavbench.trajectories.files.writing import tree
+from uavbench.trajectories.files.listed import tree
 
 FRAMES = 10
 RAI = (

@@ -10,11 +10,14 @@ import sys
 import pytest
 
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files import writing
+from uavbench.trajectories.files import origin, writing
+from uavbench.trajectories.files.listed import Marker
+from uavbench.trajectories.files.origin import owning
 from uavbench.trajectories.files.seals import is_sealed, seal
 from uavbench.trajectories.files.temporary_names import remove_leftovers, temporary
-from uavbench.trajectories.files.writing import new_file, new_folder, new_parts, owning, write_text
+from uavbench.trajectories.files.writing import new_file, new_folder, new_parts, write_text
 
+RECORD, REPORT = Marker("record.json", "estimates"), Marker("report.json", "report")
 PRECIOUS = b"years of work"
 
 
@@ -57,7 +60,7 @@ def snapshot(folder):
 
 def test_parts_are_not_written_into_a_file(tmp_path):
     (tmp_path / "out").touch()
-    with pytest.raises(UserError, match="out: is a file; name a folder"), new_parts(tmp_path / "out", "report.json"):
+    with pytest.raises(UserError, match="out: is a file; name a folder"), new_parts(tmp_path / "out", REPORT):
         pass
 
 
@@ -72,10 +75,10 @@ def test_nothing_foreign_gives_way_to_a_file_a_folder_or_a_part(tmp_path, what):
         lay(here / name, what)
     before = snapshot(tmp_path)
     with pytest.raises(UserError, match=r"camera\.toml"):
-        write_text(here / "camera.toml", "width = 1\n", sealed=True)
-    with pytest.raises(UserError, match="results"), new_folder(here / "results", "record.json") as new:
+        write_text(here / "camera.toml", "width = 1\n", kind="camera")
+    with pytest.raises(UserError, match="results"), new_folder(here / "results", RECORD) as new:
         (new / "frames.csv").touch()
-    with pytest.raises(UserError, match=r"index\.html"), new_parts(here, "report.json") as new:
+    with pytest.raises(UserError, match=r"index\.html"), new_parts(here, REPORT) as new:
         write_text(new / "report.json", "{}\n")
         write_text(new / "index.html", "<html></html>\n")
         write_text(new / "figures" / "a.csv", "a\n")
@@ -87,7 +90,7 @@ def test_a_sealed_file_is_written_anew_until_somebody_changes_it(tmp_path, suffi
     from matplotlib.figure import Figure
 
     def write():
-        with new_file(path, sealed=True) as new:
+        with new_file(path, kind=RECORD.kind) as new:
             if suffix in (".png", ".pdf"):
                 Figure().savefig(new)
             else:
@@ -121,7 +124,7 @@ def test_a_file_without_a_seal_is_never_written_anew(tmp_path):
 
 
 def make(folder, *names):
-    with new_folder(folder, "record.json") as new:
+    with new_folder(folder, RECORD) as new:
         for name in names:
             write_text(new / name, name)
 
@@ -160,7 +163,8 @@ def test_what_a_user_puts_into_a_folder_while_it_is_checked_stays(tmp_path, monk
             put.append(True)
 
     put = []
-    monkeypatch.setattr(writing, "foreign", slow)
+    for module in (origin, writing):
+        monkeypatch.setattr(module, "foreign", slow)
     before = snapshot(tmp_path)
     if check == 1:
         with pytest.raises(UserError, match=r"results: contains notes\.txt"):
@@ -179,7 +183,7 @@ def test_a_list_that_somebody_wrote_proves_nothing(tmp_path):
     (folder / "record.json").write_text('{\n "files": [\n  "thesis.tex"\n ]\n}\n')
     with pytest.raises(UserError, match=r"record|thesis"):
         make(folder, "frames.csv")
-    write_text(tmp_path / "other" / "record.json", '{\n "files": []\n}\n', sealed=True)
+    write_text(tmp_path / "other" / "record.json", '{\n "files": []\n}\n', kind=RECORD.kind)
     seal_of_another = (tmp_path / "other" / "record.json").read_bytes()
     (folder / "record.json").write_bytes(seal_of_another)
     with pytest.raises(UserError, match=r"record|thesis"):
@@ -191,7 +195,7 @@ def test_a_list_that_was_copied_proves_nothing_of_what_has_the_same_names(tmp_pa
     """A user's files, called as those that a marker lists: it was copied to them, or one of them to its folder."""
 
     def write(folder):
-        with new_folder(folder, "list.json") as new:
+        with new_folder(folder, Marker("list.json", "list")) as new:
             for name in ("frames.csv", "deep/b.csv"):
                 write_text(new / name, name)
             if marker == "sha256":
@@ -218,7 +222,7 @@ def test_a_list_that_was_copied_proves_nothing_of_what_has_the_same_names(tmp_pa
 @pytest.mark.parametrize("names", [("index.html", "a.csv"), ("index.html",), ("a.csv",)])
 def test_parts_do_not_take_the_place_of_what_a_user_wrote_under_their_names(tmp_path, names):
     def write(folder, *names):
-        with new_parts(folder, "report.json") as new:
+        with new_parts(folder, REPORT) as new:
             for name in (*names, "report.json"):
                 write_text(new / name, "{}")
 
@@ -240,7 +244,7 @@ def test_parts_do_not_take_the_place_of_what_a_user_wrote_under_their_names(tmp_
 
 def test_a_list_of_names_alone_as_earlier_versions_wrote_it_proves_nothing(tmp_path):
     make(tmp_path / "results", "frames.csv")
-    write_text(tmp_path / "old" / "record.json", '{\n "files": [\n  "frames.csv"\n ]\n}\n', sealed=True)
+    write_text(tmp_path / "old" / "record.json", '{\n "files": [\n  "frames.csv"\n ]\n}\n', kind=RECORD.kind)
     (tmp_path / "old" / "frames.csv").write_bytes(PRECIOUS)
     with pytest.raises(UserError, match=r"frames\.csv"):
         make(tmp_path / "old", "frames.csv")
@@ -251,7 +255,7 @@ def test_parts_of_last_time_go_and_what_a_user_put_beside_them_stays(tmp_path):
     for names in (("index.html", "pages/a.html", "figures/a.csv"), ("index.html", "figures/b.csv")):
         (tmp_path / "figures").mkdir(exist_ok=True)
         (tmp_path / "figures" / "mine.pdf").write_bytes(PRECIOUS)
-        with new_parts(tmp_path, "report.json") as new:
+        with new_parts(tmp_path, REPORT) as new:
             for name in names:
                 write_text(new / name, name)
             write_text(new / "report.json", '{"content_hash": "a"}\n')
@@ -263,10 +267,10 @@ def test_an_error_or_an_interrupt_in_the_middle_leaves_the_old_and_nothing_else(
     make(tmp_path / "results", "frames.csv")
     before = snapshot(tmp_path)
     for error in (ZeroDivisionError, KeyboardInterrupt, SystemExit):
-        with pytest.raises(error), new_folder(tmp_path / "results", "record.json") as new:
+        with pytest.raises(error), new_folder(tmp_path / "results", RECORD) as new:
             (new / "half").touch()
             raise error
-        with pytest.raises(error), new_file(tmp_path / "a.toml", sealed=True) as new:
+        with pytest.raises(error), new_file(tmp_path / "a.toml", kind=RECORD.kind) as new:
             new.write_text("half")
             raise error
     assert snapshot(tmp_path) == before
@@ -275,9 +279,10 @@ def test_an_error_or_an_interrupt_in_the_middle_leaves_the_old_and_nothing_else(
 KILLED = """
 import os, sys
 from pathlib import Path
+from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_file, new_folder
 folder = Path(sys.argv[1])
-with new_folder(folder / "results", "record.json") as new, new_file(folder / "a.toml") as file:
+with new_folder(folder / "results", Marker("record.json", "estimates")) as new, new_file(folder / "a.toml") as file:
     (new / "half").mkdir()
     (new / "half" / "b.csv").write_text("x")
     print("begun", flush=True)
@@ -363,7 +368,7 @@ def test_processes_that_clean_up_at_the_same_time_do_not_trip_over_each_other(tm
 
 def test_a_seal_is_of_one_file(tmp_path):
     (tmp_path / "a.bin").write_bytes(b"12")
-    seal(tmp_path / "a.bin")
+    seal(tmp_path / "a.bin", "blob")
     assert (tmp_path / "a.bin").read_bytes() == b"12"
     assert not is_sealed(tmp_path / "a.bin")
     assert not is_sealed(tmp_path)

@@ -6,10 +6,11 @@ import threading
 
 import pytest
 
-from uavbench.trajectories.files.listed import Listed, mark, tree
+from uavbench.trajectories.files.listed import Listed, Marker, mark, tree
 from uavbench.trajectories.files.seals import is_sealed, is_sealed_with, seal
 
-MARKER = "list.json"
+LIST = Marker("list.json", "list")
+MARKER = LIST.name
 
 
 @pytest.fixture
@@ -20,14 +21,14 @@ def made(tmp_path):
     (folder / "a.csv").write_text("1\n")
     (folder / "deep" / "b.csv").write_text("2\n")
     (folder / "page.html").write_text("<html></html>\n")
-    seal(folder / "page.html")
+    seal(folder / "page.html", LIST.kind)
     (folder / "latest").symlink_to("a.csv")
-    mark(folder, MARKER)
+    mark(folder, LIST)
     return folder
 
 
 def held(folder, *names):
-    listed = Listed.of(folder / MARKER)
+    listed = Listed.of(folder, LIST)
     return [listed.holds(folder, name) for name in names or ("a.csv", "deep/b.csv", "page.html", "latest")]
 
 
@@ -60,7 +61,7 @@ def test_a_sealed_file_may_be_another_and_a_plain_one_not(made):
     """A page proves itself; a table, even with a seal, is not the one that was listed."""
     for name in ("page.html", "a.csv"):
         (made / name).write_text("other\n")
-    seal(made / "page.html")
+    seal(made / "page.html", LIST.kind)
     assert held(made) == [False, True, True, True]
 
 
@@ -101,7 +102,7 @@ def test_every_table_of_a_list_counts_and_a_name_may_have_the_digests_of_several
     both = {"files": {"a.csv": "0" * 64}, "sha256": {"a.csv": "1" * 64}, "before": {"a.csv": "2" * 64}}
     both[key] = {"a.csv": digest}
     (made / MARKER).write_text(json.dumps(both, indent=1) + "\n")
-    seal(made / MARKER)
+    seal(made / MARKER, LIST.kind)
     assert held(made, "a.csv") == [True]
 
 
@@ -109,7 +110,7 @@ def test_a_seal_that_names_a_file_beside_holds_with_that_file_alone(tmp_path):
     table, page = tmp_path / "table.csv", tmp_path / "table.html"
     table.write_text("1\n")
     page.write_text("<html></html>\n")
-    seal(page, beside=table)
+    seal(page, LIST.kind, beside=table)
     assert is_sealed_with(page, table)
     same = tmp_path / "same.csv"
     same.symlink_to(table)
@@ -118,5 +119,5 @@ def test_a_seal_that_names_a_file_beside_holds_with_that_file_alone(tmp_path):
     table.write_text("2\n")
     assert is_sealed(page) and not is_sealed_with(page, table)
     (tmp_path / "other.html").write_text("<html></html>\n")
-    seal(tmp_path / "other.html")
+    seal(tmp_path / "other.html", LIST.kind)
     assert not is_sealed_with(tmp_path / "other.html", table), "a seal of the page alone"

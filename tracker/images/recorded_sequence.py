@@ -24,10 +24,13 @@ from uavbench.tracker.images.track_images import IMAGE_SUFFIXES, in_order, load_
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.versions import versions
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import new_folder, refuse_foreign, write_text
+from uavbench.trajectories.files.listed import Marker
+from uavbench.trajectories.files.origin import refuse_foreign
+from uavbench.trajectories.files.writing import new_folder, write_text
 from uavbench.trajectories.pose import Pose
 
 VISP_IMAGES = (Path("/usr/share/visp-images-data/ViSP-images"), Path("/usr/local/share/visp-images-data/ViSP-images"))
+RECORDED = Marker("manifest.json", "recorded sequence")
 VISP_CUBE = "mbt/cube"
 
 
@@ -140,9 +143,9 @@ def record(
 
     UserError when a file is missing, an image cannot be read, or the folder holds anything other than a sequence.
     """
-    refuse_foreign(folder, "manifest.json")
+    refuse_foreign(folder, RECORDED)
     recording = spec.source.find()
-    with disk_errors(folder), new_folder(folder, "manifest.json") as new:
+    with disk_errors(folder), new_folder(folder, RECORDED) as new:
         (new / "frames").mkdir()
         lines = ["frame,stamp_ns,file"]
         for frame, image in enumerate(recording.images):

@@ -22,7 +22,8 @@ from uavbench.tracker.results import MARKER, Results
 from uavbench.tracker.run import record_of, started, track_frame
 from uavbench.trajectories.bags.reading import BagTopic
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.writing import new_folder, refuse_foreign
+from uavbench.trajectories.files.origin import refuse_foreign
+from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
 from uavbench.trajectories.random_streams import stream
 

@@ -12,7 +12,7 @@ from os import scandir
 from pathlib import Path
 from typing import Any
 
-from uavbench.trajectories.files.seals import is_sealed, seal
+from uavbench.trajectories.files.seals import seal, sealed_kind
 
 KEYS = ("files", "sha256", "before")
 """Keys of a marker that hold digests by name: its own list, a manifest, and the list that it replaces."""
@@ -21,22 +21,32 @@ SEALED = "sealed"
 
 
 @dataclass(frozen=True)
+class Marker:
+    """The name of the JSON file that lists the files of a folder, and the kind of the folder, as in a seal."""
+
+    name: str
+    kind: str
+
+
+@dataclass(frozen=True)
 class Listed:
-    """Content of a marker with a valid seal: by name, the digests that a file may have, and the targets of links."""
+    """Content of a sealed marker: by name, the digests that a file may have, and the targets of links; its kind."""
 
     files: Mapping[str, frozenset[str]] = field(default_factory=dict)
     links: Mapping[str, str] = field(default_factory=dict)
+    kind: str = ""
 
     @classmethod
-    def of(cls, marker: Path) -> "Listed":
-        """The list of a marker; empty where its seal is invalid."""
-        if not is_sealed(marker):
+    def of(cls, folder: Path, marker: Marker) -> "Listed":
+        """The list of a folder; empty where the seal of its marker is invalid or of another kind."""
+        path = folder / marker.name
+        if sealed_kind(path) != marker.kind:
             return cls()
-        about = json.loads(marker.read_text(encoding="utf-8"))
+        about = json.loads(path.read_text(encoding="utf-8"))
         tables = [about[key] for key in KEYS if isinstance(about.get(key), dict)]
         names = {name for table in tables for name in table}
         files = {name: frozenset(table[name] for table in tables if name in table) for name in names}
-        return cls(files, about.get("links", {}))
+        return cls(files, about.get("links", {}), marker.kind)
 
     def holds(self, folder: Path, name: str) -> bool:
         """Whether the file of a name in the folder is unchanged since it was written."""
@@ -46,24 +56,27 @@ class Listed:
                 return self.links.get(name) == str(path.readlink())
             if name not in self.files or not stat.S_ISREG(path.lstat().st_mode):
                 return False
-            return (SEALED in self.files[name] and is_sealed(path)) or file_digest(path) in self.files[name]
+            digests = self.files[name]
+            return (SEALED in digests and sealed_kind(path) == self.kind) or file_digest(path) in digests
         except OSError:  # missing, or not readable by this user
             return False
 
 
-def mark(folder: Path, marker: str) -> None:
-    """List the files of a folder in its `marker`, and seal it."""
-    path = folder / marker
+def mark(folder: Path, marker: Marker) -> None:
+    """List the files of a folder in its marker, and seal it."""
+    path = folder / marker.name
     about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    names = [name for name in tree(folder) if name != marker]
+    names = [name for name in tree(folder) if name != marker.name]
     about.pop("made_by", None)
     if "sha256" not in about:
         own = (name for name in names if not (folder / name).is_symlink())
-        about["files"] = {name: SEALED if is_sealed(folder / name) else file_digest(folder / name) for name in own}
+        about["files"] = {
+            name: SEALED if sealed_kind(folder / name) == marker.kind else file_digest(folder / name) for name in own
+        }
     if links := {name: str((folder / name).readlink()) for name in names if (folder / name).is_symlink()}:
         about["links"] = links
     path.write_text(json.dumps(about, indent=1, sort_keys=True) + "\n", encoding="utf-8", newline="\n")
-    seal(path)
+    seal(path, marker.kind)
 
 
 def tree(folder: Path, under: str = "") -> Iterator[str]:

@@ -1,6 +1,7 @@
-"""Seals: a file written by uavbench ends with the digest of its content, which proves its origin.
+"""Seals: a file written by uavbench ends with its kind and the digest of its content, which proves its origin.
 
-A seal is a comment in the file's own format. An edited or foreign file has no valid seal.
+A seal is a comment in the file's own format. An edited or foreign file has no valid seal. The kind says in words what
+the file is (`camera calibration`), so that a product never takes the place of one of another kind.
 """
 
 import hashlib
@@ -26,18 +27,23 @@ IEND = bytes.fromhex("0000000049454e44ae426082")
 TAIL_BYTES = 300
 """Bytes at the end of a file that are searched for a seal."""
 PATTERN = re.compile(SEAL + rb"([0-9a-f]{64})(.*)", re.DOTALL)
+KIND = re.compile(rb"([a-z][a-z -]*); (?:beside [0-9a-f]{64} )?\Z")
+"""The kind and the digest of the file beside, which stand before a seal; the first versions wrote no kind."""
 
 
-def seal_table(path: Path) -> None:
+def seal_table(path: Path, kind: str) -> None:
     """Append a seal to a CSV file whose bytes differ from run to run."""
     opening, closing = COMMENTS[".txt"]
-    _close(path, path.read_bytes() + opening, closing)
+    _close(path, path.read_bytes() + opening + _named(kind), closing)
 
 
-def seal(path: Path, beside: Path | None = None) -> None:
-    """Append a seal to a file, which also covers the content of `beside`; formats without comments stay unchanged."""
+def seal(path: Path, kind: str, beside: Path | None = None) -> None:
+    """Append a seal to a file, which also covers the content of `beside`; formats without comments stay unchanged.
+
+    kind: lower-case letters, spaces and hyphens.
+    """
     data = path.read_bytes()
-    about = b"" if beside is None else _beside(beside)
+    about = _named(kind) + (b"" if beside is None else _beside(beside))
     if path.suffix == ".json" and data.endswith(b"\n}\n"):
         _close(path, data[:-3] + b',\n "made_by": "' + about, b'"\n}\n')
     elif path.suffix == ".png" and data.endswith(IEND):
@@ -53,19 +59,27 @@ def seal(path: Path, beside: Path | None = None) -> None:
 
 def is_sealed(path: Path) -> bool:
     """Whether this is a regular file, not a link, with a valid seal; of a file without one only the end is read."""
+    return sealed_kind(path) is not None
+
+
+def sealed_kind(path: Path) -> str | None:
+    """Kind of a sealed file, "" where an earlier version wrote none; None for a file that `is_sealed` refuses."""
     try:
         if path.is_symlink() or not path.is_file():
-            return False
+            return None
         with path.open("rb") as handle:
             handle.seek(max(0, path.stat().st_size - TAIL_BYTES))
             if SEAL not in handle.read():
-                return False
+                return None
         data = path.read_bytes()
     except OSError:
-        return False
+        return None
     before, _, _ = data.rpartition(SEAL)
     found = PATTERN.fullmatch(data[len(before) :])
-    return found is not None and found[1] == _digest(before) and _closes(path.suffix, found[2])
+    if found is None or found[1] != _digest(before) or not _closes(path.suffix, found[2]):
+        return None
+    kind = KIND.search(before[-TAIL_BYTES:])
+    return kind[1].decode("ascii") if kind else ""
 
 
 def is_sealed_with(path: Path, beside: Path) -> bool:
@@ -74,6 +88,10 @@ def is_sealed_with(path: Path, beside: Path) -> bool:
         return is_sealed(path) and not beside.is_symlink() and _beside(beside) + SEAL in path.read_bytes()
     except OSError:
         return False
+
+
+def _named(kind: str) -> bytes:
+    return f"{kind}; ".encode("ascii")
 
 
 def _beside(path: Path) -> bytes:
