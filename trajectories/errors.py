@@ -36,6 +36,10 @@ class UserError(Exception):
         super().__init__(plain(message))
 
 
+class DamagedFileError(UserError):
+    """A file is not as uavbench wrote it. Whoever can do without a missing file must not do without this one."""
+
+
 def unknown_name(what: str, name: str, valid: list[str]) -> UserError:
     """Error for an unknown name; suggests the closest valid one."""
     import difflib

@@ -11,7 +11,7 @@ import numpy as np
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.scoring.score import PoseErrors, Score
 from uavbench.scenes.dataset.table_files import read_json
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DamagedFileError, UserError
 from uavbench.trajectories.pose import Array
 
 Key = tuple[str, str, int]
@@ -124,7 +124,7 @@ class Side:
 
 
 def read_side(folder: Path) -> Side:
-    """Measured values of a suite's folder; UserError when it is not one."""
+    """Measured values of a suite's folder; UserError when it is not one, or when a score was changed."""
     about = read_json(folder / "suite.json")
     found: dict[Key, Measured] = {}
     faults: dict[Key, str] = {}
@@ -144,6 +144,8 @@ def read_side(folder: Path) -> Side:
             key = (run, sequence or name, int(seed) if sequence and seed.isdecimal() else 0)
             try:
                 found[key] = _measured(folder, name, run, flown=flown)
+            except DamagedFileError:
+                raise
             except UserError as error:
                 faults[key] = str(error)
     not_compared = {str(run): str(why) for run, why in (about.get("not_compared") or {}).items()}

@@ -21,7 +21,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.results import Results
 from uavbench.tracker.sound_results import sound
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DamagedFileError, UserError
 from uavbench.trajectories.files.listed import Marker
 from uavbench.trajectories.files.writing import new_folder
 from uavbench.trajectories.pose import Pose
@@ -115,6 +115,8 @@ def _pictures(results: Path, baseline: Path, margins: Margins) -> Iterator[tuple
             continue
         try:
             yield _picture(run, results, baseline)
+        except DamagedFileError:
+            raise
         except (UserError, OSError):  # its frames or its poses were not kept
             continue
         done.add(run.key[1:])

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.tracker.versions import versions
-from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.errors import DamagedFileError, UserError
 
 CPUINFO = Path("/proc/cpuinfo")
 
@@ -35,6 +35,8 @@ def _gl(folder: Path) -> str:
     for path in sorted((folder / "sequences").glob("*/sequence.json")):
         try:
             about = read_json(path).get("versions", {})
+        except DamagedFileError:
+            raise
         except UserError:
             continue
         drivers.add(str(about.get("gl", "")) if isinstance(about, dict) else "")

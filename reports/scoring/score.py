@@ -107,10 +107,11 @@ class Score:
     @classmethod
     def load(cls, path: Path) -> "Score":
         """Read `score.json`; UserError naming the file when it is missing or not a score."""
+        values = read_json(path)
         try:
-            return cls.from_json(read_json(path))
+            return cls.from_json(values)
         except UserError as error:
-            raise UserError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+            raise UserError(f"{path}: {error}") from None
 
 
 _ADAPTER = TypeAdapter(Score)

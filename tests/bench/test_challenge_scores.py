@@ -261,7 +261,7 @@ def test_a_score_that_was_changed_is_refused(tmp_path):
         drawn("other", [60.0]).save(path)
     assert SubmissionScore.load(path).score == 50.0
     path.write_text(path.read_text().replace("50.0", "99.0"))
-    with pytest.raises(UserError, match="score the submission again"):
+    with pytest.raises(UserError, match=r"score\.json: is damaged, or was edited"):
         SubmissionScore.load(path)
     path.write_text("[]")
     with pytest.raises(UserError, match=r"score\.json"):

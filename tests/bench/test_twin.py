@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.bench.process_trees import wait_until, with_mark
+from tests.hand_made import hand_made
 from uavbench.bench.cli.main import main
 from uavbench.bench.config.suite import recorded_spec, suite_of
 from uavbench.bench.third_party.visp import Visp
@@ -237,7 +238,7 @@ def test_the_last_words_of_a_blender_that_fails_are_told(sequence, tmp_path, mon
 
 def test_what_has_no_spec_is_refused(sequence, tmp_path):
     refused(twin(TRIAL, "--out", tmp_path / "t"), "no `config`")
-    recorded = shutil.copytree(sequence, tmp_path / "recorded")
+    recorded = hand_made(shutil.copytree(sequence, tmp_path / "recorded"))
     for change, words in (
         ({"initial_cam_from_world": np.eye(4).tolist()}, "recordings"),
         ({"twin": {"of": "box-s0"}}, "is itself a twin"),
@@ -265,7 +266,7 @@ def test_no_other_folder_becomes_a_twin(sequence, tmp_path):
 
 def test_a_sequence_of_another_version_is_refused(sequence, tmp_path, monkeypatch):
     fake_blender(tmp_path, monkeypatch, "echo 'Blender 3.4.1'")
-    other = shutil.copytree(sequence, tmp_path / "other")
+    other = hand_made(shutil.copytree(sequence, tmp_path / "other"))
     head, *rows = (other / "groundtruth.csv").read_text().splitlines()
     cells = rows[1].split(",")
     cells[2] = repr(float(cells[2]) + 1e-3)

@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.hand_made import hand_made
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit
 from uavbench.scenes.dataset.ground_truth_files import GROUND_TRUTH_COLUMNS
 from uavbench.scenes.dataset.sequence import Sequence
@@ -83,7 +84,7 @@ def test_a_bad_row_is_named(tmp_path):
         {"cam_from_body": np.eye(4).tolist()}, np.array([0]), np.array([0]), (TrackResult(status="lost"),)
     )
     results.save(tmp_path / "r")
-    table = tmp_path / "r/frames.csv"
+    table = hand_made(tmp_path / "r") / "frames.csv"
     table.write_text(table.read_text().replace("lost", "missing"))
     with pytest.raises(UserError, match=r"frames\.csv: line 2"):
         Results.load(tmp_path / "r")

@@ -40,13 +40,19 @@ class Listed:
     def of(cls, folder: Path, marker: Marker) -> "Listed":
         """The list of a folder; empty where the seal of its marker is invalid or of another kind."""
         path = folder / marker.name
-        if sealed_kind(path) != marker.kind:
+        return cls.read(path) if sealed_kind(path) == marker.kind else cls()
+
+    @classmethod
+    def read(cls, path: Path) -> "Listed":
+        """The list of a marker of any kind; empty where its seal is invalid."""
+        kind = sealed_kind(path)
+        if kind is None:
             return cls()
         about = json.loads(path.read_text(encoding="utf-8"))
         tables = [about[key] for key in KEYS if isinstance(about.get(key), dict)]
         names = {name for table in tables for name in table}
         files = {name: frozenset(table[name] for table in tables if name in table) for name in names}
-        return cls(files, about.get("links", {}), marker.kind)
+        return cls(files, about.get("links", {}), kind)
 
     def holds(self, folder: Path, name: str) -> bool:
         """Whether the file of a name in the folder is unchanged since it was written."""

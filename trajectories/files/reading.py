@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.intact import refuse_damaged
 from uavbench.trajectories.files.limits import JSON, LONGEST_LINE, MOST_NESTING, SETTINGS, FileLimit
 
 DOTTED = re.compile(
@@ -19,10 +20,13 @@ DOTTED = re.compile(
 HOLDS = {dict: "object", list: "list", str: "string", int: "number", float: "number", bool: "boolean"}
 
 
-def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: str = "") -> BufferedReader:
+def opened(
+    path: Path, limit: FileLimit, *, inside: Path | None = None, hint: str = "", damaged: bool = False
+) -> BufferedReader:
     """Handle of a file of at most limit.most_bytes; links are followed, but not out of the folder `inside`.
 
-    UserError naming the file when it is missing (the hint follows), is not a regular file, is outside or too large.
+    damaged: also a file that is not as a sealed list says. UserError naming the file when it is missing (the hint
+    follows), is not a regular file, is outside, too large, or changed since uavbench wrote it.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):  # checked first, because opening some devices has side effects
@@ -42,6 +46,8 @@ def opened(path: Path, limit: FileLimit, *, inside: Path | None = None, hint: st
             raise _outside(path, inside)
         if found.st_size > limit.most_bytes:
             raise _too_large(path, limit, found.st_size)
+        if not damaged:
+            refuse_damaged(path)
     except BaseException:
         handle.close()
         raise

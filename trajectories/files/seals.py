@@ -62,15 +62,16 @@ def is_sealed(path: Path) -> bool:
     return sealed_kind(path) is not None
 
 
+def is_seal_broken(path: Path) -> bool:
+    """Whether a file ends with a seal that is not valid: it was edited or damaged since it was written."""
+    return _has_seal(path) and not is_sealed(path)
+
+
 def sealed_kind(path: Path) -> str | None:
     """Kind of a sealed file, "" where an earlier version wrote none; None for a file that `is_sealed` refuses."""
     try:
-        if path.is_symlink() or not path.is_file():
+        if path.is_symlink() or not _has_seal(path):
             return None
-        with path.open("rb") as handle:
-            handle.seek(max(0, path.stat().st_size - TAIL_BYTES))
-            if SEAL not in handle.read():
-                return None
         data = path.read_bytes()
     except OSError:
         return None
@@ -86,6 +87,18 @@ def is_sealed_with(path: Path, beside: Path) -> bool:
     """Whether a file's seal is valid, and covers the content of `beside`."""
     try:
         return is_sealed(path) and not beside.is_symlink() and _beside(beside) + SEAL in path.read_bytes()
+    except OSError:
+        return False
+
+
+def _has_seal(path: Path) -> bool:
+    """Whether a seal, valid or not, stands at the end of a regular file."""
+    try:
+        if not path.is_file():
+            return False
+        with path.open("rb") as handle:
+            handle.seek(max(0, path.stat().st_size - TAIL_BYTES))
+            return SEAL in handle.read()
     except OSError:
         return False
 
