@@ -96,6 +96,11 @@ def tree(folder: Path, under: str = "") -> Iterator[str]:
             yield under + entry.name
 
 
+def is_file_of(path: Path, digest: str) -> bool:
+    """Whether this is a regular file with this digest."""
+    return stat.S_ISREG(path.lstat().st_mode) and file_digest(path) == digest
+
+
 def file_digest(path: Path) -> str:
     """sha256 of a file, in hexadecimal."""
     with path.open("rb") as handle:

@@ -58,13 +58,13 @@ def refuse_foreign(folder: Path, marker: Marker | None) -> None:
         raise foreign_error(folder, name, marker)
 
 
-def foreign_error(folder: Path, name: str, marker: Marker | None) -> UserError:
-    """UserError about a file of a folder, `name`, that is not part of a folder of this kind."""
+def foreign_error(folder: Path, name: str, marker: Marker | None, at: Path | None = None) -> UserError:
+    """UserError about a file of a folder, `name`, that is not part of a folder of this kind; at: where it lies now."""
     advice = "move it, or choose an empty or new folder"
-    found = sealed_kind(folder / marker.name) if marker else None
+    found = sealed_kind((at or folder) / marker.name) if marker else None
     if marker is not None and found is not None and found != marker.kind:
         return UserError(f"{folder}: {_other(found, marker.kind)}; {advice}")
-    if kind := sealed_kind(folder / name):
+    if kind := sealed_kind((at or folder) / name):
         return UserError(f"{folder}: contains {name}, which uavbench wrote as `{kind}`; {advice}")
     return UserError(f"{folder}: contains {name}, which uavbench did not write or which was edited since; {advice}")
 
@@ -77,15 +77,19 @@ def refuse_no_folder(folder: Path) -> None:
         raise UserError(f"{folder}: is a file; name a folder to write to")
 
 
-def refuse_foreign_file(path: Path, kind: str = "") -> None:
-    """UserError when `path` exists and is not an unmodified file of uavbench, sealed as of this kind."""
-    if not os.path.lexists(path):
+def refuse_foreign_file(path: Path, kind: str = "", at: Path | None = None) -> None:
+    """UserError when `path` exists and is not an unmodified file of uavbench, sealed as of this kind.
+
+    at: where the file lies now, if it was renamed for the check.
+    """
+    now = at or path
+    if not os.path.lexists(now):
         return
-    if not _is_regular(path):
+    if not _is_regular(now):
         raise UserError(f"{path}: is a folder, a link or a device; name a file to write to")
     if _is_owned(path):
         return
-    found = sealed_kind(path)
+    found = sealed_kind(now)
     if found is None:
         raise UserError(f"{path}: exists and is not an unmodified file of uavbench; move it, or choose another name")
     if not kind or found != kind:

@@ -6,12 +6,12 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Concatenate, ParamSpec
 
 from uavbench.trajectories.errors import UserError
-from uavbench.trajectories.files.listed import Listed, Marker, file_digest, mark, tree
+from uavbench.trajectories.files.listed import Listed, Marker, file_digest, is_file_of, mark, tree
 from uavbench.trajectories.files.origin import (
     foreign,
     foreign_error,
@@ -21,6 +21,7 @@ from uavbench.trajectories.files.origin import (
     refuse_foreign_file,
     refuse_no_folder,
 )
+from uavbench.trajectories.files.placing import give_back, put_file, rename_new, take_away
 from uavbench.trajectories.files.seals import seal
 from uavbench.trajectories.files.temporary_names import temporary
 
@@ -53,8 +54,7 @@ def new_file(path: Path, *, kind: str = "", beside: Path | None = None) -> Itera
             seal(own.made, kind, beside)
         own.made.chmod(0o644)
         _sync(own.made)
-        refuse_foreign_file(path, kind)
-        own.made.replace(path)
+        put_file(own.made, path, lambda at: refuse_foreign_file(path, kind, at))
         _sync(path.parent)
     _note([path])
 
@@ -79,10 +79,12 @@ def new_folder(path: Path, marker: Marker | None = None) -> Iterator[Path]:
         _sync(own.made)
         _set_aside(path, own.replaced, marker)
         try:
-            own.made.rename(path)
-        except BaseException:
-            if own.replaced.exists() and not path.exists():
-                own.replaced.rename(path)
+            rename_new(own.made, path)
+        except BaseException as error:
+            if own.replaced.exists():
+                give_back(own.replaced, path)
+            if isinstance(error, FileExistsError):
+                raise UserError(f"{path}: was made by something else meanwhile; choose another folder") from None
             raise
         _sync(path.parent)
     _note(path / name for name in tree(path))
@@ -96,12 +98,13 @@ def _set_aside(folder: Path, to: Path, marker: Marker | None) -> None:
     refuse_no_folder(folder)
     if not folder.exists():
         return
-    folder.rename(to)
-    with owning_renamed(folder, to):
-        name = next(foreign(to, marker), None)
-    if name is not None:
-        to.rename(folder)
-        raise foreign_error(folder, name, marker)
+
+    def refuse(at: Path) -> None:
+        with owning_renamed(folder, at):
+            for name in foreign(at, marker):
+                raise foreign_error(folder, name, marker, at)
+
+    take_away(folder, to, refuse)
 
 
 @contextmanager
@@ -178,18 +181,24 @@ def _place(new: Path, folder: Path, marker: Marker) -> None:
     with owning(folder / name for name in before):
         for name in (*names, marker.name):
             _refuse_foreign_place(folder, name, marker.kind)
-        coming = {"files": {name: file_digest(new / name) for name in names}, "before": before}
-        write_text(folder / marker.name, json.dumps(coming, indent=1, sort_keys=True) + "\n", kind=marker.kind)
-        for name in (*names, marker.name):
-            target = folder / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            _sync(new / name)
-            refuse_foreign_file(target, marker.kind)
-            (new / name).replace(target)
-        for name in before.keys() - set(names):
-            (folder / name).unlink(missing_ok=True)
-            with suppress(OSError):  # the last file of its folder
-                (folder / name).parent.rmdir()
+
+    def refuse(at: Path, name: str) -> None:
+        if name not in before or not is_file_of(at, before[name]):
+            refuse_foreign_file(folder / name, marker.kind, at)
+
+    coming = {"files": {name: file_digest(new / name) for name in names}, "before": before}
+    write_text(folder / marker.name, json.dumps(coming, indent=1, sort_keys=True) + "\n", kind=marker.kind)
+    for name in (*names, marker.name):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _sync(new / name)
+        put_file(new / name, target, partial(refuse, name=name))
+    for name in before.keys() - set(names):
+        (new / name).parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError, UserError):  # removed or changed meanwhile
+            take_away(folder / name, new / name, partial(refuse, name=name))
+        with suppress(OSError):  # the last file of its folder
+            (folder / name).parent.rmdir()
     for below in {(folder / name).parent for name in names} | {folder}:
         _sync(below)
     _note(folder / name for name in (*names, marker.name))
