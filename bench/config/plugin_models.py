@@ -8,7 +8,7 @@ would have to import pydantic.
 import importlib
 import sys
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model
 
 from uavbench.bench.config.plugins import DEFAULT_KINDS, PLUGINS
-from uavbench.bench.inputs.plugin_files import loaded
+from uavbench.bench.inputs.plugin_files import declared, loaded
+from uavbench.bench.inputs.plugin_kernels import keep_by_content
 from uavbench.tracker.faults import named, users_place
 from uavbench.trajectories.errors import UserError, one_line
 
@@ -112,6 +113,7 @@ def own_plugins(data: Any) -> Extra:
         item = stack.pop()
         if isinstance(item, Mapping):
             kind = item.get("kind")
+            declared.update(_input_files(item))
             if isinstance(kind, str) and ":" in kind and kind not in found:
                 found[kind] = import_plugin(kind)
             stack.extend(item.values())
@@ -120,10 +122,17 @@ def own_plugins(data: Any) -> Extra:
     return tuple(sorted(found.items()))
 
 
+def _input_files(table: Mapping[str, Any]) -> Iterator[Path]:
+    """The files that a table names as `input_files`, as far as it is valid."""
+    given = table.get(INPUT_FILES)
+    yield from (Path(name) for name in (given if isinstance(given, list | tuple) else ()) if isinstance(name, str))
+
+
 def import_plugin(name: str) -> type:
     """Class of a plug-in named `module:attribute`; UserError when it cannot be imported or is no dataclass."""
     module, _, attribute = name.partition(":")
     before = frozenset(sys.modules)
+    keep_by_content()
     try:
         cls = getattr(importlib.import_module(module), attribute)
     except Exception as error:  # a module may raise anything

@@ -172,7 +172,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Extra]:
 def plugins_named(data: dict[str, Any], path: Path) -> Extra:
     """The user's plug-ins that the tables of a file name; UserError naming the file."""
     try:
-        return own_plugins(data)
+        return own_plugins(located(data, path.parent)[0])
     except UserError as error:
         raise UserError(f"{path}: {error}") from None
 

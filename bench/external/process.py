@@ -39,11 +39,19 @@ GONE_S = 2.0
 class Process:
     """A running program; on exit of the context its whole process tree is killed.
 
-    files: files that an isolated program may read besides its folder; None: not isolated.
+    files: files that an isolated program may read besides its folder; None: not isolated. kernels: folder of numba's
+    cache, by default numba's own choice.
     """
 
     def __init__(
-        self, command: Sequence[str], guard: Guard, *, memory_mb: int, piped: bool, files: Sequence[Path] | None = None
+        self,
+        command: Sequence[str],
+        guard: Guard,
+        *,
+        memory_mb: int,
+        piped: bool,
+        files: Sequence[Path] | None = None,
+        kernels: Path | None = None,
     ) -> None:
         if shutil.which(command[0]) is None:
             raise TrackerFault("cannot-start", "command", f"{command[0]!r} is not an executable program")
@@ -54,6 +62,7 @@ class Process:
         (guard.folder / "tmp").mkdir()
         passed_on: Sequence[str] = PASSED_ON
         own = {"TMPDIR": str(guard.folder / "tmp"), "PYTHONUNBUFFERED": "1"}
+        own |= {} if kernels is None else {"NUMBA_CACHE_DIR": str(kernels)}
         if files is not None:
             command, passed_on, own = isolated(command, guard.folder, files), PASSED_IN, WITHIN
         environment = {name: os.environ[name] for name in passed_on if name in os.environ} | own

@@ -23,6 +23,7 @@ from uavbench.bench.external.kept_folder import keep
 from uavbench.bench.external.process import Process
 from uavbench.bench.external.rows import ROW_FAULTS, Estimates, Fault, TrackerFault, read_estimates, read_row
 from uavbench.bench.inputs.command_files import command_files, run_files
+from uavbench.bench.inputs.program_kernels import kernels_of_program
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Feed, Samples
 from uavbench.scenes.dataset.sequence import Sequence
@@ -85,7 +86,9 @@ class External:
     def run(self, guard: Guard) -> Process:
         """The program, running in the folder of a guard."""
         files = self.seen_files if self.isolate else None
-        return Process(self.command, guard, memory_mb=self.memory_mb, piped=self.mode == "stream", files=files)
+        kernels = None if self.isolate else kernels_of_program(run_files(self.command), lambda: self.entering_files)
+        piped = self.mode == "stream"
+        return Process(self.command, guard, memory_mb=self.memory_mb, piped=piped, files=files, kernels=kernels)
 
     def start(
         self,

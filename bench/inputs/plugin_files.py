@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.bench.inputs.named_files import named_files
-from uavbench.trajectories.source_files import digest, made_of, source_file
+from uavbench.trajectories.source_files import MadeOf, digest, made_of, source_file
 
 loaded: dict[str, frozenset[str]] = {}
 """Module of a plug-in -> the modules loaded by importing it."""
+declared: set[Path] = set()
+"""Files that suites name as `input_files` of plug-ins."""
 
 
 def plugin_key(cls: type) -> dict[str, Any]:
@@ -20,9 +22,16 @@ def plugin_key(cls: type) -> dict[str, Any]:
     Its files are its whole package, all user modules that it imports or that were loaded by importing it, and the files
     named in their source (`named_files`).
     """
-    made = made_of([cls.__module__, *loaded.get(cls.__module__, ())])
-    files = {*named_files(made.files), *_package(cls.__module__)}
-    return {"files": digest(files), "distributions": _versions({cls.__module__.partition(".")[0], *made.others})}
+    module = cls.__module__
+    made = plugins_made_of([module, *loaded.get(module, ())], [module])
+    return {"files": digest(made.files), "distributions": _versions({module.partition(".")[0], *made.others})}
+
+
+def plugins_made_of(modules: Iterable[str], plugins: Iterable[str]) -> MadeOf:
+    """What modules import and name, and the whole packages of the modules of plug-ins."""
+    made = made_of(modules)
+    packages = (path for module in plugins for path in _package(module))
+    return MadeOf(frozenset({*named_files(made.files), *packages}), made.others)
 
 
 def bench_key(cls: type) -> str:

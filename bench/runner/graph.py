@@ -1,6 +1,5 @@
 """Runs a graph of jobs on an executor: up-to-date jobs are skipped, failures do not stop independent jobs."""
 
-import importlib
 import queue
 import resource
 import sys
@@ -9,7 +8,6 @@ import traceback
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -18,7 +16,7 @@ import cv2
 from tqdm import tqdm
 
 from uavbench.bench.inputs.content_hash import content_hash
-from uavbench.bench.inputs.plugin_files import loaded
+from uavbench.bench.inputs.worker_plugins import Plugins
 from uavbench.bench.runner.processes import end_when_told, end_with_parent
 from uavbench.bench.runner.written_files import Made, Place, expect_whole
 from uavbench.tracker.faults import named, users_place
@@ -131,12 +129,12 @@ class JobCost(NamedTuple):
     peak_mb: float
 
 
-def run_job(name: str, work: Work, made: Made, needs: tuple[Made, ...] = (), plugins: tuple[str, ...] = ()) -> JobCost:
+def run_job(plugins: Plugins, name: str, work: Work, made: Made, needs: tuple[Made, ...] = ()) -> JobCost:
     """Run one job in a worker and return its cost.
 
-    A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost. needs: the
-    outputs that it reads; one that another process replaces meanwhile makes it fail. plugins: the modules of the user's
-    plug-ins, imported first, since they may change what the module of a class defines.
+    A job that is already done is skipped: a cluster may resubmit it when the worker that ran it was lost. plugins: the
+    user's, the first argument and imported first, since they may change what the module of a class defines. needs: the
+    outputs that it reads; one that another process replaces meanwhile makes it fail.
     """
     begin = time.perf_counter()
     if made.is_whole:
@@ -147,9 +145,7 @@ def run_job(name: str, work: Work, made: Made, needs: tuple[Made, ...] = (), plu
             _progress.put((name, done / max(total, 1)))
 
     try:
-        for module in plugins:
-            with suppress(ModuleNotFoundError):  # of another suite in the same process; a class of it needs it anyway
-                importlib.import_module(module)
+        plugins.enter()
         with made.place.writing(made.content_hash):
             expect_whole(needs)
             work(made.content_hash, on_step)
@@ -187,11 +183,11 @@ def run_graph(jobs: list[Job], executor: Executor, progress: Any = None) -> Outc
     settled: queue.SimpleQueue[Future[JobCost]] = queue.SimpleQueue()
     peaks: dict[str, float] = {}
 
-    plugins = tuple(sorted(loaded))
+    plugins = Plugins.here()
 
     def start(job: Job) -> None:
         needs = tuple(need.made for need in job.needs if need.name not in outcome.failed)
-        future = executor.submit(run_job, job.name, job.work, job.made, needs, plugins)
+        future = executor.submit(run_job, plugins, job.name, job.work, job.made, needs)
         running[future] = job
         future.add_done_callback(settled.put)
 

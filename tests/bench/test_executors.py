@@ -15,9 +15,9 @@ import pytest
 from tests.bench.process_trees import wait_until
 from uavbench.bench.inputs import plugin_files
 from uavbench.bench.inputs.content_hash import content_hash
-from uavbench.bench.runner import graph
+from uavbench.bench.inputs.worker_plugins import Plugins
 from uavbench.bench.runner.executors import local_pool
-from uavbench.bench.runner.graph import Job, run_graph
+from uavbench.bench.runner.graph import Job, run_graph, run_job
 from uavbench.trajectories.files.writing import write_text
 
 
@@ -117,7 +117,6 @@ def test_the_module_that_a_suite_names_is_imported_in_workers_too(tmp_path, monk
     (tmp_path / "tuned.py").write_text("from as_it_was import Work\nWork.told = 'tuned'\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(plugin_files, "loaded", {})
-    monkeypatch.setattr(graph, "loaded", plugin_files.loaded)
     work = import_module("tuned").Work
     plugin_files.loaded |= {"tuned": frozenset(), "of_another_suite": frozenset()}
     marker = tmp_path / "out" / "marker.txt"
@@ -140,9 +139,7 @@ def test_an_error_comes_back_as_it_was_raised():
 
 
 def test_a_job_done_by_a_lost_worker_is_not_done_twice(tmp_path):
-    from uavbench.bench.runner.graph import run_job
-
     one = job(tmp_path, "one")
     for _ in range(2):
-        run_job(one.name, one.work, one.made)
+        run_job(Plugins(), one.name, one.work, one.made)
     assert len((tmp_path / "one.log").read_text().splitlines()) == 1

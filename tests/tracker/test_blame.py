@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from uavbench.bench.config.suite import load_tracker
+from uavbench.bench.inputs.worker_plugins import Plugins
 from uavbench.bench.runner.commands import count_failed_trackers
 from uavbench.bench.runner.graph import Job, JobFaultError, Outcome, run_job
 from uavbench.bench.runner.tasks import Track
@@ -163,7 +164,9 @@ def test_a_job_of_a_plug_in_that_ends_as_it_likes_has_failed(tmp_path, how):
     with pytest.raises(
         JobFaultError, match=rf"^{type(how).__name__}: .*\(tests/tracker/test_blame\.py:\d+ in __call__\)$"
     ):
-        run_job("render it", Leaves(how), Made(Place(tmp_path / "a", tmp_path / "a" / "record.json"), "hash"))
+        run_job(
+            Plugins(), "render it", Leaves(how), Made(Place(tmp_path / "a", tmp_path / "a" / "record.json"), "hash")
+        )
 
 
 CHECKED = """

@@ -113,6 +113,8 @@ def test_kernels_are_kept_elsewhere_where_the_cache_cannot_be_written(tmp_path, 
     (tmp_path / "tmp").mkdir()
     place, key = folder_of.__wrapped__, "0" * 32
     assert place(key) == tmp_path / "numba" / "uavbench-kernels" / key
+    (tmp_path / "numba" / MARKER).touch()  # as an external program is told: ours stay where they are
+    assert place(key) == tmp_path / "cache" / "uavbench" / "kernels" / key
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
     assert place(key) == tmp_path / "cache" / "uavbench" / "kernels" / key
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))

@@ -43,7 +43,7 @@ def temporary(path: Path) -> Iterator[Temporary]:
     stem = f".{path.name[:LONGEST]}-uavbench-{token}"
     owner = path.with_name(f"{stem}.owner")
     own = Temporary(path.with_name(stem + path.suffix[: LONGEST // 2]), path.with_name(f"{stem}.replaced"))
-    text = f"uavbench {_machine()} {os.getpid()} {_start(os.getpid())} {token}"
+    text = f"uavbench {_machine()} {os.getpid()} {start_ticks(os.getpid())} {token}"
     try:
         owner.symlink_to(text)
     except OSError as error:
@@ -90,10 +90,10 @@ def _is_dead(owner: Path, token: str, alone: bool) -> bool:
         return False
     if ours != "uavbench" or named != token or not pid.isdecimal():
         return False
-    return alone if machine != _machine() else _start(int(pid)) != start
+    return alone if machine != _machine() else start_ticks(int(pid)) != start
 
 
-def _start(pid: int) -> str:
+def start_ticks(pid: int) -> str:
     """Start time of a process in kernel ticks, since its number may be reused; "" for a dead one."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")

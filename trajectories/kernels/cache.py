@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,8 @@ from uavbench.trajectories.source_files import digest, editable, made_of, stamp
 MARKER = ".uavbench-kernels"
 """Marker file of a kernel cache folder."""
 KEY = re.compile(r"[0-9a-f]{32}")
+NUMBAS = re.compile(r".*\.nb[ci](\.tmp\.[0-9a-f]{16})?", re.DOTALL)
+"""Names of our kernels, and of numba's, in folders inside, for an external program."""
 KEPT_DAYS = 30.0
 """Kernels unused for this long are removed."""
 NOT_IN_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
@@ -44,6 +47,37 @@ _imported: dict[Path, tuple[int, ...]] = {}
 """Source files of imported modules, with their stamps at import."""
 _noted: set[str | None] = set()
 """Files of the modules that have been noted there or skipped."""
+
+
+@dataclass(frozen=True)
+class KernelFiles:
+    """Files of one kernel in a folder, one for each of its compiled versions."""
+
+    folder: Path
+    name: str
+
+    def load(self, key: Any) -> Any:
+        """What was kept for a key; LookupError, or whatever unpickling a damaged file raises, where there is none."""
+        kept_for, kept = pickle.loads(self._file(key).read_bytes())  # noqa: S301, ours
+        if kept_for != key:
+            raise LookupError("kept for another version of the kernel")
+        return kept
+
+    def keep(self, key: Any, made: Any) -> None:
+        """Keep a compiled version; a full or read-only disk is ignored."""
+        path = self._file(key)
+        with contextlib.suppress(OSError), temporary(path) as own:
+            own.made.write_bytes(dumps((key, made)))  # type: ignore[no-untyped-call]
+            own.made.replace(path)  # content-addressed: a file by another process is identical
+
+    def count(self) -> int:
+        """Number of compiled versions; 0 where the folder is gone."""
+        with contextlib.suppress(OSError):
+            return sum(path.name.startswith(f"{self.name}.") for path in self.folder.iterdir())
+        return 0
+
+    def _file(self, key: Any) -> Path:
+        return self.folder / f"{self.name}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
 
 
 class KernelCache(NullCache):
@@ -69,11 +103,10 @@ class KernelCache(NullCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel compiled for a signature; None when it is not cached or its file is broken."""
         try:
-            found = self._file(sig, target_context.codegen()).read_bytes()
             runtime: Any = rtsys
             runtime.initialize(target_context)  # a refresh takes 0.25 s more
-            kept_for, kept = pickle.loads(found)  # noqa: S301, ours
-            return kept.restored(target_context) if kept_for == sig else None
+            kept = self._files().load((sig, target_context.codegen().magic_tuple()))
+            return kept.restored(target_context)
         except Exception:  # unpickling a damaged file may raise anything
             return None
 
@@ -81,17 +114,13 @@ class KernelCache(NullCache):
         """Cache a compiled kernel; a full or read-only disk is ignored."""
         if data.library.has_dynamic_globals or any(not lifted.can_cache for lifted in data.lifted):
             return
-        with contextlib.suppress(OSError):
-            path = self._file(sig, data.codegen)
-            with temporary(path) as own:
-                own.made.write_bytes(dumps((sig, CachedKernel.of(data))))  # type: ignore[no-untyped-call]
-                own.made.replace(path)  # content-addressed: a file by another process is identical
+        with contextlib.suppress(FileNotFoundError):
+            self._files().keep((sig, data.codegen.magic_tuple()), CachedKernel.of(data))
 
-    def _file(self, sig: Any, codegen: Any) -> Path:
+    def _files(self) -> KernelFiles:
         if self.folder is None:
             raise FileNotFoundError("no folder for compiled kernels")
-        form = hashlib.sha256(repr((sig, codegen.magic_tuple())).encode()).hexdigest()[:16]
-        return self.folder / f"{self.name}.{form}.nbc"
+        return KernelFiles(self.folder, self.name)
 
 
 def cache_of(function: Callable[..., Any], inner: bool = False) -> NullCache:
@@ -175,9 +204,13 @@ def folder_of(key: str) -> Path | None:
 
 
 def homes() -> Iterator[Path]:
-    """Candidate folders, best first: numba's setting, the user's cache, a temporary folder."""
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        yield Path(os.environ["NUMBA_CACHE_DIR"]).absolute() / "uavbench-kernels"
+    """Candidate folders, best first: numba's setting, the user's cache, a temporary folder.
+
+    numba's setting counts unless it is a folder of ours, which only the user's kernels of an external program are for.
+    """
+    given = Path(os.environ.get("NUMBA_CACHE_DIR", "")).absolute()
+    if os.environ.get("NUMBA_CACHE_DIR") and not (given / MARKER).is_file():
+        yield given / "uavbench-kernels"
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))  # noqa: PTH111, raises nothing
     if user.is_absolute():
         yield user / "uavbench" / "kernels"
@@ -197,6 +230,9 @@ def remove_old(home: Path) -> None:
             continue
         with contextlib.suppress(OSError):  # a foreign folder, or removed by another process
             if (folder / MARKER).lstat().st_mtime < oldest:
-                for path in [*folder.glob("*.nbc"), folder / IMPORTS, folder / MARKER]:
+                kernels = [path for path in folder.rglob("*") if NUMBAS.fullmatch(path.name)]
+                for path in [*kernels, folder / IMPORTS, folder / MARKER]:
                     path.unlink(missing_ok=True)
+                for path in {path.parent for path in kernels} - {folder}:
+                    path.rmdir()
                 folder.rmdir()

@@ -1,0 +1,117 @@
+"""Compiled kernels of users' plug-ins (numba's `cache=True`), cached by the content of all files that they depend on.
+
+numba's own cache is invalidated by changes of the kernel's file alone, though the functions it calls and its constants
+may be in other files. Whatever determines a kernel's code has been imported when the kernel is compiled, so the name of
+the folder is the hash of all user modules imported by then, with all that they import and name, and of the declared
+`input_files`.
+"""
+
+import os
+import sys
+import sysconfig
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import Cache
+
+from uavbench.bench.inputs.plugin_files import declared, loaded, plugins_made_of
+from uavbench.trajectories.files.temporary_names import start_ticks
+from uavbench.trajectories.kernels.cache import KernelFiles, folder_of, key_of
+from uavbench.trajectories.kernels.kept_imports import remembered
+from uavbench.trajectories.source_files import LIBRARIES, is_ours, source_file
+
+MOST_VERSIONS = 100
+"""Most compiled versions of a kernel in a folder: some argument types differ in each process and are never loaded."""
+_load: Any = Cache.load_overload
+_save: Any = Cache.save_overload
+
+
+def keep_by_content() -> None:
+    """Make numba cache the kernels of users' files by content, from now on in this process."""
+    numbas: Any = Cache
+    numbas.load_overload, numbas.save_overload = _load_by_content, _save_by_content
+
+
+def _load_by_content(kernel: Any, sig: Any, target_context: Any) -> Any:
+    """The kernel compiled for a signature; None when it is not cached or its file is broken."""
+    if not _is_users(kernel._py_func):
+        return _load(kernel, sig, target_context)
+    files = _files_of(kernel)
+    if files is None:
+        return None
+    target_context.refresh()
+    try:
+        return kernel._impl.rebuild(target_context, files.load(kernel._index_key(sig, target_context.codegen())))
+    except Exception:  # unpickling a damaged file may raise anything
+        return None
+
+
+def _save_by_content(kernel: Any, sig: Any, data: Any) -> None:
+    """Cache a compiled kernel; a full or read-only disk is ignored."""
+    if not _is_users(kernel._py_func):
+        _save(kernel, sig, data)
+        return
+    files = _files_of(kernel)
+    if files is not None and files.count() < MOST_VERSIONS and kernel._impl.check_cachable(data):
+        files.keep(kernel._index_key(sig, data.codegen), kernel._impl.reduce(data))
+
+
+def _is_users(function: Callable[..., Any]) -> bool:
+    path = source_file(function.__module__)
+    return path is not None and not is_ours(path)
+
+
+def _files_of(kernel: Any) -> KernelFiles | None:
+    """Files of a kernel; None where nothing can be cached."""
+    function = kernel._py_func
+    own = Path(function.__code__.co_filename)
+    folder = _folder(function.__module__, own, _users_modules(), frozenset(loaded), frozenset(declared))
+    return None if folder is None or not kernel._enabled else KernelFiles(folder, kernel._impl.filename_base)
+
+
+def _users_modules() -> frozenset[str]:
+    """Names of the imported modules of users, including a script's `__main__`, but not that of an installed command."""
+    commands = Path(sysconfig.get_path("scripts"))
+    found = {name: source_file(name) for name in list(sys.modules)}
+    return frozenset(name for name, path in found.items() if path and not is_ours(path) and path.parent != commands)
+
+
+@cache
+def _folder(
+    module: str, own: Path, modules: frozenset[str], plugins: frozenset[str], given: frozenset[Path]
+) -> Path | None:
+    """Folder of a module's kernels; None where a file was written since this process started.
+
+    Whether such a file was imported before or after is unknown, as are values that were set in an interactive session.
+    """
+    if hasattr(sys, "ps1"):
+        return None
+    try:
+        with remembered(folder_of):
+            made = plugins_made_of({module, *modules}, {module, *plugins} & set(sys.modules))
+        files = frozenset({*made.files, *given, own})
+        if any(max(path.stat().st_ctime_ns, path.lstat().st_ctime_ns) >= _started_ns() for path in files):
+            return None
+        return folder_of(key_of(f"{module} {_installed()}", files))
+    except OSError:
+        return None
+
+
+@cache
+def _installed() -> list[str]:
+    """Names of all installed distributions with their versions, as the folders of their metadata are called."""
+    folders = {Path(place) for place in sys.path if Path(place).name in LIBRARIES}
+    return sorted(path.name for folder in folders for path in folder.glob("*-info"))
+
+
+@cache
+def _started_ns() -> int:
+    """Time at which this process started, ns since 1970; 0 where the system does not tell."""
+    ticks = start_ticks(os.getpid())
+    if not ticks.isdigit():
+        return 0
+    boot_ns = time.time_ns() - time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+    return boot_ns + int(ticks) * 1_000_000_000 // os.sysconf("SC_CLK_TCK")
