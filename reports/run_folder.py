@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from uavbench.reports.scoring.runs import ScoredRun
 
 SCORES = "results/*/*/score.json"
+RECORDS = "made"
+"""Folder inside with a record for each job: the hash of its inputs and the files that it wrote."""
 
 
 def load_scores(folder: str | Path) -> "DataFrame":
@@ -67,4 +69,13 @@ def _score_files(folder: Path) -> list[Path]:
     files = sorted(folder.glob(SCORES))
     if not files:
         raise UserError(f"{folder}: has no scores ({SCORES}); create them with `uavbench score SUITE --out {folder}`")
+    for file in files:
+        refuse_disowned(folder, file)
     return files
+
+
+def refuse_disowned(folder: Path, file: Path) -> None:
+    """UserError when an input of a run's file was written while it was made, or its job has not ended."""
+    record = folder / RECORDS / file.relative_to(folder)
+    if record.is_file() and not read_json(record).get("content_hash"):
+        raise UserError(f"{file}: made of inputs that changed meanwhile, or not to the end; run the suite again")

@@ -1,6 +1,7 @@
 """`uavbench pack`: render a suite with secret seeds, and write the package for participants."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from uavbench.bench.challenge.guesses import refuse_guessed
@@ -9,7 +10,7 @@ from uavbench.bench.challenge.package import PACKAGE, write_package
 from uavbench.bench.challenge.secret import read_or_make
 from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
-from uavbench.bench.runner.commands import tell
+from uavbench.bench.runner.commands import disowned_if_ended, refuse_touched, tell
 from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
@@ -42,7 +43,7 @@ def pack(suite_name: str, where: Packing) -> int:
     """Render the missing sequences of a suite with secret seeds and write its package; exit code as `bring_up_to`.
 
     UserError for a suite that cannot be a challenge, nested folders, a weak secret, and flights that can be guessed
-    from the suite's file.
+    from the suite's file; and when an input was written while sequences were rendered from it.
     """
     suite = load_suite(suite_file(suite_name))
     specs = _rendered(suite)
@@ -50,14 +51,17 @@ def pack(suite_name: str, where: Packing) -> int:
     secret_file = resolved(where.secret) if where.secret else truth / SECRET
     _refuse_together(out, truth, secret_file)
     refuse_foreign(out, PACKAGE)
-    with suite_folder(truth, suite, kind=TRUTH), local_pool(where.workers) as (executor, progress):
+    with suite_folder(truth, suite, kind=TRUTH):
         secret = read_or_make(secret_file)
         hidden = {spec.name: replace(spec, seed=secret.seed(spec.name)) for spec in specs}
         challenge = Challenge.of(suite, secret)
         challenge.save(truth)
-        jobs = plan(replace(suite, sequences=tuple(hidden.values())), truth, "render")
-        outcome = run_graph(jobs, executor, progress)
-        tell(outcome, truth)
+        planned = partial(plan, replace(suite, sequences=tuple(hidden.values())), truth, "render")
+        jobs = planned()
+        with disowned_if_ended(jobs, planned), local_pool(where.workers) as pool:
+            outcome = run_graph(jobs, *pool)
+            tell(outcome, truth)
+            refuse_touched(jobs, planned, outcome.done)
         if outcome.failed:
             return 2 if outcome.users_mistake else 1
         sequences = {

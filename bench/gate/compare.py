@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,12 +20,13 @@ import numpy as np
 
 from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
-from uavbench.bench.gate.compare_sides import Side, at_work, file_of, statements
+from uavbench.bench.gate.compare_sides import Side, at_work, file_of, keys_of, statements
 from uavbench.bench.gate.decision import Margins
 from uavbench.bench.gate.findings import pronounce
 from uavbench.bench.gate.versions import version
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.inputs.file_paths import FREE
+from uavbench.bench.inputs.touched_files import touched_since
 from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to
 from uavbench.bench.runner.output_folder import RESULTS, SUITE, resolved
 from uavbench.bench.said import say
@@ -46,7 +48,10 @@ LEAST_MS = 0.05
 
 
 def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, margins: Margins, workers: int) -> int:
-    """Compare two versions; the exit code of the gate, 1 when the frames cannot be rendered."""
+    """Compare two versions; the exit code of the gate, 1 when the frames cannot be rendered.
+
+    UserError also when a file of the working tree's trackers was written meanwhile.
+    """
     out = resolved(out)
     for path, kind in ((out / "base" / SUITE, RESULTS), (out / "head" / "timing.json", TIMING)):
         refuse_foreign_file(path, kind)
@@ -61,12 +66,16 @@ def compare(refs: tuple[str, str], suite_name: str, out: Path, repeats: int, mar
         if code:
             return code
         labels = [*suite.trackers]
+        keys = partial(keys_of, versions, file)
+        before = keys()
         sides = {name: stack.enter_context(at_work(each, file, labels)) for name, each in versions.items()}
         commits = ", ".join(f"{name} {side.version.commit}" for name, side in sides.items())
         say(f"{commits}, {repeats} repeats", err=True)
         for line in statements(sides, file):
             say(line, err=True)
         times, unknown = run_in_turn(sides, suite, flown, out, repeats)
+        if (touched := touched_since(before, keys, before)).jobs:
+            raise UserError(f"changed while it was compared: {touched}; compare again, as results are of both contents")
     for label, why in unknown.items():
         say(f"not compared, unknown to the base: {label} ({why})", err=True)
     known = [label for label in suite.trackers if label not in unknown]

@@ -10,11 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.bench.config.plugin_models import import_plugin
+from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import SUITES
 from uavbench.bench.external.guard import Talk, talk
 from uavbench.bench.gate.versions import Version, placed
+from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.runner.executors import PACKAGES
 from uavbench.trajectories.errors import UserError, plain
 from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.source_files import digest
 
 MOST_TOLD = 8
 """Most names of untracked files that are reported; the rest are counted."""
@@ -76,6 +80,17 @@ def file_of(version: Version, file: Path) -> Path:
     """A version's own copy of a file; the given file if the version has none."""
     own = version.of(file)
     return own if own.is_file() else file
+
+
+def keys_of(versions: Mapping[str, Version], file: Path) -> dict[str, str]:
+    """Hash of what each tracker of the suite is made of in the working tree, if that is one of the versions."""
+    working = [each for each in versions.values() if each.folder == each.top]
+    keys: dict[str, str] = {}
+    for each in working[:1]:
+        ours = [path for name in PACKAGES for path in (each.top / name).rglob("*.py")] if each.is_ours else []
+        code = digest(ours)
+        keys = {label: content_hash(tracker, code) for label, tracker in load_suite(file).trackers.items()}
+    return keys
 
 
 def trackers_in(suite: Path) -> dict[str, dict[str, Any]]:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from uavbench.reports.closed_loop.measures import FlightScore
+from uavbench.reports.run_folder import refuse_disowned
 from uavbench.reports.scoring.score import PoseErrors, Score
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import DamagedFileError, UserError
@@ -154,9 +155,9 @@ def read_side(folder: Path) -> Side:
 
 def _measured(folder: Path, sequence: str, run: str, *, flown: bool) -> Measured:
     """Measured values of one run of a folder; UserError when it has no score."""
-    if flown:
-        return Measured.of_flight(FlightScore.load(folder / "flights" / sequence / run / "score.json"))
-    return Measured.of(Score.load(folder / "results" / sequence / run / "score.json"))
+    path = folder / ("flights" if flown else "results") / sequence / run / "score.json"
+    refuse_disowned(folder, path)
+    return Measured.of_flight(FlightScore.load(path)) if flown else Measured.of(Score.load(path))
 
 
 def expect_comparable(base: Measured, head: Measured, key: Key) -> None:

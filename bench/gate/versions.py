@@ -37,6 +37,11 @@ class Version:
     top: Path
     linked: tuple[str, ...] = ()
 
+    @property
+    def is_ours(self) -> bool:
+        """Whether the repository contains uavbench itself."""
+        return (self.top / SERVER).is_file()
+
     def of(self, path: Path) -> Path:
         """The path in this version that corresponds to one of the repository; paths outside of it are unchanged."""
         plain = Path(os.path.normpath(path))
@@ -56,7 +61,7 @@ class Version:
         given = [Path(place).absolute() for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
         paths = [*given, *(Path(place).absolute() for place in sys.path), *roots]
         inside = [path for path in paths if path.is_relative_to(self.top) and not path.is_relative_to(sys.prefix)]
-        ours = [self.folder / "src"] if (self.top / SERVER).is_file() else []
+        ours = [self.folder / "src"] if self.is_ours else []
         running = [] if ours or "site-packages" in OWN.parts else [OWN]
         search = [*ours, *map(self.of, inside), *(p for p in given if not p.is_relative_to(self.top)), *running]
         free = [Path(place).resolve() for place in os.environ.get(FREE, "").split(os.pathsep) if place]

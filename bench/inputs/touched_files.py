@@ -1,10 +1,11 @@
-"""Files that were written while jobs ran that use them: nobody knows which content they used."""
+"""Files that were written while jobs or commands used them: nobody knows which content they used."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from uavbench.trajectories.source_files import told_apart, touched
+from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.source_files import stamp, told_apart, touched
 
 Keys = Callable[[], Mapping[str, str]]
 """Computes the content hash of every job, by name."""
@@ -19,9 +20,31 @@ class Touched:
     jobs: frozenset[str] = frozenset()
 
     def __str__(self) -> str:
-        """The names of the first files."""
-        names = ", ".join(path.name for path in self.files[:MOST_NAMED])
-        return names + (f" and {len(self.files) - MOST_NAMED} more" if len(self.files) > MOST_NAMED else "")
+        return first_names(self.files)
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Stamps of files that a command reads, taken before it does."""
+
+    stamps: Mapping[Path, tuple[int, ...]]
+
+    @classmethod
+    def of(cls, paths: Iterable[Path]) -> "Stamps":
+        """Those of the files among paths."""
+        return cls({path: stamp(path) for path in paths if path.is_file()})
+
+    def expect_unchanged(self, therefore: str) -> None:
+        """UserError when a file was written or removed since, with what follows from it."""
+        changed = sorted(path for path, then in self.stamps.items() if not path.is_file() or stamp(path) != then)
+        if changed:
+            raise UserError(f"changed while it was in use: {first_names(changed)}; {therefore}")
+
+
+def first_names(files: Sequence[Path]) -> str:
+    """Names of the first files, and the number of the others."""
+    names = ", ".join(path.name for path in files[:MOST_NAMED])
+    return names + (f" and {len(files) - MOST_NAMED} more" if len(files) > MOST_NAMED else "")
 
 
 def touched_since(planned: Mapping[str, str], keys: Keys, done: Iterable[str]) -> Touched:

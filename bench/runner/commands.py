@@ -70,9 +70,10 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     if where.slurm:
         run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)
         run_shards(run, folder, where.slurm, where.slurm_options)
-    with suite_folder(folder, suite, shard), _executor(where, folder) as (executor, progress):
-        outcome = run_graph(jobs, executor, progress)
-        disown_touched(jobs, planned, outcome)
+    with suite_folder(folder, suite, shard), disowned_if_ended(jobs, planned), _executor(where, folder) as pool:
+        outcome = run_graph(jobs, *pool)
+        if changed := disown_touched(jobs, planned, outcome.done):
+            say(changed, err=True)
         count_failed_trackers(jobs, outcome)
         tell(outcome, folder)
         if shard is None:
@@ -92,17 +93,40 @@ def run_shard(verb: str, suite_name: str, out: Path, shard: str, *, isolate: boo
     return bring_up_to(verb, suite_name, out, ExecutionOptions(workers=1, shard=shard, isolate=isolate, video=video))
 
 
-def disown_touched(jobs: list[Job], planned: Callable[[], list[Job]], outcome: Outcome) -> None:
-    """Make the jobs done stale whose inputs were written while they ran, and report it on standard error."""
-    before = {job.name: job.content_hash for job in jobs}
-    done = [job.name for job in outcome.done]
-    touched = touched_since(before, lambda: {job.name: job.content_hash for job in planned()}, done)
-    for job in outcome.done:
+def disown_touched(jobs: list[Job], planned: Callable[[], list[Job]], done: list[Job]) -> str:
+    """Make the jobs done stale whose inputs were written while they ran; a message about it, "" if there are none.
+
+    jobs: as they were planned before; planned: plans them again.
+    """
+    touched = touched_since(_keys(jobs), lambda: _keys(planned()), [job.name for job in done])
+    for job in done:
         if job.name in touched.jobs:
             job.place.disown()
-    if touched.jobs:
-        again = f"the same command does {len(touched.jobs)} of them again"
-        say(f"changed while jobs that use it ran: {touched}; {again}", err=True)
+    count = f"the same command does {len(touched.jobs)} of them again"
+    return f"changed while jobs that use it ran: {touched}; {count}" if touched.jobs else ""
+
+
+def _keys(jobs: list[Job]) -> dict[str, str]:
+    return {job.name: job.content_hash for job in jobs}
+
+
+@contextmanager
+def disowned_if_ended(jobs: list[Job], planned: Callable[[], list[Job]]) -> Iterator[None]:
+    """Context that disowns the jobs whose inputs were written when it ends by an exception, such as an interrupt.
+
+    Enter it before the executor, whose workers may finish jobs until it has ended.
+    """
+    try:
+        yield
+    except BaseException:
+        disown_touched(jobs, planned, [job for job in jobs if job.fresh])
+        raise
+
+
+def refuse_touched(jobs: list[Job], planned: Callable[[], list[Job]], done: list[Job]) -> None:
+    """`disown_touched`, for a command that goes on with the results: UserError when an input was written."""
+    if changed := disown_touched(jobs, planned, done):
+        raise UserError(changed)
 
 
 def count_failed_trackers(jobs: list[Job], outcome: Outcome) -> None:

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from uavbench.bench.config.suite import Suite, load_suite, plugins_named, suite_of
 from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.runner.commands import disowned_if_ended, refuse_touched
 from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
@@ -29,7 +31,7 @@ def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None,
     sufficient; relative paths in a dict are resolved against the current folder. out: the suite's folder, by default
     `out/NAME`, `out/suite` for a dict. workers: 1 renders in this process; more need `if __name__ == "__main__":` in a
     script. Returns an iterable of `Sequence`, each an iterable of its frames: see `open_sequence`. UserError listing
-    all errors of the suite, or the reasons why sequences could not be rendered.
+    all errors of the suite, the reasons why sequences could not be rendered, or the files written while they were.
 
     >>> import uavbench as ub
     >>> box = {"structure": {"kind": "box"}, "environment": {"kind": "studio"}, "rate_hz": 10.0}
@@ -41,10 +43,12 @@ def render(suite: str | Path | Mapping[str, Any], out: str | Path | None = None,
     """
     checked = _suite(suite)
     folder = resolved(Path(out) if out is not None else Path("out") / checked.name)
-    jobs = plan(checked, folder, last="render")
+    planned = partial(plan, checked, folder, last="render")
+    jobs = planned()
     pool: AbstractContextManager[Any] = local_pool(workers) if workers > 1 else nullcontext((InProcess(), None))
-    with suite_folder(folder, checked), pool as (executor, progress):
+    with suite_folder(folder, checked), disowned_if_ended(jobs, planned), pool as (executor, progress):
         outcome = run_graph(jobs, executor, progress)
+        refuse_touched(jobs, planned, outcome.done)
     if outcome.failed:
         raise UserError("\n".join(f"{name}: {why}" for name, why in outcome.failed.items()))
     return [Sequence.load(job.marker.parent) for job in jobs]

@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from uavbench.bench.inputs.content_hash import carried_hash
+from uavbench.reports.run_folder import RECORDS
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.listed import Marker, tree
 from uavbench.trajectories.files.origin import owning, refuse_foreign
 from uavbench.trajectories.files.writing import noting, write_text
-
-RECORDS = "made"
 
 
 @dataclass(frozen=True)

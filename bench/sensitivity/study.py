@@ -6,13 +6,14 @@ DIR/sensitivity.md, .csv        the table
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from uavbench.bench.config.suite import Suite, load_suite
 from uavbench.bench.config.suite_files import suite_file
-from uavbench.bench.runner.commands import tell
+from uavbench.bench.runner.commands import disowned_if_ended, refuse_touched, tell
 from uavbench.bench.runner.executors import local_pool
 from uavbench.bench.runner.graph import run_graph
 from uavbench.bench.runner.jobs import plan
@@ -64,7 +65,8 @@ class Change:
 def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers: int) -> int:
     """Run the missing runs of a study of the tracker `label`, and write its table; the exit code.
 
-    paths: values to study, or tables of them, by dotted path; all without any. UserError for an unknown path.
+    paths: values to study, or tables of them, by dotted path; all without any. UserError for an unknown path, and when
+    an input was written while runs used it.
     """
     suite = load_suite(suite_file(suite_name))
     variants = variants_of(suite, label, paths)
@@ -72,10 +74,16 @@ def study(suite_name: str, out: Path, label: str, paths: Sequence[str], workers:
     trackers |= {v.label: changed(suite.trackers[label], v.value.path, v.set_to) for v in variants}
     suite = replace(suite, name=f"{suite.name}-sensitivity", trackers=trackers, protocols=())
     folder = resolved(out)
-    jobs = plan(suite, folder, last="score")
-    with suite_folder(folder, suite, kind="sensitivity study"), local_pool(workers) as (executor, progress):
-        outcome = run_graph(jobs, executor, progress)
+    planned = partial(plan, suite, folder, last="score")
+    jobs = planned()
+    with (
+        suite_folder(folder, suite, kind="sensitivity study"),
+        disowned_if_ended(jobs, planned),
+        local_pool(workers) as pool,
+    ):
+        outcome = run_graph(jobs, *pool)
         tell(outcome, folder)
+        refuse_touched(jobs, planned, outcome.done)
         done = {job.work.results for job in jobs if isinstance(job.work, ScoreTask) and job.name not in outcome.failed}
         changes = [change(suite, variant, folder, done) for variant in variants]
         write(changes, folder)

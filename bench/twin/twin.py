@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from uavbench.bench.closed_loop.eye import eye
 from uavbench.bench.config.suite import recorded_spec
-from uavbench.bench.inputs.content_hash import carried_hash, content_hash
+from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash
+from uavbench.bench.inputs.touched_files import Stamps, touched_since
 from uavbench.bench.twin.blender import Blender, find_blender
 from uavbench.bench.twin.path_tracer import TracedScene
 from uavbench.scenes.camera_path import camera_path
@@ -48,6 +49,7 @@ MADE_ANEW = {
     MARKER.name, "sequence.json", "frames.csv", "groundtruth.csv", "row_poses.npy", "contact_sheet.jpg", "crlb.csv",
 }  # fmt: skip
 """Files of a sequence that are not copied as they are; the bounds of `crlb.csv` hold only for the original images."""
+NOT_WRITTEN = "the twin was not written; render it again"
 SAME_M = 1e-6
 """Tolerance in m between a recorded flight and its repetition."""
 
@@ -66,14 +68,16 @@ def make_twin(
     """Write the twin of the sequence `folder` into `out`, whole or not at all, unless an up-to-date one is there.
 
     on_frame(frames done, all) reports progress. UserError when the sequence has no spec or this version flies it
-    differently, `every` exceeds its frames, Blender is absent, too old or fails, or `out` holds anything but a twin.
+    differently, `every` exceeds its frames, Blender is absent, too old or fails, `out` holds anything but a twin, or
+    the sequence was written meanwhile.
     """
+    before = Stamps.of(folder.rglob("*"))
     sequence = Sequence.load(folder)
     spec = spec_of(sequence)
     stamps = _stamps(sequence, tracing.every)
     _refuse_other(out, folder)
     blender = find_blender()
-    provenance = _provenance(sequence, tracing, blender)
+    provenance = _provenance(sequence, spec, tracing, blender)
     if carried_hash(out / "sequence.json") == content_hash(provenance):
         return
     prepare(__name__)
@@ -90,6 +94,10 @@ def make_twin(
         write_text(new / "sequence.json", json.dumps(info, indent=1) + "\n")
         write_contact_sheet(Sequence.load(new), new / "contact_sheet.jpg")
         write_manifest(new)
+        before.expect_unchanged(NOT_WRITTEN)
+        now = lambda: {"twin": content_hash(_provenance(sequence, spec, tracing, blender))}  # noqa: E731
+        if (touched := touched_since({"twin": content_hash(provenance)}, now, ["twin"])).jobs:
+            raise UserError(f"changed while it was in use: {touched}; {NOT_WRITTEN}")
 
 
 def spec_of(sequence: Sequence) -> SequenceSpec:
@@ -195,8 +203,8 @@ def _numbered(rows: Iterable[str]) -> Iterable[str]:
     return (f"{frame},{row.partition(',')[2]}" for frame, row in enumerate(rows))
 
 
-def _provenance(sequence: Sequence, tracing: Tracing, blender: Blender) -> dict[str, Any]:
-    """Inputs that determine a twin: its sequence and the renderer's settings."""
+def _provenance(sequence: Sequence, spec: SequenceSpec, tracing: Tracing, blender: Blender) -> dict[str, Any]:
+    """Inputs that determine a twin: its sequence, the files of its scene, the renderer's settings and the code."""
     return {
         "of": sequence.name,
         "content_hash": sequence.content_hash,
@@ -204,6 +212,8 @@ def _provenance(sequence: Sequence, tracing: Tracing, blender: Blender) -> dict[
         "every": tracing.every,
         "renderer": f"Blender {blender.version}, Cycles on the CPU",
         "samples": tracing.samples,
+        "scene": content_hash(spec),
+        "code": code_hash("trajectories", "scenes", "bench/twin"),
     }
 
 

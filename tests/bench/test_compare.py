@@ -270,3 +270,14 @@ def test_of_each_frame_the_smallest_time_counts():
     assert smallest(times, []) == {}
     quick = {key: [[0.001]] for key in times}
     assert smallest(quick, ["t"])["t@15hz"][0]["head_ms"] == 0.05
+
+
+@pytest.mark.ci
+def test_a_tracker_of_the_working_tree_that_is_edited_meanwhile_is_not_compared(foreign):
+    program = foreign / "programs/stream.py"
+    program.write_text(STREAM.replace('print("ready"', 'open(__file__, "a").write("#")\nprint("ready"'))
+    suite = foreign / "suites/offset.toml"
+    result = CliRunner().invoke(main, ["compare", "HEAD", "--suite", str(suite), "--repeats", "1", "--jobs", "1"])
+    assert result.exit_code == 2
+    assert "changed while it was compared: stream.py" in result.output
+    assert not (foreign / "out/compare/gate").exists()

@@ -506,3 +506,14 @@ def test_a_twin_is_a_sequence_like_any_other_the_same_twice(blender, sequence, t
     export(made, "euroc", tmp_path / "euroc")
     assert twin(sequence, "--every", 3, "--samples", 1, "--out", tmp_path / "twin").exit_code == 0  # over our own
     refused(twin(tmp_path / "twin", "--out", tmp_path / "of-a-twin"), "is itself a twin")
+
+
+def test_a_twin_of_a_sequence_that_is_written_meanwhile_is_not_kept(black, sequence, tmp_path):
+    given = shutil.copytree(sequence, tmp_path / "given")
+    script = tmp_path / "black.py"
+    script.write_text(BLACK.replace("print('{", f"Path({str(given / 'imu.csv')!r}).touch()\nprint('{{", 1))
+    done = twin(given, "--every", 4, "--out", tmp_path / "t")
+    assert done.exit_code == 2 and "changed while it was in use: imu.csv; the twin was not written" in done.output
+    assert not (tmp_path / "t").exists()
+    script.write_text(BLACK)
+    assert twin(given, "--every", 4, "--out", tmp_path / "t").exit_code == 0

@@ -1,0 +1,128 @@
+"""Results whose inputs were written while they were made are never handed on, whichever command made them."""
+
+import json
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import uavbench as ub
+from tests.bench.conftest import packed
+from tests.bench.drawn_scores import drawn, write
+from tests.bench.small_suites import SMALL, small_suite
+from uavbench.bench.cli.main import main
+from uavbench.bench.config.suite import load_suite
+from uavbench.bench.gate.paired_scores import read_side
+from uavbench.bench.inputs.touched_files import Stamps
+from uavbench.bench.runner.commands import ExecutionOptions, bring_up_to, disowned_if_ended
+from uavbench.bench.runner.graph import run_graph
+from uavbench.bench.runner.jobs import plan
+from uavbench.bench.runner.render_suite import InProcess
+from uavbench.trajectories.errors import UserError
+
+PLUGIN = """
+from dataclasses import dataclass
+from pathlib import Path
+from uavbench.scenes.structures.box import Box
+
+GIVEN = Path(__file__).parent / "given.txt"
+
+@dataclass(frozen=True)
+class Mine:
+    def build(self, rng):
+        if GIVEN.read_text() == "edited in the middle":
+            GIVEN.write_text("as it stays")
+        return Box().build(rng)
+"""
+CHANGED = "changed while jobs that use it ran: given.txt; the same command does"
+
+
+@pytest.fixture
+def suite(tmp_path, monkeypatch):
+    """File of a suite, of whose structure an input is written while it is first rendered."""
+    (tmp_path / "plugin_that_writes.py").write_text(PLUGIN)
+    (tmp_path / "given.txt").write_text("edited in the middle")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{':'.join(path for path in sys.path if path)}")
+    path = small_suite(tmp_path, 'mine = { kind = "lsd-single" }\n')
+    text = path.read_text().replace('{ kind = "box" }', '{ kind = "plugin_that_writes:Mine" }')
+    path.write_text(text.replace("seeds = [0, 1]", "seeds = [770177017]"))
+    yield path
+    sys.modules.pop("plugin_that_writes", None)
+
+
+def refused(result):
+    return result.exit_code == 2 and CHANGED in result.output
+
+
+def test_rendered_sequences_are_not_handed_to_a_script(suite, tmp_path):
+    with pytest.raises(UserError, match=CHANGED):
+        ub.render(suite, out=tmp_path / "out")
+    assert len(ub.render(suite, out=tmp_path / "out")) == 1
+
+
+def test_a_study_writes_no_table(suite, tmp_path):
+    out = tmp_path / "out"
+    command = ["sensitivity", str(suite), "--tracker", "mine", "--out", str(out), "--jobs", "1"]
+    assert refused(CliRunner().invoke(main, command))
+    assert not (out / "sensitivity.md").exists()
+    again = CliRunner().invoke(main, command)
+    assert again.exit_code == 0, again.output
+    assert (out / "sensitivity.md").exists()
+
+
+def test_no_package_is_written(suite, tmp_path):
+    def pack():
+        return packed(suite, tmp_path / "participants", "--truth", tmp_path / "kept", "--private-suite")
+
+    assert refused(pack())
+    assert not (tmp_path / "participants").exists()
+    assert pack().exit_code == 0
+
+
+def test_an_interrupt_leaves_nothing_fresh_that_was_made_of_both_contents(suite, tmp_path):
+    """With the first content again its hash would be that of a result."""
+    planned = partial(plan, load_suite(suite), tmp_path / "out", "render")
+    jobs = planned()
+    with pytest.raises(KeyboardInterrupt), disowned_if_ended(jobs, planned):
+        outcome = run_graph(jobs, InProcess())
+        assert outcome.done == jobs and all(job.fresh for job in jobs)
+        raise KeyboardInterrupt
+    (tmp_path / "given.txt").write_text("edited in the middle")
+    assert not any(job.fresh for job in planned())
+
+
+def test_results_that_were_disowned_are_neither_compared_nor_read(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL.replace("seeds = [0, 1]", "seeds = [0]"))
+    out = tmp_path / "out"
+    assert bring_up_to("score", str(path), out, ExecutionOptions()) == 0
+    assert len(ub.load_scores(out)) == 1 and not read_side(out).faults
+    next(job for job in plan(load_suite(path), out) if job.verb == "score").place.disown()
+    with pytest.raises(UserError, match=r"score\.json: made of inputs that changed meanwhile.*run the suite again"):
+        ub.load_scores(out)
+    assert ["run the suite again" in why for why in read_side(out).faults.values()] == [True]
+
+
+def test_scores_without_a_record_are_read(tmp_path):
+    folder = write(tmp_path / "scores", drawn(np.random.default_rng(0), sequences=1, seeds=1), sequences=1, seeds=1)
+    assert not read_side(folder).faults
+    record = folder / "made" / "results" / "s0-s0" / "lsd@15hz" / "score.json"
+    record.parent.mkdir(parents=True)
+    record.write_text(json.dumps({"content_hash": "abc", "files": {}}))
+    assert not read_side(folder).faults
+    record.write_text(json.dumps({"content_hash": "", "files": {}}))
+    assert read_side(folder).faults
+
+
+def test_files_that_were_written_are_named(tmp_path):
+    for name in "abcde":
+        (tmp_path / name).write_text(name)
+    before = Stamps.of(tmp_path.rglob("*"))
+    before.expect_unchanged("so what")
+    for name in "abcd":
+        (tmp_path / name).write_text(name)
+    with pytest.raises(UserError, match="changed while it was in use: a, b, c and 1 more; so what"):
+        before.expect_unchanged("so what")
