@@ -11,6 +11,7 @@ from uavbench.reports.report_figures import Drawing
 from uavbench.reports.restarts import RestartedRun, error_after_anchors
 from uavbench.reports.scoring.attributes import breakdowns
 from uavbench.reports.scoring.crlb_ratio import SIGMA_PX, error_over_bound
+from uavbench.reports.scoring.repeated_seeds import counted
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.statistics.bootstrap import compare_pairs, ranks, units
@@ -21,7 +22,8 @@ RANKED_BY = "area over the success curve"
 
 
 def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
-    """Figures over all runs."""
+    """Figures over all runs but repeated ones."""
+    runs = counted(runs)
     colours = {run.name: run.colour for run in runs}
     fast = fastest(runs)
     fastest_hz = fast[0].score.rate_hz
@@ -122,7 +124,11 @@ def rank(runs: ListOf[ScoredRun], colours: dict[str, int], rate_hz: float, *, al
 
 
 def paired(runs: ListOf[ScoredRun]) -> dict[str, list[Array]]:
-    """Area over the success curve of each tracker, by flight and seed; empty when they cannot be compared."""
+    """Area over the success curve of each tracker, by flight and seed; empty when they cannot be compared.
+
+    Runs that repeat another one are left out.
+    """
+    runs = counted(runs)
     names = list(dict.fromkeys(run.name for run in runs))
     keys = [sorted((r.score.flight, r.score.seed) for r in runs if r.name == name) for name in names]
     if len(names) < 2 or len(set(keys[0])) < 2 or any(key != keys[0] for key in keys):

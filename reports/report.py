@@ -46,12 +46,13 @@ from uavbench.reports.report_figures import WEIGHT, Drawing, Easel, Figures
 from uavbench.reports.restarts import COLUMNS as RESTARTS
 from uavbench.reports.restarts import RestartedRun, open_restarts, with_restarts
 from uavbench.reports.scoring.attributes import contrast_at, frames_looked_at
+from uavbench.reports.scoring.repeated_seeds import TIMED, counted, repeats_of
 from uavbench.reports.scoring.runs import ReportEntry, ScoredRun, open_runs
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.style import house_style
-from uavbench.reports.tables.columns import DETAILS
-from uavbench.reports.tables.summary_table import summary_table
+from uavbench.reports.tables.columns import COLUMNS, DETAILS
+from uavbench.reports.tables.summary_table import noted, summary_table
 from uavbench.reports.tables.writers import write_summary, write_tables
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.errors import UserError
@@ -132,8 +133,8 @@ def write_all_tables(
     folder: Path, runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun], absent: tuple[str, ...]
 ) -> list[NamedTable]:
     """Write the tables as Markdown, CSV and LaTeX, and return them."""
-    frame = score_frame(run.score.to_json() for run in runs)
-    summary, more = summary_table(frame), summary_table(frame, DETAILS)
+    frame, repeats = score_frame(run.score.to_json() for run in counted(runs)), str(repeats_of(runs))
+    summary, more = (noted(summary_table(frame, columns), repeats) for columns in (COLUMNS, DETAILS))
     write_summary(replace(summary, absent=absent), folder / "tables" / "summary")
     write_tables(more, folder / "tables" / "details")
     tables = [NamedTable("summary", replace(summary, absent=absent)), NamedTable("details", more)]
@@ -155,10 +156,9 @@ def write_scores(folder: Path, inputs: ReportInputs, scores: ListOf[Score]) -> N
 
     The JSON is that of each `Score`: records and reasons why an error is undefined have no place in a tidy table.
     """
-    timed = ("latency", "deadline_misses", "replay")
     rows = [score.to_json() for score in scores]
-    accuracy = [{key: row[key] for key in row if key not in timed} for row in rows]
-    times = [{key: row[key] for key in ("label", "rate_hz", "seed", "sequence", *timed)} for row in rows]
+    accuracy = [{key: row[key] for key in row if key not in TIMED} for row in rows]
+    times = [{key: row[key] for key in ("label", "rate_hz", "seed", "sequence", *TIMED)} for row in rows]
     head = {"title": inputs.title, "unrendered": dict(inputs.unrendered), "absent": dict(inputs.absent)}
     for name, entries in (("scores", accuracy), ("latency", times)):
         text = json.dumps({**head, name: entries}, indent=1, allow_nan=False)

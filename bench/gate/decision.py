@@ -2,12 +2,12 @@
 
 Errors and latency are compared as ratios: `fail` when the one-sided 95 % lower bound of the change, from a paired
 hierarchical bootstrap and corrected by Holm over all metrics, lies above the margin; `inconclusive` when there are
-fewer than five seeds, or when the upper bound lies above the required resolution; else `pass`. Each error is compared
-twice: by its mean change, which shows a few broken runs, and by its typical change, in which they have little weight
-and cannot hide a change of all others. Coverage is compared by its absolute mean loss against its own margin; so is the
-success rate of flights in closed loop, in addition to their path and estimate errors. Missing or non-finite values
-fail; what cannot be compared, because one side lacks it entirely, or a run crashes on both sides or is too short for
-the metric, is `inconclusive`: only what was compared can pass.
+fewer than five seeds that differ, or when the upper bound lies above the required resolution; else `pass`. Each error
+is compared twice: by its mean change, which shows a few broken runs, and by its typical change, in which they have
+little weight and cannot hide a change of all others. Coverage is compared by its absolute mean loss against its own
+margin; so is the success rate of flights in closed loop, in addition to their path and estimate errors. Missing or
+non-finite values fail; what cannot be compared, because one side lacks it entirely, or a run crashes on both sides or
+is too short for the metric, is `inconclusive`: only what was compared can pass.
 """
 
 import math
@@ -31,6 +31,7 @@ from uavbench.bench.gate.paired_scores import (
     read_side,
     read_timing,
 )
+from uavbench.bench.gate.repeated_seeds import repeats_of
 from uavbench.reports.statistics.bootstrap import Bootstrap, holm, sign_flip_p
 from uavbench.trajectories.errors import UserError
 
@@ -66,7 +67,7 @@ class Finding:
     baseline and value are means over sequences of means over seeds: geometric, so that change is value / baseline - 1,
     or, for the coverage, arithmetic, so that change is baseline - value. change, low and high are shares: of the
     baseline, or of all frames, a loss being positive. p is corrected over all findings; NaN where nothing could be
-    computed. reason: of the verdict, as text.
+    computed. reason: of the verdict, as text. repeats: the seeds that count once, since they repeat another one.
     """
 
     run: str
@@ -83,6 +84,7 @@ class Finding:
     sequences: int = 0
     seeds: int = 0
     reason: str = ""
+    repeats: str = ""
 
 
 def gate(results: Path, baseline: Path, margins: Margins = Margins()) -> list[Finding]:
@@ -112,10 +114,10 @@ def compare_sides(base: Side, head: Side, timing: Mapping[str, PairedValues], ma
         for run, metric in sorted({(key[0], name) for key, one in base.runs.items() for name in known(one.errors)})
         if metric not in _units(base, head)
     ]
-    findings += [
-        ratio_finding(run, "latency", "ms", times, margins.latency, margins.resolution)
-        for run, times in sorted(timing.items())
-    ]
+    for run, times in sorted(timing.items()):
+        repeats = repeats_of([key for key in head.runs if key[0] == run], base, head)
+        counted = times.without(repeats)
+        findings.append(ratio_finding(run, "latency", "ms", counted, margins.latency, margins.resolution))
     return decide(findings)
 
 
@@ -154,7 +156,8 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
     """Findings on one tracker at one rate."""
     keys = [key for key in (*base.runs, *base.faults, *head.runs, *head.faults) if key[0] == run]
     crashed = sorted({k for k in keys if crash(head, k) and not crash(base, k)})
-    shares = paired(keys, base, head, lambda one: one.coverage)
+    repeats = repeats_of(keys, base, head)
+    shares = paired(keys, base, head, lambda one: one.coverage).without(repeats)
     found = [share_finding(run, head.share, shares, margins.coverage)]
     if crashed:
         _, sequence, seed = crashed[0]
@@ -167,6 +170,7 @@ def _of_run(run: str, base: Side, head: Side, margins: Margins) -> list[Finding]
         found.append(_not_judged(run, why, "crashes"))
     for metric, unit in _units(base, head).items():
         values = paired(keys, base, head, lambda one, metric=metric: one.errors.get(metric, math.nan))  # type: ignore[misc]
+        values = values.without(repeats)
         at_most = TYPICAL * math.log1p(max(margins.error, margins.resolution))
         for name, limit in ((metric, math.inf), (f"{metric}, typical", at_most)):
             found.append(ratio_finding(run, name, unit, values, margins.error, margins.resolution, limit))
@@ -266,10 +270,11 @@ def _described(run: str, metric: str, unit: str, values: PairedValues, margin: f
         sequences=len(values.sequences),
         seeds=values.seeds,
         reason=missing or undefined,
+        repeats=values.repeats,
     )
 
 
 def _too_few(finding: Finding) -> Finding:
     few = "1 seed is" if finding.seeds == 1 else f"{finding.seeds} seeds are"
-    why = f"{few} too few, {MIN_SEEDS} are needed"
+    why = f"{few} too few, {MIN_SEEDS} are needed{'; repeats count once' if finding.repeats else ''}"
     return replace(finding, verdict="inconclusive", p=math.nan, reason=why)

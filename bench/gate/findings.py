@@ -71,14 +71,20 @@ def to_text(findings: list[Finding]) -> str:
     rows = [HEADER, *map(cells, findings)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEADER))]
     lines = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-    return "\n".join([*lines, "", FOOT, f"gate: {overall(findings)}"])
+    return "\n".join([*lines, "", FOOT, *repeated(findings), f"gate: {overall(findings)}"])
+
+
+def repeated(findings: list[Finding]) -> list[str]:
+    """A line for each tracker and rate with seeds that count once."""
+    return list(dict.fromkeys(f"{f.run}: {_plain(f.repeats)}" for f in findings if f.repeats))
 
 
 def to_markdown(findings: list[Finding]) -> str:
     """Table for a pull request's summary."""
     rows = [HEADER, ["---"] * len(HEADER), *([c.replace("|", "\\|") for c in cells(f)] for f in findings)]
     table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-    return f"## uavbench gate: {overall(findings)}\n\n{table}\n\n{FOOT}\n"
+    notes = "\n\n".join([FOOT, *repeated(findings)])
+    return f"## uavbench gate: {overall(findings)}\n\n{table}\n\n{notes}\n"
 
 
 def to_json(findings: list[Finding], margins: Margins) -> str:
@@ -101,7 +107,7 @@ def to_junit(findings: list[Finding]) -> str:
             ET.SubElement(case, "failure", {"message": _plain(finding.reason)}).text = line
         elif finding.verdict == "inconclusive":
             ET.SubElement(case, "skipped", {"message": _plain(finding.reason)})
-        ET.SubElement(case, "system-out").text = line
+        ET.SubElement(case, "system-out").text = "\n".join([line, *repeated([finding])])
     ET.indent(suites)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(suites, encoding="unicode") + "\n"
 

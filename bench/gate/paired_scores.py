@@ -8,9 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from uavbench.reports.closed_loop import repeated_flights
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.run_folder import refuse_disowned
+from uavbench.reports.scoring import repeated_seeds
 from uavbench.reports.scoring.score import PoseErrors, Score
+from uavbench.reports.statistics.repeats import Repeats
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import DamagedFileError, UserError
 from uavbench.trajectories.pose import Array
@@ -59,7 +62,7 @@ class Measured:
 
     For a flight in closed loop the coverage is 1 for a success, else 0. crash: error message of a crash, else "";
     frames: hash of the frames' inputs; images: hash of the image files, "" where they need not agree; how: the parts of
-    the score's record that must agree.
+    the score's record that must agree; seen: frames and all numbers, by which equal seeds are found, "" where unknown.
     """
 
     coverage: float
@@ -68,6 +71,7 @@ class Measured:
     frames: str = ""
     images: str = ""
     how: Mapping[str, Any] = field(default_factory=dict)
+    seen: str = ""
 
     @classmethod
     def of(cls, score: Score) -> "Measured":
@@ -79,6 +83,7 @@ class Measured:
             frames=str(score.record.get("sequence", {}).get("content_hash", "")),
             images=str(score.record.get("sequence", {}).get("images", "")),
             how={part: score.record.get(part) for part in HOW},
+            seen=repeated_seeds.seen(score) or "",
         )
 
     @classmethod
@@ -89,6 +94,7 @@ class Measured:
             errors={metric: _size(value(score)) for metric, (_, value) in FLIGHT_ERRORS.items()},
             crash=score.why if score.status == "crashed" else "",
             how={FLOWN: True},
+            seen=repeated_flights.seen(score),
         )
 
 
@@ -185,11 +191,13 @@ class PairedValues:
     """One metric of one tracker on both sides: (sequence, seed) -> value, NaN where there is none.
 
     undefined: runs in which both sides have a score but neither has the number, as of flights too short for it.
+    repeats: the seeds that were left out, since they repeat another one, and what to do.
     """
 
     base: Mapping[tuple[str, int], float]
     head: Mapping[tuple[str, int], float]
     undefined: Set[tuple[str, int]] = frozenset()
+    repeats: str = ""
 
     def missing(self) -> str:
         """Message on the first other run without a finite number on one of the sides; "" if there is none."""
@@ -198,6 +206,12 @@ class PairedValues:
                 if not np.isfinite(values.get((sequence, seed), np.nan)):
                     return f"no number in the {side} for {sequence}, seed {seed}"
         return ""
+
+    def without(self, repeats: Repeats) -> "PairedValues":
+        """The values without those of seeds that repeat another one."""
+        base, head = ({k: v for k, v in side.items() if repeats.counts(*k)} for side in (self.base, self.head))
+        undefined = {key for key in self.undefined if repeats.counts(*key)}
+        return PairedValues(base, head, undefined, str(repeats))
 
     @property
     def seeds(self) -> int:

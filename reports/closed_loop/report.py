@@ -22,6 +22,7 @@ from uavbench.reports.closed_loop.figure import flight_in_closed_loop
 from uavbench.reports.closed_loop.files import MARKER as RECORD
 from uavbench.reports.closed_loop.flown import Flown
 from uavbench.reports.closed_loop.measures import FlightScore
+from uavbench.reports.closed_loop.repeated_flights import counted, repeats_of
 from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
 from uavbench.reports.page.templates import FigureOnPage, asset, environment
 from uavbench.reports.progress import OnStep, Steps
@@ -102,7 +103,7 @@ def write_flights(
     """
     runs = [FlownRun(path, FlightScore.load(path / "score.json")) for path in flights]
     scores = [run.score for run in runs]
-    pairs = compared(scores)
+    pairs = compared(counted(scores))
     (folder / "tables").mkdir(parents=True)
     write_text(folder / "tables" / "flights.md", table(notes, scores))
     write_text(folder / "tables" / "pairs.md", table_of_pairs(notes.title, pairs))
@@ -128,7 +129,7 @@ def write_flights(
 
 def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     """The figures of a report: over all flights, then of each flight; that of a run's worst flight is always drawn."""
-    scores = [run.score for run in runs]
+    scores = counted([run.score for run in runs])
     made = [
         Drawing("success", "Success",
                 "Share of flights that succeed, with its 95 % interval (Wilson), and the greatest path error of each "
@@ -178,8 +179,8 @@ def write_page(
         flights=len(scores),
         runs=len(by_run(scores)),
         heads=ON_PAGE,
-        rows=[(sequence, run, on_page(cells(group))) for (sequence, run), group in groups_of(scores).items()],
-        told=MEASURES_TOLD,
+        rows=[(sequence, run, on_page(cells(group))) for (sequence, run), group in groups_of(counted(scores)).items()],
+        told=" ".join(_told(scores)),
         failures=[s for s in scores if not s.success],
         chips=STATUS_CHIP,
         notes=notes,
@@ -210,11 +211,17 @@ def groups_of(scores: ListOf[FlightScore]) -> dict[tuple[str, str], list[FlightS
 def table(notes: FlightNotes, scores: ListOf[FlightScore]) -> str:
     """Markdown table of the measures by sequence, tracker, rate and loop, over seeds."""
     lines = [f"# {notes.title}", "", *_head(["sequence", "tracker"], HEADS)]
-    lines += [_row([*names, *cells(group)]) for names, group in groups_of(scores).items()]
-    lines += ["", MEASURES_TOLD]
+    lines += [_row([*names, *cells(group)]) for names, group in groups_of(counted(scores)).items()]
+    lines += ["", *_told(scores)]
     lines += [f"{s.sequence} {s.run}: {s.status} at {s.ended_s:.2f} s: {s.why}" for s in scores if s.why]
     lines += [f"{name}: {why}" for name, why in {**notes.failed, **notes.absent}.items()]
     return "\n".join(lines) + "\n"
+
+
+def _told(scores: ListOf[FlightScore]) -> list[str]:
+    """How success is measured, and which seeds count once."""
+    repeats = str(repeats_of(scores))
+    return [MEASURES_TOLD, *([f"{repeats}."] if repeats else [])]
 
 
 def table_of_pairs(title: str, pairs: ListOf[PairOfRuns]) -> str:

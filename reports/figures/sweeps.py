@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 
 from uavbench.reports.figures.distributions import draw_sweep
 from uavbench.reports.figures.figure_files import Drawn, save_panel
+from uavbench.reports.scoring.repeated_seeds import counted
 from uavbench.reports.scoring.runs import ScoredRun
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.trajectories.pose import Array
@@ -59,7 +60,7 @@ def sweep(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"]
 
 def draw_sweep_of(runs: ListOf[ScoredRun], found: Swept, what: Literal["ate", "success"], panel: Axes) -> Drawn:
     """ATE position in cm, or success in percent, over the swept parameter, per tracker at the highest rate."""
-    fast = [run for run in runs if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
+    fast = [run for run in counted(runs) if run.score.rate_hz == max(r.score.rate_hz for r in runs)]
     colours = {run.score.label: run.colour for run in fast}
     curves: dict[str, dict[float, list[Array]]] = {}
     for label in colours:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uavbench.reports.metrics.frame_errors import FrameErrors, frame_errors
+from uavbench.reports.scoring.repeated_seeds import seen
 from uavbench.reports.scoring.score import Score, how, score
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results, cam_from_evaluated
@@ -49,6 +50,11 @@ class ScoredRun:
     def errors(self) -> FrameErrors:
         """Pose error of every expected frame, infinite where it is lost."""
         return frame_errors(self.sequence, self.results)
+
+    @cached_property
+    def seen(self) -> str | None:
+        """Hash of its frames and numbers, by which runs that repeat another one are found; None where unknown."""
+        return seen(self.score)
 
     def frames(self) -> "DataFrame":
         """One row per expected frame; position and rotation error are NaN without a pose.

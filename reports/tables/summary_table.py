@@ -106,6 +106,11 @@ def summary_table(frame: "DataFrame", columns: tuple[Column, ...] = COLUMNS) -> 
     return Table(_caption(groups, rows), columns, rows)
 
 
+def noted(table: Table, note: str) -> Table:
+    """The table with a note before its caption."""
+    return replace(table, caption=f"{note}. {table.caption}") if note else table
+
+
 def runs_of(frame: "DataFrame") -> dict[str, "DataFrame"]:
     """Rows of a DataFrame of scores by tracker and rate, `lsd@15hz`, in their order."""
     names = [f"{label}@{rate_hz:g}hz" for label, rate_hz in zip(frame["tracker"], frame["rate_hz"], strict=True)]

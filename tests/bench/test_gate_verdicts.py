@@ -227,9 +227,12 @@ def test_a_score_is_measured_with_all_that_must_agree():
         frames="frames",
         images="images",
         how={name: record[name] for name in ("compared", "association", "rpe_pairs", "success", "std_ddof")},
+        seen=found.seen,
     )
+    other = replace(score, seed=1, sequence="s0-s1", latency={}, record=record | own)
+    assert found.seen == Measured.of(other).seen != Measured.of(replace(other, status="lost")).seen
     bare = Measured.of(replace(score, record={}))
-    assert (bare.frames, bare.images, bare.crash) == ("", "", "")
+    assert (bare.frames, bare.images, bare.crash, bare.seen) == ("", "", "", "")
     crashed = replace(score, status="crashed", errors=())
     assert Measured.of(crashed).crash == "no reason given"
     assert Measured.of(replace(crashed, errors=("first", "second"))).crash == "first"
@@ -336,7 +339,8 @@ def flights(folder, scores, of="f"):
 def test_flights_pass_against_the_same_flights_alone_and_a_crash_on_both_sides_is_no_success(tmp_path):
     done = measure_flight(flown(flown_path=path(planned_p_m=np.array([0.0, 0.03, 0.0]))))
     crashed = measure_flight(flown(status="crashed", why="into the face"))
-    scores = {f"cube-s{seed}": crashed if seed == 4 else done for seed in range(6)}
+    fates = [crashed if seed == 4 else done for seed in range(6)]
+    scores = {f"cube-s{seed}": replace(fate, seed=seed, ended_s=1.0 + seed) for seed, fate in enumerate(fates)}
     base, head = (flights(tmp_path / side, scores) for side in ("base", "head"))
     found = {f.metric: f for f in gate(head, base)}
     errors = ["path error", "path error, typical", "estimate error", "estimate error, typical"]
@@ -346,7 +350,7 @@ def test_flights_pass_against_the_same_flights_alone_and_a_crash_on_both_sides_i
     with pytest.raises(UserError, match="are of different flights"):
         gate(flights(tmp_path / "other", scores, of="g"), base)
     without = replace(done, estimate_rms_m=None)
-    true_state = dict.fromkeys(scores, without)
+    true_state = {name: replace(without, ended_s=score.ended_s) for name, score in scores.items()}
     blind, again = (flights(tmp_path / f"true-{side}", true_state) for side in ("base", "head"))
     assert {f.metric: f.verdict for f in gate(again, blind)} == dict.fromkeys(["success", *errors[:2]], "pass")
     for pair, side in (((blind, base), "results"), ((base, blind), "baseline")):

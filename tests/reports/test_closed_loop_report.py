@@ -9,10 +9,13 @@ from scipy.stats import binom
 
 from uavbench.reports.closed_loop.comparison import by_run, compared, success
 from uavbench.reports.closed_loop.measures import FlightScore
-from uavbench.reports.closed_loop.report import FlownRun, cells_of_pair, worst_of
+from uavbench.reports.closed_loop.repeated_flights import counted
+from uavbench.reports.closed_loop.report import FlightNotes, FlownRun, cells_of_pair, table, worst_of
 from uavbench.reports.closed_loop.summary_figures import along_loops, success_of_runs, swept_loops
 from uavbench.reports.style import house_style
 from uavbench.trajectories.errors import UserError
+
+NOTES = FlightNotes("flights", {}, {})
 
 
 def score(run, seed, *, succeeds=True, path_m=0.01, sequence="box"):
@@ -56,6 +59,16 @@ def test_p_is_adjusted_over_all_pairs_and_runs_without_a_flight_in_common_are_no
     assert pairs["a", "c"].success_p == 1.0
     apart = [score("d", 0, sequence="box"), score("e", 0, sequence="wall")]
     assert compared(apart) == []
+
+
+def test_flights_that_no_seed_changes_count_once_and_are_named():
+    same = [score("a@15hz", seed) for seed in range(5)] + [score("b@15hz", seed, path_m=0.02) for seed in range(5)]
+    assert counted(same) == [same[0], same[5]]
+    (line,) = [line for line in table(NOTES, same).splitlines() if line.startswith("| box | a@15hz")]
+    assert line.startswith("| box | a@15hz | 1 | 1 | 21-100 |"), "the Wilson interval of one flight, not of five"
+    assert "box: seeds 0, 1, 2, 3 and 4 have the same frames and results, and count as one run" in table(NOTES, same)
+    differ = flights("a@15hz", "+++")
+    assert counted(differ) == differ and "count as one run" not in table(NOTES, differ)
 
 
 def test_the_worst_flight_of_a_run_is_one_that_failed():
