@@ -35,6 +35,15 @@ def keep_by_content() -> None:
     numbas.load_overload, numbas.save_overload = _load_by_content, _save_by_content
 
 
+def written_since_start() -> list[str]:
+    """Names of the files of users' imported modules that were written since this process started, or are gone.
+
+    The process may run their old text.
+    """
+    files = {path for name in _users_modules() if (path := source_file(name))}
+    return sorted(path.name for path in files if _is_newer(path))
+
+
 def _load_by_content(kernel: Any, sig: Any, target_context: Any) -> Any:
     """The kernel compiled for a signature; None when it is not cached or its file is broken."""
     if not _is_users(kernel._py_func):
@@ -60,7 +69,7 @@ def _save_by_content(kernel: Any, sig: Any, data: Any) -> None:
 
 
 def _is_users(function: Callable[..., Any]) -> bool:
-    path = source_file(function.__module__)
+    path = source_file(function.__module__ or "")
     return path is not None and not is_ours(path)
 
 
@@ -93,11 +102,19 @@ def _folder(
         with remembered(folder_of):
             made = plugins_made_of({module, *modules}, {module, *plugins} & set(sys.modules))
         files = frozenset({*made.files, *given, own})
-        if any(max(path.stat().st_ctime_ns, path.lstat().st_ctime_ns) >= _started_ns() for path in files):
+        if any(map(_is_newer, files)):
             return None
         return folder_of(key_of(f"{module} {_installed()}", files))
     except OSError:
         return None
+
+
+def _is_newer(path: Path) -> bool:
+    """Whether a file, or a link to it, was written since this process started, or is gone."""
+    try:
+        return max(path.stat().st_ctime_ns, path.lstat().st_ctime_ns) >= _started_ns()
+    except OSError:
+        return True
 
 
 @cache

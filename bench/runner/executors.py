@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from uavbench.bench.inputs.content_hash import code_hash
+from uavbench.bench.inputs.plugin_kernels import written_since_start
 from uavbench.bench.runner.graph import start_worker
 from uavbench.bench.runner.processes import hold_interrupts, in_worker, start_resource_tracker
 from uavbench.trajectories.errors import UserError
@@ -224,12 +225,22 @@ def _check_workers(client: Any, folder: Path) -> None:
     for address, about in workers.items():
         if about["nthreads"] != 1:
             raise UserError(f"--dask: worker {address} has {about['nthreads']} threads; start it with --nthreads 1")
-    for address, (sees, code) in client.run(_what_a_worker_has, str(folder)).items():
+    for address, (sees, code, written) in client.run(_what_a_worker_has, str(folder)).items():
+        if written:
+            raise UserError(f"--dask: worker {address} may run an older {written[0]} than the one there; restart it")
         if not sees:
             raise UserError(f"--dask: worker {address} does not see {folder}; name a folder on a shared file system")
         if code != code_hash(*PACKAGES):
             raise UserError(f"--dask: worker {address} has another uavbench, or other libraries; install the same one")
 
 
-def _what_a_worker_has(folder: str) -> tuple[bool, str]:
-    return (Path(folder) / "suite.json").is_file(), code_hash(*PACKAGES)
+class Has(NamedTuple):
+    """Whether a worker sees the folder, the hash of its code, and files of users that it may run in an older state."""
+
+    sees: bool
+    code: str
+    written: list[str]
+
+
+def _what_a_worker_has(folder: str) -> Has:
+    return Has((Path(folder) / "suite.json").is_file(), code_hash(*PACKAGES), written_since_start())

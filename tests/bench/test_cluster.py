@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import dask
@@ -97,6 +98,24 @@ def test_a_killed_worker_loses_nothing_and_nothing_is_done_twice(cluster, tmp_pa
     assert sorted(ended) == sorted(job.name for job in jobs), "each job ended once"
     begun = [line.split() for line in (tmp_path / "begun.log").read_text().splitlines()]
     assert len({pid for name, pid in begun if name == "j8"}) == 2, "another worker took its job over"
+
+
+def test_a_worker_that_may_run_the_old_text_of_a_plugin_is_refused(cluster, tmp_path):
+    address, _ = cluster
+    (tmp_path / "suite.json").write_text("{}")
+    module = tmp_path / "plugin_of_the_cluster_test.py"
+    module.write_text("NUMBER = 1\n")
+    with dask_pool(address, 2, tmp_path) as (executor, _):
+        assert executor.submit(number_of, tmp_path).result(timeout=60) == 1
+    module.write_text("NUMBER = 2\n")
+    refused = pytest.raises(UserError, match=r"may run an older plugin_of_the_cluster_test\.py.*restart it")
+    with refused, dask_pool(address, 2, tmp_path):
+        pass
+
+
+def number_of(folder):
+    sys.path.insert(0, str(folder))
+    return import_module("plugin_of_the_cluster_test").NUMBER
 
 
 def test_a_suite_on_a_local_dask_cluster_is_the_suite_on_local_processes(tmp_path):
