@@ -30,8 +30,8 @@ PACKAGES = ("opencv-contrib-python-headless==4.14.0.94", "numpy==2.4.6")
 class OpencvRapid(ThirdPartyTracker):
     """OpenCV contrib's RAPID (Harris & Stennett 1990), GOS or OLS tracker.
 
-    points: control points on the model's edges; search_px: search range to either side of each; iterations: at most,
-    per frame.
+    points: control points on the model's silhouette; search_px: search range to either side of each, by default a 32nd
+    of the image's width; iterations: at most, per frame.
     """
 
     name: ClassVar[str] = "opencv-rapid"
@@ -39,12 +39,12 @@ class OpencvRapid(ThirdPartyTracker):
 
     method: Literal["rapid", "gos", "ols"] = "rapid"
     points: Annotated[int, Ge(4)] = 100
-    search_px: Annotated[int, Ge(2)] = 20
+    search_px: Annotated[int, Ge(2)] | None = None
     iterations: Annotated[int, Ge(1)] = 20
 
     def command(self) -> tuple[str, ...]:
         """The environment's Python, the runner, and its arguments."""
-        numbers = map(str, (self.points, self.search_px, self.iterations))
+        numbers = map(str, (self.points, self.search_px or 0, self.iterations))
         return (str(self.folder() / "venv" / "bin" / "python"), str(RUNNER), self.method, *numbers)
 
     @classmethod

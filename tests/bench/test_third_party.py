@@ -11,6 +11,7 @@ from uavbench.bench.config.suite import load_suite
 from uavbench.bench.runner.jobs import plan
 from uavbench.bench.third_party import visp
 from uavbench.bench.third_party.opencv_rapid import OpencvRapid
+from uavbench.bench.third_party.rapid_runner import search_range
 from uavbench.bench.third_party.registry import THIRD_PARTY, absent, setup, status
 from uavbench.bench.third_party.visp import Visp
 from uavbench.bench.trial.check import check
@@ -82,6 +83,13 @@ def test_a_peer_keeps_the_protocol_or_says_how_to_get_it(name, tmp_path):
     else:
         assert list(check(third_party, tmp_path / "kept"))[-1] == "good: the tracker follows the protocol"
         assert third_party.record["versions"]
+
+
+@pytest.mark.parametrize(("asked", "width", "px"), [(None, 640, 20), (None, 160, 5), (None, 32, 2), (12, 160, 12)])
+def test_the_default_search_range_shrinks_with_the_image(asked, width, px):
+    """20 px are a 32nd of the suites' images, and the whole box in those of `check`."""
+    given = OpencvRapid(search_px=asked).command()[-2]
+    assert search_range(int(given), width) == px
 
 
 def test_visp_says_what_to_install(nowhere, monkeypatch):
