@@ -61,9 +61,7 @@ class Flight:
     def of_rows(cls, stamps_ns: NDArray[np.int64], rows: Array) -> "Flight":
         """Flight of rows (n, 30) of a record in progress, as unchecked views without a copy."""
         flight = object.__new__(cls)
-        object.__setattr__(flight, "stamps_ns", stamps_ns)
-        for name, columns in RECORD.items():
-            object.__setattr__(flight, name, rows[:, columns])
+        vars(flight).update({name: rows[:, columns] for name, columns in RECORD.items()}, stamps_ns=stamps_ns)
         return flight
 
     def __len__(self) -> int:

@@ -43,6 +43,7 @@ class Notes:
 
     def __init__(self, spec: SequenceSpec, pilot: Pilot, open_loop: OpenLoop) -> None:
         self._spec, self._pilot, self._open_loop = spec, pilot, open_loop
+        self._cam_from_body = spec.mount.at_rest.cam_from_body
         self.ending: Ending | None = None
         self.faults: list[TimedFault] = []
         self._rows: list[Array] = []
@@ -67,7 +68,7 @@ class Notes:
     def frame(self, frame: int, stamp_ns: int, result: TrackResult, true_pose: Pose, answered_ns: int) -> None:
         """Log a frame, the tracker's result, and when it reached the filter."""
         self._frames.append((frame, stamp_ns, result, answered_ns))
-        self._true_world_from_body.append(true_pose.inverse() @ self._spec.mount.at_rest.cam_from_body)
+        self._true_world_from_body.append(true_pose.inverse() @ self._cam_from_body)
 
     def flown(
         self, simulation: Simulation, radius_m: float, structure: Structure, camera: Camera, verdicts: ListOf[Verdict]
@@ -114,12 +115,7 @@ class Notes:
         }
         errors = [f"t = {fault.stamp_ns / 1e9:.3f} s: {fault.what}" for fault in self.faults]
         record = record_of(
-            pilot.tracker,
-            inputs,
-            spec.mount.at_rest.cam_from_body,
-            rate_hz=pilot.rate_hz,
-            seed=spec.seed,
-            errors=errors,
+            pilot.tracker, inputs, self._cam_from_body, rate_hz=pilot.rate_hz, seed=spec.seed, errors=errors
         )
         flight = {
             "status": ending.status,

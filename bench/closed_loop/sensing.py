@@ -1,5 +1,6 @@
 """The body's sensors in flight: each reading is simulated at its time, with noise from its own random stream."""
 
+from bisect import bisect_right
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any
@@ -35,24 +36,25 @@ class Reading:
 
 
 class LiveSensor:
-    """One sensor in flight."""
+    """One sensor in flight; next_ns: stamp of its next reading."""
 
     def __init__(self, name: str, sensor: LiveSensorSpec, steps: int, obstacles: ObstacleMesh, seed: int) -> None:
         self.name, self.sensor = name, sensor
         self.stamps = stamps_between(0, (steps - 1) * STEP_NS, sensor.rate_hz)
         self.width = len(getattr(type(sensor), "measured", ()))
         self._reader: Reader = sensor.begin(len(self.stamps), obstacles, stream(seed, "sensor", name))
-        self._done, self._next_ns = 0, 0
+        self._due_ns: list[int] = self.stamps.tolist()
+        self._done, self.next_ns = 0, 0
 
     def read(self, record: Array, row: int) -> list[Reading]:
         """Readings that are due at a row of a flight's record."""
-        if row * STEP_NS < self._next_ns:
+        if row * STEP_NS < self.next_ns:
             return []
-        end = int(self.stamps.searchsorted(row * STEP_NS, side="right"))
-        before = int(self.stamps[max(self._done - 1, 0)]) // STEP_NS
+        end = bisect_right(self._due_ns, row * STEP_NS, self._done)
+        before = self._due_ns[max(self._done - 1, 0)] // STEP_NS
         new = self.stamps[self._done : end]
         values = self._reader.read(part(record, before, row), new)[:, : self.width]
-        self._done, self._next_ns = end, int(self.stamps[end]) if end < len(self.stamps) else NEVER_NS
+        self._done, self.next_ns = end, self._due_ns[end] if end < len(self._due_ns) else NEVER_NS
         return [Reading(self.name, self.sensor, t, v) for t, v in zip(new.tolist(), values, strict=True)]
 
 
@@ -64,13 +66,17 @@ class Sensors:
         self._outages_ns = [(a * 1e9, b * 1e9) for a, b in loop.gnss_outages_s]
         self._kept: dict[str, list[Reading]] = {sensor.name: [] for sensor in self._live}
         self.has_fix = False
+        self._next_ns = 0
         self.body = body_of(spec)
 
     def read(self, record: Array, row: int) -> list[Reading]:
         """Readings that are due, in the order of the sensors."""
+        if row * STEP_NS < self._next_ns:
+            return []
         new = [self._seen(reading) for sensor in self._live for reading in sensor.read(record, row)]
         for reading in new:
             self._kept[reading.name].append(reading)
+        self._next_ns = min((sensor.next_ns for sensor in self._live), default=NEVER_NS)
         return new
 
     def upto(self, stamp_ns: int) -> dict[str, Samples]:

@@ -420,6 +420,25 @@ def test_each_end_is_found_at_its_row():
         assert (found.status, why in found.why, found.stamp_ns) == (status, True, 103 * 2_000_000)
 
 
+def test_the_quick_look_for_the_end_hides_none(monkeypatch):
+    """Rows about every limit, some by less than round-off: the exact test alone finds the same."""
+    judge = Judge(CrashSpec(clearance_m=0.1, tilt_deg=60.0, stray_m=1.0), 0.07, obstacles_of(box()))
+    rng = np.random.default_rng(0)
+    flights = []
+    for _ in range(300):
+        record, reference = np.zeros((5, 30)), np.zeros((5, 17))
+        record[:, 0:3] = rng.choice([0.0, 0.2, 0.37, 0.4, 1.0], (5, 3)) + rng.choice([-1e-12, 0.0, 1e-12, 0.02], (5, 3))
+        record[:, 2] += rng.choice([0.17, 1.0])
+        tilt = rng.choice([0.0, np.radians(30.0)]) + rng.choice([-1e-12, 0.0, 1e-12, 0.02])
+        record[:, 3], record[:, 4] = np.cos(tilt), np.sin(tilt)
+        reference[:, 0:3] = record[:, 0:3] + [rng.choice([0.5, 1.0]) + rng.choice([-1e-12, 0.0, 1e-12, 0.02]), 0.0, 0.0]
+        flights.append((record, reference))
+    quick = [judge.ending(record, reference, 0) for record, reference in flights]
+    monkeypatch.setattr("uavbench.bench.closed_loop.ending._is_clear", lambda *_: False)
+    assert quick == [judge.ending(record, reference, 0) for record, reference in flights]
+    assert 20 < sum(found is None for found in quick) < 280
+
+
 def test_a_time_limit_ends_a_flight():
     found = flown(box(), Blind(), estimator="truth", time_limit_s=0.5)
     assert (found.record["flight"]["status"], found.record["flight"]["ended_s"]) == ("timed out", 0.5)

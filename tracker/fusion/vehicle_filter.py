@@ -1,6 +1,7 @@
 """The vehicle's filter: IMU samples and measurements in any order, each applied at its own stamp, even when delayed."""
 
 from bisect import bisect_left
+from math import isfinite
 
 import numpy as np
 from scipy.special import chdtri
@@ -52,7 +53,7 @@ class VehicleFilter:
     def imu(self, stamp_ns: int, gyro_rad_s: Array, accel_m_s2: Array) -> None:
         """Process an IMU sample; ValueError when it is not finite."""
         gyro, accel = (np.array(v, dtype=np.float64) for v in (gyro_rad_s, accel_m_s2))
-        if gyro.shape != (3,) or accel.shape != (3,) or not (np.isfinite(gyro).all() and np.isfinite(accel).all()):
+        if gyro.shape != (3,) or accel.shape != (3,) or not all(map(isfinite, (*gyro.tolist(), *accel.tolist()))):
             raise ValueError(f"IMU sample at {stamp_ns}: two finite vectors (3,) are needed")
         self._put(Key(stamp_ns, IMU_RANK, 0), Sample(gyro, accel))
 

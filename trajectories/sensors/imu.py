@@ -9,10 +9,10 @@ from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
 from uavbench.trajectories.flight_record import Flight
-from uavbench.trajectories.geometry.vectors import add, cross, rotate, rotation, subtract, transpose, vector
+from uavbench.trajectories.geometry.vectors import Vector, add, cross, rotate, rotation, subtract, transpose, vector
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
-from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps, sampled
+from uavbench.trajectories.sensors.sensor import Reader, RowByRow, Table, sample_stamps
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -68,10 +68,9 @@ class Imu:
         return np.column_stack([gyro, accel, *biases])
 
     def _readings(self, flight: Flight, stamps_ns: NDArray[np.int64], noise: Array) -> Array:
-        limits = np.array([self.gyro_range_rad_s] * 3 + [self.accel_range_m_s2] * 3)
-        out = noise[:, [6, 7, 8, 9, 10, 11, 6, 7, 8, 9, 10, 11]]
-        readings = sampled(flight, _ideal(flight, np.array(self.offset_m)), stamps_ns) + out[:, 0:6] + noise[:, 0:6]
-        out[:, 0:6] = np.minimum(np.maximum(readings, -limits), limits)
+        out = np.empty((len(stamps_ns), 12))
+        ranges = float(self.gyro_range_rad_s), float(self.accel_range_m_s2)
+        _fill_readings(flight.stamps_ns, _ideal(flight, self.offset_m), stamps_ns, noise, ranges, out)
         return out
 
 
@@ -103,30 +102,29 @@ def inertial_ground_truth(flight: Flight, offset_m: Array) -> InertialGroundTrut
 
     f = R' (a - g) + alpha x r + omega x (omega x r).
     """
-    both = _ideal(flight, offset_m)
+    x, y, z = offset_m.tolist()
+    both = _ideal(flight, (x, y, z))
     return InertialGroundTruth(both[:, 0:3], both[:, 3:6])
 
 
-def _ideal(flight: Flight, offset_m: Array) -> Array:
+def _ideal(flight: Flight, offset_m: Vector) -> Array:
     """Body rates and specific forces (n, 6) of `inertial_ground_truth`."""
+    x_m, y_m, z_m = offset_m
     out = np.empty((len(flight), 6))
     _fill_ideal(
         flight.quaternions_wxyz,
         flight.angular_velocities_rad_s,
         flight.angular_accelerations_rad_s2,
         flight.accelerations_m_s2,
-        np.ascontiguousarray(offset_m, dtype=np.float64),
+        (float(x_m), float(y_m), float(z_m)),
         out,
     )
     return out
 
 
-@compiled("f2~ f2~ f2~ f2~ f1 f2!")
-def _fill_ideal(
-    quaternions: Array, omegas: Array, alphas: Array, accelerations: Array, offset: Array, out: Array
-) -> None:
+@compiled("f2~ f2~ f2~ f2~ (f0 f0 f0) f2!")
+def _fill_ideal(quaternions: Array, omegas: Array, alphas: Array, accelerations: Array, r: Vector, out: Array) -> None:
     """Fill `_ideal` row by row: the few rows of a reading in flight cost no more than their arithmetic."""
-    r = vector(offset)
     is_off = r[0] != 0.0 or r[1] != 0.0 or r[2] != 0.0
     for n in range(len(out)):
         q, omega = quaternions[n], vector(omegas[n])
@@ -137,3 +135,29 @@ def _fill_ideal(
             force = add(add(force, cross(vector(alphas[n]), r)), cross(omega, cross(omega, r)))
         for k in range(3):
             out[n, k], out[n, 3 + k] = omega[k], force[k]
+
+
+@compiled("i1 f2 i1 f2 (f0 f0) f2!")
+def _fill_readings(
+    flown_ns: NDArray[np.int64],
+    ideal: Array,
+    stamps_ns: NDArray[np.int64],
+    noise: Array,
+    ranges: tuple[float, float],
+    out: Array,
+) -> None:
+    """Fill readings (n, 12) from ideal ones (m, 6) at the stamps (m,) of a flight, sampled as by `sampled`."""
+    last = len(flown_ns) - 1
+    for n in range(len(stamps_ns)):
+        row = min(max(np.searchsorted(flown_ns, stamps_ns[n], side="right") - 1, 0), max(last - 1, 0))
+        after = min(row + 1, last)
+        share = (stamps_ns[n] - flown_ns[row]) / max(flown_ns[after] - flown_ns[row], 1)
+        for k in range(6):
+            value = ideal[row, k]
+            if share == 1.0:
+                value = ideal[after, k]
+            elif share != 0.0:
+                value = (1.0 - share) * ideal[row, k] + share * ideal[after, k]
+            limit = ranges[k // 3]
+            out[n, k] = np.minimum(np.maximum(value + noise[n, 6 + k] + noise[n, k], -limit), limit)
+            out[n, 6 + k] = noise[n, 6 + k]

@@ -25,7 +25,6 @@ from uavbench.trajectories.geometry.vectors import (
     transpose,
     vector,
 )
-from uavbench.trajectories.kernels.argument_types import named_tuple
 from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array, read_only
 from uavbench.trajectories.vehicle.quadrotor import GRAVITY_M_S2, STEP_S
@@ -72,9 +71,6 @@ class Gains(NamedTuple):
     integral_limit: float
     attitude: Array
     rate: Array
-
-
-GAINS = named_tuple(Gains, "f0 f0 f0 f0 f1 f1")
 
 
 class BodyState(NamedTuple):

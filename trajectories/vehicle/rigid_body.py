@@ -60,6 +60,28 @@ def plant(vehicle: Quadrotor) -> Plant:
     )
 
 
+PLANT_NUMBERS = 63
+"""Length of a `Plant` as one array."""
+
+
+@compiled
+def plant_of(numbers: Array) -> Plant:
+    """The plant whose fields are the first PLANT_NUMBERS of an array, in their order."""
+    return Plant(
+        numbers[0],
+        numbers[1],
+        numbers[2],
+        numbers[3],
+        numbers[4:7],
+        numbers[7:10],
+        numbers[10:13],
+        numbers[13:22].reshape(3, 3),
+        numbers[22:31].reshape(3, 3),
+        numbers[31:47].reshape(4, 4),
+        numbers[47:63].reshape(4, 4),
+    )
+
+
 @compiled
 def rotor_speed_sum(plant: Plant, thrusts: Array) -> float:
     """Sum of the rotor speeds, rad/s, that make the thrusts (4,): positive roots of the thrust map."""

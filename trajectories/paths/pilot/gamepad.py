@@ -45,7 +45,7 @@ class Gamepad:
 
     def command(self, stick_input: Array) -> Array:
         """Commands (4,) of stick deflections (4,) in -1..1."""
-        beyond = np.clip((np.abs(stick_input) - self.dead_zone) / (1 - self.dead_zone), 0.0, 1.0)
+        beyond = np.minimum(np.maximum((np.abs(stick_input) - self.dead_zone) / (1 - self.dead_zone), 0.0), 1.0)
         bent = self.expo * (beyond * beyond * beyond) + (1 - self.expo) * beyond
         return np.asarray(np.sign(stick_input) * bent * self.tops)
 

@@ -152,7 +152,7 @@ class Pilot:
             self._target = self._decide(now, late)
             self._decide_at = now + self._rng.uniform(*DECISION_S)
         way = self._path.pad.thumb_rate_1_s * count * STEP_S
-        self._stick_input += np.clip(self._target - self._stick_input, -way, way)
+        self._stick_input += np.minimum(np.maximum(self._target - self._stick_input, -way), way)
         held = self._stick_input + self._path.pad.tremor * self._rng.standard_normal(4)
         return self._assist.rows(self._path.pad.command(held), count)
 
