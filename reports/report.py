@@ -46,10 +46,11 @@ from uavbench.reports.report_figures import WEIGHT, Drawing, Easel, Figures
 from uavbench.reports.restarts import COLUMNS as RESTARTS
 from uavbench.reports.restarts import RestartedRun, open_restarts, with_restarts
 from uavbench.reports.scoring.attributes import contrast_at, frames_looked_at
-from uavbench.reports.scoring.repeated_seeds import TIMED, counted, repeats_of
+from uavbench.reports.scoring.repeated_seeds import counted, repeats_of
 from uavbench.reports.scoring.runs import ReportEntry, ScoredRun, open_runs
 from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
+from uavbench.reports.scoring.seen import TIMED
 from uavbench.reports.style import house_style
 from uavbench.reports.tables.columns import COLUMNS, DETAILS
 from uavbench.reports.tables.summary_table import noted, summary_table

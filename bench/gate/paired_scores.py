@@ -11,8 +11,8 @@ import numpy as np
 from uavbench.reports.closed_loop import repeated_flights
 from uavbench.reports.closed_loop.measures import FlightScore
 from uavbench.reports.run_folder import refuse_disowned
-from uavbench.reports.scoring import repeated_seeds
 from uavbench.reports.scoring.score import PoseErrors, Score
+from uavbench.reports.scoring.seen import seen
 from uavbench.reports.statistics.repeats import Repeats
 from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import DamagedFileError, UserError
@@ -83,7 +83,7 @@ class Measured:
             frames=str(score.record.get("sequence", {}).get("content_hash", "")),
             images=str(score.record.get("sequence", {}).get("images", "")),
             how={part: score.record.get(part) for part in HOW},
-            seen=repeated_seeds.seen(score) or "",
+            seen=seen(score) or "",
         )
 
     @classmethod

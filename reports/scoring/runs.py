@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uavbench.reports.metrics.frame_errors import FrameErrors, frame_errors
-from uavbench.reports.scoring.repeated_seeds import seen
 from uavbench.reports.scoring.score import Score, how, score
+from uavbench.reports.scoring.seen import seen
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.results import Results, cam_from_evaluated
 from uavbench.tracker.sound_results import sound
