@@ -33,7 +33,7 @@ from uavbench.tracker.robust.pose_fit import (
     Problem,
     Solution,
 )
-from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, normalized_innovation
+from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets
 from uavbench.tracker.robust.solver.hypothesis_kernels import DRAWS_PER_EDGE, EDGES_DRAWN, HYPOTHESES, best_motion
 from uavbench.tracker.robust.solver.nuisance_biases import NO_EDGES, NuisanceBiases
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Weighting, refine
@@ -63,7 +63,7 @@ class EdgeFitter:
         self.texture = Texture(self.edges, camera, self.view, config)
         self.biases = NuisanceBiases(len(self.edges.ends) * 3, config.solver.bias)
         self.appearance = np.zeros((len(self.edges.ends) * 3 * BINS, APPEARANCE_COLUMNS))
-        self.learned, self.offset_scale, self.most_points = 0, 1.0, 0
+        self.learned = self.most_points = 0
         self.sharp = True
         self.weak_step = float(config.edges.appearance.weak_step_grey)
         self.work = Work(config.budget.evaluations)
@@ -207,8 +207,7 @@ class EdgeFitter:
 
     def offsets(self, problem: Problem, measured: EdgeMeasurements) -> EdgeOffsets:
         """Offsets of the edges in view, with prior variances from the measurements."""
-        variance_px2 = offset_variances(measured, self.values.weights)
-        return EdgeOffsets(problem.edges, self.offset_scale * variance_px2)
+        return EdgeOffsets(problem.edges, offset_variances(measured, self.values.weights))
 
     def solve(
         self,
@@ -245,18 +244,11 @@ class EdgeFitter:
             twist = self.biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
             self.texture.shift(twist, pose)
         self.learned += 1
-        self.learn_offset_scale(used, fit.covariance)
         due = hits < patches.enough_to_predict or self.learned % TAKE_EVERY == 0
         if due and hits < MOST_USED and fit.edge_support >= self.config.good_support:
             if not hits:
                 self.biases.begin(used.edges, used.sums, used.step.to_fit, used.prior_information, pose)
             self.texture.take(image, pose, lines.lines[lines.side != OUTSIDE][:, [U, V]])
-
-    def learn_offset_scale(self, used: FitResiduals, covariance: Array) -> None:
-        """Update the factor of the offsets' variances with the innovation of a frame."""
-        innovation = normalized_innovation(used.edges.variance_px2, used.sums, used.step.to_fit, covariance)
-        excess = (innovation.squares - innovation.expected) / max(1.0, innovation.expected)
-        self.offset_scale *= 1.0 + self.config.edges.appearance.learning_rate * excess
 
 
 def layered(image: Image) -> Image:

@@ -91,13 +91,6 @@ class PatchError(NamedTuple):
     information: Array
 
 
-class Innovation(NamedTuple):
-    """Sum of squared normalized innovations, and its expectation."""
-
-    squares: float
-    expected: float
-
-
 FRAME_SUMS = named_tuple(FrameSums, "f1! f2! f1! f2! f1! f2! f1!")
 BIAS_STATE = named_tuple(BiasState, "f2! f1! f2! f1! f1! f1!")
 EDGE_OFFSETS = named_tuple(EdgeOffsets, "i1! f1!")
@@ -260,26 +253,3 @@ def observability(E: Array, P: Array) -> float:
             M[i, j], N[i, j] = E[i, j] + P[i, j], P[i, j]
     eliminate(M, N)
     return float(N[0, 0] + N[1, 1] + N[2, 2] + N[3, 3] + N[4, 4] + N[5, 5]) / 6.0
-
-
-@compiled("f1 sums f1 f2", sums=FRAME_SUMS)
-def normalized_innovation(variance_px2: Array, sums: FrameSums, to_fit: Array, covariance: Array) -> Innovation:
-    """Squared offsets of a frame's edges (g,) over their variance, summed, and the expectation of that sum.
-
-    to_fit (6,): twist from the linearization point of the sums to the fit, whose covariance (6, 6) determines how much
-    of an offset the pose absorbs; variance_px2 (g,): prior variance of each offset.
-    """
-    S, s, d = sums.offset_weight, sums.offset_jacobian, sums.offset_residual
-    squares, expected = 0.0, 0.0
-    for g in range(len(S)):
-        if S[g] <= 0.0:
-            continue
-        left, taken = d[g], 0.0
-        for i in range(6):
-            left -= s[g, i] * to_fit[i]
-            for j in range(6):
-                taken += s[g, i] * covariance[i, j] * s[g, j]
-        variance = variance_px2[g] + 1.0 / S[g]
-        squares += left * left / (S[g] * S[g] * variance)
-        expected += max(0.0, 1.0 - taken / (S[g] * S[g] * variance))
-    return Innovation(squares, expected)
