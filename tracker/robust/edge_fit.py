@@ -21,6 +21,7 @@ from uavbench.tracker.robust.edges.weight_kernels import (
     point_weights,
     support,
 )
+from uavbench.tracker.robust.false_alarms import chance
 from uavbench.tracker.robust.kernel_config import KernelConfig
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.patches.patches import MOST_USED, Texture
@@ -174,7 +175,7 @@ class EdgeFitter:
         share = support(
             found.measured, searched.weight, searched.patch_weight, matches.correlation, self.appearance, self.weak_step
         )
-        n, patches = len(points.points), np.count_nonzero(weighting.patch_weight)
+        n, patches, estimator = len(points.points), np.count_nonzero(weighting.patch_weight), self.config.solver.estimator
         return Fit(
             Pose(best.R, best.t),
             inverse6(best.step.information),
@@ -185,6 +186,15 @@ class EdgeFitter:
             float(best.R[2] @ points.points[n // 2] + best.t[2]) if n else float("nan"),
             share.edges,
             float(weighting.weight.sum() + patches),
+            chance(
+                points.rows,
+                found.measured.candidates.distance,
+                weighting.weight,
+                weighting.patch_weight,
+                matches.correlation,
+                float(estimator.fine_widths_px[-1]),
+                estimator.fine_half_px,
+            ),
             FitResiduals(
                 points,
                 self.texture.chosen,
@@ -194,7 +204,6 @@ class EdgeFitter:
                 best.sums,
                 best.step,
                 problem.prior.information,
-                found.measured.candidates.distance,
             ),
         )
 

@@ -1,4 +1,4 @@
-"""Number of false alarms of the edges found, a test against chance (Desolneux, Moisan & Morel 2000).
+"""Number of false alarms of the edges and patches found, a test against chance (Desolneux, Moisan & Morel 2000).
 
 Background model: on a search line with m random candidates at least one is within the cutoff of the M-estimator with
 probability 1 - (1 - width / half length)^m. m is counted on each line, so that more edges are required in cluttered
@@ -6,36 +6,73 @@ images, which match by chance. Points of one part of an edge are found or missed
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
+Indices = NDArray[np.int64]
+PATCH_BY_CHANCE = 0.05
+"""Probability of finding a patch at a wrong pose. Measured from displaced poses on six rendered sequences: 0.00 to 0.01
+of the patches were found at 526 fits that ended at wrong poses."""
 
-def log10_false_alarms(fit: Fit, width_px: float, half_px: float, tests: int) -> float:
-    """Decimal logarithm of the expected number of `tests` random poses at which as many parts of edges are found.
 
-    An upper bound, by Chernoff's bound of the binomial tail. width_px: cutoff of the weights; half_px: half length of
-    the search lines.
+class Chance(NamedTuple):
+    """Decimal logarithms of bounds on the probability that a random pose finds as much: of the edges alone, and of
+    edges or edges and patches together, whichever is less likely.
     """
-    if fit.residuals is None or not len(fit.residuals.points.rows):
-        return math.log10(tests)
-    rows, weight = fit.residuals.points.rows, fit.residuals.weighting.weight
-    candidates = np.count_nonzero(np.isfinite(fit.residuals.candidates_px), axis=1)
-    by_chance = 1.0 - (1.0 - width_px / half_px) ** candidates
-    _, part, count = np.unique(rows, return_inverse=True, return_counts=True)
-    found = np.bincount(part, weight > 0) / count
-    expected = np.bincount(part, by_chance) / count
-    return math.log10(tests) + log10_tail(found, expected)
+
+    edges: float
+    whole: float
 
 
-def log10_tail(found: Array, expected: Array) -> float:
-    """log10 of a bound on the probability of finding a fraction (n,) or more, given its expectation (n,)."""
-    share, chance = float(found.mean()), float(expected.mean())
-    if share <= chance:
+@compiled("f0 f0 i0")
+def log10_tail(found: float, expected: float, n: int) -> float:
+    """log10 of Chernoff's bound on the probability that so many or more of n are found, where `expected` are."""
+    if found <= expected:
         return 0.0
-    if chance == 0.0:
+    if expected <= 0.0:
         return -math.inf
-    missed = (1 - share) * math.log((1 - share) / (1 - chance)) if share < 1.0 else 0.0
-    return -len(found) * (share * math.log(share / chance) + missed) / math.log(10)
+    bound = found * math.log(found / expected)
+    if found < n:
+        bound += (n - found) * math.log((n - found) / (n - expected))
+    return -bound / math.log(10.0)
+
+
+@compiled("i1 f2 f1 f1 f1 f0 f0")
+def chance(
+    rows: Indices,
+    distance: Array,
+    weight: Array,
+    patch_weight: Array,
+    correlation: Array,
+    width_px: float,
+    half_px: float,
+) -> Chance:
+    """Bounds on the probability that a random pose finds as many parts of edges, and patches.
+
+    rows (n,), equal for the points of one part; distance (n, k) of the candidates in px, inf where none; weight (n,)
+    and patch_weight (m,) > 0 for inliers; correlation (m,) < 0 for patches that were not searched; width_px: cutoff of
+    the weights; half_px: half length of the search lines.
+    """
+    parts, share, expected, p = 0, 0.0, 0.0, 0
+    while p < len(rows):
+        first, found, by_chance = p, 0, 0.0
+        while p < len(rows) and rows[p] == rows[first]:
+            candidates = 0
+            for k in range(distance.shape[1]):
+                candidates += int(distance[p, k] < np.inf)
+            by_chance += 1.0 - (1.0 - width_px / half_px) ** candidates
+            found += int(weight[p] > 0.0)
+            p += 1
+        parts, share, expected = parts + 1, share + found / (p - first), expected + by_chance / (p - first)
+    edges = log10_tail(share, expected, parts)
+    for i in range(len(correlation)):
+        if correlation[i] >= 0.0:
+            parts, expected = parts + 1, expected + PATCH_BY_CHANCE
+            share += 1.0 if patch_weight[i] > 0.0 else 0.0
+    whole = log10_tail(share, expected, parts)
+    return Chance(edges, min(0.0, min(edges, whole) + math.log10(2.0)))

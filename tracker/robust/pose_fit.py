@@ -1,5 +1,6 @@
 """A fit: its problem, intermediate results, and the pose with its support and residuals."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from uavbench.tracker.protocol import Image
 from uavbench.tracker.robust.edges.measurements import Candidates, ControlPoints, EdgeMeasurements, SearchLines
+from uavbench.tracker.robust.false_alarms import Chance
 from uavbench.tracker.robust.patches.matches import PatchMatches
 from uavbench.tracker.robust.solver.bias_kernels import EdgeOffsets, FrameSums
 from uavbench.tracker.robust.solver.solve_kernels import Estimate, PosePrior, Step, Weighting
@@ -24,6 +26,9 @@ NO_MEASUREMENTS = EdgeMeasurements(
     np.zeros(0),
 )
 NO_MATCHES = PatchMatches(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+
+
+CERTAIN = Chance(0.0, 0.0)
 
 
 class Problem(NamedTuple):
@@ -64,8 +69,7 @@ class FitResiduals:
     """Inputs and residuals of a fit, from which appearance and biases are learned.
 
     points and patches (rows `chosen`, with their correlation (m,)), the weighting of both; the offsets of the edges in
-    view, the sums over a frame and the last step; prior_information (6, 6) of the prediction; candidates_px (n, k) on
-    the search lines, from their middle, inf where none.
+    view, the sums over a frame and the last step; prior_information (6, 6) of the prediction.
     """
 
     points: ControlPoints
@@ -76,7 +80,6 @@ class FitResiduals:
     sums: FrameSums
     step: Step
     prior_information: Array
-    candidates_px: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +87,8 @@ class Fit:
     """A pose with its covariance (6, 6), and how well the image supports it.
 
     support in [0, 1]: weighted inlier ratio of the control points and patches; edge_support: of the control points
-    alone; found: weight of all inliers; range_m: depth of the middle control point, NaN without any.
+    alone; found: weight of all inliers; range_m: depth of the middle control point, NaN without any; chance: bounds on
+    the probability that a random pose finds as much.
     """
 
     cam_from_world: Pose
@@ -96,9 +100,14 @@ class Fit:
     range_m: float
     edge_support: float = 0.0
     found: float = 0.0
+    chance: Chance = CERTAIN
     residuals: FitResiduals | None = None
 
     @property
     def finite(self) -> bool:
         """Whether pose and covariance are finite."""
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
+
+    def log10_false_alarms(self, poses: int) -> float:
+        """Decimal logarithm of how many of so many random poses are expected to find as much."""
+        return self.chance.whole + math.log10(poses)

@@ -1,10 +1,10 @@
 """State of a run of `robust` after its frames so far, and the support required of the next one."""
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.false_alarms import log10_false_alarms
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
@@ -50,8 +50,10 @@ class TrackState:
         return max(self.config.good_support, self.config.loss.slow_part * self.usual_support)
 
     def holds(self, fit: Fit, predicted: Motion) -> bool:
-        """Whether a fit has the required support, or matches more edges than chance would."""
-        return fit.finite and (fit.support >= self.required_support(fit, predicted) or self.is_there(fit, predicted))
+        """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt."""
+        if not fit.finite or fit.log10_false_alarms(HYPOTHESES) >= 0.0:
+            return False
+        return fit.support >= self.required_support(fit, predicted) or self.is_there(fit, predicted)
 
     def required_support(self, fit: Fit, predicted: Motion) -> float:
         """Support required of a fit: far from the prediction nearly the usual one."""
@@ -65,9 +67,7 @@ class TrackState:
         """Whether a track is continued because chance would not match as many edges near the prediction."""
         if self.is_first or self.is_lost or predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2:
             return False
-        estimator = self.config.solver.estimator
-        width_px, half_px = estimator.fine_widths_px[-1], estimator.fine_half_px
-        return log10_false_alarms(fit, width_px, half_px, HYPOTHESES) < self.config.loss.log10_false_alarms
+        return fit.chance.edges + math.log10(HYPOTHESES) < self.config.loss.log10_false_alarms
 
     def suppose(self, fit: Fit, dt_s: float, stamp_ns: int) -> None:
         """Predict from an undecided frame's fit, if its support is that of a correct pose."""
@@ -80,5 +80,6 @@ class TrackState:
         if not self.is_first:
             self.prediction_errors = self.prediction_errors.updated(predicted, fit.cam_from_world, rate)
         self.motion, self.tentative = self.motion.update(fit.cam_from_world, fit.covariance, dt_s), None
-        self.usual_support += max(rate, 1 / (1 + self.frames_ok)) * (fit.support - self.usual_support)
+        # The first frame says little about the next ones, since the appearance of its edges is not known yet.
+        self.usual_support += max(rate, 1 / max(1, self.frames_ok)) * (fit.support - self.usual_support)
         self.ok_ns, self.range_m, self.frames_ok = stamp_ns, fit.range_m, self.frames_ok + 1

@@ -6,6 +6,7 @@ moved with the prediction.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -41,6 +42,8 @@ many as 24 frames of the default budget have for it.
 """
 FAR_STEP_FACTOR = 2.0
 """Factor on the steps of roll and range far from a guess; the pattern search closes the gaps."""
+SEARCHED_POSES = 1_000_000
+"""Poses of a complete search, of some 60 edge points each, that may look right by chance."""
 MOST_FITS = 64
 """Number of fits after which a complete search ends."""
 PERTURBATIONS = 24
@@ -154,6 +157,8 @@ class Relocator:
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
+            if fit.log10_false_alarms(SEARCHED_POSES) >= 0.0:  # so many poses were scored that chance explains it
+                fit = replace(fit, support=0.0, found=0.0)
             ranking.add(fit)
             self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), fit.support)
             if ranking.top.support >= sought.sure:
