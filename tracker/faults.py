@@ -1,5 +1,6 @@
 """Messages on faults in a tracker's code, in one line: name, file and line."""
 
+import math
 import sys
 import sysconfig
 from dataclasses import replace
@@ -101,8 +102,11 @@ def checked(result: Any) -> TrackResult:
     for name, count in counts.items():
         if count is not None and not isinstance(count, Integral):
             raise ResultError(f"[bad-result] {name} is {_named(count)}, not an integer")
+    nfa = result.log10_nfa
+    if nfa is not None and (not isinstance(nfa, int | float | np.floating) or math.isnan(nfa)):
+        raise ResultError(f"[bad-result] log10_nfa is {_named(nfa)}, not a number")
     whole: dict[str, Any] = {name: None if count is None else int(count) for name, count in counts.items()}
-    return replace(result, stage_ms=stage_ms, **whole)
+    return replace(result, stage_ms=stage_ms, **whole, log10_nfa=None if nfa is None else float(nfa))
 
 
 def _is_rotation(R: Array) -> bool:

@@ -28,8 +28,9 @@ class TrackResult:
     status: `ambiguous` when several poses explain the frame about equally well; like `lost`, it has no estimate.
     cam_from_world: the estimate, None unless status is `ok`; guess: best hypothesis of a tracker that is still
     searching, not an estimate. covariance (6, 6): of the twist xi with cam_from_world_true = exp(xi) @ cam_from_world,
-    translation (m) first, rotation (rad) last; None if the tracker claims none. stage_ms: wall-clock time of each stage
-    by name. Counts are None where not applicable.
+    translation (m) first, rotation (rad) last; None if the tracker claims none. stage_ms: wall-clock time of each
+    stage by name. Counts are None where not applicable. log10_nfa: decimal logarithm of the number of false alarms,
+    how many random poses would explain the frame as well (Desolneux, Moisan & Morel 2000); None without such a test.
     """
 
     status: Status
@@ -40,6 +41,7 @@ class TrackResult:
     control_points: int | None = None
     candidates: int | None = None
     inliers: int | None = None
+    log10_nfa: float | None = None
     guess: Pose | None = None
 
     def __post_init__(self) -> None:

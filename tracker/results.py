@@ -1,7 +1,7 @@
 """The results of one tracker on one sequence, and their folder.
 
     record.json    provenance: tracker and parameters, rate, seed, sequence, versions, hash, list of files
-    frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts; blank where undefined
+    frames.csv     frame, stamp_ns, status, cam_from_world, covariance, counts, log10_nfa; blank where undefined
     times.csv      frame, wall-clock time of each stage in ms
     estimate_world_from_body.tum      the frames that are ok; estimate_world_from_cam.tum if the mount is unknown
     groundtruth_world_from_body.tum   ground truth at every tracked frame, if known
@@ -37,6 +37,8 @@ POSE_COLUMNS = ["px_m", "py_m", "pz_m", "qw", "qx", "qy", "qz"]
 COVARIANCE_COLUMNS = [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
 COUNT_COLUMNS = ["segments", "control_points", "candidates", "inliers"]
 FRAME_COLUMNS = ["frame", "stamp_ns", "status", *POSE_COLUMNS, *COVARIANCE_COLUMNS, *COUNT_COLUMNS]
+NFA_COLUMN = "log10_nfa"
+"""The last column of frames.csv; results of earlier versions do not have it."""
 UPPER = np.triu_indices(6)
 
 
@@ -99,7 +101,7 @@ class Results:
     def write(self, new: Path, groundtruth: Trajectory | None = None) -> None:
         """Write the files into a new folder; groundtruth: in the frame of `estimate`."""
         write_text(new / MARKER.name, json.dumps(dict(self.record), indent=1, sort_keys=True) + "\n")
-        _write_csv(new / "frames.csv", FRAME_COLUMNS, [self._frame_cells(i) for i in range(len(self))])
+        _write_csv(new / "frames.csv", [*FRAME_COLUMNS, NFA_COLUMN], [self._frame_cells(i) for i in range(len(self))])
         stages = list(dict.fromkeys(name for row in self.rows for name in row.stage_ms))
         times = [
             [str(frame), *(_cell(row.stage_ms.get(name)) for name in stages)]
@@ -140,7 +142,7 @@ class Results:
             pose = [*row.cam_from_world.translation.tolist(), *row.cam_from_world.quaternion_wxyz.tolist()]
         covariance: list[Any] = [None] * 21 if row.covariance is None else row.covariance[UPPER].tolist()
         counts = [getattr(row, name) for name in COUNT_COLUMNS]
-        cells = [*pose, *covariance, *counts]
+        cells = [*pose, *covariance, *counts, row.log10_nfa]
         return [str(self.frames[i]), str(self.stamps_ns[i]), row.status, *map(_cell, cells)]
 
 
@@ -194,7 +196,10 @@ def _read_row(cells: Mapping[str, str], ms: Mapping[str, str]) -> TrackResult:
     stage_ms = {name.removesuffix("_ms"): float(value) for name, value in ms.items() if name != "frame" and value}
     if not np.isfinite(list(stage_ms.values())).all():
         raise ValueError("a time that is not finite")
-    return TrackResult(status=status, cam_from_world=pose, covariance=covariance, stage_ms=stage_ms, **counts)
+    log10_nfa = float(cells[NFA_COLUMN]) if cells.get(NFA_COLUMN) else None
+    return TrackResult(
+        status=status, cam_from_world=pose, covariance=covariance, stage_ms=stage_ms, **counts, log10_nfa=log10_nfa
+    )
 
 
 def _cell(value: float | int | None) -> str:

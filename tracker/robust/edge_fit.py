@@ -175,7 +175,11 @@ class EdgeFitter:
         share = support(
             found.measured, searched.weight, searched.patch_weight, matches.correlation, self.appearance, self.weak_step
         )
-        n, patches, estimator = len(points.points), np.count_nonzero(weighting.patch_weight), self.config.solver.estimator
+        n, patches, estimator = (
+            len(points.points),
+            np.count_nonzero(weighting.patch_weight),
+            self.config.solver.estimator,
+        )
         return Fit(
             Pose(best.R, best.t),
             inverse6(best.step.information),

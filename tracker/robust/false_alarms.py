@@ -2,7 +2,8 @@
 
 Background model: on a search line with m random candidates at least one is within the cutoff of the M-estimator with
 probability 1 - (1 - width / half length)^m. m is counted on each line, so that more edges are required in cluttered
-images, which match by chance. Points of one part of an edge are found or missed together, so parts are counted.
+images, which match by chance. Points of one part of an edge are found or missed together, so parts are counted. A
+patch is found as easily as an edge with one candidate.
 """
 
 import math
@@ -15,11 +16,6 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
-PATCH_BY_CHANCE = 0.05
-"""Probability of finding a patch at a wrong pose. Measured from displaced poses on six rendered sequences: 0.00 to 0.01
-of the patches were found at 526 fits that ended at wrong poses."""
-
-
 class Chance(NamedTuple):
     """Decimal logarithms of bounds on the probability that a random pose finds as much: of the edges alone, and of
     edges or edges and patches together, whichever is less likely.
@@ -39,7 +35,7 @@ def log10_tail(found: float, expected: float, n: int) -> float:
     bound = found * math.log(found / expected)
     if found < n:
         bound += (n - found) * math.log((n - found) / (n - expected))
-    return -bound / math.log(10.0)
+    return min(0.0, -bound / math.log(10.0))
 
 
 @compiled("i1 f2 f1 f1 f1 f0 f0")
@@ -72,7 +68,7 @@ def chance(
     edges = log10_tail(share, expected, parts)
     for i in range(len(correlation)):
         if correlation[i] >= 0.0:
-            parts, expected = parts + 1, expected + PATCH_BY_CHANCE
+            parts, expected = parts + 1, expected + width_px / half_px
             share += 1.0 if patch_weight[i] > 0.0 else 0.0
     whole = log10_tail(share, expected, parts)
     return Chance(edges, min(0.0, min(edges, whole) + math.log10(2.0)))

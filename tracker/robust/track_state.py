@@ -49,19 +49,20 @@ class TrackState:
         """The larger of a good support and a part of the usual one."""
         return max(self.config.good_support, self.config.loss.slow_part * self.usual_support)
 
-    def holds(self, fit: Fit, predicted: Motion) -> bool:
+    def holds(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
         """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt."""
         if not fit.finite or fit.log10_false_alarms(HYPOTHESES) >= 0.0:
             return False
-        return fit.support >= self.required_support(fit, predicted) or self.is_there(fit, predicted)
+        return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted)
 
-    def required_support(self, fit: Fit, predicted: Motion) -> float:
-        """Support required of a fit: far from the prediction nearly the usual one."""
+    def required_support(self, fit: Fit, predicted: Motion, searched: bool = False) -> float:
+        """Support required of a fit: nearly the usual one if it was searched, or is far from the prediction."""
         loss = self.config.loss
         if self.is_first:
             return self.config.initialization.min_support
-        far = not fit.support >= self.usual_support and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
-        return max(loss.min_support, loss.far_part * self.usual_support if far or self.is_lost else 0.0)
+        unusual = not fit.support >= self.usual_support
+        far = unusual and predicted.squared_mahalanobis(fit.cam_from_world) > FAR_CHI2
+        return max(loss.min_support, loss.far_part * self.usual_support if far or searched or self.is_lost else 0.0)
 
     def is_there(self, fit: Fit, predicted: Motion) -> bool:
         """Whether a track is continued because chance would not match as many edges near the prediction."""

@@ -13,6 +13,7 @@ from uavbench.tracker.robust.edge_fit import EdgeFitter
 from uavbench.tracker.robust.frames import Frame, Frames
 from uavbench.tracker.robust.motion_model import Motion, isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 from uavbench.tracker.robust.track_state import TrackState
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.errors import UserError
@@ -105,6 +106,7 @@ def tracked(fit: Fit, clock: StageClock) -> TrackResult:
         control_points=fit.control_points,
         candidates=fit.candidates,
         inliers=fit.inliers,
+        log10_nfa=fit.log10_false_alarms(HYPOTHESES),
     )
 
 
@@ -117,4 +119,5 @@ def undecided(decision: Decision, frame: Frame, clock: StageClock) -> TrackResul
         stage_ms=clock.ms,
         control_points=fit.control_points,
         inliers=fit.inliers,
+        log10_nfa=fit.log10_false_alarms(HYPOTHESES),
     )

@@ -40,7 +40,8 @@ class AppearanceConfig:
     max_colour_residual_px: Positive = 0.7
     """Largest residual of a control point from which colours are learned. Chosen on rendered seeds."""
     learning_rate: Part = 0.1
-    """Least weight of the newest frame in running means: of colours, residuals and the usual support. Chosen on rendered seeds."""
+    """Least weight of the newest frame in running means: of colours, residuals and the usual support. Chosen on
+    rendered seeds."""
     weak_step_grey: Positive = 15.0
     """Intensity step at which an edge is assumed to have an error of 1 px, inversely proportional to the step, while
     its residuals are not learned; at this step its weight is one half. Chosen on rendered seeds."""
@@ -54,12 +55,12 @@ class WeightConfig:
     """Weight of an edge whose appearance is not learned yet. Chosen on rendered seeds."""
     point_variance_px2: Positive = 0.08**2
     """Independent variance of a control point. Chosen on rendered seeds."""
-    silhouette_variance_px2: Positive = 0.05**2
+    silhouette_variance_px2: Positive = 0.04**2
     """Variance of the offset of an edge with one visible face. Measured at the true poses of seven rendered sequences
     of boxes, walls and a bridge: 0.02 to 0.06 px RMS."""
-    crease_variance_px2: Positive = 0.25**2
-    """Variance of the offset of an edge with two visible faces. Measured at true poses: creases lie up to 0.9 px from
-    the model's edge, by worn borders, insets and shadows; on those seven sequences 0.01 to 0.11 px RMS."""
+    crease_variance_px2: Positive = 0.1**2
+    """Variance of the offset of an edge with two visible faces. Measured there: 0.01 to 0.11 px RMS, by worn borders,
+    insets and shadows; single creases lie up to 0.9 px from the model's edge."""
 
 
 @dataclass(frozen=True)

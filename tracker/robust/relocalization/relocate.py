@@ -101,6 +101,7 @@ class Relocator:
         sides = (Turn(turn, 0.0), Turn(-turn, 0.0), Turn(0.0, turn), Turn(0.0, -turn))
         self.sides = [self.searcher.block(*side, nearest) for side in sides]
         self.known_sigma = fitter.config.initialization.sigma
+        self.unacceptable = float(np.nextafter(fitter.config.initialization.min_support, 0.0))
         self.forget()
 
     def forget(self) -> None:
@@ -158,7 +159,7 @@ class Relocator:
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
             if fit.log10_false_alarms(SEARCHED_POSES) >= 0.0:  # so many poses were scored that chance explains it
-                fit = replace(fit, support=0.0, found=0.0)
+                fit = replace(fit, support=min(fit.support, self.unacceptable))
             ranking.add(fit)
             self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), fit.support)
             if ranking.top.support >= sought.sure:
