@@ -16,6 +16,8 @@ from uavbench.trajectories.kernels.compiled import compiled
 from uavbench.trajectories.pose import Array
 
 Indices = NDArray[np.int64]
+
+
 class Chance(NamedTuple):
     """Decimal logarithms of bounds on the probability that a random pose finds as much: of the edges alone, and of
     edges or edges and patches together, whichever is less likely.

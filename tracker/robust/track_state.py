@@ -7,6 +7,7 @@ from typing import NamedTuple
 from uavbench.tracker.robust.config import RobustConfig
 from uavbench.tracker.robust.motion_model import FAR_CHI2, Motion, PredictionErrors
 from uavbench.tracker.robust.pose_fit import Fit
+from uavbench.tracker.robust.relocalization.ranking import SEARCHED_POSES
 from uavbench.tracker.robust.solver.hypothesis_kernels import HYPOTHESES
 
 
@@ -51,7 +52,7 @@ class TrackState:
 
     def holds(self, fit: Fit, predicted: Motion, searched: bool) -> bool:
         """Whether chance would not find as much, and a fit has the required support or edges that leave no doubt."""
-        if not fit.finite or fit.log10_false_alarms(HYPOTHESES) >= 0.0:
+        if not fit.finite or fit.log10_false_alarms(SEARCHED_POSES if searched else HYPOTHESES) >= 0.0:
             return False
         return fit.support >= self.required_support(fit, predicted, searched) or self.is_there(fit, predicted)
 

@@ -49,7 +49,11 @@ class Listed:
         if kind is None:
             return cls()
         about = json.loads(path.read_text(encoding="utf-8"))
-        tables = [about[key] for key in KEYS if isinstance(about.get(key), dict)]
+        tables = [
+            {name: digest for name, digest in about[key].items() if isinstance(digest, str)}  # stamps are no digests
+            for key in KEYS
+            if isinstance(about.get(key), dict)
+        ]
         names = {name for table in tables for name in table}
         files = {name: frozenset(table[name] for table in tables if name in table) for name in names}
         return cls(files, about.get("links", {}), kind)

@@ -13,6 +13,12 @@ UNKNOWNS = 6
 """Degrees of freedom of a pose, the expectation of its squared Mahalanobis distance."""
 
 
+SEARCHED_POSES = 1_000_000
+"""Poses of a complete search, of some 60 edge points each, that may look right by chance."""
+DOUBT = 0.3
+"""Factor on the support of a fit that chance explains: less than any frame needs, in the order of such fits."""
+
+
 class Sought(NamedTuple):
     """Input of a slice of the search.
 
@@ -58,7 +64,7 @@ class Ranking:
         if not fit.finite:
             return
         found = self.config.found_support * float(np.log1p(fit.found))
-        score = fit.support + found - self.config.sigma_cost * self.chi2(fit.cam_from_world)
+        score = believed_support(fit) + found - self.config.sigma_cost * self.chi2(fit.cam_from_world)
         if score > self.score:
             self.top, self.score = fit, score
 
@@ -75,3 +81,8 @@ class Ranking:
         errors.
         """
         return support - self.config.lead * float(np.log10(1 + self.chi2(pose) / self.usual_chi2))
+
+
+def believed_support(fit: Fit) -> float:
+    """Support of a fit in a search; less than any frame needs where a random one of its poses may look as right."""
+    return fit.support * (DOUBT if fit.log10_false_alarms(SEARCHED_POSES) >= 0.0 else 1.0)

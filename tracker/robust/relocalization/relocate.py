@@ -6,7 +6,6 @@ moved with the prediction.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -27,7 +26,7 @@ from uavbench.tracker.robust.relocalization.pose_search import (
     grid,
 )
 from uavbench.tracker.robust.relocalization.pose_search_kernels import Target, turned_about
-from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.tried_poses import NONE, TriedPoses
 from uavbench.tracker.stage_clock import StageClock
@@ -42,8 +41,6 @@ many as 24 frames of the default budget have for it.
 """
 FAR_STEP_FACTOR = 2.0
 """Factor on the steps of roll and range far from a guess; the pattern search closes the gaps."""
-SEARCHED_POSES = 1_000_000
-"""Poses of a complete search, of some 60 edge points each, that may look right by chance."""
 MOST_FITS = 64
 """Number of fits after which a complete search ends."""
 PERTURBATIONS = 24
@@ -101,7 +98,6 @@ class Relocator:
         sides = (Turn(turn, 0.0), Turn(-turn, 0.0), Turn(0.0, turn), Turn(0.0, -turn))
         self.sides = [self.searcher.block(*side, nearest) for side in sides]
         self.known_sigma = fitter.config.initialization.sigma
-        self.unacceptable = float(np.nextafter(fitter.config.initialization.min_support, 0.0))
         self.forget()
 
     def forget(self) -> None:
@@ -158,18 +154,16 @@ class Relocator:
                 return True
             covariance = isotropic_covariance(attempt.sigma, sought.range_m)
             fit = self.fitter.fit(sought.image, Pose(*attempt.pose), covariance, clock, attempt.half_px)
-            if fit.log10_false_alarms(SEARCHED_POSES) >= 0.0:  # so many poses were scored that chance explains it
-                fit = replace(fit, support=min(fit.support, self.unacceptable))
             ranking.add(fit)
-            self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), fit.support)
-            if ranking.top.support >= sought.sure:
+            self.tried.add(attempt.pose, attempt.score, motion(fit.cam_from_world), believed_support(fit))
+            if believed_support(ranking.top) >= sought.sure:
                 return True
         return False
 
     def lead(self, fit: Fit) -> float:
         """Lead in support of a fit over those that converged to other poses since the search began."""
         same = self.tried.within_reach(motion(fit.cam_from_world), self.tried.reached)
-        return fit.support - float(self.tried.supports[~same].max(initial=0.0))
+        return believed_support(fit) - float(self.tried.supports[~same].max(initial=0.0))
 
     def shift_sigma_px(self, sought: Sought) -> float:
         """Standard deviation of the image shift at the most likely guess, px of the small image."""

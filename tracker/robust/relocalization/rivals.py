@@ -9,7 +9,7 @@ from uavbench.tracker.robust.motion_model import isotropic_covariance
 from uavbench.tracker.robust.pose_fit import Fit
 from uavbench.tracker.robust.relocalization.pose_arrays import motion
 from uavbench.tracker.robust.relocalization.pose_search import SAMPLING_EVALUATIONS, PoseSearch
-from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought
+from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.self_similarity import SelfSimilarity
 from uavbench.tracker.robust.relocalization.tried_poses import TriedPoses
 from uavbench.tracker.stage_clock import StageClock
@@ -46,7 +46,7 @@ class Rivals:
                     break
                 covariance = isotropic_covariance(self.config.found_sigma, sought.range_m)
                 fit = self.fitter.fit(sought.image, Pose(*pose), covariance, clock, self.config.refit_half_px)
-                tried.add(pose, 0.0, motion(fit.cam_from_world), fit.support)
+                tried.add(pose, 0.0, motion(fit.cam_from_world), believed_support(fit))
                 tried.rivals = tried.rivals.added(pose)
                 fits += [fit] if fit.finite else []
             self.choose(fits, ranking)
@@ -57,7 +57,7 @@ class Rivals:
 
     def choose(self, fits: list[Fit], ranking: Ranking) -> None:
         """Rank the fit of highest worth first; among those of about equal worth, the one nearest to the prediction."""
-        worth = [ranking.worth(fit.support, fit.cam_from_world) for fit in fits]
+        worth = [ranking.worth(believed_support(fit), fit.cam_from_world) for fit in fits]
         least = max(worth) - self.config.lead_of_rivals
         contending = [fit for fit, each in zip(fits, worth, strict=True) if each > least]
         ranking.choose(min(contending, key=lambda fit: ranking.chi2(fit.cam_from_world)))
@@ -87,7 +87,7 @@ class Rivals:
     def trail(self, ranking: Ranking, tried: TriedPoses) -> bool:
         """Whether the best fit has clearly more worth than those that converged to other poses in this search."""
         top, reached = ranking.top, tried.reached
-        least = ranking.worth(top.support, top.cam_from_world) - self.config.lead_of_rivals
+        least = ranking.worth(believed_support(top), top.cam_from_world) - self.config.lead_of_rivals
         others = ~tried.within_reach(motion(top.cam_from_world), reached) & (tried.supports > least)
         poses = ((k, Pose(reached.R[k], reached.t[k])) for k in np.flatnonzero(others))
         return not any(ranking.worth(tried.supports[k], pose) > least for k, pose in poses)
