@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from uavbench.bench.inputs.content_hash import carried_hash, content_hash
+from uavbench.bench.inputs.worker_plugins import Plugins
 from uavbench.bench.runner.graph import Job, run_graph, run_job
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.listed import Marker
@@ -115,7 +116,7 @@ class Meanwhile:
 
     def __call__(self, content_hash, on_step):
         text = self.other.marker.read_text() if self.when == "after" else ""
-        run_job(self.other.name, self.other.work, self.other.made)
+        run_job(Plugins(), self.other.name, self.other.work, self.other.made)
         about = {"content_hash": content_hash, "read": text or self.other.marker.read_text()}
         write_text(self.marker, json.dumps(about))
 
@@ -137,7 +138,7 @@ def test_a_job_does_not_start_on_the_output_of_another_version(tmp_path, pool):
     run_graph([job(tmp_path, "need", enters=1)], pool)
     reader = job(tmp_path, "reader", order=order)
     with pytest.raises(UserError, match="another process replaces"):
-        run_job(reader.name, reader.work, reader.made, (need.made,))
+        run_job(Plugins(), reader.name, reader.work, reader.made, (need.made,))
     assert order == [] and not reader.fresh
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.hand_made import hand_made
 from uavbench.bench.config.suite import load_suite
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.scenes.exports.registry import EXPORTS, export
@@ -236,7 +237,7 @@ def test_euroc_tells_what_it_does_not_hold(plain, tmp_path):
 
 
 def test_an_imu_that_the_record_does_not_describe_is_exported_and_told(plain, tmp_path):
-    shutil.copytree(plain, tmp_path / "older")
+    hand_made(shutil.copytree(plain, tmp_path / "older"))
     path = tmp_path / "older" / "sequence.json"
     info = json.loads(path.read_text())
     del info["sensors"]["imu.csv"]
@@ -355,7 +356,7 @@ def test_bop(plain, tmp_path):
 
 def test_what_hides_the_structure_leaves_its_silhouette_in_bop(plain, tmp_path):
     """As if something stood before the right half of the box in the first image."""
-    shutil.copytree(plain, tmp_path / "hidden")
+    hand_made(shutil.copytree(plain, tmp_path / "hidden"))
     path = tmp_path / "hidden" / "mask" / "000000.png"
     mask = image(path)
     whole = int((mask == 1).sum())

@@ -27,7 +27,7 @@ class Chance(NamedTuple):
     whole: float
 
 
-@compiled("f0 f0 i0")
+@compiled("f0 f0 i0", inner=True)
 def log10_tail(found: float, expected: float, n: int) -> float:
     """log10 of Chernoff's bound on the probability that so many or more of n are found, where `expected` are."""
     if found <= expected:
