@@ -285,6 +285,23 @@ def test_patches_taken_at_a_pose_are_found_again_there(flight):
     assert (vaguer[both] > variance[both]).mean() > 0.9
 
 
+def test_patches_on_faces_that_a_frame_does_not_show_keep_their_places(flight):
+    poses, images = flight
+    view = View.of(CAMERA, box())
+    texture = Texture(edge_map(box()), CAMERA, view, CONFIG)
+    texture.take(images[0], poses[0], np.zeros((0, 2)))
+    face, before = texture.patches.face[: len(texture)], texture.patches.middles[: len(texture)].copy()
+    shown, twist = face == face[0], np.array([0.002, 0.001, 0.0, 0.0, 0.001, 0.0])
+    assert 0 < np.count_nonzero(shown) < len(texture)
+    texture.shift(face[:1], twist, poses[0])
+    after = texture.patches.middles[: len(texture)]
+    np.testing.assert_array_equal(after[~shown], before[~shown])
+    pixels = CAMERA.project(poses[0].transform(before))
+    again = CAMERA.project((Pose.exp(twist) @ poses[0]).transform(after))
+    assert np.abs(again - pixels)[shown].max() < 0.01
+    assert np.abs(again - pixels)[~shown].min(axis=1).max() > 0.1
+
+
 def test_pose_search_ranks_a_near_pose_first(flight):
     poses, images = flight
     search = PoseSearch(edge_map(box()), CAMERA, near_depth(box()), CONFIG)

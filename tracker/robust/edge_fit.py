@@ -252,10 +252,11 @@ class EdgeFitter:
         rows, values = used.points.rows, self.values.appearance
         near = np.abs(weighting.residual) < self.values.widths.last[-1]
         learn(image, lines, rows, weighting.weight, np.where(near, weighting.residual, np.inf), self.appearance, values)
+        faces = self.texture.patches.face[used.chosen[weighting.patch_weight > 0]]
         hits = self.texture.count_hits(used.chosen, weighting.patch_weight, used.correlation)
         if hits:
             twist = self.biases.learn(used.edges, used.sums, used.step.to_patches, pose, dt_s)
-            self.texture.shift(twist, pose)
+            self.texture.shift(faces, twist, pose)  # others keep their places: the frame says nothing of them
         self.learned += 1
         due = hits < patches.enough_to_predict or self.learned % TAKE_EVERY == 0
         if due and hits < MOST_USED and fit.edge_support >= self.config.good_support:

@@ -263,12 +263,18 @@ def count_hits(patches: Patches, chosen: Indices, weights: Array, correlation: A
     return Hits(n, any_lost)
 
 
-@compiled("patches i0 f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
-def shift_places(patches: Patches, count: int, twist: Array, view: View, config: AlignmentConfig) -> None:
-    """Shift the patches on their planes such that their pixels do not change when the pose is moved by a twist (6,)."""
+@compiled("patches i0 b1! f1 view alignment", patches=PATCHES, view=VIEW, alignment=ALIGNMENT)
+def shift_places(
+    patches: Patches, count: int, seen: NDArray[np.bool_], twist: Array, view: View, config: AlignmentConfig
+) -> None:
+    """Shift the patches of the seen faces (f,) on their planes such that their pixels do not change when the pose is
+    moved by a twist (6,).
+    """
     middles, axes, R, t, cam = patches.middles, patches.axes, view.R, view.t, view.lens
     row, c = np.empty(6), np.empty(3)
     for p in range(count):
+        if not seen[patches.face[p]]:
+            continue
         A = warp(middles[p], axes[p], view, config).A
         det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
         if abs(det) < 0.05:

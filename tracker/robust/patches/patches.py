@@ -78,9 +78,13 @@ class Texture:
             self._keep(self.patches.missed[: self.count] <= MAX_MISSES)
         return hits.number
 
-    def shift(self, twist: Array, pose: Pose) -> None:
-        """Shift the patches on their planes so that their pixels at a pose are kept when it moves by a twist (6,)."""
-        shift_places(self.patches, self.count, twist, self.view.at(pose), self.alignment)
+    def shift(self, faces: Indices, twist: Array, pose: Pose) -> None:
+        """Shift the patches of some faces on their planes so that their pixels at a pose are kept when it moves by a
+        twist (6,).
+        """
+        seen = np.zeros(len(self.edges.planes), dtype=np.bool_)
+        seen[faces] = True
+        shift_places(self.patches, self.count, seen, twist, self.view.at(pose), self.alignment)
 
     def take(self, image: Image, pose: Pose, edge_pixels: Array) -> None:
         """Create patches at corners of an image (h, w, c) on the structure, away from pixels (n, 2) of its edges."""
