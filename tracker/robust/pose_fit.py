@@ -108,6 +108,13 @@ class Fit:
         """Whether pose and covariance are finite."""
         return bool(np.isfinite(self.cam_from_world.matrix).all() and np.isfinite(self.covariance).all())
 
+    @property
+    def focus(self) -> Array | None:
+        """Mean (3,) of the control points in the camera frame; None without any."""
+        if self.residuals is None or not len(self.residuals.points.points):
+            return None
+        return np.asarray(self.cam_from_world.transform(self.residuals.points.points).mean(axis=0))
+
     def log10_false_alarms(self, poses: int) -> float:
         """Decimal logarithm of how many of so many random poses are expected to find as much."""
         return self.chance.whole + math.log10(poses)

@@ -29,6 +29,7 @@ from uavbench.tracker.robust.relocalization.pose_search_kernels import Target, t
 from uavbench.tracker.robust.relocalization.ranking import Ranking, Sought, believed_support
 from uavbench.tracker.robust.relocalization.rivals import Rivals
 from uavbench.tracker.robust.relocalization.tried_poses import NONE, TriedPoses
+from uavbench.tracker.robust.relocalization.turned_poses import TurnedPoses
 from uavbench.tracker.stage_clock import StageClock
 from uavbench.trajectories.pose import Pose
 
@@ -56,7 +57,8 @@ class Relocalized(NamedTuple):
     """The best supported fit of a slice, and the progress of the search.
 
     advantage: over the given fit, inf without one. near_done: all likely poses were fitted since the search began;
-    all_done: all poses were. leads: it has clearly more support than the fits that converged to other poses.
+    all_done: all poses were. leads: it has clearly more support than the fits that converged to other poses, near ones
+    among them.
     """
 
     fit: Fit
@@ -87,6 +89,7 @@ class Relocator:
         config = self.config
         self.searcher = PoseSearch(fitter.edges, camera, fitter.view.near, fitter.config)
         self.rivals = Rivals(fitter, self.searcher, config)
+        self.turned = TurnedPoses(fitter, self.searcher.turn_rad, config)
         step = config.search
         near = Reach(config.near_part, config.near_part, config.near_shift_part)
         far_roll_rad = FAR_STEP_FACTOR * step.step_part  # one step to either side
@@ -126,20 +129,22 @@ class Relocator:
             candidates = self.score(target, guesses, self.is_uncertain(sought))
             exhausted = not self.fit_in_turn(self.attempts(candidates, ranking), sought, ranking)
         compared = self.rivals.fit(sought, ranking, self.tried)
+        alone = ranking.top is sought.first or self.turned.agree(sought, ranking, self.tried)
         if ranking.top is not sought.first and ranking.top.finite:
             self.best_before = motion(ranking.top.cam_from_world)
         searched = self.next_block >= len(self.far_blocks) * len(guesses)
         all_done = searched and (exhausted or len(self.tried) >= MOST_FITS)
         compared = compared and ranking.top.support >= sought.sure
         leads = self.rivals.trail(ranking, self.tried) if compared else self.lead(ranking.top) >= config.lead
-        return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads)
+        return Relocalized(ranking.top, ranking.advantage, self.near_done, all_done, leads and alone)
 
     def confirm(self, sought: Sought) -> Relocalized:
         """Compare the given fit with its rivals, the poses at which the structure looks alike."""
         self.forget()
         ranking = Ranking(sought, self.config)
         self.rivals.fit(sought, ranking, self.tried)
-        found = Relocalized(ranking.top, ranking.advantage, True, True, self.rivals.trail(ranking, self.tried))
+        leads = self.turned.agree(sought, ranking, self.tried) and self.rivals.trail(ranking, self.tried)
+        found = Relocalized(ranking.top, ranking.advantage, True, True, leads)
         self.forget()
         return found
 
@@ -261,10 +266,9 @@ class Relocator:
     def perturbed(self, fit: Fit) -> Iterator[Attempt]:
         """The next perturbation of a fit's pose (evolution strategy: Rechenberg 1973)."""
         self.perturbations += 1
-        if fit.residuals is None or not len(fit.residuals.points.points):
+        c, pose, focus = self.config, motion(fit.cam_from_world), fit.focus
+        if focus is None:
             return
-        c, pose = self.config, motion(fit.cam_from_world)
-        focus = pose.R @ fit.residuals.points.points.mean(axis=0) + pose.t
         reach = self.searcher.steps
         reach[:2] = self.searcher.turn_rad
         change = (self.perturbations * ROBERTS % 1.0 * 2 - 1) * reach
