@@ -22,7 +22,7 @@ def suite_options(command: Any) -> Any:
         click.option("--dask", default="", metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT, or `local`."),
         click.option("--shard", default="", metavar="i/N", help="Every N-th sequence from the i-th on; no report."),
         click.option("--isolate", is_flag=True, help="External trackers see only their job folder; no other code."),
-        click.option("--dry-run", is_flag=True, help="Print the plan and the expected time; do nothing."),
+        click.option("--dry-run", is_flag=True, help="Print the plan, its time and its size; do nothing."),
         jobs_option(),
         click.option("--out", type=FILE, help="Folder for everything; default: out/SUITE."),
     ):

@@ -17,9 +17,9 @@ from uavbench.bench.runner.executors import Pool, dask_pool, local_pool
 from uavbench.bench.runner.extent import shortfalls, table_of_extents
 from uavbench.bench.runner.graph import NOT_DONE, Job, Outcome, run_graph
 from uavbench.bench.runner.jobs import plan, plan_flights
-from uavbench.bench.runner.output_folder import resolved, suite_folder
+from uavbench.bench.runner.output_folder import refuse_foreign_folder, resolved, suite_folder
 from uavbench.bench.runner.slurm import run_shards
-from uavbench.bench.runner.tasks import Figures, Render
+from uavbench.bench.runner.tasks import Figures
 from uavbench.bench.said import say
 from uavbench.bench.third_party.registry import absent
 from uavbench.trajectories.bags.reading import BagTopic
@@ -64,8 +64,12 @@ def bring_up_to(verb: str, suite_name: str, out: Path | None, where: ExecutionOp
     )
     jobs = planned()
     if where.dry_run:
+        refuse_foreign_folder(folder)
+        for job in jobs:
+            job.place.refuse_foreign()
         say(dry_run(jobs, folder, where.slurm or where.workers))
-        say(table_of_extents([job.work for job in jobs if isinstance(job.work, Render)]))
+        if table := table_of_extents(job.work for job in jobs):
+            say(table)
         return 0
     if where.slurm:
         run = partial(run_shard, verb, suite_name, folder, isolate=where.isolate, video=where.video)

@@ -1,11 +1,14 @@
-"""Size of a suite's sequences: frames, seconds of flight, megabytes; and path requirements that are not met."""
+"""Size of a suite's sequences or flights: frames, seconds, megabytes; and path requirements that are not met."""
 
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from uavbench.bench.runner.tasks import Render
+from uavbench.bench.runner.graph import Work
+from uavbench.bench.runner.tasks import Fly, Render, Video
+from uavbench.reports.closed_loop.files import MARKER as FLIGHT_MARKER
 from uavbench.scenes.scene import obstacles_of
 from uavbench.scenes.spec import SequenceSpec
 from uavbench.trajectories.errors import UserError
@@ -26,14 +29,20 @@ RAY_BYTES = 16.0
 """Bytes of a lidar ray, measured and true range; a step adds half as much, two stamps and the azimuth."""
 ROW_BYTES, FLIGHT_ROW_BYTES, FIXED_BYTES = 200.0, 550.0, 0.5e6
 """Bytes of a reading, of a row of flight.csv, and of the model, the contact sheet and the records."""
+FLOWN_ROW_BYTES, FLOWN_RATE_HZ, FLOWN_FIXED_BYTES = 370.0, 50.0, 1e4
+"""Bytes of a row of path.csv, its rate, and bytes of the records of a flight, measured on the box."""
+FLOWN_FRAME_BYTES = 1100.0
+"""Bytes of a frame in the tables of a flight, measured with `robust`; with `truth` it is a half."""
+VIDEO_FRAME_BYTES = 6e4
+"""Bytes of a frame of a flight's video, 1280x480, measured on the box."""
 NOISY = {"Noise", "AnalogLink"}
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Size of each sequence of one name, one per seed, or the reason why their flight cannot be planned.
+    """Size of each sequence or flight of one name, one per seed, or the reason why their path cannot be planned.
 
-    bytes: of one sequence, measured on disk if one is rendered, else estimated.
+    bytes: of one of them, measured on disk if one is there, else estimated.
     """
 
     name: str
@@ -45,21 +54,26 @@ class Extent:
     problem: str = ""
 
 
-def extents(renders: Iterable[Render]) -> list[Extent]:
-    """Extent of the sequences by name; those that differ only by their seed are planned once."""
-    by_name: dict[str, list[Render]] = {}
-    for render in renders:
-        if isinstance(render.spec, SequenceSpec):
-            by_name.setdefault(render.spec.name.rpartition("-s")[0], []).append(render)
-    return [_extent(name, alike) for name, alike in by_name.items()]
+def extents(works: Iterable[Work]) -> list[Extent]:
+    """Extent of the sequences or flights by name; those that differ only by their seed are planned once."""
+    works = list(works)
+    videos = {work.flight: work.folder for work in works if isinstance(work, Video)}
+    by_name: dict[str, list[Render | Fly]] = {}
+    for work in works:
+        if isinstance(work, Render | Fly) and isinstance(work.spec, SequenceSpec):
+            by_name.setdefault(_name(work), []).append(work)
+    plans: dict[str, FlightSummary | str] = {}
+    return [_extent(name, alike, plans, videos) for name, alike in by_name.items()]
 
 
-def table_of_extents(renders: Iterable[Render]) -> str:
-    """Table of frames, seconds and megabytes by sequence, their sum, and unmet path requirements; "" without any."""
-    found = extents(renders)
+def table_of_extents(works: Iterable[Work]) -> str:
+    """Table of frames, seconds and megabytes by sequence or flight, sums, unmet path requirements; "" without any."""
+    works = list(works)
+    found = extents(works)
     if not found:
         return ""
-    lines = [f"\n{'each sequence':<36} {'seeds':>7} {'frames':>7} {'flight, s':>10} {'top m/s':>8} {'MB':>9}"]
+    what = "flight" if any(isinstance(work, Fly) for work in works) else "sequence"
+    lines = [f"\n{f'each {what}':<36} {'seeds':>7} {'frames':>7} {'flight, s':>10} {'top m/s':>8} {'MB':>9}"]
     for each in found:
         seconds = f"{each.summary.duration_s:.1f}" if each.summary else "-"
         top = each.summary.speed_planned_m_s if each.summary else None
@@ -69,10 +83,9 @@ def table_of_extents(renders: Iterable[Render]) -> str:
     seeds, frames = sum(each.seeds for each in found), sum(each.seeds * each.frames for each in found)
     total_s = sum(each.seeds * each.summary.duration_s for each in found if each.summary)
     total_mb = sum(each.seeds * each.bytes for each in found) / 1e6
-    lines.append(f"{'all sequences':<36} {seeds:>7} {frames:>7} {total_s:>10.1f} {'':>8} {total_mb:>9.1f}")
-    for each in found:
-        if reason := each.problem or (each.summary.shortfall() if each.summary else ""):
-            lines.append(f"{each.name}: {reason}")
+    lines.append(f"{f'all {what}s':<36} {seeds:>7} {frames:>7} {total_s:>10.1f} {'':>8} {total_mb:>9.1f}")
+    reasons = [(each, each.problem or (each.summary.shortfall() if each.summary else "")) for each in found]
+    lines += dict.fromkeys(f"{each.name.split()[0]}: {reason}" for each, reason in reasons if reason)
     return "\n".join(lines)
 
 
@@ -86,20 +99,58 @@ def shortfalls(markers: Iterable[Path]) -> list[str]:
     return lines
 
 
-def _extent(name: str, alike: list[Render]) -> Extent:
+def _name(work: Render | Fly) -> str:
+    sequence = work.spec.name.rpartition("-s")[0]
+    return f"{sequence} {work.pilot.run}" if isinstance(work, Fly) else sequence
+
+
+def _extent(
+    name: str, alike: list[Render | Fly], plans: dict[str, FlightSummary | str], videos: Mapping[Path, Path]
+) -> Extent:
     spec = alike[0].spec
     assert isinstance(spec, SequenceSpec)
+    plan = plans.get(spec.name) or _plan(spec)
+    plans[spec.name] = plan
+    if isinstance(plan, str):
+        return Extent(name, len(alike), 0, None, 0.0, problem=plan)
+    first = alike[0]
+    if isinstance(first, Fly):
+        plan = replace(plan, duration_s=min(plan.duration_s, first.pilot.loop.time_limit_s or math.inf))
+        frames = _frames_flown(spec, plan.duration_s, first.pilot.rate_hz)
+        size = _bytes_flown(frames, plan.duration_s) + VIDEO_FRAME_BYTES * frames * (first.folder in videos)
+        marker = FLIGHT_MARKER.name
+    else:
+        frames = _frames(plan.duration_s - max(spec.clock.shift_ns, 0) / 1e9, spec.rate_hz)
+        size, marker = _bytes(spec, frames, plan.duration_s), "sequence.json"
+    done = next((work.folder for work in alike if (work.folder / marker).is_file()), None)
+    if done is None:
+        return Extent(name, len(alike), frames, plan, size)
+    folders = [done, videos[done]] if done in videos else [done]
+    size = float(sum(path.stat().st_size for folder in folders for path in folder.rglob("*") if path.is_file()))
+    return Extent(name, len(alike), frames, plan, size, measured=True)
+
+
+def _frames(filmed_s: float, rate_hz: float) -> int:
+    return int(max(filmed_s, 0.0) * rate_hz + 1e-9) + 1
+
+
+def _frames_flown(spec: SequenceSpec, duration_s: float, rate_hz: float) -> int:
+    """Frames of a flight whose exposure ends before it does."""
+    exposure_ms = max((getattr(effect, "exposure_ms", 0.0) for effect in spec.effects), default=0.0)
+    readout_ms = max((getattr(effect, "readout_ms", 0.0) for effect in spec.effects), default=0.0)
+    return _frames(duration_s - 5e-4 * (exposure_ms + readout_ms), rate_hz)
+
+
+def _bytes_flown(frames: int, duration_s: float) -> float:
+    return FLOWN_FIXED_BYTES + FLOWN_FRAME_BYTES * frames + FLOWN_ROW_BYTES * FLOWN_RATE_HZ * duration_s
+
+
+def _plan(spec: SequenceSpec) -> FlightSummary | str:
+    """Summary of the planned path, or why there is none."""
     try:
-        summary = planned_summary(spec.flight, spec.mount.at_rest, obstacles_of(spec), spec.seed)
+        return planned_summary(spec.flight, spec.mount.at_rest, obstacles_of(spec), spec.seed)
     except UserError as error:
-        return Extent(name, len(alike), 0, None, 0.0, problem=f"path {path_name(spec.flight.path)}: {error}")
-    filmed_s = max(summary.duration_s - max(spec.clock.shift_ns, 0) / 1e9, 0.0)
-    frames = int(filmed_s * spec.rate_hz + 1e-9) + 1
-    rendered = next((render.folder for render in alike if (render.folder / "sequence.json").is_file()), None)
-    if rendered is None:
-        return Extent(name, len(alike), frames, summary, _bytes(spec, frames, summary.duration_s))
-    size = float(sum(path.stat().st_size for path in rendered.rglob("*") if path.is_file()))
-    return Extent(name, len(alike), frames, summary, size, measured=True)
+        return f"path {path_name(spec.flight.path)}: {error}"
 
 
 def _bytes(spec: SequenceSpec, frames: int, duration_s: float) -> float:

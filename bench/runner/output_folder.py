@@ -29,6 +29,21 @@ def resolved(folder: Path) -> Path:
     return folder.resolve()
 
 
+def refuse_foreign_folder(folder: Path, kind: str = RESULTS) -> None:
+    """Raise UserError unless uavbench made the folder: then it has a `suite.json` with a seal of this kind."""
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise UserError(f"{folder}: not a folder; name another one with --out")
+    if not folder.is_dir() or sealed_kind(folder / SUITE) == kind:
+        return
+    refuse_foreign_file(folder / SUITE, kind)
+    for path in sorted(folder.iterdir()):
+        early = path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)
+        if not early and not sealed_kind(folder / SUITE) == kind:  # another shard may have written it meanwhile
+            raise UserError(
+                f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder with --out"
+            )
+
+
 @contextmanager
 def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: str = RESULTS) -> Iterator[Path]:
     """The folder, created or reopened; UserError when it holds something other than this kind or is in use.
@@ -36,7 +51,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
     Different shards of a suite may use one folder at the same time; other processes may not. Incomplete files of killed
     processes are removed before and after.
     """
-    _refuse_foreign(folder, kind)
+    refuse_foreign_folder(folder, kind)
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -52,7 +67,7 @@ def suite_folder(folder: Path, suite: Suite, shard: Shard | None = None, kind: s
             raise UserError(
                 f"{folder}: another uavbench process uses it; wait for its end or name another folder"
             ) from None
-        _refuse_foreign(folder, kind)
+        refuse_foreign_folder(folder, kind)
         clean_leftovers(folder, alone=shard is None)
         try:
             _describe(folder, suite, kind)
@@ -79,21 +94,6 @@ def _clean(folder: Path, depth: int, alone: bool) -> None:
         return
     for path in below:
         _clean(path, depth - 1, alone)
-
-
-def _refuse_foreign(folder: Path, kind: str) -> None:
-    """Raise UserError unless uavbench made the folder: then it has a `suite.json` with a seal of this kind."""
-    if os.path.lexists(folder) and not folder.is_dir():
-        raise UserError(f"{folder}: not a folder; name another one with --out")
-    if not folder.is_dir() or sealed_kind(folder / SUITE) == kind:
-        return
-    refuse_foreign_file(folder / SUITE, kind)
-    for path in sorted(folder.iterdir()):
-        early = path.name.startswith(".lock") or path.name == "slurm" or is_temporary(path.name)
-        if not early and not sealed_kind(folder / SUITE) == kind:  # another shard may have written it meanwhile
-            raise UserError(
-                f"{folder}: holds something other than uavbench's output: {path.name}; name a new folder with --out"
-            )
 
 
 def _describe(folder: Path, suite: Suite, kind: str) -> None:

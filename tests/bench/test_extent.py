@@ -1,4 +1,4 @@
-"""`--dry-run` tells frames, seconds and megabytes of each sequence, and what its path does not reach."""
+"""`--dry-run` tells frames, seconds and megabytes of each sequence or flight, and what its path does not reach."""
 
 import json
 
@@ -57,6 +57,46 @@ def test_the_dry_run_tells_how_much_each_sequence_is(suite, tmp_path):
     assert "hasty: path orbit: at most 0.56 of the requested 1.5 m/s" in done.output
     assert "never: path orbit: duration_s 2: 7.85 m from rest to rest take" in done.output
     assert not (tmp_path / "out").exists()
+
+
+LOOP = """
+[loop]
+estimator = "truth"
+time_limit_s = 10.0
+[loops.soon]
+latency = { kind = "constant", ms = 20.0 }
+[loops.late]
+latency = { kind = "constant", ms = 200.0 }
+"""
+
+
+def test_the_dry_run_of_flights_tells_how_much_each_flight_is(suite, tmp_path):
+    suite.write_text(SUITE + LOOP)
+    command = ["fly", str(suite), "--out", str(tmp_path / "out"), "--dry-run"]
+    plain, filmed = (CliRunner().invoke(main, [*command, *more]) for more in ([], ["--video"]))
+    assert plain.exit_code == filmed.exit_code == 0, plain.output
+    told, told_filmed = (each.output.split("each flight")[1].splitlines()[1:] for each in (plain, filmed))
+    rows, filmed_rows = (
+        {" ".join(line.split()[:2]): line.split()[2:] for line in lines} for lines in (told, told_filmed)
+    )
+    assert rows["pilot hold@5hz+soon"][:4] == ["3", "21", "4.0", "-"]
+    assert rows["timed hold@5hz+late"][:3] == ["3", "51", "10.0"]  # by its time limit
+    hasty = 3 * (1 + int(5 * float(rows["hasty hold@5hz+soon"][2])))
+    assert rows["all flights"][:2] == ["24", str(2 * (3 * (51 + 21) + hasty))]
+    assert [line.split(":")[0] for line in told if ": " in line] == ["hasty", "never"]
+    assert float(filmed_rows["all flights"][3]) > 5 * float(rows["all flights"][3])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_refuses_what_the_command_would(suite, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("mine")
+    for verb, text in (("run", SUITE), ("fly", SUITE + LOOP)):
+        suite.write_text(text)
+        done = CliRunner().invoke(main, [verb, str(suite), "--out", str(tmp_path / "out"), "--dry-run"])
+        assert (done.exit_code, "thesis.txt" in done.output) == (2, True)
+    suite.write_text(SUITE)
+    assert "no table [loop]" in CliRunner().invoke(main, ["fly", str(suite), "--dry-run"]).output
 
 
 def test_what_is_rendered_is_weighed(suite, tmp_path):

@@ -16,6 +16,7 @@ from uavbench.bench.cli.main import main
 from uavbench.bench.closed_loop.latency import Constant, Lognormal
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import suite_file
+from uavbench.bench.runner.extent import extents
 from uavbench.bench.runner.jobs import plan_flights
 from uavbench.bench.third_party.registry import absent
 from uavbench.reports.closed_loop.measures import FlightScore
@@ -116,6 +117,18 @@ def test_a_video_shows_every_frame_from_the_camera_and_from_outside(done):
         assert green.sum() > 100  # the model at the estimate
         moved = np.abs(outside.astype(int) - shown[0][:, 640:]).max(axis=2) > 60
         assert 0 < moved[40:].sum() < 0.2 * moved.size  # the vehicle, and nothing else
+
+
+def test_a_dry_run_tells_the_frames_that_are_flown_and_about_their_megabytes(done, tmp_path):
+    folder, _ = done
+    works = (
+        [job.work for job in plan_flights(load_suite(folder / "few.toml"), out)] for out in (folder / "out", tmp_path)
+    )
+    flown, planned = ({each.name: each for each in extents(flights)}["box truth@15hz"] for flights in works)
+    frames = list(csv.DictReader((folder / "out" / "flights" / "box-s0" / "truth@15hz" / "frames.csv").open()))
+    assert flown.frames == planned.frames == len(frames)
+    assert (flown.measured, planned.measured) == (True, False)
+    assert 0.5 < planned.bytes / flown.bytes < 2.0
 
 
 def test_a_shard_makes_its_videos_too(tmp_path, monkeypatch):
