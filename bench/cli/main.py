@@ -1,6 +1,7 @@
 """The command `uavbench`: its groups of subcommands, signals and error messages."""
 
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -51,6 +52,13 @@ def interrupts() -> Iterator[None]:
 
 class Group(click.Group):
     """Prints user errors and I/O errors as one message, without a traceback; exit code 2."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the subcommands with their whole summaries, which click cuts to one line."""
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, self.commands[name].get_short_help_str(sys.maxsize)) for name in sorted(self.commands)]
+            )
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the given subcommand."""

@@ -72,7 +72,7 @@ def third_party_list_command() -> None:
 @third_party_group.command("setup")
 @click.argument("name")
 def third_party_setup_command(name: str) -> None:
-    """Set up the third-party tracker NAME and its dependencies for this user."""
+    """Set up the tracker NAME and its dependencies for this user."""
     from uavbench.bench.third_party.registry import setup
 
     say(setup(name))

@@ -52,7 +52,7 @@ class Suite:
 
 def load_suite(path: Path) -> Suite:
     """Read a suite from a TOML file; UserError naming the file and every invalid key."""
-    return suite_of(*_read(path), path)
+    return suite_of(*_read(path, "; `uavbench list` shows the suites that come with uavbench"), path)
 
 
 def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
@@ -103,7 +103,7 @@ def suite_of(data: dict[str, Any], extra: Extra, path: Path) -> Suite:
 
 def load_tracker(path: Path) -> Tracker:
     """Read a tracker from a TOML file with its table; UserError naming the file and every invalid key."""
-    data, extra = _read(path)
+    data, extra = _read(path, "; write a table such as kind = 'robust' into a TOML file and name that")
     return tracker_of(data, path, extra)
 
 
@@ -163,9 +163,9 @@ def suite_model(extra: Extra = ()) -> type[BaseModel]:
     )
 
 
-def _read(path: Path) -> tuple[dict[str, Any], Extra]:
-    """Content of a TOML file, and the user's plug-ins that it names."""
-    data = read_toml(path, hint="; `uavbench list` shows the suites that come with uavbench")
+def _read(path: Path, hint: str) -> tuple[dict[str, Any], Extra]:
+    """Content of a TOML file, and the user's plug-ins that it names; hint: what to do when there is no such file."""
+    data = read_toml(path, hint=hint)
     return data, plugins_named(data, path)
 
 

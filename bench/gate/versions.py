@@ -92,7 +92,7 @@ def version(ref: str) -> Iterator[Version]:
     if ref == WORKING:
         yield Version("working tree", top, top)
         return
-    commit = git("rev-parse", "--short", "--verify", "--end-of-options", f"{ref}^{{commit}}").decode().strip()
+    commit = commit_of(ref, "--short")
     with Guard("uavbench-version-") as guard:
         folder = guard.folder.resolve()
         with tarfile.open(fileobj=io.BytesIO(git("-C", str(top), "archive", "--format=tar", commit))) as archive:
@@ -146,6 +146,15 @@ def _link_untracked(folder: Path, top: Path) -> Iterator[str]:
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).symlink_to(top / path)
             yield str(path)
+
+
+def commit_of(ref: str, *options: str) -> str:
+    """Hash of the commit that a ref names, with options of `git rev-parse`; UserError when it names none."""
+    try:
+        return git("rev-parse", *options, "--verify", "--end-of-options", f"{ref}^{{commit}}").decode().strip()
+    except UserError:
+        git("rev-parse", "--git-dir")  # tells that there is no repository, or no git
+        raise UserError(f"{ref!r} is no commit of this repository; `git log --oneline` lists them") from None
 
 
 def git(*arguments: str) -> bytes:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from uavbench.bench.gate.versions import git
+from uavbench.bench.gate.versions import commit_of, git
 from uavbench.trajectories.errors import UserError
 
 Tell = Callable[[str], None]
@@ -84,10 +84,7 @@ def candidates(goods: list[str], bad: str) -> list[str]:
 
 def between(good: str, bad: str) -> tuple[str, str]:
     """Full hashes of two commits; UserError unless both exist and the first is an ancestor of the second."""
-    found = [
-        git("rev-parse", "--verify", "--end-of-options", f"{ref}^{{commit}}").decode().strip() for ref in (good, bad)
-    ]
-    first, last = found
+    first, last = commit_of(good), commit_of(bad)
     if git("merge-base", first, last).decode().strip() != first:
         raise UserError(f"{good} is not an ancestor of {bad}: give the good commit first, then a descendant of it")
     if first == last:

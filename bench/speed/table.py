@@ -19,6 +19,8 @@ from uavbench.trajectories.files.writing import write_text
 
 SPEED = Path(__file__).parent
 BENCHMARKS = "times of benchmarks"
+NONE_SELECTED = 5
+"""Exit code of pytest when no test is selected."""
 
 
 def speed(only: str, save: Path | None) -> int:
@@ -46,6 +48,8 @@ def speed(only: str, save: Path | None) -> int:
         try:
             results = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
+            if done.code == NONE_SELECTED:
+                raise UserError(f"--only {only}: no benchmark has such a name; without it all are run") from None
             raise UserError(
                 f"the benchmarks did not run (they need `pip install 'uavbench[speed]'`): {done.last}"
             ) from None

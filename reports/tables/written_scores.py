@@ -7,9 +7,10 @@ from uavbench.reports.scoring.score import Score
 from uavbench.reports.scoring.score_frame import score_frame
 from uavbench.reports.tables.columns import COLUMNS, DETAILS
 from uavbench.reports.tables.summary_table import Table, summary_table
-from uavbench.scenes.dataset.table_files import read_json
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.files.reading import read_json
 
+HINT = "; name the folder of a report; one of flights has its table as tables/flights.csv"
 KEY = ("label", "rate_hz", "seed", "sequence")
 
 
@@ -20,7 +21,7 @@ def table_of(folder: Path) -> Table:
 
 def read_scores(folder: Path) -> list[Score]:
     """Scores of `scores.json` with the times of `latency.json`; UserError naming a file that is missing or invalid."""
-    accuracy, times = read_json(folder / "scores.json"), read_json(folder / "latency.json")
+    accuracy, times = (read_json(folder / name, inside=folder, hint=HINT) for name in ("scores.json", "latency.json"))
     try:
         timed = {json.dumps([row[key] for key in KEY]): row for row in times["latency"]}
         return [Score.from_json({**timed[json.dumps([row[k] for k in KEY])], **row}) for row in accuracy["scores"]]

@@ -258,7 +258,7 @@ def test_a_version_holds_links_that_lead_out_of_the_repository(foreign, tmp_path
 def test_a_ref_that_is_none_is_a_users_mistake(repository, monkeypatch):
     result, _ = compare(repository, monkeypatch, "no-such-ref", ".")
     assert result.exit_code == 2
-    assert "git rev-parse" in result.output
+    assert "'no-such-ref' is no commit of this repository" in result.output
 
 
 def test_of_each_frame_the_smallest_time_counts():

@@ -5,7 +5,8 @@ import tomllib
 
 import pytest
 
-from uavbench.bench.speed.table import SPEED, Verdict, against, table
+from uavbench.bench.speed.table import SPEED, Verdict, against, speed, table
+from uavbench.trajectories.errors import UserError
 
 
 def test_goals():
@@ -56,3 +57,9 @@ def test_every_goal_is_of_a_benchmark_that_exists():
         if isinstance(node, ast.FunctionDef)
     }
     assert set(goals) <= names
+
+
+def test_a_name_that_no_benchmark_has_is_told():
+    pytest.importorskip("pytest_benchmark")
+    with pytest.raises(UserError, match="--only nonesuch: no benchmark has such a name"):
+        speed("nonesuch", None)

@@ -1,0 +1,38 @@
+"""Help and mistakes on the command line, as a terminal of 80 columns shows them."""
+
+import pytest
+from click.testing import CliRunner
+
+from uavbench.bench.cli.main import main
+
+
+def uavbench(*arguments):
+    return CliRunner().invoke(main, list(map(str, arguments)), prog_name="uavbench", terminal_width=80)
+
+
+def test_every_command_is_summed_up_in_whole_words():
+    listed = uavbench("--help").output.split("Commands:")[1]
+    assert "..." not in listed
+    assert " ".join(listed.split()).count("exit code 0 pass, 1 fail, 3 inconclusive") == 1
+    assert [line.split()[0] for line in listed.splitlines() if line[2:3].strip()] == sorted(main.commands)
+
+
+@pytest.mark.parametrize("name", ["", *main.commands])
+def test_help_fits_the_terminal(name):
+    done = uavbench(*name.split(), "--help")
+    assert done.exit_code == 0
+    assert max(map(len, done.output.splitlines())) <= 80
+    assert "..." not in done.output.partition("Commands:")[2]
+
+
+@pytest.mark.parametrize(("arguments", "told"), [
+    (("check", "none.toml"), "none.toml: no such file; write a table such as kind = 'robust' into a TOML file"),
+    (("run", "none.toml"), "none.toml: no such file; `uavbench list` shows the suites"),
+    (("tables", "none"), "none/scores.json: no such file; name the folder of a report"),
+    (("track", "robust"), "unknown suite 'robust'"),
+])  # fmt: skip
+def test_a_missing_file_is_told_with_what_to_name(arguments, told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = uavbench(*arguments)
+    assert done.exit_code == 2
+    assert told in done.output
