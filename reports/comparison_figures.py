@@ -27,6 +27,7 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
     colours = {run.name: run.colour for run in runs}
     fast = fastest(runs)
     fastest_hz = fast[0].score.rate_hz
+    slower = "; hollow at the lower rates" if len(fast) < len(runs) else ""
     made = [
         Drawing("accuracy", "Error and coverage",
                 "ATE (RMSE, no alignment) over the frames with a pose, next to the share of frames that have one and "
@@ -37,7 +38,7 @@ def compare(runs: ListOf[ScoredRun]) -> list[Drawing]:
                 "Share of all frames within a distance of the ground truth; frames without a pose are within none.",
                 partial(figures_compare.success_curves, runs)),
         Drawing("latency", "Accuracy against latency",
-                "Median time of a frame with a line to the 95th percentile; hollow at the lower rates.",
+                f"Median time of a frame with a line to the 95th percentile{slower}.",
                 partial(figures_compare.accuracy_against_latency, runs)),
         Drawing("attributes", f"Success by attribute, {fastest_hz:g} Hz",
                 "Success by quartile of each attribute that is known from the renderer.",
@@ -83,10 +84,8 @@ def compare_restarts(runs: ListOf[ScoredRun], restarted: ListOf[RestartedRun]) -
     """The figure over all runs restarted at anchors; none without such runs."""
     if not any(run.protocol == "anchors" for run in restarted):
         return []
-    caption = (
-        "Every run restarts from the true pose every 5 s; error since then, over all sequences; lower rates are thin, "
-        "with a mark at each frame."
-    )
+    slower = "; lower rates are thin, with a mark at each frame" if len(fastest(runs)) < len(runs) else ""
+    caption = f"Every run restarts from the true pose every 5 s; error since then, over all sequences{slower}."
     colours = {run.name: run.colour for run in runs}
     return [Drawing("anchors", "Error after an anchor", caption, partial(error_after_anchors, restarted, colours))]
 

@@ -78,8 +78,10 @@ def _draw_space(solid: Any, flown: Flown) -> None:
         solid.plot(*true_m[-1:].T, marker="X", ms=6, color=CRASH, ls="none", label=flown.record["flight"]["status"])
     for axis, a, b in zip("xyz", low, high, strict=True):
         getattr(solid, f"set_{axis}lim")(a, b)
-        getattr(solid, f"set_{axis}label")(f"{axis} (m)" if axis != "z" else "", labelpad=-6)
+        if axis != "z":
+            getattr(solid, f"set_{axis}label")(f"{axis} (m)", labelpad=-6)
         getattr(solid, f"{axis}axis").pane.fill = False
+    solid.text(high[0], high[1], high[2] + 0.06 * float((high - low).max()), "z (m)", ha="center")
     solid.tick_params(labelsize=6, pad=-3)
     solid.zaxis.set_major_locator(MaxNLocator(3))  # more would overlap in a flat scene
     solid.set_box_aspect(tuple(high - low), zoom=1.1)
@@ -124,7 +126,7 @@ def _draw_innovations(panel: Axes, flown: Flown) -> None:
 
 
 def _draw_availability(panel: Axes, flown: Flown) -> None:
-    """Times with a GNSS fix, and with a pose of the tracker."""
+    """Times with a pose of the tracker, and with a GNSS fix where the flight had one or was denied it."""
     at = np.append(flown.results.stamps_ns / 1e9, flown.record["flight"]["ended_s"])
     ok = flown.results.ok
     for begin, end, good in zip(at[:-1], at[1:], ok, strict=True):
@@ -133,6 +135,7 @@ def _draw_availability(panel: Axes, flown: Flown) -> None:
     step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     fixed = flown.path.group("gnss_fix")[:, 0].astype(bool)
     panel.bar(t[fixed], 0.7, width=step, bottom=0.65, color=FIX, lw=0)
-    panel.set_yticks([0, 1], ["pose", "GNSS"])
-    panel.set_ylim(-0.5, 1.5)
+    rows = ["pose", "GNSS"] if fixed.any() or flown.record["loop"]["gnss_outages_s"] else ["pose"]
+    panel.set_yticks(range(len(rows)), rows)
+    panel.set_ylim(-0.5, len(rows) - 0.5)
     panel.grid(False)

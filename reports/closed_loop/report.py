@@ -133,7 +133,7 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     made = [
         Drawing("success", "Success",
                 "Share of flights that succeed, with its 95 % interval (Wilson), and the greatest path error of each "
-                "flight; for a crashed flight, up to the crash.", partial(success_of_runs, scores))
+                "flight, up to its end.", partial(success_of_runs, scores))
     ]  # fmt: skip
     tables = {run.score.run.partition("+")[2]: read_json(run.path / RECORD.name)["loop"] for run in runs}
     if found := swept_loops(tables):
@@ -143,14 +143,20 @@ def drawings_of(runs: ListOf[FlownRun]) -> list[Drawing]:
     worst = {id(worst_of([run for run in runs if run.score.run == name])) for name in by_run(scores)}
     for run in sorted(runs, key=lambda run: run.score.success):
         score = run.score
-        how = "Success" if score.success else f"No success: {score.why or 'it left its corridor'}"
+        how = "Success" if score.success else f"No success: {why_failed(score)}"
         caption = (
             f"{how}. True, estimated and planned path; (a) errors of path, estimate and tracker, (b) normalized "
-            "innovation of each pose, hollow: rejected, (c) when the tracker had a pose, red: none, and GNSS a fix."
+            "innovation of each pose, hollow: rejected, (c) when the tracker had a pose, red: none, and a GNSS "
+            "receiver, if there is one, a fix."
         )
         draw = partial(_draw_flight, run.path)
         made.append(Drawing(f"flights/{run.slug}", f"{score.sequence}, {score.run}", caption, draw, id(run) in worst))
     return made
+
+
+def why_failed(score: FlightScore) -> str:
+    """Why a flight is no success."""
+    return score.why or f"it left its corridor: it was up to {score.path_max_m:.2f} m from its path"
 
 
 def worst_of(runs: ListOf[FlownRun]) -> FlownRun:
@@ -182,6 +188,7 @@ def write_page(
         rows=[(sequence, run, on_page(cells(group))) for (sequence, run), group in groups_of(counted(scores)).items()],
         told=" ".join(_told(scores)),
         failures=[s for s in scores if not s.success],
+        why_failed=why_failed,
         chips=STATUS_CHIP,
         notes=notes,
         figures=[f.sized(folder) for f in figures],
@@ -213,7 +220,9 @@ def table(notes: FlightNotes, scores: ListOf[FlightScore]) -> str:
     lines = [f"# {notes.title}", "", *_head(["sequence", "tracker"], HEADS)]
     lines += [_row([*names, *cells(group)]) for names, group in groups_of(counted(scores)).items()]
     lines += ["", *_told(scores)]
-    lines += [f"{s.sequence} {s.run}: {s.status} at {s.ended_s:.2f} s: {s.why}" for s in scores if s.why]
+    lines += [
+        f"{s.sequence} {s.run}: {s.status} at {s.ended_s:.2f} s: {why_failed(s)}" for s in scores if not s.success
+    ]
     lines += [f"{name}: {why}" for name, why in {**notes.failed, **notes.absent}.items()]
     return "\n".join(lines) + "\n"
 

@@ -46,13 +46,11 @@ def draw_critical_difference(found: Ranks, colours: Mapping[str, int], what: str
         ends = [found.mean_ranks[name] for name in group]
         height = -0.28 - 0.2 * level
         panel.plot([min(ends) - 0.04, max(ends) + 0.04], [height] * 2, color="#444444", lw=2.2, solid_capstyle="butt")
-    width = min(found.critical_difference, k - 1)
-    panel.plot(
-        [1, 1, 1, 1 + width, 1 + width, 1 + width], [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=GROUND_TRUTH, lw=0.9
-    )
-    known = f"CD = {found.critical_difference:.2f}"
-    text = known if np.isfinite(found.critical_difference) else f"CD: n/a, {least_units()} runs are needed"
-    panel.text(1 + width / 2, 1.45, text, va="bottom", ha="center", fontsize=7)
+    width, text = found.critical_difference, f"CD: n/a, {least_units()} runs are needed"
+    if np.isfinite(width):
+        text, ends = f"CD = {width:.2f}", [1, 1, 1, 1 + width, 1 + width, 1 + width]
+        panel.plot(ends, [1.15, 1.45, 1.3, 1.3, 1.15, 1.45], color=GROUND_TRUTH, lw=0.9)
+    panel.text(1 + min(width, k - 1) / 2, 1.45, text, va="bottom", ha="center", fontsize=7)
     note = f"mean rank by {what}; n = {found.n}, best at the left"
     panel.text((k + 1) / 2, -half - 1.6, note, ha="center", va="bottom", fontsize=7)
     rows = sorted(found.mean_ranks.items(), key=lambda item: item[1])

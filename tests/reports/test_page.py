@@ -87,6 +87,18 @@ def test_the_first_screen_holds_a_picture_and_the_scores_and_nothing_is_too_wide
             assert page.value(folded) < 90
 
 
+@pytest.mark.slow
+def test_on_a_phone_wide_figures_stay_readable_and_the_page_does_not_move_sideways(report: Path) -> None:
+    with browser() as page:
+        page.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+        page.open(report / "index.html")
+        assert page.value("document.documentElement.scrollWidth") == 390
+        widths = "[...document.querySelectorAll('{}')].map(e => e.clientWidth)"
+        assert max(page.value(widths.format(".figures figure"))) <= 390
+        wide = page.value(widths.format(".both .pan img"))
+        assert len(wide) > 3 and min(wide) >= 700
+
+
 def test_no_pose_is_lost_and_a_bad_one_is_off_target(report: Path) -> None:
     page = (report / "index.html").read_text()
     assert 'chip off-target">off target' in page

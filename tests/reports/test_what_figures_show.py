@@ -1,0 +1,66 @@
+"""What figures and their captions say of runs whose numbers are known."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.reports.test_closed_loop_report import score
+from tests.reports.test_flight_score import flown, path
+from uavbench.reports.closed_loop.figure import draw_flight_in_closed_loop
+from uavbench.reports.closed_loop.report import FlightNotes, table, why_failed
+from uavbench.reports.comparison_figures import compare
+from uavbench.reports.figures.distributions import draw_error_over_bound
+from uavbench.reports.figures.ranking import draw_critical_difference
+from uavbench.reports.scoring.runs import open_runs
+from uavbench.reports.statistics.bootstrap import Ranks
+from uavbench.reports.style import new_figure
+
+
+def test_the_errors_over_the_bound_are_a_distribution_in_steps():
+    panel = new_figure(2.1, wide=False).subplots()
+    draw_error_over_bound({"a": np.array([8.0, 2.0, np.inf, 4.0])}, {}, panel)
+    curve = panel.lines[0]
+    assert curve.get_drawstyle() == "steps-post"
+    assert np.transpose(curve.get_data()).tolist() == [[2, 0], [2, 25], [4, 50], [8, 75]]
+
+
+@pytest.mark.parametrize(("critical", "bars"), [(1.5, 1), (np.nan, 0), (np.inf, 0)])
+def test_a_critical_difference_that_is_not_known_has_no_length(critical, bars):
+    found = Ranks(mean_ranks={"a": 1.0, "b": 2.0}, critical_difference=critical, p=np.nan, n=2)
+    panel = new_figure(1.3, wide=False).subplots()
+    draw_critical_difference(found, {}, "error", panel)
+    assert sum(line.get_ydata().tolist()[:1] == [1.15] for line in panel.lines) == bars
+    assert any("n/a" in text.get_text() for text in panel.texts) == (not bars)
+
+
+@pytest.mark.parametrize(("fix", "outages", "rows"), [
+    (0.0, [], ["pose"]),
+    (1.0, [], ["pose", "GNSS"]),
+    (0.0, [[0.0, 9.0]], ["pose", "GNSS"]),
+])  # fmt: skip
+def test_gnss_is_shown_of_flights_that_have_it(fix, outages, rows):
+    flight = flown(flown_path=path(gnss_fix=fix))
+    flight.results.record["loop"]["gnss_outages_s"] = outages
+    figure = new_figure(3.8)
+    draw_flight_in_closed_loop(flight, figure)
+    solid, availability = figure.axes[0], figure.axes[-1]
+    assert [label.get_text() for label in availability.get_yticklabels()] == rows
+    assert {"x (m)", "y (m)", "z (m)"} <= {
+        *(solid.get_xlabel(), solid.get_ylabel()),
+        *(t.get_text() for t in solid.texts),
+    }
+
+
+def test_a_flight_out_of_its_corridor_says_how_far_it_was_from_its_path():
+    lost = replace(score("a@15hz", 0, succeeds=False), status="completed", path_max_m=0.4567)
+    assert why_failed(lost) == "it left its corridor: it was up to 0.46 m from its path"
+    assert f"box-s0 a@15hz: completed at 0.10 s: {why_failed(lost)}" in table(FlightNotes("t", {}, {}), [lost])
+
+
+def test_captions_tell_of_lower_rates_where_there_are_some(entries):
+    runs = open_runs(entries)
+    fast = [run for run in runs if run.score.rate_hz == 15]
+    told = ["lower rates" in json.dumps([d.caption for d in compare(some)]) for some in (runs, fast)]
+    assert told == [True, False]
