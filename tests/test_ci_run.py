@@ -23,8 +23,8 @@ esac
 """
 STEPS = [
     *("ruff check", "ruff format", "mypy", "lint-imports", "-m build", "pip install -q --disable-pip-version-check /"),
-    *("uavbench list", "run run tiny", "run test -n 0 tests/scenes/test_croissant.py", "run score gate-small"),
-    *("run gate", "run test -m ci"),
+    *("uavbench list", "run run tiny", "run test -n 0 tests/scenes/test_croissant.py"),
+    *("run test -n 0 tests/scenes/test_ifc.py", "run score gate-small", "run gate", "run test -m ci"),
 ]
 
 

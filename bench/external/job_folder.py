@@ -22,7 +22,6 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from uavbench.bench.external.guard import Guard
 from uavbench.scenes.camera import Camera
 from uavbench.scenes.dataset.body import Body, Samples, body_of, samples_of
 from uavbench.scenes.dataset.sequence import Sequence as Frames
@@ -32,6 +31,7 @@ from uavbench.scenes.structure import Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.writing import write_text
 from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.processes.guard import Guard
 
 
 def job_folder() -> Guard:

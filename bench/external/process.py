@@ -11,10 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import PASSED_IN, WITHIN, isolated
 from uavbench.bench.external.rows import TrackerFault
 from uavbench.trajectories.errors import one_line
+from uavbench.trajectories.processes.guard import Guard
 
 PASSED_ON = (
     "PATH",

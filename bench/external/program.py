@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
-from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.isolation import refuse_seen, usable
 from uavbench.bench.external.job_folder import job_folder, sample_lines, write_frames, write_job, write_sensors
 from uavbench.bench.external.kept_folder import keep
@@ -35,6 +34,7 @@ from uavbench.tracker.results import UPPER, Results
 from uavbench.tracker.run import KNOWN, initial_pose, make_record, stride, tracker_stream
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.processes.guard import Guard
 
 OnFrame = Callable[[int, TrackResult], None]
 MAX_FAULTS_REPORTED = 20

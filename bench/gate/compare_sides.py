@@ -12,12 +12,12 @@ from typing import Any
 from uavbench.bench.config.plugin_models import import_plugin
 from uavbench.bench.config.suite import load_suite
 from uavbench.bench.config.suite_files import SUITES
-from uavbench.bench.external.guard import Talk, talk
 from uavbench.bench.gate.versions import Version, placed
 from uavbench.bench.inputs.content_hash import content_hash
 from uavbench.bench.runner.executors import PACKAGES
 from uavbench.trajectories.errors import UserError, plain
 from uavbench.trajectories.files.reading import read_toml
+from uavbench.trajectories.processes.guard import Talk, talk
 from uavbench.trajectories.source_files import digest
 
 MOST_TOLD = 8

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uavbench.bench.external.guard import Guard
 from uavbench.bench.inputs.file_paths import FREE, names_a_file
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.processes.guard import Guard
 
 WORKING = "."
 """Name of the working tree among versions."""

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from multiprocessing import connection, resource_tracker
 from typing import Any, NoReturn
 
-from uavbench.bench.external.guard_process import die_with
 from uavbench.trajectories.errors import Terminated
 from uavbench.trajectories.lost_signals import raise_lost_signals_again
+from uavbench.trajectories.processes.guard_process import die_with
 
 _is_called = False
 _told = 0

@@ -11,11 +11,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.said import say
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import refuse_foreign_file
 from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.processes.guard import Guard, finished
 
 SPEED = Path(__file__).parent
 BENCHMARKS = "times of benchmarks"

@@ -14,11 +14,11 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 
-from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.third_party.tracker import SETUP, ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.seals import sealed_kind
 from uavbench.trajectories.files.writing import write_text
+from uavbench.trajectories.processes.guard import Guard, finished
 
 MARKER = "uavbench.json"
 """Marker file of the environment, written before anything else."""

@@ -12,11 +12,11 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt
 
-from uavbench.bench.external.guard import Guard, finished
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.origin import owning
 from uavbench.trajectories.files.writing import new_file
+from uavbench.trajectories.processes.guard import Guard, finished
 
 SOURCE = Path(__file__).parent / "visp_runner.cpp"
 PACKAGES = ("g++", "libvisp-dev")

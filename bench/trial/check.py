@@ -8,7 +8,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
 from uavbench.scenes.dataset.sequence import Sequence
@@ -16,6 +15,7 @@ from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import track_sequence
 from uavbench.trajectories.pose import Pose
+from uavbench.trajectories.processes.guard import Guard
 
 TRIAL = Path(__file__).parent / "sequence"
 CLOSE_M, CLOSE_DEG = 0.15, 10.0

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.bench.external.guard import END_S, Guard, Talk, finished, talk_in
 from uavbench.scenes.rendering.radiance import Radiance
 from uavbench.trajectories.errors import UserError, one_line
 from uavbench.trajectories.files.limits import FileLimit
 from uavbench.trajectories.files.reading import read_bytes
+from uavbench.trajectories.processes.guard import END_S, Guard, Talk, finished, talk_in
 
 SCRIPT = Path(__file__).parent / "blender_script.py"
 VARIABLE = "UAVBENCH_BLENDER"

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.bench.external.guard import Guard
 from uavbench.bench.twin.blender import Blender, OpenScene, opened
 from uavbench.bench.twin.scene_files import blender_camera, blender_pose, write_scene
 from uavbench.scenes.camera import Camera
@@ -16,6 +15,7 @@ from uavbench.scenes.rendering.lighting import cloud_shift
 from uavbench.scenes.rendering.renderer import Renderer
 from uavbench.scenes.scene import Scene
 from uavbench.trajectories.pose import Array, Pose
+from uavbench.trajectories.processes.guard import Guard
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.third_party.registry import absent
 from uavbench.bench.third_party.tracker import ThirdPartyTracker
@@ -12,6 +11,7 @@ from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.protocol import Tracker
 from uavbench.tracker.results import Results
 from uavbench.tracker.run import track_sequence
+from uavbench.trajectories.processes.guard import Guard
 
 RANKED = 0.5
 """Share of coverage below which a tracker ranks behind all others."""

@@ -22,7 +22,7 @@ from uavbench.scenes.renderables import BuiltStructure, Part
 from uavbench.scenes.structure import CREASE_ANGLE_DEG, Structure
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.limits import MODEL
-from uavbench.trajectories.files.reading import opened, read_bytes
+from uavbench.trajectories.files.reading import read_bytes
 from uavbench.trajectories.pose import Array
 
 UNITS_M = {"m": 1.0, "mm": 0.001, "cm": 0.01, "in": 0.0254, "ft": 0.3048}
@@ -92,8 +92,7 @@ def read(path: Path) -> list[Loaded]:
     if kind == ".cao":
         return [read_cao(path)]
     if kind == ".ifc":
-        with opened(path, MODEL):  # IfcOpenShell opens it by path
-            return read_ifc(path)
+        return read_ifc(path)
     if kind not in TRIMESH_KINDS:
         raise UserError(f"{path}: cannot read models of type {kind or 'without suffix'}; "
                         f"supported: {', '.join((*TRIMESH_KINDS, '.cao', '.ifc'))}")  # fmt: skip

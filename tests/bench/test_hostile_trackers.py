@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from uavbench.bench.external.guard import Guard
 from uavbench.bench.external.kept_folder import MOST_BYTES, MOST_LEVELS, keep
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.trial.check import TRIAL
 from uavbench.scenes.dataset.sequence import Sequence
+from uavbench.trajectories.processes.guard import Guard
 
 SECRET = "the last line of somebody else's file"
 BEGIN = """

@@ -406,7 +406,7 @@ def test_no_file_from_elsewhere_gets_into_a_twin(black, sequence, tmp_path, how)
 
 OPEN = """
 import sys, time
-from uavbench.bench.external.guard import Guard
+from uavbench.trajectories.processes.guard import Guard
 from uavbench.bench.twin.blender import Blender, opened
 with Guard("uavbench-twin-") as guard, opened(Blender(sys.argv[1], "3.4.1"), guard, 1):
     print(guard.folder, flush=True)

@@ -120,5 +120,5 @@ GROUPS: dict[str, tuple[Target, ...]] = {
             for name in ("listed", "seals")
         ),
     ),
-    "processes": (_target("bench/external/guard.py", "bench/test_guard"),),
+    "processes": (_target("trajectories/processes/guard.py", "trajectories/test_guard"),),
 }

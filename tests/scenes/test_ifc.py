@@ -1,6 +1,7 @@
 """A building model in IFC4, written here line by line: two walls, one of them coloured, and a room that nobody sees."""
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from uavbench.scenes.model_files.mesh_file import MeshFile
 from uavbench.trajectories.errors import UserError
+from uavbench.trajectories.processes import reading_apart
 
 STEP = """ISO-10303-21;
 HEADER;
@@ -58,15 +60,24 @@ END-ISO-10303-21;
 """
 
 
-def test_an_ifc_model_is_read_with_its_units_places_and_colours_or_the_extra_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "shed.ifc"
-    path.write_text(STEP)
-    model = MeshFile(path=str(path))
-    if importlib.util.find_spec("ifcopenshell") is None:
-        with pytest.raises(UserError, match=r"shed.ifc: reading IFC needs IfcOpenShell: pip install 'uavbench\[ifc\]'"):
-            model.build(np.random.default_rng(0))
-        return
-    thing = model.build(np.random.default_rng(0))
+needs_ifc = pytest.mark.skipif(importlib.util.find_spec("ifcopenshell") is None, reason="absent: IfcOpenShell")
+
+
+def build(folder: Path, text: str):
+    path = folder / "shed.ifc"
+    path.write_text(text)
+    return MeshFile(path=str(path)).build(np.random.default_rng(0))
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ifcopenshell") is not None, reason="IfcOpenShell is installed")
+def test_the_extra_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"shed.ifc: reading IFC needs IfcOpenShell: pip install 'uavbench\[ifc\]'"):
+        build(tmp_path, STEP)
+
+
+@needs_ifc
+def test_an_ifc_model_is_read_with_its_units_places_and_colours(tmp_path: Path) -> None:
+    thing = build(tmp_path, STEP)
     assert thing.structure.bounds == pytest.approx(np.array([[-3, -2.15, 0], [3, 2.15, 3]]), abs=1e-6)
     assert len(thing.structure.edges) == 2 * 12
     plain, red = sorted(thing.parts, key=lambda part: float(part.vertices[:, 1].mean()))
@@ -75,7 +86,63 @@ def test_an_ifc_model_is_read_with_its_units_places_and_colours_or_the_extra_is_
     assert red.tint[0, 0] > 5 * red.tint[0, 1]
 
 
+@needs_ifc
+def test_the_library_is_never_in_our_process(tmp_path: Path) -> None:
+    build(tmp_path, STEP)
+    assert "ifcopenshell" not in sys.modules
+
+
+RED = "#21=IFCEXTRUDEDAREASOLID(#12,#2,#13,2000.);"
+"""The solid of the red wall."""
+HALF = (
+    "#22=IFCSHAPEREPRESENTATION(#3,'Body','SweptSolid',(#21));",
+    "#22=IFCSHAPEREPRESENTATION(#3,'Body','SweptSolid',(#21,#41));#41=IFCEXTRUDEDAREASOLID(#12,#2,#13,0.);",
+)
+"""The representation of the red wall, and one with another solid that is none."""
+
+
+@needs_ifc
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (RED, RED.replace("2000.", "0."), r"the geometry of 1 of 2 elements cannot be made: IfcWall 'red'; repair"),
+        (RED, "#21=IFCSPHERE(#2,-5.);", r"the geometry of 1 of 2 elements cannot be made: IfcWall 'red'; repair"),
+        (
+            "6000.,300.",
+            "6000.,0.",
+            r"the geometry of 2 of 2 elements cannot be made: IfcWall 'plain', IfcWall 'red'; repair",
+        ),
+        (*HALF, r"a part of its geometry cannot be made: Non-positive extrusion height encountered for #41="),
+        ("#26,#23,", "#26,#99,", r"not a readable IFC file: Instance reference #99 used by instance #27"),
+        (RED, "", r"not a readable IFC file: Instance reference #21 used by instance #"),
+        ("END-ISO-10303-21;\n", "", r"not a readable IFC file: it is truncated"),
+        ("'IFC4'", "'IFC9'", r"not a readable IFC file: Unsupported schema: IFC9"),
+    ],
+)
+def test_no_element_is_lost_silently(tmp_path: Path, before: str, after: str, told: str) -> None:
+    assert before in STEP
+    with pytest.raises(UserError, match=rf"shed\.ifc: {told}"):
+        build(tmp_path, STEP.replace(before, after))
+
+
+@needs_ifc
+def test_elements_without_a_body_are_not_missed(tmp_path: Path) -> None:
+    axis = """#41=IFCPOLYLINE((#10,#42));
+#42=IFCCARTESIANPOINT((6000.,0.));
+#43=IFCSHAPEREPRESENTATION(#3,'Axis','Curve2D',(#41));
+#44=IFCPRODUCTDEFINITIONSHAPE($,$,(#43));
+#45=IFCWALL('0000000000000000000009',$,'axis',$,$,#19,#44,$,$);
+"""
+    assert len(build(tmp_path, STEP.replace("ENDSEC;\nEND", f"{axis}ENDSEC;\nEND")).parts) == 2
+
+
+@needs_ifc
+def test_a_model_on_which_the_library_hangs_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading_apart, "MOST_CPU_S", 10)
+    with pytest.raises(UserError, match=r"shed\.ifc: reading it takes more than 10 s"):
+        build(tmp_path, STEP.replace(RED, RED.replace("2000.", "1.E400")))
+
+
 def test_a_broken_ifc_file_is_told(tmp_path: Path) -> None:
-    (tmp_path / "broken.ifc").write_text("ISO-10303-21;\nHEADER;")
-    with pytest.raises(UserError, match=r"broken.ifc: (not a readable IFC file|reading IFC needs|holds nothing)"):
-        MeshFile(path=str(tmp_path / "broken.ifc")).build(np.random.default_rng(0))
+    with pytest.raises(UserError, match=r"shed.ifc: (not a readable IFC file|reading IFC needs)"):
+        build(tmp_path, "ISO-10303-21;\nHEADER;")

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from uavbench.bench.external import guard_process
+from uavbench.trajectories.processes import guard_process
 
 SCRIPT = Path(guard_process.__file__)
 START_S, END_S = 60.0, 20.0
@@ -76,15 +76,17 @@ class Guard:
         cwd: Path | None = None,
         memory_mb: int = 0,
         file_mb: int = 0,
+        cpu_s: int = 0,
     ) -> None:
         """Start the program of this guard, of which there is one, in the guard's folder or in cwd.
 
         files: its standard input, output and error. memory_mb: limit of the address space of each process and of their
-        total memory; file_mb: limit of a file's size; 0 for no limit. A command that cannot be started has the exit
-        code 127.
+        total memory; file_mb: limit of a file's size; cpu_s: limit of the processor time of each process; 0 for no
+        limit. A command that cannot be started has the exit code 127.
         """
         asked = {"command": list(command), "environment": dict(environment), "cwd": str(cwd or self.folder)}
-        line = json.dumps({**asked, "memory_mb": memory_mb, "file_mb": file_mb}).encode() + b"\n"
+        limits = {"memory_mb": memory_mb, "file_mb": file_mb, "cpu_s": cpu_s}
+        line = json.dumps({**asked, **limits}).encode() + b"\n"
         rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", files))]
         self._socket.settimeout(START_S)
         with suppress(OSError):  # `wait` reports a guard that has ended

@@ -2,10 +2,10 @@
 
 Run as `python -I -S guard_process.py SOCKET PREFIX`, which starts quickly and loads no user code. The protocol is lines
 of JSON over the socket. To the owner: `{"folder": ...}`, and `{"code": ..., "used_mb": ...}` once the program has
-ended. From the owner: one `{"command": ..., "environment": ..., "cwd": ..., "memory_mb": ..., "file_mb": ...}` with the
-program's three standard file descriptors, and `{"end": true}`. When the owner ends, for whatever reason, the socket
-closes, and the guard cleans up. The guard is two processes, a child that serves the owner and a parent that only waits:
-if either is killed, the other one cleans up.
+ended. From the owner: one `{"command": ..., "environment": ..., "cwd": ..., "memory_mb": ..., "file_mb": ..., "cpu_s":
+...}` with the program's three standard file descriptors, and `{"end": true}`. When the owner ends, for whatever reason,
+the socket closes, and the guard cleans up. The guard is two processes, a child that serves the owner and a parent that
+only waits: if either is killed, the other one cleans up.
 """
 
 import ctypes
@@ -153,7 +153,7 @@ class Guarding:
             for target, handle in enumerate(self.files):
                 os.dup2(handle, target)
             os.chdir(asked["cwd"])
-            limit(asked["memory_mb"], asked["file_mb"])
+            limit(asked["memory_mb"], asked["file_mb"], asked["cpu_s"])
             os.execvpe(asked["command"][0], asked["command"], asked["environment"])
         except OSError as error:
             os.write(2, f"{asked['command'][0]}: {error.strerror}\n".encode())
@@ -176,12 +176,19 @@ class Guarding:
         self.owner.sendall(json.dumps(what).encode() + b"\n")
 
 
-def limit(memory_mb: int, file_mb: int) -> None:
-    """Limit address space and file size of this process and its children, and disable core dumps."""
-    limits = {resource.RLIMIT_AS: memory_mb, resource.RLIMIT_FSIZE: file_mb, resource.RLIMIT_CORE: 0}
-    for what, megabytes in limits.items():
-        if megabytes or what == resource.RLIMIT_CORE:
-            resource.setrlimit(what, (megabytes << 20, megabytes << 20))
+def limit(memory_mb: int, file_mb: int, cpu_s: int) -> None:
+    """Limit address space, file size and processor time of this process and its children, and disable core dumps.
+
+    0 for no limit; a lower limit that is there already stays. Processor time has a soft limit: its signal, SIGXCPU,
+    says why the process ended.
+    """
+    limits = {resource.RLIMIT_AS: memory_mb << 20, resource.RLIMIT_FSIZE: file_mb << 20, resource.RLIMIT_CPU: cpu_s}
+    for what, most in limits.items():
+        if most:
+            _, hard = resource.getrlimit(what)
+            soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
+            resource.setrlimit(what, (soft, hard if what == resource.RLIMIT_CPU else soft))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def die_with(parent: int) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.bench.process_trees import FAMILY, MEMBERS, is_alive, noted, wait_until
-from uavbench.bench.external.guard import Ended, Guard, finished, talk, talk_in
-from uavbench.bench.external.guard_process import children
+from uavbench.trajectories.processes.guard import Ended, Guard, finished, talk, talk_in
+from uavbench.trajectories.processes.guard_process import children
 
 STANDARD = (0, 1, 2)
 
@@ -84,7 +84,7 @@ def test_a_killed_owner_takes_all_with_it(tmp_path, moment):
     code = f"""
 import os, sys, time
 from pathlib import Path
-from uavbench.bench.external.guard import Ended, Guard, finished, talk, talk_in
+from uavbench.trajectories.processes.guard import Ended, Guard, finished, talk, talk_in
 guard = Guard("uavbench-test-")
 Path({str(told)!r}).write_text(f"{{guard.folder}} {{guard.popen.pid}}")
 if {moment!r} == "during":
@@ -164,7 +164,7 @@ def test_where_both_processes_of_a_guard_are_killed_its_owner_removes_the_folder
 
 
 def test_a_guard_that_hangs_is_killed(monkeypatch):
-    monkeypatch.setattr("uavbench.bench.external.guard.END_S", 0.5)
+    monkeypatch.setattr("uavbench.trajectories.processes.guard.END_S", 0.5)
     with Guard("uavbench-test-") as guard:
         (child,) = children(guard.popen.pid)
         guard.popen.send_signal(signal.SIGSTOP)
@@ -226,6 +226,27 @@ def test_the_size_of_a_file_is_limited():
         assert guard.wait(60).code != 0
         sizes = {path.name: path.stat().st_size for path in guard.folder.iterdir()}
     assert sizes["small"] == 1 << 20 and sizes["large"] <= 2 << 20
+
+
+def test_processor_time_is_limited():
+    with Guard("uavbench-test-") as guard:
+        start(guard, [sys.executable, "-I", "-S", "-c", "while True: pass"], cpu_s=1)
+        assert guard.wait(60).code == -signal.SIGXCPU
+
+
+def test_a_lower_limit_that_is_there_already_stays():
+    lower = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20))"
+    code = f"""
+{lower}
+import os
+from pathlib import Path
+from uavbench.trajectories.processes.guard_process import limit
+limit(0, 2, 0)
+print(resource.getrlimit(resource.RLIMIT_FSIZE))
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with Guard("uavbench-test-") as guard:
+        assert finished(guard, [sys.executable, "-c", code], environment).out.strip() == f"({1 << 20}, {1 << 20})"
 
 
 def test_memory_that_is_shared_counts_once():
