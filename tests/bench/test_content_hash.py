@@ -276,9 +276,9 @@ def test_what_every_job_does_is_code_of_all_packages(tree, monkeypatch):
     assert hashes[0][0] != hashes[1][0] and hashes[0][1] != hashes[1][1]
 
 
-@pytest.mark.parametrize("name", ["program.py", "process.py", "guard.py", "rows.py"])
+@pytest.mark.parametrize("name", ["program.py", "process.py", "isolation.py", "rows.py"])
 def test_a_class_of_the_benchmark_is_the_code_that_it_runs(monkeypatch, name):
-    """Of a tracker that is a program of its own: how that is started, guarded and read."""
+    """Of a tracker that is a program of its own: how that is started, isolated and read."""
     tracker = External(command=("true",))
     before, unchanged = content_hash(tracker), plugin_files.digest
 
@@ -295,7 +295,7 @@ def test_the_key_of_a_class_of_the_benchmark_covers_files_of_the_benchmark_alone
     monkeypatch.setattr(plugin_files, "digest", lambda files: covered.append(files) or "a digest")
     assert plugin_files.bench_key(External) == "a digest"
     (files,) = covered
-    assert {"program.py", "guard.py", "guard_process.py"} <= {path.name for path in files}
+    assert {"program.py", "process.py", "isolation.py"} <= {path.name for path in files}
     assert {path.relative_to(content.ROOT).parts[0] for path in files} == {"bench"}
 
 
