@@ -109,7 +109,7 @@ def pick(source: Path, model: Path, camera: Path, out: Path, *, port: int, brows
     """Pick points on the first image of a folder or a video; UserError naming an invalid file."""
     refuse_foreign_file(out, POINTS)
     lens = Camera.load(camera)
-    first = next(frames(source, lens, 1.0), None)
+    first = next(iter(frames(source, lens, 1.0)), None)
     if first is None:
         raise UserError(f"{source}: contains no image")
     picking = Picking(first[1], lens, load_model(model), out)

@@ -8,6 +8,7 @@ import pytest
 
 from tests.tracker.synthetic import CAMERA, Scene, box, box_corners, orbit, pose_error
 from uavbench.tracker.images.track_images import in_order, track_images
+from uavbench.tracker.images.video_images import VideoImages
 from uavbench.tracker.initialization import (
     INITIALIZATIONS,
     CoarseGuess,
@@ -127,10 +128,10 @@ def test_a_folder_of_images_is_tracked(files, tmp_path):
     assert cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 6
 
 
-def video(files, folder, change=bytes):
-    """Results of `hold` on a video of the images at 10 Hz, its file changed."""
-    path = folder / "film.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (CAMERA.width, CAMERA.height))
+def video(files, folder, change=bytes, kind=("film.mp4", "mp4v")):
+    """Results of `hold` on a video of the images at 10 Hz, its file changed; kind: its name and code."""
+    path = folder / kind[0]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*kind[1]), 10.0, (CAMERA.width, CAMERA.height))
     for image in in_order(files / "images"):
         writer.write(cv2.imread(str(image)))
     writer.release()
@@ -139,8 +140,8 @@ def video(files, folder, change=bytes):
     return track_images(TRACKERS["hold"](), path, **given, out=folder / "out")
 
 
-def with_pauses(film):
-    """The MP4 film of six images, the first four half as far apart and the last two twice as far."""
+def with_pauses(film, first=0.5, last=2):
+    """The MP4 film of six images, the first four half as far apart and the last two twice as far, or as given."""
     data = bytearray(film)
     for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):  # each holds the next
         at = data.index(name) - 4
@@ -148,7 +149,7 @@ def with_pauses(film):
     at = data.index(b"stts") + 8
     assert data[at : at + 8] == struct.pack(">II", 1, 6)
     period = int.from_bytes(data[at + 8 : at + 12])
-    data[at : at + 12] = struct.pack(">IIIII", 2, 4, period // 2, 2, 2 * period)
+    data[at : at + 12] = struct.pack(">IIIII", 2, 4, int(first * period), 2, int(last * period))
     return bytes(data)
 
 
@@ -171,6 +172,30 @@ def test_a_video_of_which_not_all_can_be_read_is_told(files, tmp_path):
     results = video(files, tmp_path, damaged)
     assert len(results) < 6
     assert f"{len(results)} of 6 frames can be read" in results.record["doubts"][0]
+
+
+def test_images_without_times_of_their_own_are_told(files, tmp_path):
+    results = video(files, tmp_path, lambda film: with_pauses(film, first=0))
+    assert (np.diff(results.stamps_ns) > 0).all()
+    (doubt,) = results.record["doubts"]
+    assert "film.mp4: frame 1 has no later time than the one before, 5 of 6 frames in all" in doubt
+
+
+@pytest.mark.parametrize(("fps", "apart_ns"), [(100_000, 10_000), (1_000_000, 1000)])
+def test_a_film_of_a_rate_that_no_camera_has_is_tracked_with_its_overlay(files, tmp_path, fps, apart_ns):
+    def claims(film):
+        at = film.index(b"strh") + 28
+        return film[:at] + struct.pack("<II", 1, fps) + film[at + 8 :]
+
+    results = video(files, tmp_path, claims, ("film.avi", "MJPG"))
+    assert np.diff(results.stamps_ns).tolist() == [apart_ns] * 5
+    assert cv2.VideoCapture(str(tmp_path / "out/overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 6
+
+
+def test_where_frames_are_missing_is_told(files, tmp_path):
+    found = VideoImages(tmp_path / "film.mp4", CAMERA, 10.0, [0, 10**8, 13 * 10**8, 14 * 10**8])
+    video(files, tmp_path)
+    assert "4 of 6 frames can be read, none for 1.2 s after frame 1; it is damaged" in found.doubts[0]
 
 
 class NeedsBody:

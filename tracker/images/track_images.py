@@ -1,7 +1,7 @@
 """Runs a tracker on real images of a folder, a video or a topic of a ROS 2 bag; writes results and an overlay video."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -14,7 +14,7 @@ from uavbench.scenes.image_files import open_video, read_image
 from uavbench.scenes.structure import Structure
 from uavbench.tracker.images.bag_images import StampedImage, bag_frames, bag_rate_hz
 from uavbench.tracker.images.overlay import draw_edges
-from uavbench.tracker.images.video_images import unread, video_frames
+from uavbench.tracker.images.video_images import VideoImages
 from uavbench.tracker.initialization import read_init
 from uavbench.tracker.protocol import Tracker, TrackResult
 from uavbench.tracker.registry import tracker_kind
@@ -30,6 +30,8 @@ from uavbench.trajectories.random_streams import stream
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 UNKNOWN_BODY = Body(Pose.identity(), {})
 """Mounting of the camera, which is unknown for real images."""
+SHOWN_HZ = (0.1, 1000.0)
+"""Slowest and fastest frame rate of the overlay in Hz; a video's header may claim any, MP4 takes 0.01 to 65535."""
 SEED = 0
 """Seed of the tracker's random numbers."""
 
@@ -62,14 +64,15 @@ def track_images(
     rows: list[TrackResult] = []
     errors: list[str] = []
     stamps: list[int] = []
+    images = frames(source, lens, rate_hz)
     with new_folder(out, MARKER) as new:
         writer = cv2.VideoWriter(
             str(new / "overlay.mp4"),
             cv2.VideoWriter.fourcc(*"mp4v"),
-            rate_hz,
+            min(max(rate_hz, SHOWN_HZ[0]), SHOWN_HZ[1]),
             (lens.width, lens.height),
         )
-        for frame, (stamp_ns, image) in enumerate(frames(source, lens, rate_hz)):
+        for frame, (stamp_ns, image) in enumerate(images):
             result, error = track_frame(run, image, stamp_ns)
             if error:
                 errors.append(f"frame {frame}: {error}")
@@ -82,7 +85,7 @@ def track_images(
         name = str(source) if isinstance(source, BagTopic) else source.name
         inputs = {"sequence": {"name": name, "model": file_hash(model), "camera": file_hash(camera)}}
         record = record_of(tracker, inputs, Pose.identity(), rate_hz=rate_hz, seed=SEED, errors=errors)
-        record["doubts"] = doubts(source, len(rows))
+        record["doubts"] = images.doubts if isinstance(images, VideoImages) else []
         results = Results(record, np.arange(len(rows)), np.array(stamps, dtype=np.int64), tuple(rows))
         results.write(new)
     return results
@@ -97,22 +100,16 @@ def load_model(path: Path) -> Structure:
     return MeshFile(path=str(path), keep_origin=True, allow_open=True).build(stream(0, "model")).structure
 
 
-def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterator[StampedImage]:
-    """Stamps in ns and BGR images of a folder, a video, or a topic of a bag."""
+def frames(source: Path | BagTopic, camera: Camera, rate_hz: float) -> Iterable[StampedImage]:
+    """Stamps in ns and BGR images of a folder, a video (`VideoImages`), or a topic of a bag."""
     if isinstance(source, BagTopic):
-        yield from bag_frames(source, camera)
-        return
+        return bag_frames(source, camera)
     if source.is_dir():
-        for frame, path in enumerate(in_order(source)):
-            yield StampedImage(round(frame * 1e9 / rate_hz), read_image(path, camera))
-        return
-    yield from video_frames(source, camera, rate_hz)
-
-
-def doubts(source: Path | BagTopic, frames: int) -> list[str]:
-    """Messages on images that were not read although their file says that it holds them."""
-    told = unread(source, frames) if isinstance(source, Path) and not source.is_dir() else ""
-    return [told] if told else []
+        return (
+            StampedImage(round(frame * 1e9 / rate_hz), read_image(path, camera))
+            for frame, path in enumerate(in_order(source))
+        )
+    return VideoImages(source, camera, rate_hz)
 
 
 def in_order(folder: Path) -> list[Path]:

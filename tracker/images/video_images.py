@@ -1,6 +1,7 @@
 """Images of a video with the times that the file gives them."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -12,38 +13,69 @@ from uavbench.tracker.images.bag_images import StampedImage
 from uavbench.trajectories.errors import UserError
 
 
-def video_frames(source: Path, camera: Camera, rate_hz: float) -> Iterator[StampedImage]:
-    """Stamps in ns, from the first image on, and BGR images of a video, also of one with a variable frame rate.
+@dataclass
+class VideoImages:
+    """Images of a video; also of one with a variable frame rate.
 
-    rate_hz: of images that the file gives no later time than the one before. UserError naming a video without images or
-    with images of another size.
+    rate_hz: of images that the file gives no later time than the one before. After iterating, `doubts` tells of these,
+    and of images that the file says it holds and that could not be read.
     """
-    video = open_video(source)
-    frame, stamp_ns, first_ms = 0, 0, 0.0
-    while True:
-        good, image = video.read()
-        if not good:
-            break
-        if image.shape[:2] != (camera.height, camera.width):
-            raise UserError(
-                f"{source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
-                f"the camera {camera.width} x {camera.height} px"
+
+    source: Path
+    camera: Camera
+    rate_hz: float
+    stamps_ns: list[int] = field(default_factory=list)
+    untimed: list[int] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[StampedImage]:
+        """Stamps in ns, from the first image on, and BGR images; UserError naming a video without or of other ones."""
+        video = open_video(self.source)
+        first_ms = 0.0
+        while True:
+            good, image = video.read()
+            if not good:
+                break
+            frame = len(self.stamps_ns)
+            if image.shape[:2] != (self.camera.height, self.camera.width):
+                raise UserError(
+                    f"{self.source}: frame {frame} is {image.shape[1]} x {image.shape[0]} px, "
+                    f"the camera {self.camera.width} x {self.camera.height} px"
+                )
+            at_ms = float(video.get(cv2.CAP_PROP_POS_MSEC))
+            first_ms = first_ms if frame else at_ms
+            self.stamps_ns.append(self._stamp_ns(frame, at_ms - first_ms))
+            yield StampedImage(self.stamps_ns[-1], np.asarray(image, dtype=np.uint8))
+        if not self.stamps_ns:
+            raise UserError(f"{self.source}: not a readable video")
+
+    def _stamp_ns(self, frame: int, told_ms: float) -> int:
+        stamp_ns, before_ns = round(told_ms * 1e6), self.stamps_ns[-1] if frame else -1
+        if stamp_ns > before_ns:
+            return stamp_ns
+        self.untimed.append(frame)
+        return before_ns + max(1, round(1e9 / self.rate_hz))
+
+    @property
+    def doubts(self) -> list[str]:
+        """Messages on the images read so far, their number and their times."""
+        found = []
+        told, read = int(open_video(self.source).get(cv2.CAP_PROP_FRAME_COUNT)), len(self.stamps_ns)
+        if read < told:
+            found.append(
+                f"{self.source}: {read} of {told} frames can be read{self._gap()}; it is damaged, or was cut without "
+                "encoding it again"
             )
-        at_ms = float(video.get(cv2.CAP_PROP_POS_MSEC))
-        if frame:
-            told_ns = round((at_ms - first_ms) * 1e6)
-            stamp_ns = told_ns if told_ns > stamp_ns else stamp_ns + round(1e9 / rate_hz)
-        else:
-            first_ms = at_ms
-        yield StampedImage(stamp_ns, np.asarray(image, dtype=np.uint8))
-        frame += 1
-    if not frame:
-        raise UserError(f"{source}: not a readable video")
+        if self.untimed:
+            found.append(
+                f"{self.source}: frame {self.untimed[0]} has no later time than the one before, {len(self.untimed)} of "
+                f"{read} frames in all; they are taken 1 / {self.rate_hz:g} s apart; encode it again with its times"
+            )
+        return found
 
-
-def unread(source: Path, frames: int) -> str:
-    """Message when a video says that it has more images than were read, "" otherwise."""
-    told = int(open_video(source).get(cv2.CAP_PROP_FRAME_COUNT))
-    if frames >= told:
-        return ""
-    return f"{source}: {frames} of {told} frames can be read; it is damaged, or was cut without encoding it again"
+    def _gap(self) -> str:
+        """After which frame others are missing, where the times show a gap."""
+        steps = np.diff(self.stamps_ns)
+        if not len(steps) or steps.max() < 1.5 * np.median(steps):
+            return ""
+        frame = int(np.argmax(steps))
+        return f", none for {steps[frame] / 1e9:.3g} s after frame {frame}"
