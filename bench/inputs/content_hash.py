@@ -3,7 +3,7 @@
 import hashlib
 import json
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -13,6 +13,7 @@ from typing import Any
 
 from uavbench.bench.inputs.file_paths import is_file, names_a_file
 from uavbench.bench.inputs.plugin_files import bench_key, files_of, plugin_key
+from uavbench.bench.inputs.process_environment import process_environment
 from uavbench.trajectories.errors import UserError
 from uavbench.trajectories.files.reading import read_json
 from uavbench.trajectories.source_files import file_digest
@@ -40,11 +41,7 @@ def canonical(value: Any) -> Any:
     if type(value) in PLAIN:
         return value
     if is_dataclass(value) and not isinstance(value, type):
-        if not _looked:
-            return _of_plugin(value)
-        if id(value) not in _looked[-1]:
-            _looked[-1][id(value)] = (value, _of_plugin(value))
-        return _looked[-1][id(value)][1]
+        return _looked_at(value, lambda: _of_plugin(value))
     if isinstance(value, Mapping):
         return {str(k): canonical(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -63,7 +60,16 @@ def one_look() -> Iterator[None]:
 
 
 _looked: list[dict[int, tuple[Any, Any]]] = []
-"""id of a plug-in -> the plug-in, which is thus kept alive, and its canonical form."""
+"""id of a plug-in -> the plug-in, which is thus kept alive, and its canonical form; likewise of the environment."""
+
+
+def _looked_at(value: Any, form: Callable[[], Any]) -> Any:
+    """The form of a value, once in a look."""
+    if not _looked:
+        return form()
+    if id(value) not in _looked[-1]:
+        _looked[-1][id(value)] = (value, form())
+    return _looked[-1][id(value)][1]
 
 
 def _of_plugin(value: Any) -> dict[str, Any]:
@@ -93,9 +99,17 @@ def file_form(path: Path) -> list[str]:
         return [str(path), "not readable"]
 
 
-@cache
 def code_hash(*packages: str) -> str:
-    """Hash of the sources of these packages and of the versions of the libraries that they use."""
+    """Hash of the sources of these packages, of the builds of the libraries, and of what the environment makes of them.
+
+    See `process_environment`.
+    """
+    return content_hash(sources_hash(*packages), _looked_at(process_environment, process_environment))
+
+
+@cache
+def sources_hash(*packages: str) -> str:
+    """Hash of the sources of these packages and of the builds of the libraries that they use."""
     python = ".".join(platform.python_version_tuple()[:2])
     under = [python, file_digest(WORK), *(f"{name} {_version(name)}" for name in LIBRARIES)]
     digest = hashlib.sha256(json.dumps(under).encode())

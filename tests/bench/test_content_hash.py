@@ -15,7 +15,7 @@ import pytest
 from uavbench.bench.external.program import External
 from uavbench.bench.inputs import content_hash as content
 from uavbench.bench.inputs import plugin_files
-from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash, file_form, one_look
+from uavbench.bench.inputs.content_hash import carried_hash, code_hash, content_hash, file_form, one_look, sources_hash
 from uavbench.bench.inputs.touched_files import Touched, touched_since
 from uavbench.scenes.structures.box import Box
 from uavbench.trajectories.sensors.imu import Imu, ImuBmi088
@@ -212,7 +212,7 @@ def tree(tmp_path, monkeypatch):
 
 
 def of(*packages):
-    return code_hash.__wrapped__(*packages)
+    return sources_hash.__wrapped__(*packages)
 
 
 def test_code_is_that_of_the_packages_named():
