@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from uavbench.bench.inputs.file_paths import is_file, names_a_file
+from uavbench.bench.inputs.library_builds import READ_WITH, build, library_builds
 from uavbench.bench.inputs.plugin_files import bench_key, files_of, plugin_key
 from uavbench.bench.inputs.process_environment import process_environment
 from uavbench.trajectories.errors import UserError
@@ -21,11 +21,6 @@ from uavbench.trajectories.source_files import file_digest
 PACKAGES = {"uavbench"}
 PLAIN = {float, int, str, bool, type(None)}
 ROOT = Path(__file__).parents[2]
-LIBRARIES = [
-    *("numpy", "scipy", "opencv-python-headless", "numba", "llvmlite", "mujoco", "trimesh", "pillow", "ifcopenshell"),
-    *("pyrender", "PyOpenGL", "pandas", "matplotlib", "jinja2", "pydantic"),
-]
-"""Libraries whose version may affect a frame, an estimate, a score or a figure."""
 WORK = ROOT / "bench" / "runner" / "tasks.py"
 """Packages that every job uses."""
 
@@ -92,11 +87,13 @@ def _of_plugin(value: Any) -> dict[str, Any]:
 
 
 def file_form(path: Path) -> list[str]:
-    """Name and content of a file; its whole path when it is missing or cannot be read."""
+    """Name and content of a file, and the library that reads it; its whole path when it is missing or not readable."""
+    library = READ_WITH.get(path.suffix.lower())
     try:
-        return [path.name, file_digest(path)] if is_file(path) else [str(path), "no file"]
+        form = [path.name, file_digest(path)] if is_file(path) else [str(path), "no file"]
     except OSError:
-        return [str(path), "not readable"]
+        form = [str(path), "not readable"]
+    return form if library is None else [*form, *build(library)]
 
 
 def code_hash(*packages: str) -> str:
@@ -111,20 +108,13 @@ def code_hash(*packages: str) -> str:
 def sources_hash(*packages: str) -> str:
     """Hash of the sources of these packages and of the builds of the libraries that they use."""
     python = ".".join(platform.python_version_tuple()[:2])
-    under = [python, file_digest(WORK), *(f"{name} {_version(name)}" for name in LIBRARIES)]
+    under = [python, file_digest(WORK), library_builds()]
     digest = hashlib.sha256(json.dumps(under).encode())
     for package in packages:
         for path in sorted((ROOT / package).rglob("*")):
             if path.is_file() and path.parent.name != "__pycache__":
                 digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-def _version(distribution: str) -> str:
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return ""
 
 
 def carried_hash(path: Path) -> str | None:
