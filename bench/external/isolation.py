@@ -22,9 +22,13 @@ PREFIX = ("bin", "conda-meta", "etc", "include", "lib", "lib32", "lib64", "libex
 KERNEL = ("sys", "sysrq-trigger", "irq", "bus")
 """Machine-wide entries of /proc, mounted read-only because root can write them even without capabilities."""
 SHARED_MEMORY_MB = 256
-PASSED_IN = ("PATH", "LANG", "LC_ALL", "OMP_NUM_THREADS")
+THREADS = ("OMP_NUM_THREADS",)
+"""Variables of threads: another number of them may add in another order."""
+PASSED_IN = ("PATH", *THREADS)
 """The only environment variables passed to the program."""
-WITHIN = {"HOME": "/tmp", "TMPDIR": "/tmp", "USER": "tracker", "PYTHONUNBUFFERED": "1"}
+EVERYWHERE = {"LC_ALL": "C.UTF-8", "PYTHONUNBUFFERED": "1"}
+"""Environment variables with the same value in each run: a program's numbers do not follow the locale of its user."""
+WITHIN = {"HOME": "/tmp", "TMPDIR": "/tmp", "USER": "tracker", **EVERYWHERE}
 PROBE_S = 30.0
 
 Way = Callable[[Sequence[str], Path, Sequence[Path]], list[str]]

@@ -11,21 +11,12 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-from uavbench.bench.external.isolation import PASSED_IN, WITHIN, isolated
+from uavbench.bench.external.isolation import EVERYWHERE, PASSED_IN, THREADS, WITHIN, isolated
 from uavbench.bench.external.rows import TrackerFault
 from uavbench.trajectories.errors import one_line
 from uavbench.trajectories.processes.guard import Guard
 
-PASSED_ON = (
-    "PATH",
-    "HOME",
-    "LANG",
-    "LC_ALL",
-    "LD_LIBRARY_PATH",
-    "PYTHONPATH",
-    "CUDA_VISIBLE_DEVICES",
-    "OMP_NUM_THREADS",
-)
+PASSED_ON = ("PATH", "HOME", "LD_LIBRARY_PATH", "PYTHONPATH", "CUDA_VISIBLE_DEVICES", *THREADS)
 """The only environment variables that are passed to a program."""
 PIPE_BYTES = 1 << 20
 MAX_LINE_BYTES = 1 << 14
@@ -61,7 +52,7 @@ class Process:
         self.stdout: int | None = None
         (guard.folder / "tmp").mkdir()
         passed_on: Sequence[str] = PASSED_ON
-        own = {"TMPDIR": str(guard.folder / "tmp"), "PYTHONUNBUFFERED": "1"}
+        own = {"TMPDIR": str(guard.folder / "tmp"), **EVERYWHERE}
         own |= {} if kernels is None else {"NUMBA_CACHE_DIR": str(kernels)}
         if files is not None:
             command, passed_on, own = isolated(command, guard.folder, files), PASSED_IN, WITHIN

@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import cv2
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
-from uavbench.bench.external.isolation import refuse_seen, usable
+from uavbench.bench.external.isolation import THREADS, refuse_seen, usable
 from uavbench.bench.external.job_folder import job_folder, sample_lines, write_frames, write_job, write_sensors
 from uavbench.bench.external.kept_folder import keep
 from uavbench.bench.external.process import Process
@@ -58,6 +58,8 @@ class External:
     (`uavbench.bench.external.isolation`).
     """
 
+    entering_variables: ClassVar[tuple[str, ...]] = THREADS
+    """Variables passed on whose values are hashed into every result; paths among the others count by their files."""
     command: Annotated[tuple[str, ...], MinLen(1)]
     mode: Literal["stream", "folder"] = "stream"
     pixels: Literal["bgr", "grey"] = "bgr"

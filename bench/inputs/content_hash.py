@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -79,6 +80,7 @@ def _of_plugin(value: Any) -> dict[str, Any]:
         form["code"] = plugin_key(cls)
     named = [*getattr(value, "entering_files", ()), *map(Path, getattr(value, "input_files", ()))]
     form["entering"] = [file_form(path) for path in named]
+    form["variables"] = [os.environ.get(name, "") for name in getattr(value, "entering_variables", ())]
     for f in fields(cls):
         given = getattr(value, f.name)
         if names_a_file(f.name) and given and isinstance(given, str):

@@ -1,5 +1,6 @@
 """Files and distributions of a user's plug-in whose change may change its behaviour."""
 
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -7,24 +8,37 @@ from importlib.metadata import packages_distributions, version
 from pathlib import Path
 from typing import Any
 
-from uavbench.bench.inputs.named_files import named_files
-from uavbench.trajectories.source_files import MadeOf, digest, made_of, source_file
+from uavbench.bench.inputs.named_files import is_python, named_files
+from uavbench.trajectories.source_files import MadeOf, digest, is_ours, made_of, source_file, texts
 
 loaded: dict[str, frozenset[str]] = {}
 """Module of a plug-in -> the modules loaded by importing it."""
+OF_THE_SHELL = {"_", "PWD", "OLDPWD", "SHLVL"}
+"""Variables that a shell sets anew for each command or folder."""
 declared: set[Path] = set()
 """Files that suites name as `input_files` of plug-ins."""
 
 
 def plugin_key(cls: type) -> dict[str, Any]:
-    """Hash of a plug-in's files, and of the versions of the distributions that it imports.
+    """Hash of a plug-in's files, the variables that they name, and the versions of the distributions that it imports.
 
     Its files are its whole package, all user modules that it imports or that were loaded by importing it, and the files
     named in their source (`named_files`).
     """
     module = cls.__module__
     made = plugins_made_of([module, *loaded.get(module, ())], [module])
-    return {"files": digest(made.files), "distributions": _versions({module.partition(".")[0], *made.others})}
+    return {
+        "files": digest(made.files),
+        "variables": variables_named_by(made.files),
+        "distributions": _versions({module.partition(".")[0], *made.others}),
+    }
+
+
+def variables_named_by(files: Iterable[Path]) -> dict[str, str]:
+    """Environment variables whose names are strings in users' sources, with their values."""
+    names = (texts(path) for path in files if is_python(path) and not is_ours(path))
+    set_ones = frozenset(os.environ) - OF_THE_SHELL
+    return {name: os.environ[name] for name in sorted({name for found in names for name in found & set_ones})}
 
 
 def plugins_made_of(modules: Iterable[str], plugins: Iterable[str]) -> MadeOf:

@@ -17,7 +17,7 @@ from typing import Any
 
 from numba.core.caching import Cache
 
-from uavbench.bench.inputs.plugin_files import declared, loaded, plugins_made_of
+from uavbench.bench.inputs.plugin_files import declared, loaded, plugins_made_of, variables_named_by
 from uavbench.trajectories.files.temporary_names import start_ticks
 from uavbench.trajectories.kernels.cache import KernelFiles, folder_of, key_of
 from uavbench.trajectories.kernels.kept_imports import remembered
@@ -104,7 +104,7 @@ def _folder(
         files = frozenset({*made.files, *given, own})
         if any(map(_is_newer, files)):
             return None
-        return folder_of(key_of(f"{module} {_installed()}", files))
+        return folder_of(key_of(f"{module} {_installed()} {variables_named_by(files)}", files))
     except OSError:
         return None
 

@@ -28,6 +28,7 @@ class ThirdPartyTracker(ABC):
     """
 
     name: ClassVar[str]
+    entering_variables: ClassVar[tuple[str, ...]] = External.entering_variables
     pixels: ClassVar[Literal["bgr", "grey"]] = "grey"
 
     @classmethod

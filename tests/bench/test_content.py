@@ -98,6 +98,21 @@ def test_a_plugin_is_all_that_it_imports(folder, way):
     assert content_hash(mine) != before
 
 
+def test_a_variable_that_a_plugin_names_is_in_its_key(folder, monkeypatch):
+    name = next(names)
+    write(folder / f"{name}.py", PLUGIN.format(imports=f"import {name}_a"))
+    write(folder / f"{name}_a.py", "import os\nGAIN = os.environ.get('GAIN_OF_TEST'), __name__ == '_'\n")
+    mine = tracker(folder, name)
+    hashes = [content_hash(mine)]
+    for value in ("1", "2"):
+        monkeypatch.setenv("GAIN_OF_TEST", value)
+        hashes.append(content_hash(mine))
+    assert len({*hashes}) == 3
+    for unrelated in ("OTHER_OF_TEST", "_", "PWD"):
+        monkeypatch.setenv(unrelated, "3")
+    assert content_hash(mine) == hashes[-1]
+
+
 def test_a_plugin_in_a_package_is_the_whole_package(folder):
     name = next(names)
     write(folder / name / "__init__.py")

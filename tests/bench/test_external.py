@@ -16,6 +16,7 @@ from tests.bench.process_trees import is_alive, wait_until
 from uavbench.bench.external.program import External, track_external
 from uavbench.bench.external.rows import FAULTS, TrackerFault
 from uavbench.bench.inputs.content_hash import content_hash
+from uavbench.bench.third_party.opencv_rapid import OpencvRapid
 from uavbench.bench.trial.check import TRIAL, check
 from uavbench.scenes.dataset.sequence import Sequence
 from uavbench.tracker.baselines.hold import Hold
@@ -366,11 +367,22 @@ def test_the_trial_sequence_is_small_and_whole():
     assert {p.relative_to(TRIAL).as_posix() for p in TRIAL.rglob("*") if p.is_file()} == {*manifest, "manifest.json"}
 
 
-def test_environment_of_a_program_is_a_list_of_few(program, run, tmp_path):
-    text = f"open({str(tmp_path / 'env')!r}, 'w').write(repr(sorted(os.environ)))"
+def test_environment_of_a_program_is_a_list_of_few(program, run, tmp_path, monkeypatch):
+    text = f"open({str(tmp_path / 'env')!r}, 'w').write(repr(dict(os.environ)))"
+    monkeypatch.setenv("LC_ALL", "de_DE.UTF-8")
+    monkeypatch.setenv("LANG", "de_DE.UTF-8")
     run(program(text + stream_program()))
     from uavbench.bench.external.process import PASSED_ON
 
-    seen = set(eval((tmp_path / "env").read_text()))
-    assert seen <= {*PASSED_ON, "TMPDIR", "PYTHONUNBUFFERED", "LC_CTYPE"}
+    seen = eval((tmp_path / "env").read_text())
+    assert set(seen) <= {*PASSED_ON, "TMPDIR", "PYTHONUNBUFFERED", "LC_ALL", "LC_CTYPE"}
+    assert seen["LC_ALL"] == "C.UTF-8", "numbers with a point, whatever the user's locale"
     assert os.environ["PATH"]
+
+
+def test_the_number_of_threads_that_is_passed_on_is_in_the_key_of_a_program(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    before = content_hash(External(command=("true",))), content_hash(OpencvRapid())
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    after = content_hash(External(command=("true",))), content_hash(OpencvRapid())
+    assert before[0] != after[0] and before[1] != after[1]

@@ -145,7 +145,7 @@ def environment(folder):
     }
 
 
-def ran(folder, way, *more):
+def ran(folder, way, *more, **variables):
     """Numbers of the plug-in's kernels, and whether `lazy` was in the cache."""
     script, out = folder.parent / "script.py", folder.parent / "out" / "told.json"
     out.parent.mkdir(exist_ok=True)
@@ -153,7 +153,7 @@ def ran(folder, way, *more):
     script.write_text(START + {**WAYS, **OTHERS}[way])
     time.sleep(0.05)  # several ticks of the kernel, in which the start of a process is counted
     command = [sys.executable, str(script), str(out), str(folder.parent / "given.txt"), *more]
-    done = subprocess.run(command, env=environment(folder), cwd=folder.parent, capture_output=True, text=True)
+    done = subprocess.run(command, env={**environment(folder), **variables}, cwd=folder.parent, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     told = json.loads(out.read_text())
     return told["numbers"], told["hits"]
@@ -173,6 +173,14 @@ def test_numbers_are_those_of_an_empty_cache_after_every_change(folder, way):
     (folder.parent / "given.txt").write_text("200.0")
     assert ran(folder, way)[0] == [237.0, 217.0, 12.0, 12.0], "a declared input file"
     assert not list(folder.glob("__pycache__/*.nb?")), "nothing beside the plug-in"
+
+
+def test_a_kernel_has_the_value_of_a_variable_that_its_module_reads(folder):
+    read = 'import os\nVALUE = float(os.environ.get("OFFSET_OF_TEST", "0"))\n'
+    (folder / "found_at_run_time.py").write_text(read)
+    assert ran(folder, "own process") == ([116.0, 106.0, 6.0, 6.0], 0)
+    assert ran(folder, "own process", OFFSET_OF_TEST="5") == ([121.0, 111.0, 6.0, 6.0], 0)
+    assert ran(folder, "own process", OFFSET_OF_TEST="5")[1] == 1
 
 
 def test_a_script_that_imports_a_plugin_before_uavbench_has_its_kernels_by_content_too(folder):

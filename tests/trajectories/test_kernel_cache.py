@@ -93,6 +93,14 @@ def test_a_kernel_follows_the_source_of_all_that_it_is_made_of(tree):
     assert ran(tree) == (29.0, False)
 
 
+def test_a_kernel_follows_the_settings_that_numba_finds_in_the_current_folder(tree):
+    """Of them `fastmath` or `cpu_name` would change its numbers."""
+    ran(tree)
+    (tree.parents[1] / ".numba_config.yaml").write_text("opt: 0\n")
+    assert ran(tree) == (7.0, False)
+    assert ran(tree) == (7.0, True)
+
+
 def test_a_source_edited_after_its_import_is_never_kept(tree):
     edited = tree / "scale.py"
     change = f"open({str(edited)!r}, 'w').write('SCALE = 100.0')\n"

@@ -32,7 +32,7 @@ from uavbench.trajectories.files.temporary_names import temporary
 from uavbench.trajectories.kernels.kept_imports import FILE as IMPORTS
 from uavbench.trajectories.kernels.kept_imports import remembered
 from uavbench.trajectories.kernels.machine_code import CachedKernel
-from uavbench.trajectories.source_files import digest, editable, made_of, stamp
+from uavbench.trajectories.source_files import content_of, digest, editable, made_of, stamp
 
 MARKER = ".uavbench-kernels"
 """Marker file of a kernel cache folder."""
@@ -43,6 +43,8 @@ KEPT_DAYS = 30.0
 """Kernels unused for this long are removed."""
 NOT_IN_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS"}
 """numba's settings that do not change the code of a kernel."""
+SETTINGS = Path(".numba_config.yaml")
+"""File in the current folder in which numba looks for its settings."""
 _imported: dict[Path, tuple[int, ...]] = {}
 """Source files of imported modules, with their stamps at import."""
 _noted: set[str | None] = set()
@@ -180,7 +182,8 @@ def key_of(module: str, files: frozenset[Path]) -> str:
     """
     if not files:
         raise FileNotFoundError(f"{module} has no source file")
-    settings = sorted((k, v) for k, v in os.environ.items() if k.startswith("NUMBA_") and k not in NOT_IN_CODE)
+    variables = sorted((k, v) for k, v in os.environ.items() if k.startswith("NUMBA_") and k not in NOT_IN_CODE)
+    settings = (variables, content_of(SETTINGS))
     made_by = (numba.__version__, llvmlite.__version__, llvm.llvm_version_info, platform.python_version())
     made_for = (platform.machine(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
     parts = (module, digest(files), settings, made_by, made_for)
